@@ -102,3 +102,13 @@ def test_a_slot_that_is_wider_than_twice_the_error_stays_open(gap, rng):
     slot = np.vstack([np.zeros(50), rng.uniform(-0.019, 0.019, 50), np.full(50, 0.03)])
     assert error <= LARGEST_ERROR
     assert np.isinf(first_entry(fewer_vertices, fewer, slot, np.array([0.0, 0.0, -1.0]))).all()
+
+
+def test_a_file_causes_one_warning_which_points_at_the_caller(tmp_path):
+    balls = [BALL.copy().apply_scale(1000), BALL.copy().apply_scale(1000).apply_translation([50, 0, 0])]
+    trimesh.util.concatenate(balls).export(tmp_path / "balls.stl")
+    with pytest.warns(MeshWarning) as told:
+        Mesh.from_file(tmp_path / "balls.stl", max_triangles=5000)
+    [warning] = told
+    assert re.match(r"balls\.stl: read in millimetres .*; 40960 triangles reduced .*; 2 separate", str(warning.message))
+    assert warning.filename == __file__

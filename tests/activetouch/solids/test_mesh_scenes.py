@@ -321,7 +321,7 @@ def test_a_damaged_scene_is_read_or_refused_by_name(name, tmp_path):
         for _ in range(number):
             path = write(tmp_path, name, repacked(name, SCENES[name], rng))
             try:
-                vertices, faces = read_surface(path, None)
+                vertices, faces, _ = read_surface(path, None)
                 assert 0 <= faces.min(initial=0) <= faces.max(initial=0) <= len(vertices)
             except BadMesh as error:
                 refused += name in str(error)
