@@ -39,6 +39,7 @@ class Mesh:
     Args:
         centred: whether to move the centre of mass to the origin. See :func:`mesh_surface.examined` for where it is if
             there are several bodies or holes.
+        remarks: what :meth:`from_file` has to say beside the warnings below; None for other callers.
 
     Attributes:
         name: for messages, such as the name of the file.
@@ -57,8 +58,9 @@ class Mesh:
     vertices: Floats
     faces: Ints
     centred: InitVar[bool] = False
+    remarks: InitVar[tuple[str, ...] | None] = None
 
-    def __post_init__(self, centred: bool) -> None:
+    def __post_init__(self, centred: bool, remarks: tuple[str, ...] | None) -> None:
         vertices = np.asarray(self.vertices, dtype=float).reshape(-1, 3)
         faces = np.asarray(self.faces, dtype=np.intp).reshape(-1, 3)
         if len(faces) == 0:
@@ -76,8 +78,9 @@ class Mesh:
         object.__setattr__(self, "faces", surface.faces)
         if not _MIN_RADIUS <= self.bounding_radius <= _MAX_RADIUS:
             raise BadMesh(f"{self.name}: {self._size_problem()}")
-        if surface.remarks:
-            warnings.warn(f"{self.name}: {'; '.join(surface.remarks)}", MeshWarning, stacklevel=3)
+        if told := (*(remarks or ()), *surface.remarks):
+            level = 3 if remarks is None else 4  # the caller of the class or of from_file
+            warnings.warn(f"{self.name}: {'; '.join(told)}", MeshWarning, stacklevel=level)
 
     @classmethod
     def from_file(
@@ -93,7 +96,8 @@ class Mesh:
                 glTF, 3MF and DAE say their unit) or 1; an object of 15 to 150 m about its middle is taken to be in
                 millimetres, with a warning.
             max_triangles: largest number of triangles that is kept as it is; above it, they are reduced such that no
-                point moves by more than 0.1 mm (:mod:`activetouch.solids.mesh_reduction`). None keeps all.
+                measured point of either surface is more than 0.1 mm from the other
+                (:mod:`activetouch.solids.mesh_reduction`). None keeps all.
 
         Raises:
             FileNotFoundError: the file does not exist.
@@ -108,7 +112,8 @@ class Mesh:
 
         if scale is not None and not 0.0 < scale < np.inf:
             raise InvalidArgument(f"scale must be positive and finite, got {scale}")
-        return cls(Path(path).name, *read_surface(Path(path), scale, max_triangles), centred=True)
+        vertices, faces, remarks = read_surface(Path(path), scale, max_triangles)
+        return cls(Path(path).name, vertices, faces, centred=True, remarks=remarks)
 
     @cached_property
     def bounding_radius(self) -> float:

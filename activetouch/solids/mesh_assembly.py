@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator
+from itertools import count, islice
 from typing import TypeVar
 
 import numpy as np
@@ -11,18 +12,19 @@ from activetouch.solids.solid import Floats
 from activetouch.solids.triangles import Ints
 
 Node = TypeVar("Node")
+T = TypeVar("T")
 
 MOST_BYTES = 256 * 2**20
 """Of a mesh file, of all files that it refers to together, and of what it unpacks to."""
-_MOST_NODES, _MOST_CORNERS = 10_000, 20_000_000  # nodes are counted as often as they are placed
+_MOST_NODES, _MOST_CORNERS = 50_000, 20_000_000  # nodes are counted as often as they are placed, parts as nodes
 
 
 def assembled(
     roots: Iterable[tuple[Node, Floats]],
-    children: Callable[[Node], Sequence[tuple[Node, Floats]]],
+    children: Callable[[Node], Iterable[tuple[Node, Floats]]],
     parts: Callable[[Node], Iterable[tuple[Floats, Ints]]],
 ) -> tuple[Floats, Ints]:
-    """The vertices ``(v, 3)`` and triangles ``(f, 3)`` of a scene.
+    """The vertices ``(v, 3)`` and triangles ``(f, 3)`` of a scene. A node is read once, however often it is placed.
 
     Args:
         roots: nodes of the scene and the transform of each, ``(4, 4)``.
@@ -32,24 +34,42 @@ def assembled(
     Raises:
         ValueError: a triangle has a vertex that does not exist, or the scene is too large; a node may contain itself.
     """
+    number = count(1)
+
+    def counted(some: Iterable[T]) -> Iterator[T]:
+        for one in some:
+            if next(number) > _MOST_NODES:
+                raise ValueError(f"its scene has more than {_MOST_NODES} nodes, or one contains itself")
+            yield one
+
+    def placed() -> Iterator[tuple[Floats, Ints]]:
+        known: dict[Node, tuple[Floats, Ints, list[tuple[Node, Floats]]]] = {}
+        todo = list(counted(roots))[::-1]
+        while todo:
+            node, place = todo.pop()
+            if node not in known:
+                known[node] = *_joined(counted(parts(node))), list(islice(children(node), _MOST_NODES + 1))
+            points, triangles, inside = known[node]
+            if len(triangles):
+                yield points @ place[:3, :3].T + place[:3, 3], triangles
+            todo.extend((child, place @ within) for child, within in reversed(list(counted(inside))))
+
+    return _joined(placed())
+
+
+def _joined(surfaces: Iterable[tuple[Floats, Ints]]) -> tuple[Floats, Ints]:
+    """One surface of several; raises ValueError for a vertex that does not exist, and beyond the largest number."""
     vertices, faces, num_vertices, num_corners = [np.empty((0, 3))], [np.empty((0, 3), np.intp)], 0, 0
-    todo = list(roots)[::-1]
-    num_nodes = len(todo)
-    while todo:
-        node, place = todo.pop()
-        for points, triangles in parts(node):
-            if triangles.size and not 0 <= triangles.min() <= triangles.max() < len(points):
-                wrong = triangles[(triangles < 0) | (triangles >= len(points))][0]
-                raise ValueError(f"a face has the vertex {wrong}, counted from 0, and there are {len(points)} vertices")
-            if (num_corners := num_corners + triangles.size + len(points)) > _MOST_CORNERS:
-                raise ValueError(f"its scene has more than {_MOST_CORNERS} corners and vertices")
-            vertices.append(points @ place[:3, :3].T + place[:3, 3])
+    for points, triangles in surfaces:
+        if triangles.size and not 0 <= triangles.min() <= triangles.max() < len(points):
+            wrong = triangles[(triangles < 0) | (triangles >= len(points))][0]
+            raise ValueError(f"a face has the vertex {wrong}, counted from 0, and there are {len(points)} vertices")
+        if (num_corners := num_corners + triangles.size + len(points)) > _MOST_CORNERS:
+            raise ValueError(f"its scene has more than {_MOST_CORNERS} corners and vertices")
+        if triangles.size:
+            vertices.append(points)
             faces.append(triangles + num_vertices)
             num_vertices += len(points)
-        inside = children(node)
-        if (num_nodes := num_nodes + len(inside)) > _MOST_NODES:
-            raise ValueError(f"its scene has more than {_MOST_NODES} nodes, or one contains itself")
-        todo.extend((child, place @ within) for child, within in reversed(inside))
     return np.concatenate(vertices), np.concatenate(faces)
 
 

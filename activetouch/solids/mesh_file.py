@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 
 import numpy as np
 import scipy  # whose parts load at first use
 
-from activetouch.errors import BadMesh, MeshWarning
+from activetouch.errors import BadMesh
 from activetouch.solids.mesh_assembly import MOST_BYTES
 from activetouch.solids.mesh_formats import read_obj, read_off, read_stl
 from activetouch.solids.mesh_gltf import read_gltf
 from activetouch.solids.mesh_ply import read_ply
-from activetouch.solids.mesh_reduction import LARGEST_ERROR, NUM_MEASURED, reduced
+from activetouch.solids.mesh_reduction import LARGEST_ERROR, reduced
 from activetouch.solids.mesh_xml import read_3mf, read_dae
 from activetouch.solids.solid import Floats
 from activetouch.solids.triangles import Ints
@@ -28,8 +27,10 @@ _MILLIMETRES = (15.0, 150.0)  # radii for which no other usual unit gives an obj
 
 
 @np.errstate(over="ignore", invalid="ignore")  # such vertices are rejected later
-def read_surface(path: Path, scale: float | None, max_triangles: int | None = None) -> tuple[Floats, Ints]:
-    """Vertices in metres, ``(v, 3)``, and triangles, ``(f, 3)``.
+def read_surface(
+    path: Path, scale: float | None, max_triangles: int | None = None
+) -> tuple[Floats, Ints, tuple[str, ...]]:
+    """Vertices in metres, ``(v, 3)``, triangles, ``(f, 3)``, and what was guessed or changed, as texts.
 
     Args:
         path: the file.
@@ -60,16 +61,16 @@ def read_surface(path: Path, scale: float | None, max_triangles: int | None = No
     used, faces = np.unique(faces, return_inverse=True)
     vertices, faces = vertices[used], faces.reshape(-1, 3)
     if not (len(used) and np.isfinite(np.square(np.ptp(vertices, axis=0)).sum())):
-        return vertices, faces  # rejected later
-    vertices, faces = _welded(path.name, vertices * _scale(path, vertices, scale), faces)
+        return vertices, faces, ()  # rejected later
+    scale, remarks = _scale(path, vertices, scale)
+    vertices, faces = _welded(path.name, vertices * scale, faces)
     if max_triangles is None or len(faces) <= max_triangles:
-        return vertices, faces
+        return vertices, faces, remarks
     fewer_vertices, fewer, largest = reduced(vertices, faces, min(max_triangles, _REDUCED))
-    how = f"reduced to {len(fewer)}; no point of {NUM_MEASURED} moves by more than {largest * 1000:.2g} mm"
+    how = f"reduced to {len(fewer)}; no measured point moves by more than {max(largest * 1000, 0.001):.2g} mm"
     if len(fewer) == len(faces):
         how = f"kept, because fewer would move points by more than {LARGEST_ERROR * 1000:g} mm: touches will be slow"
-    warnings.warn(f"{path.name}: {len(faces)} triangles {how}", MeshWarning, stacklevel=3)
-    return fewer_vertices, fewer
+    return fewer_vertices, fewer, (*remarks, f"{len(faces)} triangles {how}")
 
 
 def _read_scene(kind: str, content: bytes, folder: Path) -> tuple[Floats, Ints, float | None]:
@@ -86,19 +87,16 @@ def _read_scene(kind: str, content: bytes, folder: Path) -> tuple[Floats, Ints, 
         raise ValueError(f"{type(error).__name__}: {error}") from error
 
 
-def _scale(path: Path, vertices: Floats, given: float | None) -> float:
-    """Metres per unit: what is given, or 1, unless only millimetres make an object that a pad may press."""
+def _scale(path: Path, vertices: Floats, given: float | None) -> tuple[float, tuple[str, ...]]:
+    """Metres per unit: what is given, or 1, unless only millimetres make an object that a pad may press; and why."""
     extent = np.ptp(vertices, axis=0)
     if given is not None or not _MILLIMETRES[0] < np.linalg.norm(extent) / 2 < _MILLIMETRES[1]:
-        return 1.0 if given is None else given
+        return 1.0 if given is None else given, ()
     size = " × ".join(f"{length:.3g}" for length in extent)
-    warnings.warn(
-        f"{path.name}: read in millimetres ({size} mm), because an object of {extent.max():.3g} m is too large for a "
-        f"pad; write {path.name}@0.001 to say so",
-        MeshWarning,
-        stacklevel=4,
+    return 0.001, (
+        f"read in millimetres ({size} mm), because an object of {extent.max():.3g} m is too large for a pad; write "
+        f"{path.name}@0.001 to say so",
     )
-    return 0.001
 
 
 def _welded(name: str, vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:

@@ -60,30 +60,39 @@ def _chunks(content: bytes) -> tuple[bytes, bytes | None]:
     return found[0], found[1] if len(found) > 1 else None
 
 
+_Key = tuple[str, int]  # a kind of item, and its index
+
+
 class _Scene:
     """A description, and the buffers that it refers to."""
 
     def __init__(self, description: Any, binary: bytes | None, folder: Path) -> None:
         self._all, self._binary, self._folder = description, binary, folder
         self._buffers: dict[int, bytes] = {}
+        self._num_bytes = 0
         if needed := _COMPRESSED & set(self._all.get("extensionsRequired", ())):
             raise ValueError(f"it needs {', '.join(sorted(needed))}, which is not read; export it without compression")
 
-    def roots(self) -> list[tuple[int, Floats]]:
+    def roots(self) -> Iterator[tuple[_Key, Floats]]:
         """Nodes of the scene, with their transforms."""
         if "scenes" in self._all:
             return self._placed(self._item("scenes", self._all.get("scene", 0)).get("nodes", ()))
         inside = {child for node in self._all.get("nodes", ()) for child in node.get("children", ())}
-        return self._placed([index for index in range(len(self._all.get("nodes", ()))) if index not in inside])
+        return self._placed(index for index in range(len(self._all.get("nodes", ()))) if index not in inside)
 
-    def children(self, node: int) -> list[tuple[int, Floats]]:
-        """Nodes in a node, with their transforms."""
-        return self._placed(self._item("nodes", node).get("children", ()))
+    def children(self, key: _Key) -> Iterator[tuple[_Key, Floats]]:
+        """The mesh of a node, and nodes in it with their transforms."""
+        kind, index = key
+        if kind == "nodes":
+            node = self._item(kind, index)
+            if (mesh := node.get("mesh")) is not None:
+                yield ("meshes", mesh), np.eye(4)
+            yield from self._placed(node.get("children", ()))
 
-    def parts(self, node: int) -> Iterator[tuple[Floats, Ints]]:
-        """Vertices and triangles of the mesh of a node."""
-        mesh = self._item("nodes", node).get("mesh")
-        for primitive in () if mesh is None else self._item("meshes", mesh)["primitives"]:
+    def parts(self, key: _Key) -> Iterator[tuple[Floats, Ints]]:
+        """Vertices and triangles of a mesh."""
+        kind, index = key
+        for primitive in self._item(kind, index)["primitives"] if kind == "meshes" else ():
             mode = primitive.get("mode", _TRIANGLES)
             if mode not in (_TRIANGLES, _STRIP, _FAN):
                 continue  # points and lines
@@ -104,8 +113,8 @@ class _Scene:
             raise ValueError(f"it refers to {kind}[{index!r:.40}], and has {len(items)} {kind}")
         return items[index]
 
-    def _placed(self, nodes: Any) -> list[tuple[int, Floats]]:
-        return [(node, _transform(self._item("nodes", node))) for node in nodes]
+    def _placed(self, nodes: Any) -> Iterator[tuple[_Key, Floats]]:
+        return ((("nodes", node), _transform(self._item("nodes", node))) for node in nodes)
 
     def _numbers(self, index: Any, kind: str) -> np.ndarray:
         """The numbers of an accessor, ``(count, 3)`` or ``(count, 1)``."""
@@ -131,7 +140,8 @@ class _Scene:
         buffer = self._item("buffers", index)
         if index not in self._buffers:
             self._buffers[index] = self._bytes(buffer.get("uri"))
-            if sum(map(len, self._buffers.values())) > MOST_BYTES:
+            self._num_bytes += len(self._buffers[index])
+            if self._num_bytes > MOST_BYTES:
                 raise ValueError(f"its buffers have more than {MOST_BYTES} bytes")
         return self._buffers[index]
 

@@ -1,8 +1,8 @@
 """Fewer triangles for the same surface: vertices in one cell of a grid become one, where its planes meet.
 
 The vertex of a cell minimises the squared distances to the planes of all its triangles (Lindstrom, "Out-of-core
-simplification of large polygonal models", 2000), so that edges and corners stay sharp. What is thinner than a cell may
-close or vanish. The error is measured, not estimated.
+simplification of large polygonal models", 2000), so that edges and corners stay sharp. The error is measured, not
+estimated, from vertices, centres and edges of each surface to the other, so that slots of twice its width stay open.
 """
 
 from __future__ import annotations
@@ -11,15 +11,15 @@ import numpy as np
 import scipy  # whose parts load at first use
 
 from activetouch.solids.solid import Floats
-from activetouch.solids.triangles import Ints
+from activetouch.solids.triangles import Ints, normals
 
 LARGEST_ERROR = 1e-4
-"""Distance that none of the measured vertices of the original may have from the reduced surface [m]."""
-NUM_MEASURED = 100_000
-"""Number of vertices whose distance is measured, evenly among all."""
+"""Distance that no measured point of the original or of the reduced surface may have from the other [m]."""
 
 _SMALLEST = 1e-3  # eigenvalues of the planes of a cell below this, relative to the largest, count as zero
-_FINER = 0.75  # from one size of cells to the next
+_FINER, _MOST_SIZES = 0.75, 32  # from one size of cells to the next; how many sizes are tried
+_FINEST, _COARSEST = 1e-4, 1.0  # cells, relative to the longest extent, and [m]
+_MEASURED = 30_000  # vertices, triangles and edges of a surface from which distances are measured, evenly among all
 _WORTH = 0.7  # share of the triangles below which a reduction is worth its error
 _NEAREST = 12  # triangles that are asked for their distance from a vertex
 
@@ -33,25 +33,27 @@ def reduced(vertices: Floats, faces: Ints, most: int) -> tuple[Floats, Ints, flo
         most: wanted number of triangles.
 
     Returns:
-        Vertices, faces, and the largest distance of an original vertex from them [m]. The original and 0 if nothing
-        much smaller is near enough.
+        Vertices, faces, and the largest distance [m] of a measured point of either surface from the other: their
+        vertices, centres of triangles and middles of edges, of each up to 30 000. The original and 0 if nothing much
+        smaller is near enough.
     """
-    a, b, c = vertices[faces].transpose(1, 0, 2)
-    normals = np.cross(b - a, c - a)
-    cell = float(np.sqrt(np.linalg.norm(normals, axis=1).sum() / most))  # a plane has two triangles in each cell
-    measured = vertices[:: -(-len(vertices) // NUM_MEASURED)]
-    while True:
-        new_vertices, new_faces = _clustered(vertices, faces, normals, cell)
+    across = normals(vertices, faces)
+    cell = float(np.sqrt(np.linalg.norm(across, axis=1).sum() / most))  # a plane has two triangles in each cell
+    cells = cell * _FINER ** np.arange(_MOST_SIZES)
+    for cell in cells[(cells > _FINEST * np.ptp(vertices, axis=0).max()) & (cells < _COARSEST)]:
+        new_vertices, new_faces = _clustered(vertices, faces, across, cell)
         if len(new_faces) > _WORTH * len(faces):
-            return vertices, faces, 0.0
+            break
         if len(new_faces):
-            error = _largest_distance(measured, new_vertices, new_faces)
+            error = _largest_distance(vertices, faces, new_vertices, new_faces)
+            if error <= LARGEST_ERROR:
+                error = max(error, _largest_distance(new_vertices, new_faces, vertices, faces))
             if error <= LARGEST_ERROR:
                 return new_vertices, new_faces, error
-        cell *= _FINER
+    return vertices, faces, 0.0
 
 
-def _clustered(vertices: Floats, faces: Ints, normals: Floats, cell: float) -> tuple[Floats, Ints]:
+def _clustered(vertices: Floats, faces: Ints, across: Floats, cell: float) -> tuple[Floats, Ints]:
     """Vertices of the cells that have any, and triangles between different cells."""
     place = np.floor((vertices - vertices.min(axis=0)) / cell).astype(np.int64)
     size = place.max(axis=0) + 1
@@ -62,11 +64,11 @@ def _clustered(vertices: Floats, faces: Ints, normals: Floats, cell: float) -> t
     corner = group[faces]
     quadric, shift = np.zeros((len(num), 3, 3)), np.zeros((len(num), 3))
     for corners in corner.T:  # each triangle counts in the cells of its corners, as seen from their means
-        height = np.einsum("fi,fi->f", normals, vertices[faces[:, 0]] - mean[corners])
+        height = np.einsum("fi,fi->f", across, vertices[faces[:, 0]] - mean[corners])
         for i in range(3):
-            shift[:, i] += np.bincount(corners, normals[:, i] * height, minlength=len(num))
+            shift[:, i] += np.bincount(corners, across[:, i] * height, minlength=len(num))
             for j in range(i, 3):
-                quadric[:, i, j] += np.bincount(corners, normals[:, i] * normals[:, j], minlength=len(num))
+                quadric[:, i, j] += np.bincount(corners, across[:, i] * across[:, j], minlength=len(num))
     values, axes = np.linalg.eigh(quadric, UPLO="U")
     usable = values > _SMALLEST * values[:, -1:]
     along = np.einsum("nij,ni->nj", axes, shift)
@@ -79,12 +81,15 @@ def _clustered(vertices: Floats, faces: Ints, normals: Floats, cell: float) -> t
     return moved, kept[np.sort(first)]
 
 
-def _largest_distance(vertices: Floats, new_vertices: Floats, new_faces: Ints) -> float:
-    """Largest distance of the vertices from the triangles that are nearest to them by their centres [m]."""
-    corners = new_vertices[new_faces]
+def _largest_distance(vertices: Floats, faces: Ints, to_vertices: Floats, to_faces: Ints) -> float:
+    """Largest distance of points of a surface from the triangles of another that are nearest by their centres [m]."""
+    some = vertices[faces[:: -(-len(faces) // _MEASURED)]]
+    middles = (some + np.roll(some, -1, axis=1)).reshape(-1, 3)[:: -(-3 * len(some) // _MEASURED)] / 2
+    points = np.concatenate([vertices[:: -(-len(vertices) // _MEASURED)], some.mean(axis=1), middles])
+    corners = to_vertices[to_faces]
     num = min(_NEAREST, len(corners))
-    _, near = scipy.spatial.cKDTree(corners.mean(axis=1)).query(vertices, k=np.arange(1, num + 1))
-    found = _distances(np.repeat(vertices, num, axis=0), corners[near.ravel()])
+    _, near = scipy.spatial.cKDTree(corners.mean(axis=1)).query(points, k=np.arange(1, num + 1))
+    found = _distances(np.repeat(points, num, axis=0), corners[near.ravel()])
     return float(found.reshape(-1, num).min(axis=1).max())
 
 

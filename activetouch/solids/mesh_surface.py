@@ -11,14 +11,16 @@ import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import NDArray
 
+from activetouch.solids.raster import portions
 from activetouch.solids.solid import Floats
-from activetouch.solids.triangles import Ints, edges, tetrahedra
+from activetouch.solids.triangles import Ints, areas, edges, tetrahedra
 
 MOST_INSIDE = 0.1
 """Largest share of the rays from outside that may first meet the inside of a surface, through its holes."""
 
 _NUM_DIRECTIONS, _NUM_PIXELS = 32, 32  # of the rays; pixels along each side of a direction's square
-_PAIRS = 1 << 20  # of triangles and rays, tested at a time
+_PAIRS, _MOST_PAIRS = 1 << 20, 1 << 24  # of triangles and rays, tested at a time; of all directions, approximately
+_PROBES = 8  # every such direction is asked for its number of pairs
 _SAME_DEPTH = 1e-9  # [m]
 _THINNEST = 1e-6  # extent of a flat sheet across itself, relative to its extent along itself
 
@@ -98,19 +100,19 @@ def examined(vertices: Floats, faces: Ints) -> Examined:
     return Examined(faces, middle + centre, tuple(remarks), problem if inside > MOST_INSIDE else None)
 
 
-def areas(vertices: Floats, faces: Ints) -> Floats:
-    """Areas of the triangles, ``(f,)`` [m²]."""
-    a, b, c = vertices[faces].transpose(1, 0, 2)
-    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
-
-
 def first_met(vertices: Floats, faces: Ints) -> tuple[Ints, NDArray[np.bool_]]:
     """The first triangle that each ray from outside meets, ``(n,)``, and whether it is met from behind, ``(n,)``.
 
-    The rays are the same for all surfaces of one size: 32 directions, and 32 × 32 rays of each. Those that miss are
-    left out.
+    The rays are the same for all surfaces of one size: 32 directions, and 32 × 32 rays of each, or fewer if thousands
+    of triangles are so large that most rays pass through most of them. Those that miss are left out.
     """
-    found = [_first_met_along(direction, vertices, faces) for direction in _directions()]
+    directions, num_pixels = _directions(), _NUM_PIXELS
+    num_pairs = sum(
+        int(_seen_along(one, vertices, faces, num_pixels)[2].prod(axis=1).sum()) for one in directions[::_PROBES]
+    )
+    if (excess := num_pairs * _PROBES / _MOST_PAIRS) > 1.0:
+        num_pixels = max(1, int(num_pixels / np.sqrt(excess)))
+    found = [_first_met_along(direction, vertices, faces, num_pixels) for direction in directions]
     triangles, backs = zip(*found, strict=True)
     return np.concatenate(triangles), np.concatenate(backs)
 
@@ -123,18 +125,27 @@ def _directions() -> Floats:
     return np.column_stack([ring * np.cos(angle), ring * np.sin(angle), z])
 
 
-def _first_met_along(direction: Floats, vertices: Floats, faces: Ints) -> tuple[Ints, NDArray[np.bool_]]:
+def _seen_along(direction: Floats, vertices: Floats, faces: Ints, num_pixels: int) -> tuple[Floats, Ints, Ints]:
+    """Corners across a direction [pixels], ``(f, 3, 2)``, and first pixel and size of their boxes, ``(f, 2)``."""
     x = np.cross(np.eye(3)[np.argmin(np.abs(direction))], direction)
     x /= np.linalg.norm(x)
     across = vertices @ np.column_stack([x, np.cross(direction, x)])
     lowest = across.min(axis=0)
-    across = (across - lowest) / np.maximum(np.ptp(across, axis=0), 1e-12) * _NUM_PIXELS - 0.5  # pixels are integers
-    corners, depth = across[faces], vertices @ direction
+    across = (across - lowest) / np.maximum(np.ptp(across, axis=0), 1e-12) * num_pixels - 0.5  # pixels are integers
+    corners = across[faces]
     first, last = np.ceil(corners.min(axis=1)).astype(np.intp), np.floor(corners.max(axis=1)).astype(np.intp)
-    size = np.maximum(last - first + 1, 0)
-    num = size.prod(axis=1)
-    rays, triangles, depths, areas = [], [], [], []
-    for some in np.array_split(np.flatnonzero(num), 1 + int(num.sum()) // _PAIRS):
+    return corners, first, np.maximum(last - first + 1, 0)
+
+
+def _first_met_along(
+    direction: Floats, vertices: Floats, faces: Ints, num_pixels: int
+) -> tuple[Ints, NDArray[np.bool_]]:
+    corners, first, size = _seen_along(direction, vertices, faces, num_pixels)
+    depth, num = vertices @ direction, size.prod(axis=1)
+    seen = np.flatnonzero(num)
+    rays, triangles, depths, turns = [], [], [], []
+    for part in portions(num[seen], _PAIRS):
+        some = seen[part]
         triangle = np.repeat(some, num[some])
         place = np.arange(len(triangle)) - np.repeat(np.cumsum(num[some]) - num[some], num[some])
         pixel = first[triangle] + np.column_stack(np.divmod(place, size[triangle, 1]))
@@ -142,11 +153,11 @@ def _first_met_along(direction: Floats, vertices: Floats, faces: Ints) -> tuple[
         weights = np.stack([b[0] * c[1] - b[1] * c[0], c[0] * a[1] - c[1] * a[0], a[0] * b[1] - a[1] * b[0]])
         area = weights.sum(axis=0)
         hit = np.flatnonzero(((weights.min(axis=0) >= 0) | (weights.max(axis=0) <= 0)) & (area != 0.0))
-        rays.append(pixel[hit] @ (_NUM_PIXELS, 1))
+        rays.append(pixel[hit] @ (num_pixels, 1))
         triangles.append(triangle[hit])
         depths.append((weights[:, hit] * depth[faces[triangle[hit]]].T).sum(axis=0) / area[hit])
-        areas.append(area[hit])
-    ray, triangle, distance, area = map(np.concatenate, (rays, triangles, depths, areas))
+        turns.append(area[hit])
+    ray, triangle, distance, area = map(np.concatenate, (rays, triangles, depths, turns))
     is_back = area > 0.0  # counter-clockwise along the ray
     order = np.lexsort((is_back, np.round(distance / _SAME_DEPTH), ray))
     nearest = order[np.unique(ray[order], return_index=True)[1]]

@@ -8,6 +8,7 @@ import zipfile
 from array import array
 from collections.abc import Iterator
 from functools import cache
+from itertools import starmap
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -75,18 +76,18 @@ def read_3mf(content: bytes, folder: Path) -> tuple[Floats, Ints, float]:
         folder: not used; no other file is opened.
     """
     objects: dict[tuple[str, str | None], tuple[Element, _Builder]] = {}
-    items: list[tuple[tuple[str, str | None], Floats]] = []
+    items: list[tuple[Element, str]] = []
     unit = "millimeter"
     for path, model in _models(content):
         root, builder = _parsed(model)
         for one in root.findall("resources/object"):
             objects[path, one.get("id")] = one, builder
         if found := root.findall("build/item"):
-            items += [_placed(item, path) for item in found]
+            items += [(item, path) for item in found]
             unit = root.get("unit", unit)
 
-    def children(key: tuple[str, str | None]) -> list[tuple[tuple[str, str | None], Floats]]:
-        return [_placed(part, key[0]) for part in objects[key][0].findall("components/component")]
+    def children(key: tuple[str, str | None]) -> Iterator[tuple[tuple[str, str | None], Floats]]:
+        return (_placed(part, key[0]) for part in objects[key][0].findall("components/component"))
 
     def parts(key: tuple[str, str | None]) -> Iterator[tuple[Floats, Ints]]:
         one, builder = objects[key]
@@ -94,7 +95,7 @@ def read_3mf(content: bytes, folder: Path) -> tuple[Floats, Ints, float]:
             coordinates, corners = builder.surfaces[int(mesh.get("surface", ""))]
             yield np.array(coordinates).reshape(-1, 3), np.array(corners, np.intp).reshape(-1, 3)
 
-    return *assembled(items, children, parts), _UNITS[unit]
+    return *assembled(starmap(_placed, items), children, parts), _UNITS[unit]
 
 
 def _models(content: bytes) -> Iterator[tuple[str, bytes]]:
@@ -136,28 +137,30 @@ def read_dae(content: bytes, folder: Path) -> tuple[Floats, Ints, float | None]:
     root, _ = _parsed(content)
     named = {element.get("id"): element for element in root.iter() if element.get("id")}
     numbers = cache(lambda element: _numbers(element.text))
+    transform = cache(lambda node: _dae_transform(node, numbers))
+    points = cache(lambda vertices: _dae_points(vertices, target, numbers))
 
     def target(element: Element, kind: str = "url") -> Element:
         if (found := named.get(element.get(kind, "").removeprefix("#"))) is None:
             raise ValueError(f"it refers to {element.get(kind)!r:.80}, which it does not have")
         return found
 
-    def children(node: Element) -> list[tuple[Element, Floats]]:
-        inside = [*node.findall("node"), *(target(one) for one in node.findall("instance_node"))]
-        return [(child, _dae_transform(child, numbers)) for child in inside]
+    def children(node: Element) -> Iterator[tuple[Element, Floats]]:
+        for one in node:
+            if one.tag in ("node", "instance_node"):
+                child = one if one.tag == "node" else target(one)
+                yield child, transform(child)
+            elif one.tag in ("instance_geometry", "instance_controller", "skin"):
+                yield target(one, "source" if one.tag == "skin" else "url"), np.eye(4)
 
     def parts(node: Element) -> Iterator[tuple[Floats, Ints]]:
-        if node.tag == "geometry":
-            yield from _dae_triangles(node, target, numbers)
-        for one in node.findall("instance_geometry"):
-            yield from _dae_triangles(target(one), target, numbers)
-        for one in node.findall("instance_controller"):
-            yield from _dae_triangles(target(target(one).findall("skin")[0], "source"), target, numbers)
+        return _dae_triangles(node, target, numbers, points)
 
     scenes = [target(one) for one in root.findall("scene/instance_visual_scene")]
     scenes = scenes or root.findall("library_visual_scenes/visual_scene")
-    roots = [child for scene in scenes for child in children(scene)]
-    roots = roots or [(one, np.eye(4)) for one in root.findall("library_geometries/geometry")]
+    if not any(scene.find(kind) is not None for scene in set(scenes) for kind in ("node", "instance_node")):
+        scenes = root.findall("library_geometries/geometry")
+    roots = ((scene, np.eye(4)) for scene in scenes)
     unit = root.find("asset/unit")
     metres = None if unit is None else plain_number(unit.get("meter", "1"))
     return *assembled(roots, children, parts), metres
@@ -178,11 +181,22 @@ def _dae_transform(node: Element, numbers: Any) -> Floats:
             *axis, angle = numbers(element)
             turn = np.append(np.array(axis) * np.sin(np.radians(angle) / 2), np.cos(np.radians(angle) / 2))
             step[:3, :3] = scipy.spatial.transform.Rotation.from_quat(turn).as_matrix()
+        else:
+            continue
         place = place @ step
     return place
 
 
-def _dae_triangles(geometry: Element, target: Any, numbers: Any) -> Iterator[tuple[Floats, Ints]]:
+def _dae_points(vertices: Element, target: Any, numbers: Any) -> Floats:
+    (position,) = (one for one in vertices.findall("input") if one.get("semantic") == "POSITION")
+    source = target(position, "source")
+    accessor, values = source.find("technique_common/accessor"), source.find("float_array")
+    width = 3 if accessor is None else int(accessor.get("stride", "1"))
+    found: Floats = numbers(values).reshape(-1, width)[:, :3]
+    return found
+
+
+def _dae_triangles(geometry: Element, target: Any, numbers: Any, points: Any) -> Iterator[tuple[Floats, Ints]]:
     for primitive in geometry.findall("mesh/*"):
         if primitive.tag in ("tristrips", "trifans") or primitive.find("ph") is not None:
             raise ValueError(f"it has {primitive.tag}, which are not read; export it as triangles")
@@ -191,11 +205,6 @@ def _dae_triangles(geometry: Element, target: Any, numbers: Any) -> Iterator[tup
         inputs = primitive.findall("input")
         stride = 1 + max(int(one.get("offset", "0")) for one in inputs)
         (vertex,) = (one for one in inputs if one.get("semantic") == "VERTEX")
-        (position,) = (one for one in target(vertex, "source").findall("input") if one.get("semantic") == "POSITION")
-        source = target(position, "source")
-        accessor, values = source.find("technique_common/accessor"), source.find("float_array")
-        width = 3 if accessor is None else int(accessor.get("stride", "1"))
-        vertices = numbers(values).reshape(-1, width)[:, :3]
         lists = [numbers(one).astype(np.intp).reshape(-1, stride) for one in primitive.findall("p")]
         corners = np.concatenate([np.empty((0, stride), np.intp), *lists])[:, int(vertex.get("offset", "0"))]
         sizes = np.array([len(one) for one in lists])
@@ -203,4 +212,4 @@ def _dae_triangles(geometry: Element, target: Any, numbers: Any) -> Iterator[tup
             sizes = np.full(-(-len(corners) // 3), 3)
         elif primitive.tag == "polylist":
             sizes = numbers(primitive.find("vcount")).astype(np.intp)
-        yield vertices, fans(corners, sizes)
+        yield points(target(vertex, "source")), fans(corners, sizes)

@@ -1,4 +1,4 @@
-"""Edges and volumes of a surface of triangles."""
+"""Edges, areas and volumes of a surface of triangles."""
 
 from __future__ import annotations
 
@@ -26,6 +26,17 @@ def edges(faces: Ints) -> tuple[Ints, Ints, Ints]:
     return start * size + end, edge, sharing
 
 
+def normals(vertices: Floats, faces: Ints) -> Floats:
+    """Vectors across the triangles, counter-clockwise, as long as twice their areas, ``(f, 3)`` [m²]."""
+    a, b, c = vertices[faces].transpose(1, 0, 2)
+    return np.cross(b - a, c - a)
+
+
+def areas(vertices: Floats, faces: Ints) -> Floats:
+    """Areas of the triangles, ``(f,)`` [m²]."""
+    return np.asarray(np.linalg.norm(normals(vertices, faces), axis=1) / 2)
+
+
 def tetrahedra(vertices: Floats, faces: Ints) -> Floats:
     """Signed volumes of the tetrahedra between the origin and each triangle, ``(f,)`` [m³]."""
     a, b, c = vertices[faces].transpose(1, 0, 2)
@@ -44,6 +55,5 @@ def is_convex(vertices: Floats, faces: Ints) -> bool:
         hull = scipy.spatial.ConvexHull(vertices)
     except scipy.spatial.QhullError:  # it is flat
         return False
-    a, b, c = vertices[faces].transpose(1, 0, 2)
-    area, volume = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2, tetrahedra(vertices, faces).sum()
-    return bool(np.allclose((area, volume), (hull.area, hull.volume), rtol=_SAME, atol=0.0))
+    found = areas(vertices, faces).sum(), tetrahedra(vertices, faces).sum()
+    return bool(np.allclose(found, (hull.area, hull.volume), rtol=_SAME, atol=0.0))

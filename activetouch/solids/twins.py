@@ -14,9 +14,8 @@ import numpy as np
 import scipy  # whose parts load at first use
 
 from activetouch.solids.mesh import Mesh
-from activetouch.solids.mesh_surface import areas
 from activetouch.solids.solid import Floats, Shape
-from activetouch.solids.triangles import tetrahedra
+from activetouch.solids.triangles import areas, tetrahedra
 
 _ALIKE = 1e-5  # largest difference between moments of two bodies of unit size, or between their corners
 _SAME_SIZE = 1e-4

@@ -186,7 +186,7 @@ def test_a_damaged_file_is_read_or_refused_by_name_and_nothing_else_is_said(name
         for _ in range(40):
             path = write(tmp_path, name, damaged(content, rng))
             try:
-                vertices, faces = read_surface(path, 1.0)
+                vertices, faces, _ = read_surface(path, 1.0)
                 assert 0 <= faces.min(initial=0) <= faces.max(initial=0) <= len(vertices)
                 Mesh.from_file(path)
             except BadMesh as error:

@@ -4,6 +4,7 @@ import base64
 import io
 import json
 import struct
+import time
 import warnings
 import zipfile
 import zlib
@@ -202,8 +203,8 @@ def forged(content):
         ("vast.glb", glb(accessors=HUGE), r"accessors\[0\] needs 4294967296 × 12 bytes from byte 0 to 51539607552"),
         ("none.glb", glb(accessors=[]), r"it refers to accessors\[0\], and has 0 accessors"),
         ("back.glb", glb(scenes=[{"nodes": [-1]}]), r"it refers to nodes\[-1\], and has 3 nodes"),
-        ("loop.glb", glb(nodes=[{"children": [0]}]), "more than 10000 nodes, or one contains itself"),
-        ("bomb.glb", glb(nodes=DOUBLES), "more than 10000 nodes"),
+        ("loop.glb", glb(nodes=[{"children": [0]}]), "more than 50000 nodes, or one contains itself"),
+        ("bomb.glb", glb(nodes=DOUBLES), "more than 50000 nodes"),
         ("draco.glb", glb(extensionsRequired=["KHR_draco_mesh_compression"]), "export it without compression"),
         ("types.glb", glb(nodes=7), "cannot be read as GLB"),
         (
@@ -245,6 +246,32 @@ def test_a_hostile_scene_is_refused_by_name_and_reason(name, content, words, tmp
     (tmp_path / "secret.bin").write_bytes(gltf()[1])
     with pytest.raises(BadMesh, match=f"{name}: cannot be read as {name.split('.')[1].upper()}: .*{words}|{words}"):
         read_surface(write(tmp_path / "in", name, content), None)
+
+
+PLACED = '<item objectid="1"/>' * 10_000
+ITEMS = f'<resources><object id="1">{"<mesh/>" * 10_000}</object></resources><build>{PLACED}</build>'
+INSTANCES = "<node>" + '<instance_node url="#n"/>' * 10_000 + "</node>"
+EXTRA = f'<library_nodes><node id="n">{"<extra/>" * 10_000}</node></library_nodes></COLLADA>'
+EMPTY = [{"primitives": [{"mode": 0}] * 10_000}]
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("empty.3mf", archive(f"<model>{ITEMS}</model>".encode())),
+        ("empty.dae", dae(nodes=INSTANCES).replace(b"</COLLADA>", EXTRA.encode())),
+        ("empty.gltf", json.dumps({"nodes": [{"mesh": 0}] * 10_000, "meshes": EMPTY}).encode()),
+        (
+            "roots.gltf",
+            json.dumps({"scenes": [{"nodes": [0] * 900_000}], "nodes": [{"rotation": [0, 0, 0, 1]}]}).encode(),
+        ),
+    ],
+)
+def test_what_yields_nothing_costs_nothing_however_often_it_is_placed(name, content, tmp_path):
+    start = time.process_time()
+    with pytest.raises(BadMesh, match=r"there are no triangles|more than 50000 nodes"):
+        Mesh.from_file(write(tmp_path, name, content))
+    assert time.process_time() - start < 4.0
 
 
 def test_an_archive_is_not_unpacked_beyond_the_limit(tmp_path, monkeypatch):
@@ -294,7 +321,7 @@ def test_a_damaged_scene_is_read_or_refused_by_name(name, tmp_path):
         for _ in range(number):
             path = write(tmp_path, name, repacked(name, SCENES[name], rng))
             try:
-                vertices, faces = read_surface(path, None)
+                vertices, faces, _ = read_surface(path, None)
                 assert 0 <= faces.min(initial=0) <= faces.max(initial=0) <= len(vertices)
             except BadMesh as error:
                 refused += name in str(error)

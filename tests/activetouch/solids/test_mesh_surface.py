@@ -8,6 +8,7 @@ import trimesh
 
 from activetouch.errors import BadMesh, MeshWarning
 from activetouch.shapes import Mesh
+from activetouch.solids import mesh_surface
 from activetouch.solids.mesh_surface import MOST_INSIDE, examined
 
 CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * 0.012
@@ -93,3 +94,21 @@ def test_a_warning_names_the_mesh_and_an_ordinary_mesh_causes_none():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         Mesh("one", CUBE, FACES)
+
+
+def test_a_heap_of_large_triangles_meets_fewer_rays_so_that_its_time_is_bounded(rng, monkeypatch):
+    corners, faces = rng.uniform(-0.02, 0.02, (9000, 3)), np.arange(9000).reshape(-1, 3)
+    plain = mesh_surface.first_met(corners, faces)[0]
+    assert len(plain) > 16_000
+    monkeypatch.setattr(mesh_surface, "_MOST_PAIRS", 1 << 20)
+    sizes, seen_along = [], mesh_surface._seen_along
+
+    def recorded(*args):
+        sizes.append(seen_along(*args))
+        return sizes[-1]
+
+    monkeypatch.setattr(mesh_surface, "_seen_along", recorded)
+    fewer = mesh_surface.first_met(corners, faces)[0]
+    assert 1000 < len(fewer) < len(plain) / 4
+    assert sum(size.prod(axis=1).sum() for _, _, size in sizes[-32:]) < 1.2 * 2**20
+    assert "it is not closed" in examined(corners, faces).problem
