@@ -14,7 +14,6 @@ The default is the leanest world in which the search makes sense: a pad and one 
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
@@ -27,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.distributions import Constant, Distribution, Uniform
-from activetouch.errors import BadMesh, MeshWarning, UnstablePress
+from activetouch.errors import BadMesh, UnstablePress
 from activetouch.mesh_source import MeshSource
 from activetouch.orientations import Presentation, Tumbled
 from activetouch.placement import Placement
@@ -43,7 +42,7 @@ from activetouch.rendering.faults import require_faults
 from activetouch.rendering.renderer import require_image, require_renderer
 from activetouch.shapes import SHAPES, Shape
 from activetouch.solids.mirror import is_own_mirror_image
-from activetouch.solids.twins import text_of_twins
+from activetouch.solids.twins import warn_of_twins
 from belief.errors import InvalidArgument, UnknownName
 from belief.naming import Name, few, index_of, one_line
 from belief.validation import require_count
@@ -157,7 +156,7 @@ class Scene:
             makes poses and aims.
 
     Warns:
-        MeshWarning: two meshes are alike, see :func:`activetouch.solids.twins.find_twins`.
+        MeshWarning: two meshes are alike, see :func:`activetouch.solids.twins.find_twins`; once a process.
     """
 
     shapes: Mapping[str, Shape | Path | str] = field(default_factory=lambda: SHAPES)
@@ -208,8 +207,7 @@ class Scene:
         if getattr(self.press_model, "moves", False):  # in a MuJoCo model, which is kept by its shape
             for label, solid in self.solids.items():
                 _require_hash(label, solid)
-        if alike := text_of_twins(self.solids, self.variation.size.support):
-            warnings.warn(alike, MeshWarning, stacklevel=3)
+        warn_of_twins(self.solids, self.variation.size.support)
         if isinstance(self.robot, str):
             if self.robot not in ROBOTS:
                 raise UnknownName("robot", self.robot, list(ROBOTS))

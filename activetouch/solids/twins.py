@@ -6,13 +6,16 @@ of vectors of odd order. They do not depend on where the body is, how it is turn
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import scipy  # whose parts load at first use
 
+from activetouch.errors import MeshWarning
 from activetouch.solids.mesh import Mesh
 from activetouch.solids.solid import Floats, Shape
 from activetouch.solids.triangles import areas, tetrahedra
@@ -88,8 +91,17 @@ def find_twins(shapes: Mapping[str, Shape], largest_factor: float = np.inf) -> l
     return found
 
 
-@lru_cache(maxsize=2048)
+_KNOWN: WeakKeyDictionary[Mesh, tuple[float, Floats, float]] = WeakKeyDictionary()
+
+
 def _moments(mesh: Mesh) -> tuple[float, Floats, float]:
+    """Those of :func:`_computed`, once for each mesh."""
+    if (found := _KNOWN.get(mesh)) is None:
+        found = _KNOWN[mesh] = _computed(mesh)
+    return found
+
+
+def _computed(mesh: Mesh) -> tuple[float, Floats, float]:
     """The size, moments that no rotation, scale or reflection changes, and one whose sign a reflection changes.
 
     Size is the root of the area. The last one is zero for a body whose moments single out fewer than three directions,
@@ -125,3 +137,22 @@ def text_of_twins(shapes: Mapping[str, Shape], sizes: tuple[float, float]) -> st
     texts = [str(twins) for twins in find_twins(shapes, sizes[1] / sizes[0] if sizes[0] > 0.0 else np.inf)]
     more = f"; and {len(texts) - _MOST_PAIRS} more pairs" if len(texts) > _MOST_PAIRS else ""
     return "; ".join(texts[:_MOST_PAIRS]) + more
+
+
+def warn_of_twins(shapes: Mapping[str, Shape], sizes: tuple[float, float]) -> None:
+    """Warn the caller of a class in whose construction this is called; the same text only once a process.
+
+    Args:
+        shapes: by label.
+        sizes: see :func:`text_of_twins`.
+
+    Warns:
+        MeshWarning: some of them are twins.
+    """
+    if text := text_of_twins(shapes, sizes):
+        _warn_once(text)
+
+
+@lru_cache(maxsize=256)  # holds nothing if the warning is an error, which is then raised again
+def _warn_once(text: str) -> None:
+    warnings.warn(text, MeshWarning, stacklevel=5)

@@ -1,6 +1,10 @@
 """Twins: meshes that are the same body, mirror images, or the same body in another size."""
 
+import gc
 import time
+import warnings
+import weakref
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -72,3 +76,20 @@ def test_hundreds_of_meshes_are_compared_by_their_moments_alone(rng):
     start = time.perf_counter()
     assert len(find_twins(many, largest_factor=1.0)) == 0
     assert time.perf_counter() - start < 2.0
+
+
+def test_a_copy_of_a_scene_does_not_repeat_its_warning():
+    with pytest.warns(MeshWarning, match="here and there are the same body") as told:
+        scene = Scene(shapes={"here": HANDED, "there": HANDED})
+    assert [warning.filename for warning in told] == [__file__]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert replace(scene, height=0.01).shape_labels == ("here", "there")
+
+
+def test_a_mesh_that_was_compared_is_not_kept():
+    one, other = (Mesh(name, HANDED.vertices * 1.3, FACES) for name in ("one", "other"))
+    assert len(find_twins({"one": one, "other": other})) == 1
+    one, other = weakref.ref(one), weakref.ref(other)
+    gc.collect()
+    assert (one(), other()) == (None, None)
