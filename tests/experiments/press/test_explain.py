@@ -88,7 +88,7 @@ def test_explain_compares_the_shapes_and_says_where_their_touches_land(monkeypat
     monkeypatch.setattr(explain, "compare_shapes", lambda scene, jobs: known)
     Explain(SceneChoice("coarse"), presses=1).run()
     text = " ".join(capsys.readouterr().out.split())
-    assert "feel alike" in text
+    assert "feel most alike" in text
     assert "70%" in text
 
 
