@@ -79,7 +79,7 @@ def test_explain_measures_only_sensors_that_fit_the_scene(change, fits, tmp_path
     assert ("No sensor with a joint model" in text) != fits
     assert "what a press costs" in text
     assert "layer bottoms out" in text
-    assert "feel alike" not in text
+    assert "feel most alike" not in text
 
 
 def test_explain_compares_the_shapes_and_says_where_their_touches_land(monkeypatch, capsys):
