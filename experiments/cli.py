@@ -45,7 +45,6 @@ COMMAND_GROUPS: dict[str, dict[str, Command]] = {
         "view": Command("press.touch:View", "watch a press in MuJoCo's window"),
         "record": Command("press.touch:Record", "write presses as time series, one CSV file per object"),
         "explain": Command("press.explain:Explain", "list what a scene models, and measure its cost"),
-        "fidelity": Command("press.fidelity:FidelityCommand", "compare cheap and rich ways to press"),
     },
     "Make a sensor": {
         "collect": Command("sensor.collect:Collect", "record touches of thousands of objects"),

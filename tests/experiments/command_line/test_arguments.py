@@ -10,10 +10,10 @@ import joblib
 import pytest
 
 from belief.errors import ActiveTouchError
+from benchmarks.fidelity import FidelityCommand
 from experiments.cli import commands, main
 from experiments.command_line.arguments import BadArgument, Within, arguments
 from experiments.paper.reproduce import Reproduce
-from experiments.press.fidelity import FidelityCommand
 from experiments.press.touch import Gallery, TouchCommand
 from experiments.recorded.recorded import Recorded
 from experiments.search.export import Export

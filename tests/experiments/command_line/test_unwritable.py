@@ -3,9 +3,9 @@
 import pytest
 
 from belief.errors import CannotWrite
+from benchmarks.fidelity import FidelityCommand
 from experiments.bayes_error.limit import Limit
 from experiments.ppo.train_ppo import TrainPPO
-from experiments.press.fidelity import FidelityCommand
 from experiments.press.touch import Gallery, Record, TouchCommand
 from experiments.robustness.robustness import Robustness
 from experiments.search.compare import Compare

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
+from benchmarks.fidelity import FidelityCommand, Pressed, agreement_of, shape_accuracy
 from experiments.press.explain import Explain, hidden_variables
-from experiments.press.fidelity import FidelityCommand, Pressed, agreement_of, shape_accuracy
 from experiments.scene_choice import SceneChoice
 
 pytestmark = pytest.mark.mujoco

@@ -1,4 +1,6 @@
-"""``activetouch fidelity``: agreement of the fast ways to press with each other and with a soft pad.
+"""Agreement of the fast ways to press with each other and with a soft pad.
+
+    python -m benchmarks.fidelity --presses 500 --soft-presses 40
 
 The same placements are pressed with the same target force in every fidelity. The command also measures how well force
 and depth alone predict the shape. For dynamic presses this should not be better than for quasistatic ones.
@@ -91,7 +93,7 @@ class FidelityCommand:
 
     For example:
 
-        activetouch fidelity --presses 500 --soft-presses 40
+        python -m benchmarks.fidelity --presses 500 --soft-presses 40
     """
 
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
@@ -255,3 +257,7 @@ def _table(title: str, rows: dict[str, Agreement]) -> Table:
 def _curve_table(name: str, depths: dict[str, list[float]]) -> Table:
     columns = ["force [N]", *((f"{force:g}", ".2f") for force in FORCES)]
     return Table(f"depth of a {name} [mm]", columns, [(kind, *(1e3 * d for d in row)) for kind, row in depths.items()])
+
+
+if __name__ == "__main__":
+    tyro.cli(FidelityCommand, config=(tyro.conf.OmitSubcommandPrefixes,)).run()
