@@ -80,13 +80,13 @@ def test_triangles_of_no_area_and_of_vast_extent_are_kept():
 
 def test_a_slot_that_is_wider_than_twice_the_error_stays_open(rng):
     """Two plates whose only vertices in the slot are at its rims, which lie on the surface that closes it."""
-    gap, side = 0.0008, np.linspace(-0.02, 0.02, 81)
+    gap, side = 0.0006, np.linspace(-0.02, 0.02, 121)
     x, y = (part.ravel() for part in np.meshgrid(side, side, indexing="ij"))
-    low = (np.arange(81 * 80).reshape(80, 81)[:, :-1]).ravel()
-    top = np.vstack([np.column_stack([low, low + 81, low + 82]), np.column_stack([low, low + 82, low + 1])])
-    grid = np.arange(81 * 81).reshape(81, 81)
+    low = (np.arange(121 * 120).reshape(120, 121)[:, :-1]).ravel()
+    top = np.vstack([np.column_stack([low, low + 121, low + 122]), np.column_stack([low, low + 122, low + 1])])
+    grid = np.arange(121 * 121).reshape(121, 121)
     around = np.concatenate([grid[:-1, 0], grid[-1, :-1], grid[:0:-1, -1], grid[0, :0:-1]])
-    following, below = np.roll(around, -1), 81 * 81
+    following, below = np.roll(around, -1), 121 * 121
     wall = np.vstack(
         [
             np.column_stack([around, around + below, following + below]),
