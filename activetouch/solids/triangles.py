@@ -57,3 +57,26 @@ def is_convex(vertices: Floats, faces: Ints) -> bool:
         return False
     found = areas(vertices, faces).sum(), tetrahedra(vertices, faces).sum()
     return bool(np.allclose(found, (hull.area, hull.volume), rtol=_SAME, atol=0.0))
+
+
+def is_star_shaped(vertices: Floats, faces: Ints) -> bool:
+    """Whether the triangles bound one body that is seen whole from its middle, and face outwards.
+
+    Every ray from the middle leaves such a body once, so its surface does not cross itself.
+
+    >>> corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    >>> tetrahedron = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    >>> [is_star_shaped(corners, faces) for faces in (tetrahedron, tetrahedron[:, ::-1], tetrahedron[:3])]
+    [True, False, False]
+    """
+    directed, _, sharing = edges(faces)
+    if (sharing != 2).any() or len(np.unique(directed)) < len(directed):
+        return False
+    rays = vertices - vertices.mean(axis=0)
+    if not (lengths := np.linalg.norm(rays, axis=1)).all():
+        return False
+    a, b, c = (rays / lengths[:, None])[faces].transpose(1, 0, 2)
+    volumes = np.einsum("fi,fi->f", a, np.cross(b, c))
+    cosines = 1.0 + sum(np.einsum("fi,fi->f", one, other) for one, other in ((a, b), (b, c), (c, a)))
+    angle = 2.0 * np.arctan2(volumes, cosines).sum()  # solid, as seen from the middle (van Oosterom & Strackee 1983)
+    return bool((volumes > 0.0).all() and angle < 6.0 * np.pi)  # all around once is 4 pi

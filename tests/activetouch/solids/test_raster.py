@@ -39,7 +39,7 @@ def ray_heights(vertices, faces, turn, place, pixel=PIXEL, num=NUM):
 
 
 @pytest.mark.parametrize(
-    ("mesh", "convex"),
+    ("mesh", "star_shaped"),
     [
         (BALL, True),
         (TORUS, False),
@@ -63,9 +63,9 @@ def ray_heights(vertices, faces, turn, place, pixel=PIXEL, num=NUM):
         "crosses itself",
     ],
 )
-def test_a_map_is_what_rays_say_one_by_one(mesh, convex, rng):
+def test_a_map_is_what_rays_say_one_by_one(mesh, star_shaped, rng):
     surface = Surface.of(mesh.vertices, mesh.faces)
-    assert (surface.normals is not None) == convex
+    assert (surface.normals is not None) == star_shaped
     turns = np.array([to_matrix(random_orientation(rng)) for _ in range(12)]) * rng.uniform(0.5, 1.4, (12, 1, 1))
     places = rng.uniform(-0.004, 0.004, (12, 2))
     maps = heights(surface, turns, places, PIXEL, NUM)
