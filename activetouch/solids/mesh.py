@@ -159,8 +159,8 @@ class Mesh:
             example = next(iter(fitting.values()))
             guesses = ", or ".join(f"{scale} if it is in {unit}" for unit, scale in fitting.items())
             hint = (
-                f". Give its scale: {guesses}; that is {self.name}@{example} on the command line and in "
-                "activetouch.read_meshes"
+                f". Give its scale: {guesses}; that is {self.name}@{example} or --mesh-scale {example} on the command "
+                f"line, activetouch.read_meshes(path, scale={example}) in Python"
             )
         return (
             f"its farthest point is {radius:.4g} m from its origin, allowed are {_MIN_RADIUS} m to {_MAX_RADIUS} m. "
