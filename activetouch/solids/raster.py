@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from activetouch.solids.solid import Floats
-from activetouch.solids.triangles import Ints, is_star_shaped
+from activetouch.solids.triangles import Ints, is_star_shaped, normals
 
 _MOST = 1 << 18  # rows, or pixels, written at a time; limits memory to about 100 MB
 _PORTION = 1 << 14  # pixels, or triangles, at a time, so that arrays stay in the processor's cache
@@ -48,8 +48,7 @@ class Surface:
         corners = np.ascontiguousarray(vertices.T), np.ascontiguousarray(faces.T)
         if not is_star_shaped(vertices, faces):
             return cls(*corners, None)
-        a, b, c = vertices[faces].transpose(1, 2, 0)
-        return cls(*corners, np.cross(b - a, c - a, axis=0))
+        return cls(*corners, np.ascontiguousarray(normals(vertices, faces).T))
 
 
 def heights(
