@@ -13,22 +13,27 @@ from torch import Tensor, nn
 from benchmarks.sensor_reader.touches import WORLD
 
 _CELLS = 4  # along the edge, over which the last convolution is averaged
+_FEW_PIXELS = 8  # along the edge of an image
 
 
 class ContactReader(nn.Module):
     """f and h, trained together.
 
     Args:
-        widths: channels after each convolution; every other one halves the image.
+        widths: channels after each convolution; every other one halves the image. Images of few pixels are read by the
+            layers after the convolutions alone.
         dense: width of the layers after them.
         embedding: numbers of an embedding.
+        pixels: along the edge of an image.
     """
 
-    def __init__(self, widths: tuple[int, ...], dense: int, embedding: int) -> None:
+    def __init__(self, widths: tuple[int, ...], dense: int, embedding: int, pixels: int = 32) -> None:
         super().__init__()
-        self.images, self.contacts = _convolutions(1, widths), _convolutions(2, widths)
+        is_small = pixels <= _FEW_PIXELS
+        self.images = nn.Flatten() if is_small else _convolutions(1, widths)
+        self.contacts = _convolutions(2, widths)
         features = widths[-1] * _CELLS**2
-        self.of_image = _Head(features, dense, embedding)
+        self.of_image = _Head(pixels**2 if is_small else features, dense, embedding)
         self.of_contact = _Head(features, dense, embedding)
         self.of_world = nn.Linear(WORLD + 1, dense)
         nn.init.zeros_(self.of_world.weight)

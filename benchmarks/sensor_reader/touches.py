@@ -26,7 +26,7 @@ Floats32 = NDArray[np.float32]
 
 BROKEN = 4
 """Cells along the edge of the map of broken taxels that a world is described by."""
-WORLD = 8 + 2 * BROKEN**2
+WORLD = 9 + 2 * BROKEN**2
 """Numbers that describe a world to the network of contacts; all are 0 where the sensor is as it should be."""
 _BISECTIONS = 18
 
@@ -44,6 +44,7 @@ class World(NamedTuple):
         hysteresis: by which all readings are too low, relative to full scale.
         dead: share of dead taxels in each cell, ``(n, BROKEN, BROKEN)``.
         stuck: share of taxels at full scale in each cell, ``(n, BROKEN, BROKEN)``.
+        wide: 0 for the taxels of the sensor; k > 0 for taxels that are 2^k of the reader's pixels wide.
     """
 
     stiffness: Floats32
@@ -55,20 +56,22 @@ class World(NamedTuple):
     hysteresis: Floats32
     dead: Floats32
     stuck: Floats32
+    wide: Floats32
 
     @classmethod
     def nominal(cls, number: int) -> World:
         """The world in which the sensor is as it should be, ``number`` times."""
         ones, zeros = np.ones(number, np.float32), np.zeros(number, np.float32)
         cells = np.zeros((number, BROKEN, BROKEN), np.float32)
-        return cls(ones, ones, ones, ones, zeros, np.zeros((number, 2), np.float32), zeros, cells, cells)
+        return cls(ones, ones, ones, ones, zeros, np.zeros((number, 2), np.float32), zeros, cells, cells, zeros)
 
     def code(self) -> Floats32:
         """As the network of contacts reads it, ``(n, WORLD)``."""
         numbers = (np.log2(self.stiffness), np.log2(self.force), np.log2(self.noise), 4 * np.log2(self.gain))
         others = (20 * self.blur, *(10 * self.shift.T), 20 * self.hysteresis)
         cells = [cells.reshape(len(cells), -1) for cells in (self.dead, self.stuck)]
-        return np.concatenate([np.stack([*numbers, *others], axis=1), *cells], axis=1).astype(np.float32)
+        parts = [np.stack([*numbers, *others], axis=1), *cells, self.wide[:, None]]
+        return np.concatenate(parts, axis=1).astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -86,6 +89,7 @@ class Imaging:
         sizes: smallest and largest factor on a body's size.
         dead: which taxels never read anything, ``(taxels, taxels)``; none if not given.
         samples: points along the edge of the pad at which the surface is computed; a multiple of ``pixels``.
+        coarser: share of worlds whose sensor may have taxels two pixels wide.
     """
 
     pad: Pad
@@ -98,6 +102,7 @@ class Imaging:
     sizes: tuple[float, float] = (0.75, 1.25)
     dead: NDArray[np.bool_] | None = None
     samples: int = 32
+    coarser: float = 0.0
 
     @property
     def window(self) -> Window:
@@ -131,14 +136,23 @@ class Imaging:
 
     def _read(self, seen: Floats32, world: World, rng: np.random.Generator) -> Floats32:
         """The mean reading of all taxels of a pixel: their noise is clipped at zero, which moves the mean."""
-        shown = min(self.taxels, self.samples)
+        found = np.empty((len(seen), self.pixels, self.pixels), np.float32)
+        for wide in np.unique(world.wide):
+            some = world.wide == wide
+            taxels = self.taxels if wide == 0 else int(self.pixels / 2**wide)
+            found[some] = self._felt(seen[some], World(*(part[some] for part in world)), taxels, rng)
+        return found
+
+    def _felt(self, seen: Floats32, world: World, taxels: int, rng: np.random.Generator) -> Floats32:
+        """The same with one number of taxels."""
+        shown = min(taxels, self.samples)
         values = _binned(seen, shown)
         std = (self.noise * world.noise)[:, None, None].astype(np.float32)
-        if self.taxels <= self.samples:  # a taxel is at least a sample wide
+        if taxels <= self.samples:  # a taxel is at least a sample wide
             noisy = np.clip(values + std * rng.standard_normal(values.shape, np.float32), 0.0, 1.0)
         else:
             mean, variance = _clipped_moments(values, std)
-            each = np.sqrt(variance * (self.samples / self.taxels) ** 2)
+            each = np.sqrt(variance * (self.samples / taxels) ** 2)
             noisy = np.clip(mean + each * rng.standard_normal(values.shape, np.float32), 0.0, 1.0)
         dead, stuck = (_enlarged(cells, shown) for cells in (world.dead, world.stuck))
         own = 0.0 if self.dead is None else _binned(self.dead[None].astype(np.float32), shown)
@@ -212,7 +226,7 @@ class Batches:
         """Batch ``number``."""
         rng = np.random.default_rng([self.seed, number, len(self.bodies)])
         imaging, total = self.imaging, self.groups * self.touches
-        worlds = drawn_worlds(rng, self.worlds, self.nominal)
+        worlds = drawn_worlds(rng, self.worlds, self.nominal, imaging.coarser)
         world = np.tile(np.arange(self.worlds), -(-total // self.worlds))[:total]
         cells = np.exp(rng.uniform(*np.log(self.cells), total))
         turns = _normalised(rng.normal(size=(total, 4)))
@@ -262,7 +276,7 @@ def kept_body(number: int) -> Surface:
     return random_body(number)
 
 
-def drawn_worlds(rng: np.random.Generator, number: int, nominal: float) -> World:
+def drawn_worlds(rng: np.random.Generator, number: int, nominal: float, coarser: float = 0.0) -> World:
     """Random worlds, in which each nuisance is as it should be with probability ``nominal``, and all are in the first.
 
     The first world of a batch is nominal, because the sensor mostly is.
@@ -286,16 +300,19 @@ def drawn_worlds(rng: np.random.Generator, number: int, nominal: float) -> World
         rng.uniform(0.0, 0.1, number),
         broken[0],
         broken[1] * (broken[0] == 0.0),
+        np.zeros(number),
     )
     is_strange = rng.uniform(size=(number, 7)) > nominal
-    is_strange[0] = False
-    column = dict(zip(World._fields, (0, 1, 2, 3, 4, 5, 6, 6, 6), strict=True))
+    wide = rng.uniform(size=number) < coarser
+    is_strange &= (~wide | (rng.uniform(size=number) < 0.5))[:, None]  # and often is as it should be otherwise
+    wide[0] = is_strange[0] = False
+    column = dict(zip(World._fields, (0, 1, 2, 3, 4, 5, 6, 6, 6, 6), strict=True))
     column |= {"hysteresis": 4}
     found = []
     for name, one, other in zip(World._fields, strange, usual, strict=True):
         choice = is_strange[:, column[name]].reshape(number, *[1] * (other.ndim - 1))
         found.append(np.where(choice, one, other).astype(np.float32))
-    return World(*found)
+    return World(*found)._replace(wide=wide.astype(np.float32))
 
 
 def _normalised(vectors: NDArray[np.float64]) -> NDArray[np.float64]:

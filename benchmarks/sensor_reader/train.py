@@ -68,13 +68,13 @@ class ContactRecipe:
         return self.learning_rate * min(1.0, (step + 1) / self.warmup) * (0.5 * (1 + math.cos(math.pi * along)) + 0.003)
 
 
-def imaging_of(scene: Scene, pixels: int, samples: int) -> Imaging:
+def imaging_of(scene: Scene, pixels: int, samples: int, coarser: float = 0.0) -> Imaging:
     """What the images of a scene are made of.
 
     Args:
         scene: with a pressure renderer.
         pixels: along an edge of what the network reads.
-        samples: see :class:`Imaging`.
+        samples, coarser: see :class:`Imaging`.
     """
     renderer = scene.renderer
     assert isinstance(renderer, PressureRenderer), "images of pressure only"
@@ -92,16 +92,16 @@ def imaging_of(scene: Scene, pixels: int, samples: int) -> Imaging:
         scene.variation.offset.support[1],
         dead=np.any(dead, axis=0) if dead else None,
         samples=samples,
+        coarser=coarser,
     )
 
 
 SENSORS = {
-    "gel": lambda: imaging_of(SCENES["gel"].scene, 32, 32),
+    "gel": lambda: imaging_of(SCENES["gel"].scene, 32, 32, 0.3),
     "coarse": lambda: imaging_of(SCENES["coarse"].scene, 4, 32),
     "hard": lambda: imaging_of(SCENES["hard"].scene, 32, 32),
-    "keyed": lambda: imaging_of(SCENES["keyed"].scene, 16, 32),
 }
-"""Kinds of pads that a reader is trained for; ``many`` has that of ``gel``."""
+"""Kinds of pads that a reader is trained for; ``many`` has that of ``gel``, ``keyed`` too, with wider taxels."""
 
 
 class _Stream(IterableDataset[dict[str, Tensor]]):
@@ -137,7 +137,8 @@ def train(
         workers: processes that make batches.
     """
     torch.manual_seed(recipe.seed)
-    network = ContactReader(recipe.widths, recipe.dense, recipe.embedding).to(device, memory_format=torch.channels_last)
+    network = ContactReader(recipe.widths, recipe.dense, recipe.embedding, imaging.pixels)
+    network = network.to(device, memory_format=torch.channels_last)
     optimizer = torch.optim.AdamW(network.parameters(), lr=recipe.learning_rate, weight_decay=1e-3)
     state, first = folder / "state.safetensors", 0
     folder.mkdir(parents=True, exist_ok=True)
@@ -208,9 +209,10 @@ if __name__ == "__main__":
     parser.add_argument("sensor", choices=list(SENSORS))
     parser.add_argument("folder", type=Path)
     parser.add_argument("--steps", type=int, default=8000)
+    parser.add_argument("--widths", type=int, nargs="+", default=ContactRecipe.widths)
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--threads", type=int, default=1)
     given = parser.parse_args()
     torch.set_num_threads(given.threads)
-    train(SENSORS[given.sensor](), ContactRecipe(steps=given.steps), given.folder, given.device, given.workers)
+    train(SENSORS[given.sensor](), ContactRecipe(steps=given.steps, widths=tuple(given.widths)), given.folder, given.device, given.workers)
