@@ -14,6 +14,8 @@ from typing import Protocol
 
 import numpy as np
 
+from belief.errors import InvalidArgument
+
 _NARROW = 0.1  # limit below which rejection is from a uniform distribution: few normal deviates are that small
 
 
@@ -149,6 +151,22 @@ class Mixture:
     def sample(self, rng: np.random.Generator) -> float:
         """See :class:`Distribution`."""
         return (self.first if rng.random() < self.share else self.second).sample(rng)
+
+
+def require_distribution(name: str, given: object) -> None:
+    """Check that something is a distribution.
+
+    Args:
+        name: of what it is, for the message.
+        given: the distribution.
+
+    Raises:
+        InvalidArgument: it cannot be sampled.
+    """
+    if isinstance(given, type) or not callable(getattr(given, "sample", None)):
+        raise InvalidArgument(
+            f"{name} must be a distribution such as Uniform(0.9, 1.1) or Constant(1.0), got {given!r}"
+        )
 
 
 def _require_finite(distribution: Distribution, *values: float) -> None:

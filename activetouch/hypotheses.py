@@ -1,4 +1,4 @@
-"""Evenly spread hypotheses of an object's orientation, size and stiffness: low-discrepancy sequences.
+"""Evenly spread hypotheses of an object's orientation, size, stiffness and proportions: low-discrepancy sequences.
 
 >>> cover = quaternions(1000)
 >>> bool(np.allclose(cover.T @ cover / 1000, np.eye(4) / 4, atol=0.01))        # as uniform orientations have it
@@ -22,6 +22,7 @@ _PSI = 1.533751168755204288118041  # the root of ψ⁴ = ψ + 4 (Alexa 2022)
 _DRAWN = 4096  # numbers that stand for a distribution
 _GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
 _PLASTIC = 0.5698402909980532  # 1 / ρ² with ρ³ = ρ + 1: together with the others, points fill a box evenly
+_PLASTIC_ROOT = 0.7548776662466927  # 1 / ρ
 
 
 def quaternions(num: int) -> Floats:
@@ -50,15 +51,50 @@ def sizes(distribution: Distribution, num: int) -> Floats:
         distribution: of sizes.
         num: how many; the first are the same for every ``num``.
     """
-    return _covering(distribution, num, _GOLDEN)
+    return quantiles(distribution, kronecker(_GOLDEN, num))
 
 
 def stiffnesses(distribution: Distribution, num: int) -> Floats:
     """Factors on the stiffness that cover a distribution evenly, ``(num,)``, independent of :func:`sizes`."""
-    return _covering(distribution, num, _PLASTIC)
+    return quantiles(distribution, kronecker(_PLASTIC, num))
 
 
-def _covering(distribution: Distribution, num: int, step: float) -> Floats:
+def member_numbers(num_members: int, num: int) -> NDArray[np.int64]:
+    """Which member of a family each hypothesis has, ``(num,)``, independent of :func:`sizes` and :func:`stiffnesses`.
+
+    All members are equally frequent, up to one hypothesis.
+
+    Args:
+        num_members: of the family, in an order in which neighbours are alike.
+        num: of hypotheses.
+    """
+    ranks = np.argsort(np.argsort(kronecker(_PLASTIC_ROOT, num)))
+    return ranks * num_members // num
+
+
+def kronecker(step: float, num: int) -> Floats:
+    """Numbers that cover [0, 1) evenly, ``(num,)``: multiples of a step, modulo 1; the first is 0.5."""
+    return np.asarray((0.5 + step * np.arange(num)) % 1.0)
+
+
+def roberts_steps(num: int) -> list[float]:
+    """Steps of as many sequences of :func:`kronecker` that together fill a box evenly (Roberts 2018).
+
+    >>> np.round(roberts_steps(2), 4).tolist()
+    [0.7549, 0.5698]
+    """
+    root = 1.0
+    for _ in range(64):
+        root = (1.0 + root) ** (1.0 / (num + 1.0))
+    return [root**-power for power in range(1, num + 1)]
+
+
+def quantiles(distribution: Distribution, shares: Floats) -> Floats:
+    """Values below which given shares of a distribution lie, approximately, ``(n,)``.
+
+    Args:
+        distribution: which is sampled.
+        shares: in [0, 1], ``(n,)``.
+    """
     rng = np.random.default_rng(0)
-    drawn = [distribution.sample(rng) for _ in range(_DRAWN)]
-    return np.quantile(drawn, (0.5 + step * np.arange(num)) % 1.0)
+    return np.asarray(np.quantile([distribution.sample(rng) for _ in range(_DRAWN)], shares))

@@ -215,4 +215,10 @@ if __name__ == "__main__":
     parser.add_argument("--threads", type=int, default=1)
     given = parser.parse_args()
     torch.set_num_threads(given.threads)
-    train(SENSORS[given.sensor](), ContactRecipe(steps=given.steps, widths=tuple(given.widths)), given.folder, given.device, given.workers)
+    train(
+        SENSORS[given.sensor](),
+        ContactRecipe(steps=given.steps, widths=tuple(given.widths)),
+        given.folder,
+        given.device,
+        given.workers,
+    )

@@ -59,12 +59,14 @@ class Explain:
     """Number of processes that compare shapes."""
 
     def run(self) -> None:
-        """Print the tables; the lower bounds only if a sensor that comes with the package fits the scene."""
+        """Print the tables; the lower bounds only for solids, if a sensor of the package fits the scene."""
         check_arguments(self)
         named, console = self.choice.named, plain_console()
         console.print(_what_table(self.choice.scene, [*inventory(named.scene), *hidden_variables(named)]).rich())
         likeness = None
-        if self.alike and len(named.scene.shapes) > 1:
+        if named.scene.families:
+            console.print(f"shapes are not compared: the proportions of {', '.join(named.scene.families)} vary")
+        elif self.alike and len(named.scene.shapes) > 1:
             shapes = len(named.scene.shapes)
             seconds = (_SECONDS[0] * shapes + _SECONDS[1] * shapes * (shapes - 1) / 2) / self.jobs
             console.print(f"comparing {shapes} shapes takes about {seconds:.0f} s; --no-alike leaves it out")
@@ -73,7 +75,7 @@ class Explain:
         console.print(felt_table(self.choice.scene, named.scene, likeness).rich())
         independent, scene = independent_sensor(self.choice.scene), named.scene
         shipped = [f for f in (independent, sensor_folder(None, self.choice.scene)) if f.exists() and _fits(f, scene)]
-        if independent in shipped:
+        if independent in shipped and not scene.families:  # it knows the nominal solids
             model = load_observation_model(independent)
             console.print(limits_table(model.outcome_table(), model.shape_labels).rich())
         console.print(belief_table(self.choice.scene, scene, shipped).rich())
