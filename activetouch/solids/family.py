@@ -109,7 +109,9 @@ class Family:
             InvalidArgument: there is none.
         """
         try:
-            radius = self._member(values).bounding_radius
+            member = self._member(values)
+            hash(member)  # solids are keys of caches
+            radius = member.bounding_radius
             reason = "" if 0.0 < radius < np.inf else f"its bounding radius is {radius} m"
         except (TypeError, ValueError) as error:
             reason = str(error)

@@ -157,6 +157,12 @@ class _Own:
         return self.width
 
 
+@dataclass
+class _WithoutHash:
+    width: float
+    bounding_radius: float = 0.02
+
+
 @pytest.mark.parametrize(
     ("make", "words"),
     [
@@ -169,6 +175,7 @@ class _Own:
         (lambda: Family(Torus(0.016, 0.007), tube_radius=Uniform(0.005, 0.02)), r"no solids, at tube_radius=0\.02:"),
         (lambda: Family(Prism(6, 0.02, 0.02), num_sides=Uniform(3.0, 8.0)), r"no solids, at num_sides=3\.0:"),
         (lambda: Family(_Own(0.02), width=Uniform(-0.01, 0.02)), r"its bounding radius is -0\.01 m"),
+        (lambda: Family(_WithoutHash(0.02), width=Uniform(0.01, 0.02)), "unhashable type"),
         (lambda: Family(Box((0.01, 0.01, 0.01)), half_extents=Uniform(0.01, 0.02)), "no field of Box.* is a number"),
         (lambda: Family(Cylinder, half_length=Uniform(0.01, 0.02)), "no field of .*Cylinder.* is a number"),
         (lambda: Family(RODS, half_length=Uniform(0.01, 0.02)), "no field of Family.* is a number"),
@@ -284,6 +291,16 @@ def test_what_compares_solids_refuses_families():
         alike(SCENE, num_objects=2)
     with pytest.raises(UnknownLikelihood, match="the proportions of cylinder vary"):
         CongruentContacts(SCENE)
+
+
+def test_a_changed_world_presses_the_same_objects_but_for_their_members():
+    from experiments.robustness.shifted_touches import _press_some
+
+    numbers = range(4)
+    (kept, some), (also, others) = (_press_some(scene, {"clean": ()}, numbers, (0, 0)) for scene in (SCENE, GEL))
+    assert kept == also == list(numbers)
+    same = (some["clean"] == others["clean"]).reshape(4, -1).all(axis=1)
+    assert same.tolist() == [label != "cylinder" for label in GEL.shape_labels]
 
 
 @pytest.mark.mujoco
