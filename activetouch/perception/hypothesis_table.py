@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy  # whose parts load at first use
@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 
 from activetouch.distributions import Distribution
 from activetouch.errors import WrongScene
-from activetouch.hypotheses import sizes, stiffnesses
 from activetouch.orientations import LyingAnyhow
+from activetouch.perception.hypothesis_bodies import Bodies, bodies_of
 from activetouch.perception.reader import TactileReader
-from activetouch.poses import multiply, to_matrices, turned
+from activetouch.poses import multiply, turned
 from activetouch.randomisation import assumed
 from activetouch.scene import Scene
+from belief.errors import InvalidArgument
 from belief.frozen import frozen
 
 if TYPE_CHECKING:
@@ -25,20 +26,6 @@ if TYPE_CHECKING:
 
 _FEW_POSES = 12
 _MOST_IN_SINGLE = 1 << 25  # numbers in the tables of all poses
-
-
-class Bodies(NamedTuple):
-    """N hypotheses about an object, whatever its shape.
-
-    Attributes:
-        rests: orientations at rest, unit quaternions ``wxyz``, ``(N, 4)``.
-        sizes: relative to the nominal size, ``(N,)``.
-        stiffnesses: relative to the pad's, ``(N,)``.
-    """
-
-    rests: NDArray[np.float64]
-    sizes: NDArray[np.float64]
-    stiffnesses: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,14 +67,9 @@ class HypothesisTable:
         return {name: value for name, value in vars(self).items() if name != "_kept"}
 
     def _embed(self, num_hypotheses: int, pose: int) -> NDArray[np.float32]:
-        bodies = self.hypotheses(num_hypotheses)
-        num_shapes = len(self.scene.shapes)
-        shapes = np.repeat(np.arange(num_shapes), num_hypotheses)
-        numbers = (np.tile(bodies.sizes, num_shapes), np.tile(bodies.stiffnesses, num_shapes))
-        rotation = self.scene.rotations[self.scene.pose_labels[pose]]
-        rotations = np.tile(to_matrices(turned(rotation, bodies.rests)), (num_shapes, 1, 1))
-        aims = np.tile(self.scene.aim_offsets[pose], (len(shapes), 1))
-        return self.reader.embed(shapes, rotations, *numbers, aims).reshape(num_shapes, num_hypotheses, -1)
+        if self.reader.hypotheses is None:
+            raise InvalidArgument("this reader tells shapes only; one that knows orientations is trained with its own")
+        return self.reader.hypotheses.embedded(self.scene, self.hypotheses(num_hypotheses), pose)
 
     @property
     def groups(self) -> tuple[int, ...]:
@@ -128,5 +110,4 @@ class HypothesisTable:
         vary = self.scene.variation
         if self.reader.card.knows_stiffness:
             vary = assumed(vary, self.stiffness)
-        rests = self.scene.presentation.rests(num_hypotheses)
-        return Bodies(rests, sizes(vary.size, num_hypotheses), stiffnesses(vary.stiffness, num_hypotheses))
+        return bodies_of(self.scene, num_hypotheses, vary)
