@@ -59,17 +59,16 @@ def stiffnesses(distribution: Distribution, num: int) -> Floats:
     return quantiles(distribution, kronecker(_PLASTIC, num))
 
 
-def member_numbers(num_members: int, num: int) -> NDArray[np.int64]:
-    """Which member of a family each hypothesis has, ``(num,)``, independent of :func:`sizes` and :func:`stiffnesses`.
+def member_shares(num: int) -> Floats:
+    """Where each hypothesis is in a family of solids, whatever its shape, ``(num,)``, above 0 and below 1.
 
-    All members are equally frequent, up to one hypothesis.
+    They are evenly spread, independent of :func:`sizes` and :func:`stiffnesses`. :meth:`activetouch.Scene.bodies` says
+    which solid that is.
 
-    Args:
-        num_members: of the family, in an order in which neighbours are alike.
-        num: of hypotheses.
+    >>> member_shares(4).tolist()
+    [0.625, 0.375, 0.125, 0.875]
     """
-    ranks = np.argsort(np.argsort(kronecker(_PLASTIC_ROOT, num)))
-    return ranks * num_members // num
+    return np.asarray((np.argsort(np.argsort(kronecker(_PLASTIC_ROOT, num))) + 0.5) / num)
 
 
 def kronecker(step: float, num: int) -> Floats:

@@ -273,29 +273,32 @@ class Scene:
         rest, family = self.presentation.rest(rng), self.families.get(self.shape_labels[shape_index])
         return WorldObject(shape_index, scale, rest, friction, stiffness, family.sample(rng) if family else None)
 
-    def bodies(self, shape: Name, num: int) -> tuple[tuple[Shape, ...], NDArray[np.int64]]:
-        """The solids of the hypotheses of a shape, and which of them each hypothesis has.
+    def bodies(self, shape: Name, shares: NDArray[np.float64]) -> tuple[tuple[Shape, ...], NDArray[np.int64]]:
+        """The solids of hypotheses of a shape, and which of them each hypothesis has.
 
-        Hypotheses of a family share at most 64 members, so that geometry need not be computed for each hypothesis.
-        Members cover the family evenly, and independently of orientations, sizes and stiffnesses
-        (:mod:`activetouch.hypotheses`). Any other shape has one solid.
+        Hypotheses of a family share at most 64 members, so that geometry need not be computed for each hypothesis. Any
+        other shape has one solid.
 
         Args:
             shape: label or index.
-            num: of hypotheses, at least 1.
+            shares: where each hypothesis is in a family, ``(N,)``, from :func:`activetouch.hypotheses.member_shares`.
+                It is the same for all shapes; a part of it gives a part of the hypotheses.
 
         Returns:
-            The M different solids, and for each hypothesis the index of one, ``(num,)``.
+            The M different solids at nominal size, and for each hypothesis the index of one, ``(N,)``.
 
         Raises:
             UnknownName: the scene has no shape of that name.
-            InvalidArgument: ``num`` is no integer ≥ 1.
+            InvalidArgument: the shares are not in [0, 1).
         """
-        require_count("num", num)
+        if not ((shares >= 0.0) & (shares < 1.0)).all():  # False for NaN
+            raise InvalidArgument(
+                f"shares must be in [0, 1), from activetouch.hypotheses.member_shares; got {shares!r:.80}"
+            )
         label = self.shape_labels[index_of("shape", self.shape_labels, shape)]
         if label in self.families:
-            return self.families[label].bodies(num)
-        return (self.solids[label],), np.zeros(num, np.int64)
+            return self.families[label].bodies(shares)
+        return (self.solids[label],), np.zeros(len(shares), np.int64)
 
     def place(self, thing: WorldObject, pose: Name, rng: np.random.Generator) -> Placement:
         """Put an object in front of the pad, in a pose, by its label or index."""

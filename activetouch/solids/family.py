@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.distributions import Distribution, require_distribution
-from activetouch.hypotheses import kronecker, member_numbers, quantiles, roberts_steps
-from activetouch.solids.solid import Shape
+from activetouch.hypotheses import kronecker, quantiles, roberts_steps
+from activetouch.solids.solid import Floats, Shape
 from belief.errors import InvalidArgument, UnknownName
 from belief.validation import require_count
 
@@ -87,15 +87,12 @@ class Family:
         columns = [quantiles(given, some).tolist() for (_, given), some in zip(self.parameters, shares, strict=True)]
         return tuple(map(self._member, zip(*columns, strict=True)))
 
-    def bodies(self, num: int) -> tuple[tuple[Shape, ...], NDArray[np.int64]]:
-        """At most 64 different members, and the index of that of each hypothesis, ``(num,)``.
-
-        See :meth:`activetouch.scene.Scene.bodies`.
-        """
-        members = self.members(min(num, _MOST_MEMBERS))
-        solids = list(dict.fromkeys(members))  # fewer, where a distribution is discrete
-        numbers = np.array([solids.index(member) for member in members])
-        return tuple(solids), numbers[member_numbers(len(members), num)]
+    def bodies(self, shares: Floats) -> tuple[tuple[Shape, ...], NDArray[np.int64]]:
+        """At most 64 different members for hypotheses at given shares; see :meth:`activetouch.Scene.bodies`."""
+        members = self.members(_MOST_MEMBERS)
+        given = [members[place] for place in np.floor(shares * _MOST_MEMBERS).astype(int).tolist()]
+        numbers = {member: number for number, member in enumerate(dict.fromkeys(given))}
+        return tuple(numbers), np.array([numbers[member] for member in given], np.int64)
 
     def _member(self, values: Iterable[float]) -> Shape:
         """The member with these values of its parameters."""

@@ -12,7 +12,7 @@ import tyro
 
 from activetouch import SCENES, SHAPES, Quasistatic, predicted_contacts
 from activetouch.distributions import Constant, Mixture, Uniform
-from activetouch.hypotheses import member_numbers, quaternions, sizes
+from activetouch.hypotheses import member_shares, quaternions, sizes
 from activetouch.named_scenes import NamedScene
 from activetouch.placement import Placement, WorldObject
 from activetouch.poses import to_matrices
@@ -103,28 +103,31 @@ def test_members_of_two_parameters_fill_their_square():
 
 @pytest.mark.parametrize("num", [1, 5, 64, 1000, 1024])
 def test_hypotheses_share_at_most_64_members(num):
-    solids, numbers = SCENE.bodies("cylinder", num)
+    shares = member_shares(num)
+    solids, numbers = SCENE.bodies("cylinder", shares)
     assert len(solids) == min(num, 64)
     assert numbers.shape == (num,)
     counts = np.bincount(numbers, minlength=len(solids))
     assert counts.max() - counts.min() <= 1
     assert counts.min() >= 1
-    plain, zeros = SCENE.bodies("cone", num)
+    some, of_some = SCENE.bodies("cylinder", shares[1::3])  # a part, as of the hypotheses that one pose has
+    assert [some[k] for k in of_some] == [solids[k] for k in numbers[1::3]]
+    plain, zeros = SCENE.bodies("cone", shares)
     assert plain == (SHAPES["cone"],)
     assert (len(zeros), zeros.any()) == (num, False)
 
 
 def test_members_do_not_follow_sizes_or_orientations():
-    numbers = member_numbers(64, 1024)
+    shares = member_shares(1024)
     others = [*to_matrices(quaternions(1024)).reshape(-1, 9).T, sizes(Uniform(0.9, 1.1), 1024)]
-    assert np.abs([np.corrcoef(numbers, other)[0, 1] for other in others]).max() < 0.09
-    cells = np.floor(8 * np.stack([numbers / 64, np.argsort(np.argsort(others[-1])) / 1024]))
+    assert np.abs([np.corrcoef(shares, other)[0, 1] for other in others]).max() < 0.09
+    cells = np.floor(8 * np.stack([shares, np.argsort(np.argsort(others[-1])) / 1024]))
     counts = np.unique(cells, axis=1, return_counts=True)[1]
     assert (len(counts), counts.min() >= 11, counts.max() <= 21) == (64, True, True)  # 16 on average
 
 
 def test_geometry_by_member_is_that_of_each_hypothesis():
-    solids, numbers = SCENE.bodies("cylinder", 100)
+    solids, numbers = SCENE.bodies("cylinder", member_shares(100))
     turns, window = quaternions(100), Window(0.05, 8)
     by_member = np.empty((100, 8, 8))
     for number, solid in enumerate(solids):
@@ -140,7 +143,7 @@ def test_geometry_by_member_is_that_of_each_hypothesis():
     [(Constant(0.020), {0.020: 1.0}), (Mixture(Constant(0.010), Constant(0.030), 0.75), {0.010: 0.75, 0.030: 0.25})],
 )
 def test_a_discrete_family_has_few_bodies_each_as_frequent_as_it_is_probable(chance, shares):
-    solids, numbers = Family(ROD, half_length=chance).bodies(2048)
+    solids, numbers = Family(ROD, half_length=chance).bodies(member_shares(2048))
     found = {solid.half_length: (numbers == k).mean() for k, solid in enumerate(solids)}
     assert {length: found[length] for length in shares} == pytest.approx(shares, abs=0.03)
     assert len(solids) == len(shares)
@@ -180,7 +183,8 @@ class _WithoutHash:
         (lambda: Family(Cylinder, half_length=Uniform(0.01, 0.02)), "no field of .*Cylinder.* is a number"),
         (lambda: Family(RODS, half_length=Uniform(0.01, 0.02)), "no field of Family.* is a number"),
         (lambda: RODS.members(0), "num must be an integer, at least 1, got 0"),
-        (lambda: SCENE.bodies("cylinder", 2.0), "num must be an integer, at least 1, got 2.0"),
+        (lambda: SCENE.bodies("cone", np.array([0.5, 1.0])), "shares must be in .0, 1., from"),
+        (lambda: SCENE.bodies("cylinder", np.array([np.nan])), "shares must be in"),
         (
             lambda: replace(SCENE, parking=True),
             "the proportions of cylinder are drawn later; leave parking",
