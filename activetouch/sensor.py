@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.errors import SceneShift
+from activetouch.errors import NoIndependentModel, SceneShift
 from activetouch.named_scenes import SCENES
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
@@ -89,6 +89,10 @@ class TactileSensor:
         if reader.card.imaging is not None:
             reader = reader.bound_to(scene)
             if not is_of_objects(fitted.scene, scene):
+                if independent:
+                    raise NoIndependentModel(
+                        f"{folder} was not calibrated with the objects of this scene; only its joint model reads them"
+                    )
                 from activetouch.perception.preparation import (
                     prepared,
                 )  # which sensors of their own objects do not need

@@ -170,6 +170,13 @@ def shift_from(
     return tuple(dict.fromkeys(sum(found, ())))
 
 
+def needs_preparation(folder: Path, scene: Scene, independent: bool = False) -> bool:
+    """Whether the sensor in a folder reads any object and was not calibrated with those of a scene."""
+    return read_card(folder / READER_FILE).imaging is not None and not is_of_objects(
+        fitted_model(folder, independent).scene, scene
+    )
+
+
 def is_of_objects(model_scene: Mapping[str, Any] | None, scene: Scene) -> bool:
     """Whether an observation model was fitted to the objects and poses of a scene."""
     here, own = scene_fields(scene), model_scene or {}

@@ -139,8 +139,10 @@ def drawn_worlds(rng: np.random.Generator, number: int, nominal: float, coarser:
                 broken[rng.integers(2), world, rng.integers(BROKEN), rng.integers(BROKEN)] = share
         elif rng.uniform() < 0.4:  # single taxels everywhere
             broken[rng.integers(2), world] = rng.uniform(0.0, 0.12)
-    strange = {name: np.exp2(rng.uniform(*map(np.log2, LIMITS[name]), number)) for name in _FACTORS}
-    strange |= {name: rng.uniform(*LIMITS[name], number) for name in ("blur", "hysteresis")}
+    strange = {name: rng.uniform(*LIMITS[name], number) for name in ("blur", "hysteresis")}
+    for name in _FACTORS:
+        low, high = np.log2(LIMITS[name])
+        strange[name] = np.exp2(rng.uniform(low, high, number))
     strange |= {"shift": rng.uniform(*LIMITS["shift"], (number, 2))}
     strange |= {"dead": broken[0], "stuck": broken[1] * (broken[0] == 0.0)}
     is_strange = rng.uniform(size=(number, 7)) > nominal
