@@ -1,4 +1,4 @@
-"""Evenly spread hypotheses of an object's orientation, size and stiffness: low-discrepancy sequences.
+"""Evenly spread hypotheses of an object's orientation and size: low-discrepancy sequences.
 
 >>> cover = quaternions(1000)
 >>> bool(np.allclose(cover.T @ cover / 1000, np.eye(4) / 4, atol=0.01))        # as uniform orientations have it
@@ -21,7 +21,6 @@ _PHI = np.sqrt(2.0)
 _PSI = 1.533751168755204288118041  # the root of ψ⁴ = ψ + 4 (Alexa 2022)
 _DRAWN = 4096  # numbers that stand for a distribution
 _GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
-_PLASTIC = 0.5698402909980532  # 1 / ρ² with ρ³ = ρ + 1: together with the others, points fill a box evenly
 
 
 def quaternions(num: int) -> Floats:
@@ -50,15 +49,6 @@ def sizes(distribution: Distribution, num: int) -> Floats:
         distribution: of sizes.
         num: how many; the first are the same for every ``num``.
     """
-    return _covering(distribution, num, _GOLDEN)
-
-
-def stiffnesses(distribution: Distribution, num: int) -> Floats:
-    """Factors on the stiffness that cover a distribution evenly, ``(num,)``, independent of :func:`sizes`."""
-    return _covering(distribution, num, _PLASTIC)
-
-
-def _covering(distribution: Distribution, num: int, step: float) -> Floats:
     rng = np.random.default_rng(0)
     drawn = [distribution.sample(rng) for _ in range(_DRAWN)]
-    return np.quantile(drawn, (0.5 + step * np.arange(num)) % 1.0)
+    return np.quantile(drawn, (0.5 + _GOLDEN * np.arange(num)) % 1.0)

@@ -22,7 +22,6 @@ from activetouch.orientations import Inexact, Presentation, Resampled, Tumbled, 
 from activetouch.pressing.deformable import Deformable
 from activetouch.pressing.guarded_move import GuardedMove
 from activetouch.pressing.press import Press
-from activetouch.randomisation import randomised
 from activetouch.rendering import RENDERERS, TactileRenderer
 from activetouch.rendering.renderer import require_renderer
 from belief.errors import InvalidArgument
@@ -155,9 +154,6 @@ class SceneChoice:
     size_range: Annotated[tuple[float, float] | None, ABOVE_ZERO] = None
     """Smallest and largest factor on the size of every object, such as 0.9 1.1. By default that of the scene; with
     --only, 1."""
-    randomised: bool = False
-    """Draw stiffness, size, force, friction, noise, gain and broken taxels from wider ranges than the scene's: to train
-    readers that also work in changed worlds."""
     robot: Literal["panda_allegro"] | None = None
     """Robot to model behind the pad; its models are read from $MENAGERIE_ROOT."""
 
@@ -203,7 +199,7 @@ class SceneChoice:
             changes["variation"] = replace(named.scene.variation, size=size)
         scene = replace(named.scene, **changes)
         num_objects = min(named.num_objects, len(scene.shapes)) if self.only else named.num_objects
-        return replace(named, scene=randomised(scene) if self.randomised else scene, num_objects=num_objects)
+        return replace(named, scene=scene, num_objects=num_objects)
 
     def __getstate__(self) -> dict[str, Any]:
         """State for pickling: the names only; the receiving process resolves them."""
@@ -229,6 +225,8 @@ class SceneChoice:
         given = {**fields, "meshes": tuple(Path(path) for path in fields["meshes"])}
         if not given["meshes"]:
             given.pop("mesh_scale", None)
+        if given.get("randomised") is False:
+            given.pop("randomised")  # of files from before training in a wider world was removed
         if given.get("size_range") is not None:
             given["size_range"] = tuple(given["size_range"])
         choice = cls(**given)

@@ -10,13 +10,11 @@ import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import NDArray
 
-from activetouch.distributions import Distribution
 from activetouch.errors import WrongScene
-from activetouch.hypotheses import sizes, stiffnesses
+from activetouch.hypotheses import sizes
 from activetouch.orientations import LyingAnyhow
 from activetouch.perception.reader import TactileReader
 from activetouch.poses import multiply, to_matrices, turned
-from activetouch.randomisation import assumed
 from activetouch.scene import Scene
 from belief.frozen import frozen
 
@@ -33,12 +31,10 @@ class Bodies(NamedTuple):
     Attributes:
         rests: orientations at rest, unit quaternions ``wxyz``, ``(N, 4)``.
         sizes: relative to the nominal size, ``(N,)``.
-        stiffnesses: relative to the pad's, ``(N,)``.
     """
 
     rests: NDArray[np.float64]
     sizes: NDArray[np.float64]
-    stiffnesses: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,13 +44,10 @@ class HypothesisTable:
     Attributes:
         reader: embeds them.
         scene: says which orientations and sizes there are, and how poses turn an object.
-        stiffness: distribution of the stiffness where it was measured. Otherwise a reader that knows stiffness allows
-            for other ones than the scene's (:func:`activetouch.randomisation.assumed`).
     """
 
     reader: TactileReader
     scene: Scene
-    stiffness: Distribution | None = None
 
     def __call__(self, num_hypotheses: int) -> NDArray[np.float32]:
         """Embedded hypotheses ``(P, K, N, D)``, N of each shape, the same orientations and sizes for all shapes."""
@@ -83,11 +76,12 @@ class HypothesisTable:
         bodies = self.hypotheses(num_hypotheses)
         num_shapes = len(self.scene.shapes)
         shapes = np.repeat(np.arange(num_shapes), num_hypotheses)
-        numbers = (np.tile(bodies.sizes, num_shapes), np.tile(bodies.stiffnesses, num_shapes))
         rotation = self.scene.rotations[self.scene.pose_labels[pose]]
         rotations = np.tile(to_matrices(turned(rotation, bodies.rests)), (num_shapes, 1, 1))
         aims = np.tile(self.scene.aim_offsets[pose], (len(shapes), 1))
-        return self.reader.embed(shapes, rotations, *numbers, aims).reshape(num_shapes, num_hypotheses, -1)
+        return self.reader.embed(shapes, rotations, np.tile(bodies.sizes, num_shapes), aims).reshape(
+            num_shapes, num_hypotheses, -1
+        )
 
     @property
     def groups(self) -> tuple[int, ...]:
@@ -125,8 +119,5 @@ class HypothesisTable:
 
     def hypotheses(self, num_hypotheses: int) -> Bodies:
         """The hypotheses, the same for all shapes."""
-        vary = self.scene.variation
-        if self.reader.card.knows_stiffness:
-            vary = assumed(vary, self.stiffness)
         rests = self.scene.presentation.rests(num_hypotheses)
-        return Bodies(rests, sizes(vary.size, num_hypotheses), stiffnesses(vary.stiffness, num_hypotheses))
+        return Bodies(rests, sizes(self.scene.variation.size, num_hypotheses))

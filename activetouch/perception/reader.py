@@ -109,7 +109,6 @@ class TactileReader:
         shapes: NDArray[np.int64],
         rotations: NDArray[Any],
         sizes: NDArray[Any],
-        stiffnesses: NDArray[Any] | None = None,
         aims: NDArray[Any] | None = None,
     ) -> NDArray[np.float32]:
         """Embeddings of hypotheses. See :meth:`HypothesisEmbedding.embed`.
@@ -119,7 +118,7 @@ class TactileReader:
         """
         if self.hypotheses is None:
             raise InvalidArgument("this reader tells shapes only; one that knows orientations is trained with its own")
-        return self.hypotheses.embed(shapes, rotations, sizes, stiffnesses, aims)
+        return self.hypotheses.embed(shapes, rotations, sizes, aims)
 
     def save(self, path: Path) -> None:
         """Write the reader, atomically.
