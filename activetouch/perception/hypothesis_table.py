@@ -76,12 +76,11 @@ class HypothesisTable:
         bodies = self.hypotheses(num_hypotheses)
         num_shapes = len(self.scene.shapes)
         shapes = np.repeat(np.arange(num_shapes), num_hypotheses)
+        scales = np.tile(bodies.sizes, num_shapes)
         rotation = self.scene.rotations[self.scene.pose_labels[pose]]
         rotations = np.tile(to_matrices(turned(rotation, bodies.rests)), (num_shapes, 1, 1))
         aims = np.tile(self.scene.aim_offsets[pose], (len(shapes), 1))
-        return self.reader.embed(shapes, rotations, np.tile(bodies.sizes, num_shapes), aims).reshape(
-            num_shapes, num_hypotheses, -1
-        )
+        return self.reader.embed(shapes, rotations, scales, aims).reshape(num_shapes, num_hypotheses, -1)
 
     @property
     def groups(self) -> tuple[int, ...]:
