@@ -21,6 +21,7 @@ from activetouch.sensor_files import (
     MODELS,
     READER_FILE,
     fitted_model,
+    is_of_objects,
     require_model,
     shift_from,
 )
@@ -84,6 +85,14 @@ class TactileSensor:
         fitted = fitted_model(folder, independent)
         reader, model = TactileReader.load(folder / READER_FILE), fitted.model
         shift = shift_from(folder, reader.card, fitted, scene, anyway)
+        if reader.card.imaging is not None:
+            reader = reader.bound_to(scene)
+            if not is_of_objects(fitted.scene, scene):
+                from activetouch.perception.preparation import (
+                    prepared,
+                )  # which sensors of their own objects do not need
+
+                model = prepared(reader, scene)
         if shift and not anyway:
             warnings.warn(
                 f"the sensor in {folder} is used outside the scene it was made for: {in_words(shift)}",

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from activetouch.errors import LabelMismatch, NoIndependentModel
-from activetouch.perception.card import ClassifierCard, read_card
+from activetouch.perception.card import OBJECTS, ClassifierCard, read_card
+from activetouch.perception.contacts.imaging import Imaging
 from activetouch.scene import Scene
 from activetouch.scene_description import require_scene, scene_fields
 from belief.errors import CorruptFile
@@ -137,11 +138,27 @@ def shift_from(
         anyway: see :func:`sensor_shift`.
     """
     card.require_labels(scene.shape_labels, scene.pose_labels)
-    require_model(fitted.model, scene)
     here = scene_fields(scene)
-    found = require_scene(f"the reader in {folder}", card.in_poses_of(here), here, anyway)
+    made_for = [("the reader", card.in_poses_of(here)), ("the observation model", fitted.scene)]
+    if card.imaging is not None:
+        from activetouch.perception.contacts.told import (
+            fields_read,
+        )  # which readers of the shapes of one scene do not need
+
+        imaging = Imaging.from_fields(card.imaging)
+        made_for = [(what, own and fields_read(imaging, own, scene, here)) for what, own in made_for]
+    else:
+        require_model(fitted.model, scene)
     card.require_images(scene.image_shape)
-    return tuple(dict.fromkeys(found + require_scene(f"the observation model in {folder}", fitted.scene, here, anyway)))
+    found = [require_scene(f"{what} in {folder}", own, here, anyway) for what, own in made_for]
+    return tuple(dict.fromkeys(sum(found, ())))
+
+
+def is_of_objects(model_scene: Mapping[str, Any] | None, scene: Scene) -> bool:
+    """Whether an observation model was fitted to the objects and poses of a scene."""
+    here, own = scene_fields(scene), model_scene or {}
+    sizes = [fields.get("variation", {}).get("size") for fields in (own, here)]
+    return all(own.get(name) == here.get(name) for name in OBJECTS) and sizes[0] == sizes[1]
 
 
 def require_model(model: ArrayModel, scene: Scene) -> None:

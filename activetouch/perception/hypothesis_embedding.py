@@ -11,6 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.perception.card import PRODUCTS, ClassifierCard
+from activetouch.perception.hypothesis_bodies import Bodies
+from activetouch.poses import to_matrices, turned
+from activetouch.scene import Scene
 
 Floats32 = NDArray[np.float32]
 _AT_ONCE = 4096  # hypotheses
@@ -112,6 +115,16 @@ class HypothesisEmbedding:
             weight, bias = self.layers[-1]
             found[some] = hidden @ weight.T + bias
         return found
+
+    def embedded(self, scene: Scene, bodies: Bodies, pose: int) -> Floats32:
+        """Embeddings of N hypotheses of each of K shapes in one pose of a scene, ``(K, N, D)``."""
+        num_shapes, number = len(scene.shapes), len(bodies.rests)
+        shapes = np.repeat(np.arange(num_shapes), number)
+        sizes = np.tile(bodies.sizes, num_shapes)
+        rotation = scene.rotations[scene.pose_labels[pose]]
+        rotations = np.tile(to_matrices(turned(rotation, bodies.rests)), (num_shapes, 1, 1))
+        aims = np.tile(scene.aim_offsets[pose], (len(shapes), 1))
+        return self.embed(shapes, rotations, sizes, aims).reshape(num_shapes, number, -1)
 
     @cached_property
     def _fixed(self) -> Floats32:

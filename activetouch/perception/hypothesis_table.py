@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import NDArray
 
 from activetouch.errors import WrongScene
-from activetouch.hypotheses import sizes
 from activetouch.orientations import LyingAnyhow
+from activetouch.perception.hypothesis_bodies import Bodies, bodies_of
 from activetouch.perception.reader import TactileReader
-from activetouch.poses import multiply, to_matrices, turned
+from activetouch.poses import multiply, turned
 from activetouch.scene import Scene
+from belief.errors import InvalidArgument
 from belief.frozen import frozen
 
 if TYPE_CHECKING:
@@ -23,18 +24,6 @@ if TYPE_CHECKING:
 
 _FEW_POSES = 12
 _MOST_IN_SINGLE = 1 << 25  # numbers in the tables of all poses
-
-
-class Bodies(NamedTuple):
-    """N hypotheses about an object, whatever its shape.
-
-    Attributes:
-        rests: orientations at rest, unit quaternions ``wxyz``, ``(N, 4)``.
-        sizes: relative to the nominal size, ``(N,)``.
-    """
-
-    rests: NDArray[np.float64]
-    sizes: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,14 +62,9 @@ class HypothesisTable:
         return {name: value for name, value in vars(self).items() if name != "_kept"}
 
     def _embed(self, num_hypotheses: int, pose: int) -> NDArray[np.float32]:
-        bodies = self.hypotheses(num_hypotheses)
-        num_shapes = len(self.scene.shapes)
-        shapes = np.repeat(np.arange(num_shapes), num_hypotheses)
-        scales = np.tile(bodies.sizes, num_shapes)
-        rotation = self.scene.rotations[self.scene.pose_labels[pose]]
-        rotations = np.tile(to_matrices(turned(rotation, bodies.rests)), (num_shapes, 1, 1))
-        aims = np.tile(self.scene.aim_offsets[pose], (len(shapes), 1))
-        return self.reader.embed(shapes, rotations, scales, aims).reshape(num_shapes, num_hypotheses, -1)
+        if self.reader.hypotheses is None:
+            raise InvalidArgument("this reader tells shapes only; one that knows orientations is trained with its own")
+        return self.reader.hypotheses.embedded(self.scene, self.hypotheses(num_hypotheses), pose)
 
     @property
     def groups(self) -> tuple[int, ...]:
@@ -118,5 +102,4 @@ class HypothesisTable:
 
     def hypotheses(self, num_hypotheses: int) -> Bodies:
         """The hypotheses, the same for all shapes."""
-        rests = self.scene.presentation.rests(num_hypotheses)
-        return Bodies(rests, sizes(self.scene.variation.size, num_hypotheses))
+        return bodies_of(self.scene, num_hypotheses)

@@ -1,4 +1,4 @@
-"""``activetouch train``: from recorded touches to a classifier."""
+"""``activetouch train``: from recorded touches to a classifier, or from random bodies to a reader of any object."""
 
 from __future__ import annotations
 
@@ -94,15 +94,19 @@ class Changes:
 
 @dataclass(frozen=True)
 class Train:
-    """Train a reader on a collection: one that knows shape, orientation and size, or a plain classifier of shapes.
+    """Train a reader: of any object, on random bodies; or of the shapes of a collection.
 
-    The state is saved after every epoch; the same command continues from it.
+    A reader of any object (--recipe contacts) learns the sensor, needs no collection, and reads shapes that it never
+    saw. The others learn a table of shapes, with their orientations and sizes or without.
+
+    The state is saved again and again; the same command continues from it.
 
     With tensorboard installed (the extra of that name), the losses are written to OUT/tensorboard.
 
     For example:
 
         activetouch train --scene coarse
+        activetouch train --scene gel --recipe contacts --steps 2000 --device cuda
         activetouch train --scene gel --recipe large
         activetouch train --scene hard --change.focus cube cuboid wedge
         activetouch train --recipe paper --backbone tiny --weights facebook/convnext-tiny-224   (a hub's, or a folder)
@@ -125,8 +129,13 @@ class Train:
     only case that goes online; random weights without."""
     objects: Count | None = None
     """Learn from the first so many objects of the training split only; from all by default."""
-    recipe: Literal["contrast", "large", "paper"] = "contrast"
-    """For a reader that knows orientations; or for a plain classifier of shapes: ours, or the paper's."""
+    recipe: Literal["contacts", "contrast", "large", "paper"] = "contrast"
+    """For a reader of any object; of the collection's shapes, which knows orientations; or for a plain classifier of
+    shapes: ours, or the paper's."""
+    steps: Count | None = None
+    """Steps, each of 512 touches of random bodies, for a reader of any object; 8000 by default."""
+    device: Literal["cpu", "cuda"] = "cpu"
+    """Where a reader of any object is trained."""
     change: Changes = field(default_factory=Changes)
     """Settings that differ from the recipe's."""
     threads: Jobs = field(default_factory=default_jobs)
@@ -137,6 +146,9 @@ class Train:
         """Train to the end of the recipe and write ``classifier.safetensors`` and ``reader.safetensors``."""
         check_arguments(self)
         require_extra("train")
+        if self.recipe == "contacts":
+            self._train_on_random_bodies()
+            return
         recipe, named = self.change.of(RECIPES[self.recipe]), named_scene(self.scene)
         data = self.data if self.data is not None else collection_folder(self.scene)
         out = self.out if self.out is not None else training_folder(self.scene)
@@ -175,6 +187,28 @@ class Train:
         export_reader(classifier, manifest.image_shape, hypotheses).save(out / READER_FILE)
         kept = trainer.best_epoch if recipe.patience is not None else trainer.epochs_done
         print(f"kept epoch {kept}, wrote {out / READER_FILE}")
+
+    def _train_on_random_bodies(self) -> None:
+        import torch
+
+        from activetouch.perception.contact_training import ContactRecipe, ContactTrainer, export
+        from activetouch.perception.contacts.told import imaging_of
+
+        scene = named_scene(self.scene).scene
+        out = self.out if self.out is not None else training_folder(f"{self.scene}-contacts")
+        claim_folder(out)
+        torch.set_num_threads(max(1, self.threads - 1))
+        imaging, changes = imaging_of(scene), {"steps": self.steps, "seed": self.change.seed}
+        recipe = ContactRecipe.of(imaging, **{name: value for name, value in changes.items() if value is not None})
+        trainer = ContactTrainer(imaging, recipe, out, self.device, workers=1 if self.threads > 1 else 0)
+        with progress_bar() as progress:
+            bar = progress.add_task("touching random bodies", total=recipe.steps, completed=trainer.step)
+            for report in trainer.run(lambda step: progress.update(bar, completed=step)):
+                words = ", ".join(f"{name} {value:g}" for name, value in report.items())
+                progress.console.print(words, highlight=False)
+        reader = export(trainer.network, imaging, scene, f"{trainer.step} steps of {recipe.groups * recipe.touches}")
+        reader.save(out / READER_FILE)
+        print(f"wrote {out / READER_FILE}; activetouch.TactileSensor reads any object with it")
 
 
 def _split(data: Path, name: str, size: int) -> TouchSet:
