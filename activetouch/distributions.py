@@ -124,35 +124,6 @@ class Normal:
                 return float(self.mean + self.std * deviate)
 
 
-@dataclass(frozen=True)
-class Mixture:
-    """Draws from ``first`` with probability ``share``, and from ``second`` otherwise.
-
-    >>> rng = np.random.default_rng(0)
-    >>> drawn = [Mixture(Constant(1.0), Uniform(2.0, 3.0), 0.5).sample(rng) for _ in range(1000)]
-    >>> bool(0.45 < np.mean(np.equal(drawn, 1.0)) < 0.55)
-    True
-    """
-
-    first: Distribution
-    second: Distribution
-    share: float = 0.5
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.share <= 1.0:
-            raise ValueError(f"share must be in [0, 1], got {self.share}")
-
-    @property
-    def support(self) -> tuple[float, float]:
-        """See :class:`Distribution`."""
-        (low, high), (other_low, other_high) = self.first.support, self.second.support
-        return min(low, other_low), max(high, other_high)
-
-    def sample(self, rng: np.random.Generator) -> float:
-        """See :class:`Distribution`."""
-        return (self.first if rng.random() < self.share else self.second).sample(rng)
-
-
 def require_distribution(name: str, given: object) -> None:
     """Check that something is a distribution.
 

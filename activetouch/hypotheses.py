@@ -1,4 +1,4 @@
-"""Evenly spread hypotheses of an object's orientation, size, stiffness and proportions: low-discrepancy sequences.
+"""Evenly spread hypotheses of an object's orientation, size and proportions: low-discrepancy sequences.
 
 >>> cover = quaternions(1000)
 >>> bool(np.allclose(cover.T @ cover / 1000, np.eye(4) / 4, atol=0.01))        # as uniform orientations have it
@@ -21,8 +21,7 @@ _PHI = np.sqrt(2.0)
 _PSI = 1.533751168755204288118041  # the root of ψ⁴ = ψ + 4 (Alexa 2022)
 _DRAWN = 4096  # numbers that stand for a distribution
 _GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
-_PLASTIC = 0.5698402909980532  # 1 / ρ² with ρ³ = ρ + 1: together with the others, points fill a box evenly
-_PLASTIC_ROOT = 0.7548776662466927  # 1 / ρ
+_PLASTIC_ROOT = 0.7548776662466927  # 1 / ρ with ρ³ = ρ + 1
 
 
 def quaternions(num: int) -> Floats:
@@ -54,15 +53,10 @@ def sizes(distribution: Distribution, num: int) -> Floats:
     return quantiles(distribution, kronecker(_GOLDEN, num))
 
 
-def stiffnesses(distribution: Distribution, num: int) -> Floats:
-    """Factors on the stiffness that cover a distribution evenly, ``(num,)``, independent of :func:`sizes`."""
-    return quantiles(distribution, kronecker(_PLASTIC, num))
-
-
 def member_shares(num: int) -> Floats:
     """Where each hypothesis is in a family of solids, whatever its shape, ``(num,)``, above 0 and below 1.
 
-    They are evenly spread, independent of :func:`sizes` and :func:`stiffnesses`. :meth:`activetouch.Scene.bodies` says
+    They are evenly spread, independent of :func:`sizes`. :meth:`activetouch.Scene.bodies` says
     which solid that is.
 
     >>> member_shares(4).tolist()

@@ -20,7 +20,6 @@ from activetouch.sensor_files import (
     INDEPENDENT_SUFFIX,
     MODELS,
     READER_FILE,
-    ROBUST_SUFFIX,
     fitted_model,
     is_of_objects,
     require_model,
@@ -105,7 +104,7 @@ class TactileSensor:
                 stacklevel=2,
             )
         if reader.hypotheses is not None:
-            model = model.with_hypotheses(HypothesisTable(reader, scene, fitted.stiffness))
+            model = model.with_hypotheses(HypothesisTable(reader, scene))
         return cls(scene, reader, model, shift=shift)
 
     @classmethod
@@ -113,9 +112,8 @@ class TactileSensor:
         """A sensor that comes with the package, in the scene that it was made for or in another. See :meth:`load`.
 
         Args:
-            name: of a scene, for the sensor whose belief is about one rigid body; followed by ``-robust``, for the one
-                whose reader was trained in a wider world; or by ``-independent``, for the sensor that reads shapes only
-                and takes touches as independent given the shape.
+            name: of a scene, for the sensor whose belief is about one rigid body; followed by ``-independent``, for the
+                sensor that reads shapes only and takes touches as independent given the shape.
             scene: in which to use it.
             anyway: as in :meth:`load`.
 
@@ -125,7 +123,7 @@ class TactileSensor:
         known = sorted(folder.name for folder in MODELS.iterdir() if folder.is_dir())
         if name not in known:
             raise UnknownName("sensor", name, known)
-        of_scene = name.removesuffix(INDEPENDENT_SUFFIX).removesuffix(ROBUST_SUFFIX)
+        of_scene = name.removesuffix(INDEPENDENT_SUFFIX)
         return cls.load(MODELS / name, scene if scene is not None else SCENES[of_scene].scene, anyway)
 
     def __repr__(self) -> str:

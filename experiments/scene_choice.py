@@ -24,7 +24,6 @@ from activetouch.orientations import Inexact, Presentation, Resampled, Tumbled, 
 from activetouch.pressing.deformable import Deformable
 from activetouch.pressing.guarded_move import GuardedMove
 from activetouch.pressing.press import Press
-from activetouch.randomisation import randomised
 from activetouch.rendering import RENDERERS, TactileRenderer
 from activetouch.rendering.renderer import require_renderer
 from activetouch.shapes import Family
@@ -202,9 +201,6 @@ class SceneChoice:
     """A shape whose objects differ in their proportions, as SHAPE:PARAMETER=LOW..HIGH with factors on the nominal
     number, such as cylinder:half_length=0.5..2. Several parameters are separated by commas; repeat the option for
     other shapes."""
-    randomised: bool = False
-    """Draw stiffness, size, force, friction, noise, gain and broken taxels from wider ranges than the scene's: to train
-    readers that also work in changed worlds."""
     robot: Literal["panda_allegro"] | None = None
     """Robot to model behind the pad; its models are read from $MENAGERIE_ROOT."""
 
@@ -253,7 +249,7 @@ class SceneChoice:
             changes["variation"] = replace(named.scene.variation, size=size)
         scene = replace(named.scene, **changes)
         num_objects = min(named.num_objects, len(scene.shapes)) if self.only else named.num_objects
-        return replace(named, scene=randomised(scene) if self.randomised else scene, num_objects=num_objects)
+        return replace(named, scene=scene, num_objects=num_objects)
 
     def __getstate__(self) -> dict[str, Any]:
         """State for pickling: the names only; the receiving process resolves them."""
@@ -279,6 +275,8 @@ class SceneChoice:
         given = {**fields, "meshes": tuple(Path(path) for path in fields["meshes"])}
         if not given["meshes"]:
             given.pop("mesh_scale", None)
+        if given.get("randomised") is False:
+            given.pop("randomised")  # of files from before training in a wider world was removed
         if given.get("size_range") is not None:
             given["size_range"] = tuple(given["size_range"])
         if "family" in given:

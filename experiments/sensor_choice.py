@@ -6,7 +6,7 @@ import shlex
 import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import fields
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -28,7 +28,6 @@ from activetouch.sensor_files import (
 )
 from belief.errors import ActiveTouchError
 from belief.policy_state import WITH_GAINS
-from experiments.command_line.trust import Trust
 from experiments.scene_choice import (
     SceneChoice,
     bank_folder,
@@ -283,21 +282,6 @@ def open_collection(folder: Path, scene: str, repeats: bool) -> Manifest:
         return read_manifest(folder)
     except NoCollection as error:
         raise NoCollection(f"{error}. Record one with: {_collect(scene, folder, repeats)}") from error
-
-
-def to_be_read(manifest: Manifest, trust: Trust) -> Manifest:
-    """The manifest of a collection for training, with the scene that the reader is for.
-
-    That is the scene of the collection without domain randomisation.
-
-    Raises:
-        FileNamesCode: the scene is code that may not be used.
-    """
-    choice = manifest.choice
-    if choice is None or not choice.get("randomised"):
-        return manifest
-    plain = SceneChoice.from_dict({**choice, "randomised": False}, trust)
-    return replace(manifest, scene=scene_fields(plain.named.scene))
 
 
 def require_collection(

@@ -46,8 +46,6 @@ class ClassifierCard:
         image_shape: ``(H, W)`` or ``(H, W, 3)`` of the images that an exported network takes; empty in a checkpoint.
         embedding: length of the embeddings of images and hypotheses; 0 for a network that gives logits of the shapes.
         log_size_mean, log_size_std: they standardise the logarithm of a hypothesis's size.
-        log_stiffness_mean, log_stiffness_std: they do so for the stiffness; the spread is 0 where all training touches
-            had the same, and hypotheses then have none.
         imaging: fields of :class:`activetouch.perception.contacts.imaging.Imaging`, of a reader of any object, which
             knows no shapes until it is bound to a scene.
         aim_scale: of the aims, the intended offsets of an object in the scene's poses [m]; 0 where no pose has an aim,
@@ -68,15 +66,8 @@ class ClassifierCard:
     embedding: int = 0
     log_size_mean: float = 0.0
     log_size_std: float = 1.0
-    log_stiffness_mean: float = 0.0
-    log_stiffness_std: float = 0.0
     aim_scale: float = 0.0
     imaging: Mapping[str, Any] | None = None
-
-    @property
-    def knows_stiffness(self) -> bool:
-        """Whether a hypothesis is about the stiffness too."""
-        return self.log_stiffness_std > 0.0
 
     @property
     def knows_aims(self) -> bool:
@@ -87,10 +78,10 @@ class ClassifierCard:
     def num_inputs(self) -> int:
         """Numbers that describe a hypothesis to its network.
 
-        Of its shape, rotation matrix and size, of the products of two entries of the matrix, and of the stiffness and
-        aim that it may have.
+        Of its shape, rotation matrix and size, of the products of two entries of the matrix, and of the aim that it
+        may have.
         """
-        return len(self.shape_labels) + 10 + len(PRODUCTS[0]) + self.knows_stiffness + 2 * self.knows_aims
+        return len(self.shape_labels) + 10 + len(PRODUCTS[0]) + 2 * self.knows_aims
 
     @property
     def knows_orientations(self) -> bool:
@@ -143,12 +134,11 @@ class ClassifierCard:
             )
 
     def fields(self) -> dict[str, Any]:
-        """Its fields, as a file has them: nothing about stiffness and aims where they are not known.
+        """Its fields, as a file has them: nothing about aims where they are not known.
 
         A card that knows orientations names its network of hypotheses too.
         """
-        absent: tuple[str, ...] = () if self.knows_stiffness else ("log_stiffness_mean", "log_stiffness_std")
-        absent += () if self.knows_aims else ("aim_scale",)
+        absent: tuple[str, ...] = () if self.knows_aims else ("aim_scale",)
         absent += () if self.imaging is not None else ("imaging",)
         found = {name: value for name, value in asdict(self).items() if name not in absent}
         network = HYPOTHESIS_NETWORK if self.imaging is None else CONTACT_NETWORK

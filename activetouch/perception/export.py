@@ -111,16 +111,13 @@ def fixed_hypotheses(classifier: TouchClassifier, touches: TouchSet) -> Hypothes
     )
     rows = np.linspace(0, len(touches.sizes) - 1, min(len(touches.sizes), _FIXED)).round().astype(int)
     rotations = to_matrices(touches.orientations[rows]).astype(np.float32)
-    rng = np.random.default_rng(0)
-    sizes = rng.permutation(touches.sizes)[: len(rows)].astype(np.float32)
-    stiffnesses = rng.permutation(touches.stiffnesses)[: len(rows)].astype(np.float32)
+    sizes = np.random.default_rng(0).permutation(touches.sizes)[: len(rows)].astype(np.float32)
     card = classifier.card
     return HypothesisEmbedding(
         card,
         layers,
         rotations,
         sizes,
-        stiffnesses if card.knows_stiffness else None,
         touches.aims[rows].astype(np.float32) if card.knows_aims else None,
     )
 

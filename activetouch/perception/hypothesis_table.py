@@ -11,13 +11,11 @@ import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import NDArray
 
-from activetouch.distributions import Distribution
 from activetouch.errors import WrongScene
 from activetouch.orientations import LyingAnyhow
 from activetouch.perception.hypothesis_bodies import Bodies, bodies_of
 from activetouch.perception.reader import TactileReader
 from activetouch.poses import multiply, turned
-from activetouch.randomisation import assumed
 from activetouch.scene import Scene
 from belief.errors import InvalidArgument
 from belief.frozen import frozen
@@ -36,13 +34,10 @@ class HypothesisTable:
     Attributes:
         reader: embeds them.
         scene: says which orientations and sizes there are, and how poses turn an object.
-        stiffness: distribution of the stiffness where it was measured. Otherwise a reader that knows stiffness allows
-            for other ones than the scene's (:func:`activetouch.randomisation.assumed`).
     """
 
     reader: TactileReader
     scene: Scene
-    stiffness: Distribution | None = None
 
     def __call__(self, num_hypotheses: int, poses: Sequence[int] | None = None) -> NDArray[np.float32]:
         """Embedded hypotheses ``(P, K, N, D)``, N of each shape, the same orientations and sizes for all shapes.
@@ -114,7 +109,4 @@ class HypothesisTable:
 
     def hypotheses(self, num_hypotheses: int) -> Bodies:
         """The hypotheses, the same for all shapes."""
-        vary = self.scene.variation
-        if self.reader.card.knows_stiffness:
-            vary = assumed(vary, self.stiffness)
-        return bodies_of(self.scene, num_hypotheses, vary)
+        return bodies_of(self.scene, num_hypotheses)

@@ -127,7 +127,6 @@ class TactileReader:
         shapes: NDArray[np.int64],
         rotations: NDArray[Any],
         sizes: NDArray[Any],
-        stiffnesses: NDArray[Any] | None = None,
         aims: NDArray[Any] | None = None,
     ) -> NDArray[np.float32]:
         """Embeddings of hypotheses. See :meth:`HypothesisEmbedding.embed`.
@@ -137,7 +136,7 @@ class TactileReader:
         """
         if not isinstance(self.hypotheses, HypothesisEmbedding):
             raise InvalidArgument("this reader tells shapes only; one that knows orientations is trained with its own")
-        return self.hypotheses.embed(shapes, rotations, sizes, stiffnesses, aims)
+        return self.hypotheses.embed(shapes, rotations, sizes, aims)
 
     def save(self, path: Path) -> None:
         """Write the reader, atomically.

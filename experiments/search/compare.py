@@ -87,7 +87,7 @@ class Compare:
     bound: bool = False
     """Also compute an upper bound on the expected return for the discretised sensor model (up to minutes per target).
     Live returns can exceed it, because live touches carry more information than their outcome and are correlated. For
-    a sensor of one rigid body, also one for a decider that is shown orientation, size and stiffness of each object."""
+    a sensor of one rigid body, also one for a decider that is shown orientation and size of each object."""
     jobs: Jobs = field(default_factory=default_jobs)
     """Number of processes; the results do not depend on it."""
     backend: Literal["loky", "dask"] = "loky"

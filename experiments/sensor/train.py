@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from activetouch.data.dataset import TouchSet, read_split
 from activetouch.data.manifest import Manifest
@@ -30,10 +29,9 @@ from experiments.command_line.arguments import (
     Seed,
     check_arguments,
 )
-from experiments.command_line.trust import Trust
 from experiments.parallel import default_jobs, progress_bar
 from experiments.scene_choice import collection_folder, named_scene, training_folder
-from experiments.sensor_choice import open_collection, require_named_scene, to_be_read
+from experiments.sensor_choice import open_collection, require_named_scene
 
 if TYPE_CHECKING:
     from torch import nn
@@ -48,8 +46,6 @@ _STANDARDISING = (
     "pixel_std",
     "log_size_mean",
     "log_size_std",
-    "log_stiffness_mean",
-    "log_stiffness_std",
     "aim_scale",
 )
 """Fields of a card that centre and scale the inputs of its network."""
@@ -144,8 +140,6 @@ class Train:
     """Settings that differ from the recipe's."""
     threads: Jobs = field(default_factory=default_jobs)
     """Threads of the linear algebra."""
-    trust: bool = False
-    """Run code of your own that the collection names beside --scene, such as a renderer module:attribute."""
 
     @ends_claims
     def run(self) -> None:
@@ -159,7 +153,7 @@ class Train:
         data = self.data if self.data is not None else collection_folder(self.scene)
         out = self.out if self.out is not None else training_folder(self.scene)
         claim_folder(out)
-        manifest = to_be_read(open_collection(data, self.scene, repeats=False), Trust(data, [self.scene], self.trust))
+        manifest = open_collection(data, self.scene, repeats=False)
         require_named_scene(data, manifest, self.scene if self.out is None else None, repeats=False)
         size = self.input_size if self.input_size is not None else named.input_size
         backbone = self.backbone if self.backbone is not None else named.backbone
@@ -281,18 +275,8 @@ def card_for(
         embedding=embedding,
         log_size_mean=round(float(log_sizes.mean()), 4) if embedding else 0.0,
         log_size_std=round(max(float(log_sizes.std()), 1e-3), 4) if embedding else 1.0,
-        **(_stiffness_fields(train.stiffnesses) if embedding else {}),
         aim_scale=round(float(np.abs(np.nan_to_num(train.aims)).max()), 6) if embedding else 0.0,
     )
-
-
-def _stiffness_fields(stiffnesses: NDArray[np.float64]) -> dict[str, Any]:
-    """How to standardise log stiffness; nothing where all touches have the same, or it is not known."""
-    if np.isnan(stiffnesses).any() or np.ptp(stiffnesses) == 0.0:
-        return {}
-    logs = np.log(stiffnesses)
-    mean, std = round(float(logs.mean()), 4), round(max(float(logs.std()), 1e-3), 4)
-    return {"log_stiffness_mean": mean, "log_stiffness_std": std}
 
 
 def new_classifier(card: ClassifierCard, seed: int, weights: str | None = None) -> TouchClassifier:
@@ -350,7 +334,7 @@ def _reads_alike(one: ClassifierCard, other: ClassifierCard) -> bool:
     """Whether two networks have the same shapes, inputs and outputs, perhaps standardised by other numbers."""
     apart = {"scene", "mujoco_version", "training", "pose_labels", "image_shape", *_STANDARDISING}
     same = all(getattr(one, each.name) == getattr(other, each.name) for each in fields(one) if each.name not in apart)
-    return same and (one.knows_stiffness, one.knows_aims) == (other.knows_stiffness, other.knows_aims)
+    return same and one.knows_aims == other.knows_aims
 
 
 def _published(card: ClassifierCard, weights: str) -> nn.Module:

@@ -118,8 +118,8 @@ def test_the_default_sensor_is_measured_with_every_number_of_hypotheses():
 
 def test_the_shipped_sensors_of_a_scene_come_with_the_default_first():
     found = shipped_networks("coarse")
-    assert [network.sensor for network in found] == ["coarse", "coarse-independent", "coarse-robust"]
-    assert [network.knows_orientation for network in found] == [True, False, True]
+    assert [network.sensor for network in found] == ["coarse", "coarse-independent"]
+    assert [network.knows_orientation for network in found] == [True, False]
     assert [network.sensor for network in shipped_networks("gel")] == ["gel", "gel-independent"]
     assert all(network.path.is_file() and not network.file for network in found)
 
