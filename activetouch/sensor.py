@@ -101,7 +101,7 @@ class TactileSensor:
 
         Args:
             name: of a scene, for the sensor whose belief is about one rigid body; followed by ``-robust``, for the one
-                whose reader was trained in a wider world; or by ``-independent``, for the sensor that reads shapes only
+                whose reader was trained in a wider world; or ``paper-independent``, the sensor that reads shapes only
                 and takes touches as independent given the shape.
             scene: in which to use it.
             anyway: as in :meth:`load`.

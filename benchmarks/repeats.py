@@ -1,6 +1,6 @@
 """Measure the benefit of discounting repeated touches: searches among recorded objects with many touches per pose.
 
-Run: activetouch collect --scene coarse --plan.train 0 --plan.repeats 6 --out data/coarse-repeats
+Run: activetouch collect --scene paper --plan.train 0 --plan.repeats 6 --plan.test 300 --out data/paper-repeats
      python benchmarks/repeats.py
 
 Touches are recorded touches of test objects; a second touch in a pose is that of the next round. Repeats are therefore
@@ -91,7 +91,7 @@ def deciders(table: OutcomeTable, known: RepeatDiscount) -> Mapping[str, Decider
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scene", default="coarse")
+    parser.add_argument("--scene", default="paper")
     parser.add_argument("--episodes", type=int, default=2000)
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
