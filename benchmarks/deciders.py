@@ -19,12 +19,13 @@ import numpy as np
 from matplotlib.figure import Figure
 from timed import Timed
 
-from activetouch.sensor_files import MODELS, load_observation_model
+from activetouch.sensor_files import load_observation_model
 from belief import SearchProblem
 from belief.observation_model import OutcomeTable
 from belief.observation_model.tabular import TabularModel
 from belief.statistics import paired_bootstrap, wilson_interval
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
+from experiments.sensor_choice import independent_sensor
 from planners import DECIDERS, Decider, Episode, make_decider, search_lockstep
 from planners.registry import NEED_FILES
 from planners.solve import SearchTouchProblem, solve
@@ -53,7 +54,7 @@ class Row:
 
 
 def tables() -> dict[str, OutcomeTable]:
-    coarse = load_observation_model(MODELS / "coarse", independent=True)
+    coarse = load_observation_model(independent_sensor("coarse"), independent=True)
     return {"coarse": coarse.outcome_table(), "random": random_model(np.random.default_rng(3)).outcome_table()}
 
 

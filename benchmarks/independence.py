@@ -1,6 +1,6 @@
 """Test whether touches in different poses are independent given the shape, as outcome tables assume.
 
-Run: activetouch collect --scene paper --plan.train 0 --plan.repeats 6 --plan.test 300 --out data/paper-repeats
+Run: activetouch collect --scene paper --plan.train 0 --plan.repeats 2 --plan.test 300 --out data/paper-repeats
      python benchmarks/independence.py
 
 It compares recorded objects of the test split, touched once in every pose, with objects whose touches are drawn from
@@ -14,15 +14,26 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from repeats import read_rounds
 from scipy.special import softmax
 
-from activetouch.sensor_files import load_observation_model
+from activetouch.data.dataset import read_split
+from activetouch.data.manifest import read_manifest
+from activetouch.perception.reader import TactileReader
+from activetouch.sensor_files import READER_FILE, load_observation_model
 from belief.observation_model import ArrayModel, OutcomeTable
 from belief.observation_model.selection import log_posteriors
 from belief.problem import Floats
 from belief.touch_batch import TouchBatch
+from experiments.calibration.sequences import Rounds
+from experiments.sensor.scores import read_touches
 from experiments.sensor_choice import independent_sensor
+
+
+def read_rounds(data: Path, sensor: Path) -> Rounds:
+    manifest = read_manifest(data)
+    truth = read_split(data, "test")
+    touches = read_touches(TactileReader.load(sensor / READER_FILE), truth, "reading test touches")
+    return Rounds.of(truth, touches, len(manifest.pose_labels))
 
 
 def recorded_posteriors(scene: str, model: ArrayModel) -> tuple[Floats, np.ndarray]:

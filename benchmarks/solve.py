@@ -19,8 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import softmax
 
-from activetouch.sensor_files import MODELS, load_observation_model
+from activetouch.sensor_files import load_observation_model
 from belief.problem import Floats
+from experiments.sensor_choice import independent_sensor
 from planners.solve import SearchPolicy, SearchTouchProblem, TouchPolicy, TouchProblem, solve
 
 
@@ -28,7 +29,7 @@ def table(name: str, num_outcomes: int | None) -> Floats:
     """An outcome table, by name."""
     if name == "synthetic":
         return np.asarray(softmax(2.0 * np.random.default_rng(1).normal(size=(6, 4, 12)), axis=2))
-    return load_observation_model(MODELS / name, independent=True).outcome_table(num_outcomes).probs
+    return load_observation_model(independent_sensor(name), independent=True).outcome_table(num_outcomes).probs
 
 
 def decision_times(policy: TouchPolicy) -> tuple[float, float]:
