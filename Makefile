@@ -11,7 +11,7 @@ PIP_ARGS ?=
 
 export HF_HUB_OFFLINE := 1
 
-.PHONY: search test check types others docs environment development sensor places robust-sensor independent-sensor policies joint-policies figures reproduce clean
+.PHONY: search test check types others docs environment development sensor places independent-sensor policies joint-policies figures reproduce clean
 
 search: environment
 	$(BIN)/activetouch compare --scene coarse --out runs/search $(ARGS)
@@ -111,21 +111,6 @@ places: development
 		--data data/$(PLACES) --sensor runs/sensor-$(PLACES)
 	$(BIN)/activetouch compare --scene $(SCENE) --poses directions26 --sensor runs/sensor-$(PLACES) --deciders $(BY_PLACE) \
 		--episodes $(SEARCHES.$(SCENE)) --seed 1 --out runs/places-$(PLACES)
-
-# The sensor of a scene whose reader was trained in a wider world; the observation model is of the scene itself.
-WIDE.coarse := --plan.train 9000 --plan.calibration 200 --plan.test 0
-WIDE.hard := --plan.train 1200 --plan.calibration 80 --plan.test 0
-WIDE.many := $(WIDE.hard)
-ROBUST.coarse := --change.epochs 10 --change.cell 0
-ROBUST.hard := --change.epochs 14
-ROBUST.many := $(ROBUST.hard)
-robust-sensor: development
-	$(BIN)/activetouch collect --scene $(SCENE) --randomised $(WIDE.$(SCENE)) --out data/$(SCENE)-wide
-	$(BIN)/activetouch train --scene $(SCENE) $(ROBUST.$(SCENE)) \
-		--data data/$(SCENE)-wide --out runs/train-$(SCENE)-robust
-	$(BIN)/activetouch collect --scene $(SCENE) --plan.train 0 $(REPEATS.$(SCENE)) --out data/$(SCENE)-repeats
-	$(BIN)/activetouch calibrate --scene $(SCENE) --reader runs/train-$(SCENE)-robust/reader.safetensors \
-		--observation-model "rigid body" --out activetouch/models/$(SCENE)-robust
 
 # The sensor of paper that reads shapes only and takes touches as independent given the shape, as the paper did.
 INDEPENDENT := paper-independent

@@ -14,6 +14,8 @@ from typing import Protocol
 
 import numpy as np
 
+from belief.errors import InvalidArgument
+
 _NARROW = 0.1  # limit below which rejection is from a uniform distribution: few normal deviates are that small
 
 
@@ -122,33 +124,20 @@ class Normal:
                 return float(self.mean + self.std * deviate)
 
 
-@dataclass(frozen=True)
-class Mixture:
-    """Draws from ``first`` with probability ``share``, and from ``second`` otherwise.
+def require_distribution(name: str, given: object) -> None:
+    """Check that something is a distribution.
 
-    >>> rng = np.random.default_rng(0)
-    >>> drawn = [Mixture(Constant(1.0), Uniform(2.0, 3.0), 0.5).sample(rng) for _ in range(1000)]
-    >>> bool(0.45 < np.mean(np.equal(drawn, 1.0)) < 0.55)
-    True
+    Args:
+        name: of what it is, for the message.
+        given: the distribution.
+
+    Raises:
+        InvalidArgument: it cannot be sampled.
     """
-
-    first: Distribution
-    second: Distribution
-    share: float = 0.5
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.share <= 1.0:
-            raise ValueError(f"share must be in [0, 1], got {self.share}")
-
-    @property
-    def support(self) -> tuple[float, float]:
-        """See :class:`Distribution`."""
-        (low, high), (other_low, other_high) = self.first.support, self.second.support
-        return min(low, other_low), max(high, other_high)
-
-    def sample(self, rng: np.random.Generator) -> float:
-        """See :class:`Distribution`."""
-        return (self.first if rng.random() < self.share else self.second).sample(rng)
+    if isinstance(given, type) or not callable(getattr(given, "sample", None)):
+        raise InvalidArgument(
+            f"{name} must be a distribution such as Uniform(0.9, 1.1) or Constant(1.0), got {given!r}"
+        )
 
 
 def _require_finite(distribution: Distribution, *values: float) -> None:

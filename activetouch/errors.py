@@ -49,6 +49,10 @@ class DuplicateShape(ActiveTouchError, ValueError):
     """Two shapes of a scene would have the same name."""
 
 
+class AlikeShapes(UserWarning):
+    """Simulated touches tell the shapes of a scene apart too rarely."""
+
+
 class MeshWarning(UserWarning):
     """A mesh is read, and is not quite what its file says, or not one closed solid; the message says what it means."""
 

@@ -1,4 +1,4 @@
-"""Placements: position, orientation, size and surface of a pressed object."""
+"""Objects and placements: solid, orientation, size and surface of what is pressed, and its position."""
 
 from __future__ import annotations
 
@@ -10,6 +10,28 @@ from numpy.typing import NDArray
 
 from activetouch.poses import Quaternion, require_unit
 from activetouch.shapes import Shape
+
+
+@dataclass(frozen=True, eq=False)
+class WorldObject:
+    """One physical object, as it is for a whole episode.
+
+    Attributes:
+        shape_index: what it is.
+        scale: its size factor.
+        orientation: in which it was put on its guide, ``wxyz``.
+        friction: coefficient of its surface.
+        stiffness: of its skin together with the pad's layer, relative to the layer's alone.
+        member: its solid at nominal size, where its shape is a family; None for any other shape, and for the nominal
+            solid of a family.
+    """
+
+    shape_index: int
+    scale: float
+    orientation: Quaternion
+    friction: float = 1.0
+    stiffness: float = 1.0
+    member: Shape | None = None
 
 
 @dataclass(frozen=True, eq=False)

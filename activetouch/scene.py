@@ -25,11 +25,10 @@ from typing import NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.distributions import Constant, Distribution, Uniform
 from activetouch.errors import BadMesh, UnstablePress
 from activetouch.mesh_source import MeshSource
 from activetouch.orientations import Presentation, Tumbled
-from activetouch.placement import Placement
+from activetouch.placement import Placement, WorldObject
 from activetouch.poses import POSE_SETS, POSES, Quaternion, require_unit
 from activetouch.pressing.contact import Contact
 from activetouch.pressing.dynamic import Dynamic
@@ -41,8 +40,10 @@ from activetouch.rendering import Fault, Gain, Noise, PressureRenderer, TactileR
 from activetouch.rendering.faults import require_faults
 from activetouch.rendering.renderer import require_image, require_renderer
 from activetouch.shapes import SHAPES, Shape
+from activetouch.solids.family import Family
 from activetouch.solids.mirror import is_own_mirror_image
 from activetouch.solids.twins import warn_of_twins
+from activetouch.variation import Variation
 from belief.errors import InvalidArgument, UnknownName
 from belief.naming import Name, few, index_of, one_line
 from belief.validation import require_count
@@ -59,59 +60,6 @@ class Symmetry(StrEnum):
     NONE = "none"
     ROTATIONS = "rotations"
     ROTATIONS_AND_MIRROR = "rotations and mirror"
-
-
-@dataclass(frozen=True)
-class Variation:
-    """What differs from object to object (size, friction, stiffness) and from press to press (offset, force).
-
-    Attributes:
-        size: factor on the nominal size of every object, built-in or mesh; ``Constant(1.0)`` for one of known size.
-        offset: of an object's centre from the approach axis, along y and along z [m].
-        force: at which the motion stops [N].
-        friction: coefficient between an object and the pad.
-        stiffness: of the pad's layer together with an object's skin, relative to the pad's alone.
-
-    Raises:
-        InvalidArgument: one of them is no distribution.
-    """
-
-    size: Distribution = field(default_factory=lambda: Uniform(0.9, 1.1))
-    offset: Distribution = field(default_factory=lambda: Uniform(-0.002, 0.002))
-    force: Distribution = field(default_factory=lambda: Uniform(1.5, 3.0))
-    friction: Distribution = field(default_factory=lambda: Constant(1.0))
-    stiffness: Distribution = field(default_factory=lambda: Constant(1.0))
-
-    def __post_init__(self) -> None:
-        for part in fields(self):
-            given = getattr(self, part.name)
-            if isinstance(given, type) or not callable(getattr(given, "sample", None)):
-                raise InvalidArgument(
-                    f"{part.name} must be a distribution such as Uniform(0.9, 1.1) or Constant(1.0), got {given!r}"
-                )
-
-    def sample_offset(self, rng: np.random.Generator) -> NDArray[np.float64]:
-        """Displacement of one press, along y and along z [m], ``(2,)``."""
-        return np.array([self.offset.sample(rng) for _ in range(2)])
-
-
-@dataclass(frozen=True, eq=False)
-class WorldObject:
-    """One physical object, as it is for a whole episode.
-
-    Attributes:
-        shape_index: what it is.
-        scale: its size factor.
-        orientation: in which it was put on its guide, ``wxyz``.
-        friction: coefficient of its surface.
-        stiffness: of its skin together with the pad's layer, relative to the layer's alone.
-    """
-
-    shape_index: int
-    scale: float
-    orientation: Quaternion
-    friction: float = 1.0
-    stiffness: float = 1.0
 
 
 class PressedObject(NamedTuple):
@@ -138,7 +86,8 @@ class Scene:
 
     Attributes:
         shapes: the shapes an object may have, by label; their order is the shape index. A path, or text such as
-            ``"mug.obj@0.001"``, stands for the solid in that mesh file (:mod:`activetouch.mesh_source`).
+            ``"mug.obj@0.001"``, stands for the solid in that mesh file (:mod:`activetouch.mesh_source`). Objects
+            whose shape is a :class:`activetouch.shapes.Family` differ in their proportions.
         poses: the exploration poses, by label; their order is the pose index. A name stands for a set of
             :data:`activetouch.poses.POSE_SETS`: ``"mix"`` or ``"directions26"``.
         pad: the tactile pad.
@@ -159,7 +108,7 @@ class Scene:
         MeshWarning: two meshes are alike, see :func:`activetouch.solids.twins.find_twins`; once a process.
     """
 
-    shapes: Mapping[str, Shape | Path | str] = field(default_factory=lambda: SHAPES)
+    shapes: Mapping[str, Shape | Family | Path | str] = field(default_factory=lambda: SHAPES)
     poses: Mapping[str, Quaternion] | str = field(default_factory=lambda: POSES)
     pad: Pad = field(default_factory=Pad)
     press_model: Press = field(default_factory=Dynamic)
@@ -185,14 +134,19 @@ class Scene:
             require_unit(f"the pose {label!r}", rotation)
         object.__setattr__(self, "aims", _aims(self.aims, self.rotations))
         solids = {k: MeshSource.parse(v).read() if isinstance(v, Path | str) else v for k, v in self.shapes.items()}
-        for label, solid in solids.items():
+        object.__setattr__(self, "shapes", solids)
+        for label, solid in self.solids.items():
             members = ("bounding_radius", "geom", "entry_distance")  # of the class, so that no property is computed
             if not all(hasattr(type(solid), member) or hasattr(solid, member) for member in members):
                 raise BadMesh(
                     f"the shape {label!r} is {solid!r}; a shape is a solid such as Sphere(0.02), or the path of a mesh "
                     "file (STL, OBJ, PLY, OFF, GLB, 3MF, DAE); 'mug.stl@0.001' is the text for one in millimetres"
                 )
-        object.__setattr__(self, "shapes", solids)
+        if self.parking and self.families:
+            raise InvalidArgument(
+                "parking loads all objects into one model, but "
+                f"the proportions of {', '.join(self.families)} are drawn later; leave parking out"
+            )
         require_renderer(self.renderer)
         require_faults(self.faults)
         for name, kind in (("pad", Pad), ("variation", Variation)):
@@ -219,7 +173,7 @@ class Scene:
             return NotImplemented
         mine, theirs = self.rotations, other.rotations
         return (
-            list(self.solids.items()) == list(other.solids.items())
+            list(self.shapes.items()) == list(other.shapes.items())
             and list(mine) == list(theirs)
             and all(np.array_equal(mine[label], theirs[label]) for label in mine)  # arrays have no truth value
             and all(
@@ -237,8 +191,14 @@ class Scene:
 
     @property
     def solids(self) -> Mapping[str, Shape]:
-        """The shapes by label, all of them solids: mesh files were read at construction."""
-        return cast(Mapping[str, Shape], self.shapes)
+        """The shapes by label, all of them solids: those of mesh files, and the nominal solids of families."""
+        solids = {label: shape.nominal if isinstance(shape, Family) else shape for label, shape in self.shapes.items()}
+        return cast(Mapping[str, Shape], solids)
+
+    @property
+    def families(self) -> Mapping[str, Family]:
+        """The shapes whose proportions differ from object to object, by label."""
+        return {label: shape for label, shape in self.shapes.items() if isinstance(shape, Family)}
 
     @property
     def rotations(self) -> Mapping[str, Quaternion]:
@@ -298,11 +258,11 @@ class Scene:
         return one_line(Scene, few(self.shape_labels), f"{len(self.poses)} poses", *names)
 
     def sample_object(self, shape: Name, rng: np.random.Generator) -> WorldObject:
-        """An object with random size, surface and orientation.
+        """An object with random size, surface and orientation, and random proportions if its shape is a family.
 
         Args:
             shape: its label or index.
-            rng: of its size, surface and orientation.
+            rng: of its size, surface and orientation, then of its proportions.
 
         Raises:
             UnknownName: the scene has no shape of that name.
@@ -310,7 +270,35 @@ class Scene:
         shape_index = index_of("shape", self.shape_labels, shape)
         vary = self.variation
         scale, friction, stiffness = vary.size.sample(rng), vary.friction.sample(rng), vary.stiffness.sample(rng)
-        return WorldObject(shape_index, scale, self.presentation.rest(rng), friction, stiffness)
+        rest, family = self.presentation.rest(rng), self.families.get(self.shape_labels[shape_index])
+        return WorldObject(shape_index, scale, rest, friction, stiffness, family.sample(rng) if family else None)
+
+    def bodies(self, shape: Name, shares: NDArray[np.float64]) -> tuple[tuple[Shape, ...], NDArray[np.int64]]:
+        """The solids of hypotheses of a shape, and which of them each hypothesis has.
+
+        Hypotheses of a family share at most 64 members, so that geometry need not be computed for each hypothesis. Any
+        other shape has one solid.
+
+        Args:
+            shape: label or index.
+            shares: where each hypothesis is in a family, ``(N,)``, from :func:`activetouch.hypotheses.member_shares`.
+                It is the same for all shapes; a part of it gives a part of the hypotheses.
+
+        Returns:
+            The M different solids at nominal size, and for each hypothesis the index of one, ``(N,)``.
+
+        Raises:
+            UnknownName: the scene has no shape of that name.
+            InvalidArgument: the shares are not in [0, 1).
+        """
+        if not ((shares >= 0.0) & (shares < 1.0)).all():  # False for NaN
+            raise InvalidArgument(
+                f"shares must be in [0, 1), from activetouch.hypotheses.member_shares; got {shares!r:.80}"
+            )
+        label = self.shape_labels[index_of("shape", self.shape_labels, shape)]
+        if label in self.families:
+            return self.families[label].bodies(shares)
+        return (self.solids[label],), np.zeros(len(shares), np.int64)
 
     def place(self, thing: WorldObject, pose: Name, rng: np.random.Generator) -> Placement:
         """Put an object in front of the pad, in a pose, by its label or index."""
@@ -319,8 +307,8 @@ class Scene:
         if label in self.aims:
             offset += self.aims[label]
         shown = self.presentation.shown(thing.orientation, self.rotations[label], rng)
-        shape = self.solids[self.shape_labels[thing.shape_index]]
-        return Placement(shape, thing.scale, shown, offset, thing.friction, thing.stiffness)
+        solid = self.solids[self.shape_labels[thing.shape_index]] if thing.member is None else thing.member
+        return Placement(solid, thing.scale, shown, offset, thing.friction, thing.stiffness)
 
     def contact(self, placement: Placement, rng: np.random.Generator) -> Contact:
         """Press what is placed, with a random force.

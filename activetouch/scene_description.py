@@ -1,8 +1,9 @@
 """Scenes as JSON fields, and differences between scenes.
 
 Checkpoints, observation models, collections and touch banks contain the fields of their scene. A difference in press,
-faults, variation or presentation is a *known shift* of the same sensor; other differences need another sensor. The
-surroundings of the pad do not change touches (decision 0010).
+faults, variation, presentation or the proportions of a family is a *known shift* of the same sensor: a sensor that was
+made for the nominal solid may be used for the family, with a warning, to measure what that costs. Other differences
+need another sensor. The surroundings of the pad do not change touches (decision 0010).
 
     >>> from activetouch import SCENES
     >>> gel, coarse = (scene_fields(SCENES[name].scene) for name in ("gel", "coarse"))
@@ -31,7 +32,7 @@ from belief.identity import is_own, source_digest
 if TYPE_CHECKING:
     from activetouch.scene import Scene
 
-SHIFTS = frozenset({"press_model", "faults", "variation", "presentation"})
+SHIFTS = frozenset({"press_model", "faults", "variation", "presentation", "families"})
 """Fields of a scene whose change is a known shift of the same sensor."""
 SURROUNDINGS = frozenset({"height", "finger", "parking", "robot"})
 """Fields of a scene that do not change touches."""
@@ -68,10 +69,14 @@ def scene_fields(scene: Scene) -> dict[str, Any]:
 
     Arrays are rounded to eight decimals; meshes are replaced by digests. A user's class comes with the digest of its
     source code, so that an edited renderer makes another scene; an object with a ``__repr__`` of its own, and no
-    dataclass, is told by that text alone. A scene without aims has no such field.
+    dataclass, is told by that text alone. A scene without aims has no such field. A family is told by its nominal solid
+    among the shapes, and by the distributions of its parameters in the field ``families``, if there are any.
     """
     names = [field.name for field in fields(scene) if field.name != "aims" or scene.aims]
-    return {name: _described(getattr(scene, name)) for name in names}
+    told = {name: _described(scene.solids if name == "shapes" else getattr(scene, name)) for name in names}
+    families = getattr(scene, "families", {})
+    parts = {f"{label}.{name}": given for label, family in families.items() for name, given in family.parameters}
+    return told | ({"families": _described(parts)} if parts else {})
 
 
 def scene_differences(

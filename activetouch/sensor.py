@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.errors import SceneShift
+from activetouch.errors import NoIndependentModel, SceneShift
 from activetouch.named_scenes import SCENES
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
@@ -20,8 +20,8 @@ from activetouch.sensor_files import (
     INDEPENDENT_SUFFIX,
     MODELS,
     READER_FILE,
-    ROBUST_SUFFIX,
     fitted_model,
+    is_of_objects,
     require_model,
     shift_from,
 )
@@ -85,6 +85,18 @@ class TactileSensor:
         fitted = fitted_model(folder, independent)
         reader, model = TactileReader.load(folder / READER_FILE), fitted.model
         shift = shift_from(folder, reader.card, fitted, scene, anyway)
+        if reader.card.imaging is not None:
+            reader = reader.bound_to(scene)
+            if not is_of_objects(fitted.scene, scene):
+                if independent:
+                    raise NoIndependentModel(
+                        f"{folder} was not calibrated with the objects of this scene; only its joint model reads them"
+                    )
+                from activetouch.perception.preparation import (
+                    prepared,
+                )  # which sensors of their own objects do not need
+
+                model = prepared(reader, scene)
         if shift and not anyway:
             warnings.warn(
                 f"the sensor in {folder} is used outside the scene it was made for: {in_words(shift)}",
@@ -92,7 +104,7 @@ class TactileSensor:
                 stacklevel=2,
             )
         if reader.hypotheses is not None:
-            model = model.with_hypotheses(HypothesisTable(reader, scene, fitted.stiffness))
+            model = model.with_hypotheses(HypothesisTable(reader, scene))
         return cls(scene, reader, model, shift=shift)
 
     @classmethod
@@ -100,9 +112,8 @@ class TactileSensor:
         """A sensor that comes with the package, in the scene that it was made for or in another. See :meth:`load`.
 
         Args:
-            name: of a scene, for the sensor whose belief is about one rigid body; followed by ``-robust``, for the one
-                whose reader was trained in a wider world; or ``paper-independent``, the sensor that reads shapes only
-                and takes touches as independent given the shape.
+            name: of a scene, for the sensor whose belief is about one rigid body; or ``paper-independent``, for the sensor
+                that reads shapes only and takes touches as independent given the shape.
             scene: in which to use it.
             anyway: as in :meth:`load`.
 
@@ -112,7 +123,7 @@ class TactileSensor:
         known = sorted(folder.name for folder in MODELS.iterdir() if folder.is_dir())
         if name not in known:
             raise UnknownName("sensor", name, known)
-        of_scene = name.removesuffix(INDEPENDENT_SUFFIX).removesuffix(ROBUST_SUFFIX)
+        of_scene = name.removesuffix(INDEPENDENT_SUFFIX)
         return cls.load(MODELS / name, scene if scene is not None else SCENES[of_scene].scene, anyway)
 
     def __repr__(self) -> str:

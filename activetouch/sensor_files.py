@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from activetouch.distributions import LogUniform
 from activetouch.errors import LabelMismatch, NoIndependentModel
-from activetouch.perception.card import ClassifierCard, read_card
+from activetouch.perception.card import OBJECTS, ClassifierCard, read_card
+from activetouch.perception.contacts.imaging import Imaging
 from activetouch.scene import Scene
 from activetouch.scene_description import require_scene, scene_fields
 from belief.errors import CorruptFile
@@ -20,7 +20,6 @@ MODELS = Path(__file__).parent / "models"
 READER_FILE, OBSERVATION_FILE = "reader.safetensors", "observation_model.json"
 INDEPENDENT_FILE = "independent_model.json"  # beside a joint model: takes touches as independent given the shape
 INDEPENDENT_SUFFIX = "-independent"  # of the shipped sensor that reads shapes only
-ROBUST_SUFFIX = "-robust"  # of a shipped sensor whose reader was trained in a wider world than the scene
 POLICIES = "policies"  # folder of trained policies beside the two
 
 
@@ -50,11 +49,7 @@ def observation_file(folder: Path, independent: bool = False) -> Path:
 
 
 def write_observation_model(
-    folder: Path,
-    model: ArrayModel,
-    scene: Mapping[str, Any],
-    file: str = OBSERVATION_FILE,
-    stiffness: tuple[float, float] | None = None,
+    folder: Path, model: ArrayModel, scene: Mapping[str, Any], file: str = OBSERVATION_FILE
 ) -> None:
     """Write the observation model of a sensor.
 
@@ -63,10 +58,8 @@ def write_observation_model(
         model: the model.
         scene: fields of the scene that its touches come from (:func:`activetouch.scene_description.scene_fields`).
         file: name of the file; :data:`INDEPENDENT_FILE` for a second model beside a joint one.
-        stiffness: range that hypotheses of a joint model are about, where it was measured.
     """
-    origin = {"scene": scene, **({} if stiffness is None else {"stiffness": list(stiffness)})}
-    write_text(folder / file, model.to_json(origin) + "\n")
+    write_text(folder / file, model.to_json({"scene": scene}) + "\n")
 
 
 def sensor_shift(folder: Path, scene: Scene, anyway: bool = False, independent: bool = False) -> tuple[str, ...]:
@@ -96,12 +89,10 @@ class FittedModel(NamedTuple):
     Attributes:
         model: the model.
         scene: fields of the scene; None if the file has none.
-        stiffness: its range where it was measured.
     """
 
     model: ArrayModel
     scene: Mapping[str, Any] | None
-    stiffness: LogUniform | None
 
 
 def fitted_model(folder: Path, independent: bool = False) -> FittedModel:
@@ -118,15 +109,9 @@ def fitted_model(folder: Path, independent: bool = False) -> FittedModel:
     path = observation_file(folder, independent)
     try:
         text = require_regular_file(path).read_text(encoding="utf-8")
-        origin = read_origin(text) or {}
-        scene, ends = origin.get("scene"), origin.get("stiffness")
+        scene = (read_origin(text) or {}).get("scene")
         if not (scene is None or isinstance(scene, dict)):
             raise ValueError(f"its scene is {scene!r}")
-        if not (
-            ends is None or (isinstance(ends, list) and len(ends) == 2 and all(type(end) is float for end in ends))
-        ):
-            raise ValueError(f"its stiffness is {ends!r}, not two numbers")
-        stiffness = None if ends is None else LogUniform(*ends)
         model = read_observation_model(text)
     except OSError as error:
         raise CorruptFile(f"{path} cannot be read: {error.strerror}") from error
@@ -137,7 +122,7 @@ def fitted_model(folder: Path, independent: bool = False) -> FittedModel:
             f"{folder} holds only the joint observation model {model.name!r}, and no {INDEPENDENT_FILE} beside it. "
             "The command calibrate writes both files"
         )
-    return FittedModel(model, scene, stiffness)
+    return FittedModel(model, scene)
 
 
 def shift_from(
@@ -153,11 +138,34 @@ def shift_from(
         anyway: see :func:`sensor_shift`.
     """
     card.require_labels(scene.shape_labels, scene.pose_labels)
-    require_model(fitted.model, scene)
     here = scene_fields(scene)
-    found = require_scene(f"the reader in {folder}", card.in_poses_of(here), here, anyway)
+    made_for = [("the reader", card.in_poses_of(here)), ("the observation model", fitted.scene)]
+    if card.imaging is not None:
+        from activetouch.perception.contacts.told import (
+            fields_read,
+        )  # which readers of the shapes of one scene do not need
+
+        imaging = Imaging.from_fields(card.imaging)
+        made_for = [(what, own and fields_read(imaging, own, scene, here)) for what, own in made_for]
+    else:
+        require_model(fitted.model, scene)
     card.require_images(scene.image_shape)
-    return tuple(dict.fromkeys(found + require_scene(f"the observation model in {folder}", fitted.scene, here, anyway)))
+    found = [require_scene(f"{what} in {folder}", own, here, anyway) for what, own in made_for]
+    return tuple(dict.fromkeys(sum(found, ())))
+
+
+def needs_preparation(folder: Path, scene: Scene, independent: bool = False) -> bool:
+    """Whether the sensor in a folder reads any object and was not calibrated with those of a scene."""
+    return read_card(folder / READER_FILE).imaging is not None and not is_of_objects(
+        fitted_model(folder, independent).scene, scene
+    )
+
+
+def is_of_objects(model_scene: Mapping[str, Any] | None, scene: Scene) -> bool:
+    """Whether an observation model was fitted to the objects and poses of a scene."""
+    here, own = scene_fields(scene), model_scene or {}
+    sizes = [fields.get("variation", {}).get("size") for fields in (own, here)]
+    return all(own.get(name) == here.get(name) for name in OBJECTS) and sizes[0] == sizes[1]
 
 
 def require_model(model: ArrayModel, scene: Scene) -> None:

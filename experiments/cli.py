@@ -51,7 +51,6 @@ COMMAND_GROUPS: dict[str, dict[str, Command]] = {
         "train": Command("sensor.train:Train", "train a classifier on a collection"),
         "calibrate": Command("sensor.calibrate:Calibrate", "fit the observation model; evaluate on unseen objects"),
         "rank-poses": Command("sensor.rank_poses:RankPoses", "find the best fixed order of poses"),
-        "adapt": Command("robustness.adapt:Adapt", "fit a sensor to another world by a few objects"),
         "several-touches": Command("sensor.several_touches:SeveralTouches", "accuracy after several touches of a body"),
     },
     "Train policies": {

@@ -7,11 +7,13 @@ A name is a key of a registry, a name that an installed package registers (entry
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
+
+import tyro
 
 from activetouch import Dynamic, Quasistatic, Scene
 from activetouch.distributions import Constant, Uniform
@@ -22,10 +24,12 @@ from activetouch.orientations import Inexact, Presentation, Resampled, Tumbled, 
 from activetouch.pressing.deformable import Deformable
 from activetouch.pressing.guarded_move import GuardedMove
 from activetouch.pressing.press import Press
-from activetouch.randomisation import randomised
 from activetouch.rendering import RENDERERS, TactileRenderer
 from activetouch.rendering.renderer import require_renderer
+from activetouch.shapes import Family
+from activetouch.solids.family import numbers_of
 from belief.errors import InvalidArgument
+from belief.naming import index_of
 from belief.references import BadReference, build, find
 from experiments.command_line.arguments import ABOVE_ZERO, Positive, require_types
 from experiments.command_line.trust import Trust
@@ -47,6 +51,7 @@ PRESENTATIONS: Mapping[str, Presentation] = {
 FidelityName: TypeAlias = Literal[tuple(FIDELITIES)]  # type: ignore[valid-type]
 PresentationName: TypeAlias = Literal[tuple(PRESENTATIONS)]  # type: ignore[valid-type]
 _LARGEST_INPUT = 64  # image edge of a classifier for a user's scene [pixels]
+_FACTORS = re.compile(r"(?:^|,)(\w+)=([^,=]+?)\.\.([^,=]+)")
 
 
 def named_scene(name: str) -> NamedScene:
@@ -129,6 +134,43 @@ def training_folder(scene: str) -> Path:
     return Path(f"runs/train-{in_file_names(scene)}")
 
 
+def with_families(shapes: Mapping[str, Any], families: Sequence[str]) -> dict[str, Any]:
+    """Shapes, of which some become families.
+
+    Args:
+        shapes: by label.
+        families: each as ``SHAPE:PARAMETER=LOW..HIGH``; factors on the nominal number are uniform in that range.
+            Several parameters are separated by commas. The nominal solid of a family gets other parameters.
+
+    Raises:
+        UnknownName: there is no such shape, or it has no such parameter.
+        InvalidArgument: the text cannot be read, a shape is named twice, or a solid cannot be built.
+
+    >>> from activetouch.shapes import Cylinder
+    >>> with_families({"rod": Cylinder(0.016, 0.020)}, ["rod:half_length=0.5..2"])["rod"]
+    Family(Cylinder(radius=0.016, half_length=0.02), half_length=Uniform(low=0.01, high=0.04))
+    """
+    found: dict[str, Family] = {}
+    for text in families:
+        label, _, told = text.rpartition(":")
+        try:
+            ranges = [(name, float(low), float(high)) for name, low, high in _FACTORS.findall(told)]
+            if len(ranges) != told.count(",") + 1 or len({name for name, *_ in ranges}) < len(ranges) or label in found:
+                raise ValueError("each shape and each parameter is told once, with LOW..HIGH")
+            labels = list(shapes)
+            shape = shapes[labels[index_of("shape", labels, label)]]
+            solid = shape.nominal if isinstance(shape, Family) else shape
+            numbers = numbers_of(solid)  # a name that is not among them is refused by the family
+            scales = {name: Uniform(*(numbers.get(name, 1.0) * end for end in ends)) for name, *ends in ranges}
+        except ValueError as error:
+            raise InvalidArgument(
+                "--family must be SHAPE:PARAMETER=LOW..HIGH, such as cylinder:half_length=0.5..2, "
+                f"got {text!r}: {error}"
+            ) from error
+        found[label] = Family(solid, **scales)
+    return {**shapes, **found}
+
+
 @dataclass(frozen=True)
 class SceneChoice:
     """A named scene and changes to it."""
@@ -155,9 +197,10 @@ class SceneChoice:
     size_range: Annotated[tuple[float, float] | None, ABOVE_ZERO] = None
     """Smallest and largest factor on the size of every object, such as 0.9 1.1. By default that of the scene; with
     --only, 1."""
-    randomised: bool = False
-    """Draw stiffness, size, force, friction, noise, gain and broken taxels from wider ranges than the scene's: to train
-    readers that also work in changed worlds."""
+    family: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
+    """A shape whose objects differ in their proportions, as SHAPE:PARAMETER=LOW..HIGH with factors on the nominal
+    number, such as cylinder:half_length=0.5..2. Several parameters are separated by commas; repeat the option for
+    other shapes."""
     robot: Literal["panda_allegro"] | None = None
     """Robot to model behind the pad; its models are read from $MENAGERIE_ROOT."""
 
@@ -170,7 +213,8 @@ class SceneChoice:
             BadReference: The name of either cannot be parsed, or is the name of something else.
             DuplicateShape: A mesh has the name of another shape.
             BadMesh: A mesh file does not contain a solid.
-            InvalidArgument: ``only`` without meshes, or a range of sizes that ends before it begins.
+            InvalidArgument: ``only`` without meshes, a range of sizes that ends before it begins, or a family that
+                cannot be read or has no solids.
         """
         named = named_scene(self.scene)
         changes: dict[str, Any] = {}
@@ -196,6 +240,8 @@ class SceneChoice:
                     "scene's own shapes out with --only"
                 )
             changes["shapes"] = {**own, **added}
+        if self.family:
+            changes["shapes"] = with_families(changes.get("shapes", named.scene.shapes), self.family)
         if self.size_range is not None and self.size_range[0] > self.size_range[1]:
             raise InvalidArgument(f"--size-range must not end before it begins, got {self.size_range}")
         if self.size_range is not None or self.only:
@@ -203,7 +249,7 @@ class SceneChoice:
             changes["variation"] = replace(named.scene.variation, size=size)
         scene = replace(named.scene, **changes)
         num_objects = min(named.num_objects, len(scene.shapes)) if self.only else named.num_objects
-        return replace(named, scene=randomised(scene) if self.randomised else scene, num_objects=num_objects)
+        return replace(named, scene=scene, num_objects=num_objects)
 
     def __getstate__(self) -> dict[str, Any]:
         """State for pickling: the names only; the receiving process resolves them."""
@@ -214,7 +260,7 @@ class SceneChoice:
         plain = {**asdict(self), "meshes": [str(path) for path in self.meshes]}
         if not self.meshes:
             plain["mesh_scale"] = 1.0  # as ever, so that runs without meshes stay the same
-        left_out = {"poses": None, "mesh_scale": None, "only": False, "size_range": None}
+        left_out = {"poses": None, "mesh_scale": None, "only": False, "size_range": None, "family": ()}
         return {name: value for name, value in plain.items() if name not in left_out or value != left_out[name]}
 
     @classmethod
@@ -229,8 +275,12 @@ class SceneChoice:
         given = {**fields, "meshes": tuple(Path(path) for path in fields["meshes"])}
         if not given["meshes"]:
             given.pop("mesh_scale", None)
+        if given.get("randomised") is False:
+            given.pop("randomised")  # of files from before training in a wider world was removed
         if given.get("size_range") is not None:
             given["size_range"] = tuple(given["size_range"])
+        if "family" in given:
+            given["family"] = tuple(given["family"])
         choice = cls(**given)
         require_types(choice)
         return choice

@@ -6,7 +6,7 @@ import shlex
 import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import fields
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -28,7 +28,6 @@ from activetouch.sensor_files import (
 )
 from belief.errors import ActiveTouchError
 from belief.policy_state import WITH_GAINS
-from experiments.command_line.trust import Trust
 from experiments.scene_choice import (
     SceneChoice,
     bank_folder,
@@ -63,7 +62,9 @@ def scene_words(choice: SceneChoice) -> list[str]:
     words = ["--scene", choice.scene]
     for field in fields(SceneChoice):
         value = getattr(choice, field.name)
-        if field.name != "scene" and value != field.default:
+        if field.name == "family":
+            words += [word for text in value for word in ("--family", text)]  # one by one
+        elif field.name != "scene" and value != field.default:
             words.append(f"--{field.name.replace('_', '-')}")
             if not isinstance(value, bool):
                 words += [str(part) for part in value] if isinstance(value, tuple) else [str(value)]
@@ -79,6 +80,7 @@ def choice_name(choice: SceneChoice) -> str:
         choice.poses,
         "only" if choice.only else None,
         *mesh_labels(*choice.meshes),
+        *choice.family,
         None if choice.size_range is None else "-".join(f"{size:g}" for size in choice.size_range),
     ]
     return in_file_names("-".join([choice.scene, *(change for change in changes if change)]))
@@ -275,21 +277,6 @@ def open_collection(folder: Path, scene: str, repeats: bool) -> Manifest:
         return read_manifest(folder)
     except NoCollection as error:
         raise NoCollection(f"{error}. Record one with: {_collect(scene, folder, repeats)}") from error
-
-
-def to_be_read(manifest: Manifest, trust: Trust) -> Manifest:
-    """The manifest of a collection for training, with the scene that the reader is for.
-
-    That is the scene of the collection without domain randomisation.
-
-    Raises:
-        FileNamesCode: the scene is code that may not be used.
-    """
-    choice = manifest.choice
-    if choice is None or not choice.get("randomised"):
-        return manifest
-    plain = SceneChoice.from_dict({**choice, "randomised": False}, trust)
-    return replace(manifest, scene=scene_fields(plain.named.scene))
 
 
 def require_collection(

@@ -19,6 +19,10 @@ READER = "activetouch-reader-1"
 """The kind of file that a sensor has, with a network for ONNX Runtime."""
 HYPOTHESIS_NETWORK = "residual"
 """The network that embeds hypotheses, as files name it; those of earlier versions had another (decision 0063)."""
+CONTACT_NETWORK = "contacts"
+"""The network of readers of any object, which embeds hypotheses by their predicted contacts."""
+OBJECTS = ("shapes", "poses", "aims", "presentation")
+"""Fields of a scene that are about its objects, not about its sensor."""
 PRODUCTS = np.triu_indices(9)
 """The pairs of entries of a rotation matrix whose products a network of hypotheses reads, two arrays."""
 CLASSIFIER_FILE = "classifier.safetensors"
@@ -42,8 +46,8 @@ class ClassifierCard:
         image_shape: ``(H, W)`` or ``(H, W, 3)`` of the images that an exported network takes; empty in a checkpoint.
         embedding: length of the embeddings of images and hypotheses; 0 for a network that gives logits of the shapes.
         log_size_mean, log_size_std: they standardise the logarithm of a hypothesis's size.
-        log_stiffness_mean, log_stiffness_std: they do so for the stiffness; the spread is 0 where all training touches
-            had the same, and hypotheses then have none.
+        imaging: fields of :class:`activetouch.perception.contacts.imaging.Imaging`, of a reader of any object, which
+            knows no shapes until it is bound to a scene.
         aim_scale: of the aims, the intended offsets of an object in the scene's poses [m]; 0 where no pose has an aim,
             and hypotheses then have none.
     """
@@ -62,14 +66,8 @@ class ClassifierCard:
     embedding: int = 0
     log_size_mean: float = 0.0
     log_size_std: float = 1.0
-    log_stiffness_mean: float = 0.0
-    log_stiffness_std: float = 0.0
     aim_scale: float = 0.0
-
-    @property
-    def knows_stiffness(self) -> bool:
-        """Whether a hypothesis is about the stiffness too."""
-        return self.log_stiffness_std > 0.0
+    imaging: Mapping[str, Any] | None = None
 
     @property
     def knows_aims(self) -> bool:
@@ -80,10 +78,10 @@ class ClassifierCard:
     def num_inputs(self) -> int:
         """Numbers that describe a hypothesis to its network.
 
-        Of its shape, rotation matrix and size, of the products of two entries of the matrix, and of the stiffness and
-        aim that it may have.
+        Of its shape, rotation matrix and size, of the products of two entries of the matrix, and of the aim that it
+        may have.
         """
-        return len(self.shape_labels) + 10 + len(PRODUCTS[0]) + self.knows_stiffness + 2 * self.knows_aims
+        return len(self.shape_labels) + 10 + len(PRODUCTS[0]) + 2 * self.knows_aims
 
     @property
     def knows_orientations(self) -> bool:
@@ -91,10 +89,16 @@ class ClassifierCard:
         return self.embedding > 0
 
     def in_poses_of(self, scene: Mapping[str, Any]) -> Mapping[str, Any] | None:
-        """The fields of its scene, with the poses of another one if it knows orientations."""
+        """The fields of its scene, with the poses of another one if it knows orientations.
+
+        A reader of any object takes the shapes, aims and presentation of the other scene, too.
+        """
         if self.scene is None or not self.knows_orientations or "poses" not in scene:
             return self.scene
-        return {**self.scene, "poses": scene["poses"]}
+        if self.imaging is None:
+            return {**self.scene, "poses": scene["poses"]}
+        own = {name: value for name, value in self.scene.items() if name not in OBJECTS}
+        return own | {name: scene[name] for name in OBJECTS if name in scene}
 
     def require_labels(self, shape_labels: tuple[str, ...], pose_labels: tuple[str, ...]) -> None:
         """Check that the reader was trained for these shapes and poses; for any poses if it knows orientations.
@@ -106,7 +110,8 @@ class ClassifierCard:
             ("shapes", self.shape_labels, shape_labels),
             ("poses", self.pose_labels, pose_labels),
         ):
-            if mine != wanted and not (what == "poses" and self.knows_orientations):
+            any_will_do = self.imaging is not None or (what == "poses" and self.knows_orientations)
+            if mine != wanted and not any_will_do:
                 raise LabelMismatch(
                     f"the reader knows the {what} {list(mine)}, the scene has {list(wanted)}; this scene needs a "
                     "reader of its own"
@@ -129,14 +134,15 @@ class ClassifierCard:
             )
 
     def fields(self) -> dict[str, Any]:
-        """Its fields, as a file has them: nothing about stiffness and aims where they are not known.
+        """Its fields, as a file has them: nothing about aims where they are not known.
 
         A card that knows orientations names its network of hypotheses too.
         """
-        absent: tuple[str, ...] = () if self.knows_stiffness else ("log_stiffness_mean", "log_stiffness_std")
-        absent += () if self.knows_aims else ("aim_scale",)
+        absent: tuple[str, ...] = () if self.knows_aims else ("aim_scale",)
+        absent += () if self.imaging is not None else ("imaging",)
         found = {name: value for name, value in asdict(self).items() if name not in absent}
-        return found | ({"hypothesis_network": HYPOTHESIS_NETWORK} if self.knows_orientations else {})
+        network = HYPOTHESIS_NETWORK if self.imaging is None else CONTACT_NETWORK
+        return found | ({"hypothesis_network": network} if self.knows_orientations else {})
 
 
 def card_from(fields: Mapping[str, Any], path: Path) -> ClassifierCard:
@@ -156,10 +162,11 @@ def card_from(fields: Mapping[str, Any], path: Path) -> ClassifierCard:
                 raise TypeError(f"{name} is {value!r}")
     except (KeyError, TypeError) as error:
         raise CorruptFile(f"{path} does not describe a classifier: {error!r}") from error
-    if card.knows_orientations and (network := fields.get("hypothesis_network")) != HYPOTHESIS_NETWORK:
+    wanted = HYPOTHESIS_NETWORK if card.imaging is None else CONTACT_NETWORK
+    if card.knows_orientations and (network := fields.get("hypothesis_network")) != wanted:
         raise CorruptFile(
-            f"the network of hypotheses in {path} is {network!r}, and only {HYPOTHESIS_NETWORK!r} can be read (readers "
-            "of earlier versions have another); train it again"
+            f"the network of hypotheses in {path} is {network!r}, and only {wanted!r} can be read (readers of earlier "
+            "versions have another); train it again"
         )
     return card
 

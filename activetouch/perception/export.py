@@ -5,11 +5,13 @@ from __future__ import annotations
 import copy
 import logging
 import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 import torch
 from onnx import ModelProto, NodeProto, TensorProto, helper, numpy_helper
+from torch import Tensor, nn
 
 from activetouch.data.dataset import TouchSet
 from activetouch.perception.classifier import TouchClassifier, half_weights
@@ -38,10 +40,35 @@ def export_reader(
     """
     classifier.card.require_images(image_shape)
     card = replace(classifier.card, image_shape=tuple(image_shape))
-    network = copy.deepcopy(classifier.network).eval()
-    network.load_state_dict({name: torch.from_numpy(value) for name, value in half_weights(network).items()})
     # Of a batch of one, the exporter would take the size of the batch for a constant.
     example = torch.zeros((2, *image_shape), dtype=torch.uint8)
+    graph = exported(classifier.network, (example,), ({0: "batch"},), (INPUT,), OUTPUTS)
+    return TactileReader(card, graph, hypotheses)
+
+
+def exported(
+    network: nn.Module,
+    examples: tuple[Tensor, ...],
+    free: Sequence[Mapping[int, str]],
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+) -> bytes:
+    """The ONNX graph of a network, with its weights in half precision.
+
+    Args:
+        network: to be exported.
+        examples: of its inputs.
+        free: of each input, the axes of any length by number, with a name.
+        inputs: their names.
+        outputs: their names.
+
+    Raises:
+        TrainingDiverged: a weight is too large for half precision, or not finite.
+    """
+    network = copy.deepcopy(network).eval()
+    network.load_state_dict({name: torch.from_numpy(value) for name, value in half_weights(network).items()})
+    named = {name: torch.export.Dim(name) for axes in free for name in axes.values()}
+    shapes = tuple({axis: named[name] for axis, name in axes.items()} for axes in free)
     with warnings.catch_warnings(), torch.inference_mode():
         warnings.simplefilter("ignore")
         logger = logging.getLogger("torch.onnx")
@@ -50,17 +77,17 @@ def export_reader(
         try:
             program = torch.onnx.export(
                 network,
-                (example,),
+                examples,
                 dynamo=True,
-                dynamic_shapes=({0: torch.export.Dim("batch")},),
-                input_names=[INPUT],
-                output_names=list(OUTPUTS),
+                dynamic_shapes=shapes,
+                input_names=list(inputs),
+                output_names=list(outputs),
                 verbose=False,
             )
         finally:
             logger.setLevel(level)
     assert program is not None, "the exporter returns a program unless it writes a file"
-    return TactileReader(card, _in_half_precision(program.model_proto), hypotheses)
+    return _in_half_precision(program.model_proto)
 
 
 def fixed_hypotheses(classifier: TouchClassifier, touches: TouchSet) -> HypothesisEmbedding:
@@ -84,16 +111,13 @@ def fixed_hypotheses(classifier: TouchClassifier, touches: TouchSet) -> Hypothes
     )
     rows = np.linspace(0, len(touches.sizes) - 1, min(len(touches.sizes), _FIXED)).round().astype(int)
     rotations = to_matrices(touches.orientations[rows]).astype(np.float32)
-    rng = np.random.default_rng(0)
-    sizes = rng.permutation(touches.sizes)[: len(rows)].astype(np.float32)
-    stiffnesses = rng.permutation(touches.stiffnesses)[: len(rows)].astype(np.float32)
+    sizes = np.random.default_rng(0).permutation(touches.sizes)[: len(rows)].astype(np.float32)
     card = classifier.card
     return HypothesisEmbedding(
         card,
         layers,
         rotations,
         sizes,
-        stiffnesses if card.knows_stiffness else None,
         touches.aims[rows].astype(np.float32) if card.knows_aims else None,
     )
 

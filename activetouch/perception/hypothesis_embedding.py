@@ -1,4 +1,4 @@
-"""The embedding g(shape, rotation, size, stiffness) of hypotheses, in numpy: a residual network."""
+"""The embedding g(shape, rotation, size) of hypotheses, in numpy: a residual network."""
 
 from __future__ import annotations
 
@@ -11,14 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.perception.card import PRODUCTS, ClassifierCard
+from activetouch.perception.hypothesis_bodies import Bodies
+from activetouch.poses import to_matrices, turned
+from activetouch.scene import Scene
 
 Floats32 = NDArray[np.float32]
 _AT_ONCE = 4096  # hypotheses
 _CACHED = 1 << 15  # numbers of an array that stay in the cache
 _ERFC = tuple(np.float32(c) for c in (1.061405429, -1.453152027, 1.421413741, -0.284496736, 0.254829592))
 _IMAGES = 64  # whose logits are computed at a time
-_LAYER, _ROTATIONS, _SIZES = "hypothesis", "hypotheses.rotations", "hypotheses.sizes"
-_STIFFNESSES, _AIMS = "hypotheses.stiffnesses", "hypotheses.aims"
+_LAYER, _ROTATIONS, _SIZES, _AIMS = "hypothesis", "hypotheses.rotations", "hypotheses.sizes", "hypotheses.aims"
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,12 +30,11 @@ class HypothesisEmbedding:
     Attributes:
         card: of the reader that it belongs to.
         layers: weight ``(out, in)`` and bias ``(out,)`` of each layer. The first reads the one-hot shape, the nine
-            entries of the rotation matrix row by row, the standardised log size, where the card knows them the
-            standardised log stiffness and the scaled aim, and the products of two entries of the matrix. GELU follows
-            every layer but the last. Hidden layers but the first read normalised numbers, and add to them.
+            entries of the rotation matrix row by row, the standardised log size, the scaled aim where the card knows
+            it, and the products of two entries of the matrix. GELU follows every layer but the last. Hidden layers but
+            the first read normalised numbers, and add to them.
         rotations: of the fixed hypotheses, ``(M, 3, 3)``; every shape has the same.
         sizes: of the fixed hypotheses, ``(M,)``.
-        stiffnesses: of the fixed hypotheses, ``(M,)``; all 1 if not given.
         aims: of the fixed hypotheses, ``(M, 2)`` [m]; all 0 if not given.
 
     Raises:
@@ -44,7 +45,6 @@ class HypothesisEmbedding:
     layers: tuple[tuple[Floats32, Floats32], ...]
     rotations: Floats32
     sizes: Floats32
-    stiffnesses: Floats32 | None = None
     aims: Floats32 | None = None
 
     def __post_init__(self) -> None:
@@ -60,9 +60,6 @@ class HypothesisEmbedding:
             raise ValueError(f"the hypotheses' hidden layers must be at least one and equally wide, got {hidden or 0}")
         if not len(self.sizes) or self.rotations.shape != (len(self.sizes), 3, 3) or not (self.sizes > 0).all():
             raise ValueError("the fixed hypotheses must be rotations (M, 3, 3) with positive sizes (M,)")
-        stiffnesses = self.stiffnesses
-        if stiffnesses is not None and not (stiffnesses.shape == self.sizes.shape and (stiffnesses > 0).all()):
-            raise ValueError("the fixed hypotheses must have positive stiffnesses (M,)")
         if self.aims is not None and self.aims.shape != (len(self.sizes), 2):
             raise ValueError("the fixed hypotheses must have aims (M, 2)")
 
@@ -71,7 +68,6 @@ class HypothesisEmbedding:
         shapes: NDArray[np.int64],
         rotations: NDArray[Any],
         sizes: NDArray[Any],
-        stiffnesses: NDArray[Any] | None = None,
         aims: NDArray[Any] | None = None,
     ) -> Floats32:
         """Embeddings of hypotheses.
@@ -80,7 +76,6 @@ class HypothesisEmbedding:
             shapes: indices, ``(H,)``.
             rotations: from the object's frame to the pad's, ``(H, 3, 3)``.
             sizes: relative to the nominal size, ``(H,)``.
-            stiffnesses: relative to the pad's, ``(H,)``; all 1 if not given. They count only where the card knows them.
             aims: intended offsets of the touch, along y and z [m], ``(H, 2)``; all 0 if not given. They count only
                 where the card knows them.
 
@@ -91,12 +86,11 @@ class HypothesisEmbedding:
             ValueError: the arguments are of other lengths or shapes, or a shape is unknown.
         """
         number, num_shapes = len(shapes), len(self.card.shape_labels)
-        stiffnesses = np.ones(number) if stiffnesses is None else stiffnesses
         aims = np.zeros((number, 2)) if aims is None else aims
-        if rotations.shape != (number, 3, 3) or not np.shape(sizes) == np.shape(stiffnesses) == (number,):
+        if rotations.shape != (number, 3, 3) or np.shape(sizes) != (number,):
             raise ValueError(
-                f"{number} shapes need rotations ({number}, 3, 3), sizes ({number},) and stiffnesses ({number},), got "
-                f"{rotations.shape}, {np.shape(sizes)} and {np.shape(stiffnesses)}"
+                f"{number} shapes need rotations ({number}, 3, 3) and sizes ({number},), got {rotations.shape} and "
+                f"{np.shape(sizes)}"
             )
         if np.shape(aims) != (number, 2):
             raise ValueError(f"{number} shapes need aims ({number}, 2), got {np.shape(aims)}")
@@ -104,8 +98,6 @@ class HypothesisEmbedding:
             raise ValueError(f"shapes must be indices in [0, {num_shapes}), got {shapes.min()} to {shapes.max()}")
         card = self.card
         numbers = [(np.log(sizes) - card.log_size_mean) / card.log_size_std]
-        if card.knows_stiffness:
-            numbers.append((np.log(stiffnesses) - card.log_stiffness_mean) / card.log_stiffness_std)
         if card.knows_aims:
             numbers += list(aims.T / card.aim_scale)
         standard = np.stack(numbers, axis=1)
@@ -124,6 +116,16 @@ class HypothesisEmbedding:
             found[some] = hidden @ weight.T + bias
         return found
 
+    def embedded(self, scene: Scene, bodies: Bodies, pose: int) -> Floats32:
+        """Embeddings of N hypotheses of each of K shapes in one pose of a scene, ``(K, N, D)``."""
+        num_shapes, number = len(scene.shapes), len(bodies.rests)
+        shapes = np.repeat(np.arange(num_shapes), number)
+        sizes = np.tile(bodies.sizes, num_shapes)
+        rotation = scene.rotations[scene.pose_labels[pose]]
+        rotations = np.tile(to_matrices(turned(rotation, bodies.rests)), (num_shapes, 1, 1))
+        aims = np.tile(scene.aim_offsets[pose], (len(shapes), 1))
+        return self.embed(shapes, rotations, sizes, aims).reshape(num_shapes, number, -1)
+
     @cached_property
     def _fixed(self) -> Floats32:
         """Embeddings of the fixed hypotheses, shape after shape, ``(K · M, D)``."""
@@ -132,7 +134,6 @@ class HypothesisEmbedding:
             np.repeat(np.arange(num_shapes), number),
             np.tile(self.rotations, (num_shapes, 1, 1)),
             np.tile(self.sizes, num_shapes),
-            None if self.stiffnesses is None else np.tile(self.stiffnesses, num_shapes),
             None if self.aims is None else np.tile(self.aims, (num_shapes, 1)),
         )
 
@@ -149,8 +150,6 @@ class HypothesisEmbedding:
     def tensors(self) -> dict[str, NDArray[Any]]:
         """The arrays by name, as a file has them: layers in half precision."""
         found: dict[str, NDArray[Any]] = {_ROTATIONS: self.rotations, _SIZES: self.sizes}
-        if self.stiffnesses is not None:
-            found[_STIFFNESSES] = self.stiffnesses
         if self.aims is not None:
             found[_AIMS] = self.aims
         for number, (weight, bias) in enumerate(self.layers):
@@ -174,7 +173,7 @@ class HypothesisEmbedding:
             )
             for layer in range(number)
         )
-        return cls(card, layers, tensors[_ROTATIONS], tensors[_SIZES], tensors.get(_STIFFNESSES), tensors.get(_AIMS))
+        return cls(card, layers, tensors[_ROTATIONS], tensors[_SIZES], tensors.get(_AIMS))
 
 
 def _normalised(x: Floats32) -> Floats32:

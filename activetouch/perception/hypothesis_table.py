@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import NDArray
 
-from activetouch.distributions import Distribution
 from activetouch.errors import WrongScene
-from activetouch.hypotheses import sizes, stiffnesses
 from activetouch.orientations import LyingAnyhow
+from activetouch.perception.hypothesis_bodies import Bodies, bodies_of
 from activetouch.perception.reader import TactileReader
-from activetouch.poses import multiply, to_matrices, turned
-from activetouch.randomisation import assumed
+from activetouch.poses import multiply, turned
 from activetouch.scene import Scene
+from belief.errors import InvalidArgument
 from belief.frozen import frozen
 
 if TYPE_CHECKING:
@@ -27,20 +27,6 @@ _FEW_POSES = 12
 _MOST_IN_SINGLE = 1 << 25  # numbers in the tables of all poses
 
 
-class Bodies(NamedTuple):
-    """N hypotheses about an object, whatever its shape.
-
-    Attributes:
-        rests: orientations at rest, unit quaternions ``wxyz``, ``(N, 4)``.
-        sizes: relative to the nominal size, ``(N,)``.
-        stiffnesses: relative to the pad's, ``(N,)``.
-    """
-
-    rests: NDArray[np.float64]
-    sizes: NDArray[np.float64]
-    stiffnesses: NDArray[np.float64]
-
-
 @dataclass(frozen=True, eq=False)
 class HypothesisTable:
     """Embeds as many hypotheses as asked for, in every pose of a scene.
@@ -48,17 +34,20 @@ class HypothesisTable:
     Attributes:
         reader: embeds them.
         scene: says which orientations and sizes there are, and how poses turn an object.
-        stiffness: distribution of the stiffness where it was measured. Otherwise a reader that knows stiffness allows
-            for other ones than the scene's (:func:`activetouch.randomisation.assumed`).
     """
 
     reader: TactileReader
     scene: Scene
-    stiffness: Distribution | None = None
 
-    def __call__(self, num_hypotheses: int) -> NDArray[np.float32]:
-        """Embedded hypotheses ``(P, K, N, D)``, N of each shape, the same orientations and sizes for all shapes."""
-        return np.stack([self._embed(num_hypotheses, pose) for pose in range(len(self.scene.poses))])
+    def __call__(self, num_hypotheses: int, poses: Sequence[int] | None = None) -> NDArray[np.float32]:
+        """Embedded hypotheses ``(P, K, N, D)``, N of each shape, the same orientations and sizes for all shapes.
+
+        Args:
+            num_hypotheses: N.
+            poses: indices of the poses; all by default.
+        """
+        asked = range(len(self.scene.poses)) if poses is None else poses
+        return np.stack([self._embed(num_hypotheses, pose) for pose in asked])
 
     def in_pose(self, num_hypotheses: int, pose: int) -> NDArray[np.floating]:
         """Embedded hypotheses in one pose, by its index, ``(K, N, D)``, read-only and kept for the next call.
@@ -80,14 +69,9 @@ class HypothesisTable:
         return {name: value for name, value in vars(self).items() if name != "_kept"}
 
     def _embed(self, num_hypotheses: int, pose: int) -> NDArray[np.float32]:
-        bodies = self.hypotheses(num_hypotheses)
-        num_shapes = len(self.scene.shapes)
-        shapes = np.repeat(np.arange(num_shapes), num_hypotheses)
-        numbers = (np.tile(bodies.sizes, num_shapes), np.tile(bodies.stiffnesses, num_shapes))
-        rotation = self.scene.rotations[self.scene.pose_labels[pose]]
-        rotations = np.tile(to_matrices(turned(rotation, bodies.rests)), (num_shapes, 1, 1))
-        aims = np.tile(self.scene.aim_offsets[pose], (len(shapes), 1))
-        return self.reader.embed(shapes, rotations, *numbers, aims).reshape(num_shapes, num_hypotheses, -1)
+        if self.reader.hypotheses is None:
+            raise InvalidArgument("this reader tells shapes only; one that knows orientations is trained with its own")
+        return self.reader.hypotheses.embedded(self.scene, self.hypotheses(num_hypotheses), pose)
 
     @property
     def groups(self) -> tuple[int, ...]:
@@ -125,8 +109,4 @@ class HypothesisTable:
 
     def hypotheses(self, num_hypotheses: int) -> Bodies:
         """The hypotheses, the same for all shapes."""
-        vary = self.scene.variation
-        if self.reader.card.knows_stiffness:
-            vary = assumed(vary, self.stiffness)
-        rests = self.scene.presentation.rests(num_hypotheses)
-        return Bodies(rests, sizes(vary.size, num_hypotheses), stiffnesses(vary.stiffness, num_hypotheses))
+        return bodies_of(self.scene, num_hypotheses)

@@ -7,21 +7,26 @@ uint8 images to an embedding and features, and, where the card has an embedding,
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.perception.card import READER, ClassifierCard, card_from
+from activetouch.perception.contacts.hypotheses import ContactHypotheses
 from activetouch.perception.hypothesis_embedding import Floats32, HypothesisEmbedding
 from activetouch.perception.sealed_tensors import read_tensors, write_tensors
+from activetouch.perception.sessions import session_of
 from belief.errors import CorruptFile, InvalidArgument
+from belief.files import array_digest
 
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession
+
+    from activetouch.scene import Scene
 
 INPUT, OUTPUTS = "images", ("embedding", "features")
 """What the graph of a reader calls its input and its outputs."""
@@ -71,7 +76,7 @@ class TactileReader:
 
     card: ClassifierCard
     network: bytes
-    hypotheses: HypothesisEmbedding | None = None
+    hypotheses: HypothesisEmbedding | ContactHypotheses | None = None
     threads: int = 1
 
     def read(self, images: NDArray[np.uint8], batch_size: int = 64) -> Reading:
@@ -104,12 +109,24 @@ class TactileReader:
         embeddings, features = map(np.concatenate, zip(*parts, strict=True)) if len(parts) > 1 else parts[0]
         return embeddings, features
 
+    def bound_to(self, scene: Scene) -> TactileReader:
+        """A reader of any object for the objects of a scene; another reader stays as it is."""
+        if self.card.imaging is None:
+            return self
+        card = replace(self.card, shape_labels=scene.shape_labels, pose_labels=scene.pose_labels)
+        return replace(self, card=card, hypotheses=cast(ContactHypotheses, self.hypotheses).bound_to(scene))
+
+    @cached_property
+    def digest(self) -> str:
+        """Of all that determines what it reads."""
+        tensors = {} if self.hypotheses is None else self.hypotheses.tensors()
+        return array_digest({_NETWORK: np.frombuffer(self.network, np.uint8), **tensors})
+
     def embed(
         self,
         shapes: NDArray[np.int64],
         rotations: NDArray[Any],
         sizes: NDArray[Any],
-        stiffnesses: NDArray[Any] | None = None,
         aims: NDArray[Any] | None = None,
     ) -> NDArray[np.float32]:
         """Embeddings of hypotheses. See :meth:`HypothesisEmbedding.embed`.
@@ -117,9 +134,9 @@ class TactileReader:
         Raises:
             InvalidArgument: the network tells shapes only.
         """
-        if self.hypotheses is None:
+        if not isinstance(self.hypotheses, HypothesisEmbedding):
             raise InvalidArgument("this reader tells shapes only; one that knows orientations is trained with its own")
-        return self.hypotheses.embed(shapes, rotations, sizes, stiffnesses, aims)
+        return self.hypotheses.embed(shapes, rotations, sizes, aims)
 
     def save(self, path: Path) -> None:
         """Write the reader, atomically.
@@ -130,7 +147,8 @@ class TactileReader:
         tensors: dict[str, NDArray[Any]] = {_NETWORK: np.frombuffer(self.network, np.uint8)}
         if self.hypotheses is not None:
             tensors |= self.hypotheses.tensors()
-        write_tensors(path, tensors, self.card.fields(), READER)
+        card = self.card if self.card.imaging is None else replace(self.card, shape_labels=(), pose_labels=())
+        write_tensors(path, tensors, card.fields(), READER)
 
     @classmethod
     def load(cls, path: Path, threads: int = 1) -> TactileReader:
@@ -146,7 +164,11 @@ class TactileReader:
         tensors, fields = read_tensors(path, READER)
         card = card_from(fields, path)
         try:
-            hypotheses = HypothesisEmbedding.from_tensors(card, tensors) if card.embedding else None
+            hypotheses: HypothesisEmbedding | ContactHypotheses | None = None
+            if card.imaging is not None:
+                hypotheses = ContactHypotheses.from_tensors(card.imaging, tensors)
+            elif card.embedding:
+                hypotheses = HypothesisEmbedding.from_tensors(card, tensors)
             reader = cls(card, tensors[_NETWORK].tobytes(), hypotheses, threads)
             reader._require_graph()
         except (KeyError, ValueError) as error:
@@ -155,14 +177,7 @@ class TactileReader:
 
     @cached_property
     def _session(self) -> InferenceSession:
-        import onnxruntime
-
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads, options.inter_op_num_threads = self.threads, 1
-        options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # idle threads leave the cores alone
-        options.use_deterministic_compute = True
-        options.log_severity_level = 3  # errors
-        return onnxruntime.InferenceSession(self.network, options, providers=["CPUExecutionProvider"])
+        return session_of(self.network, self.threads)
 
     def _require_graph(self) -> None:
         """Check that the graph reads the card's images, and gives as many numbers as the card says."""

@@ -11,8 +11,6 @@ from activetouch.rendering.check import check_renderer
 from activetouch.rendering.faults import (
     Blur,
     DeadTaxels,
-    DrawnDeadTaxels,
-    DrawnNoise,
     Fault,
     Gain,
     Hysteresis,
@@ -36,8 +34,6 @@ __all__ = [
     "RENDERERS",
     "Blur",
     "DeadTaxels",
-    "DrawnDeadTaxels",
-    "DrawnNoise",
     "Fault",
     "ForcePatchRenderer",
     "Gain",

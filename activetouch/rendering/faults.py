@@ -16,7 +16,6 @@ from typing import ClassVar, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.distributions import Distribution
 from activetouch.errors import UnknownLikelihood
 from belief.errors import InvalidArgument
 
@@ -137,52 +136,6 @@ def _broken(share: float, seed: int, shape: tuple[int, ...]) -> NDArray[np.bool_
     broken = np.zeros(num_taxels, bool)
     broken[np.random.default_rng(seed).permutation(num_taxels)[: round(share * num_taxels)]] = True
     return broken.reshape(shape)
-
-
-@dataclass(frozen=True)
-class DrawnNoise:
-    """Gaussian noise as of :class:`Noise`, whose standard deviation is another one in every touch.
-
-    Attributes:
-        std: relative to full scale.
-        factor: distribution of the factor on it, not negative.
-    """
-
-    isotropic: ClassVar[bool] = True
-
-    std: float
-    factor: Distribution
-
-    def __post_init__(self) -> None:
-        _require_std(self.std)
-        if self.factor.support[0] < 0.0:
-            raise ValueError(f"factor must be ≥ 0, got {self.factor}")
-
-    def __call__(self, image: Image, rng: np.random.Generator) -> Image:
-        """See :class:`Fault`."""
-        return Noise(self.std * self.factor.sample(rng))(image, rng)
-
-
-@dataclass(frozen=True)
-class DrawnDeadTaxels:
-    """Taxels that read zero, other ones in every touch.
-
-    Attributes:
-        share: distribution of the fraction of all taxels, within [0, 1]; rounded to a whole number of taxels.
-    """
-
-    isotropic: ClassVar[bool] = True
-
-    share: Distribution
-
-    def __post_init__(self) -> None:
-        low, high = self.share.support
-        if not 0.0 <= low <= high <= 1.0:
-            raise ValueError(f"share must be in [0, 1], got {self.share}")
-
-    def __call__(self, image: Image, rng: np.random.Generator) -> Image:
-        """See :class:`Fault`."""
-        return DeadTaxels(self.share.sample(rng), int(rng.integers(2**32)))(image, rng)
 
 
 @dataclass(frozen=True)

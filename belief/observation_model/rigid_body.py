@@ -49,11 +49,11 @@ from belief.observation_model.quantisation import smoothed, tabulate
 from belief.observation_model.reference_outcomes import ReferenceOutcomes
 from belief.observation_model.repeat_discount import repeat_shares
 from belief.observation_model.rigid_body_evidence import Floats32, RigidBodyEvidence
-from belief.observation_model.rigid_body_fit import fitted, refitted
+from belief.observation_model.rigid_body_fit import fitted
 from belief.observation_model.views import Views
 from belief.problem import Floats, Touch
 from belief.touch_batch import TouchBatch
-from belief.validation import checked_indices, require_count, require_number
+from belief.validation import require_count, require_number
 
 _AT_ONCE = 1 << 22  # numbers, of log weights of sequences that are worked on at a time
 _REFERENCES = 256  # touches kept of each pose
@@ -237,25 +237,6 @@ class RigidBodyModel(FittedRigidBody):
         correlation = self.correlation if correlation is None else correlation
         drift = self.drift if drift is None else drift
         return replace(self, temperature=temperature, correlation=correlation, drift=drift, conflict=None)
-
-    def refitted(self, touches: TouchBatch, shapes: ArrayLike) -> RigidBodyModel:
-        """The model with the temperature and the conflict test of touches of another world.
-
-        Args:
-            touches: of S objects, one sequence each.
-            shapes: true shape of each object, ``(S,)``.
-
-        Raises:
-            ValueError: no objects, touches that do not fit the model, or shapes that are out of range or not as many as
-                objects.
-        """
-        self.require_fit(touches)
-        self.embeddings(touches)
-        truth = checked_indices("shapes", shapes, len(self.shape_labels))
-        if truth.shape != (len(touches),) or touches.poses.size == 0:
-            raise ValueError(f"need touches and a shape of each object, got {touches.poses.shape} and {truth.shape}")
-        model, conflict = refitted(self, touches, truth)
-        return replace(model, conflict=conflict)
 
     def embeddings(self, batch: TouchBatch) -> Floats:
         """Embeddings of a batch of touches, ``(S, n, D)``.

@@ -25,7 +25,7 @@ from belief.problem import Floats
 from belief.touch_batch import TouchBatch
 
 _AT_ONCE = 1 << 22  # numbers, of log weights of sequences that are worked on at a time
-_ANYWHERE, _NEARBY = 1.0, 0.2  # spread of the prior of the log temperature: in any world, and after another world
+_SPREAD = 1.0  # of the prior of the log temperature
 _COLDEST, _WIDTH, _NEAR = -1.0, 3.0, 1e-2  # of the log temperature: first window of the search, its width, its error
 _FITTED_ON, _AT_LEAST = 1200, 400  # sequences for the temperature: at most, and at least where memory is short
 _MOST_OF_DRIFT, _STEPS_OF_DRIFT = 40, 8  # touches of a sequence for the drift, and how many of its steps count
@@ -89,29 +89,6 @@ def fitted(model: _Joint, data: LabelledTouches) -> tuple[_Joint, ConflictTest |
     return model, _fitted_conflict_test(model, data)
 
 
-def refitted(model: _Joint, touches: TouchBatch, shapes: ArrayLike) -> tuple[_Joint, ConflictTest | None]:
-    """The model with the temperature of touches of another world, and their conflict test.
-
-    Args:
-        model: fitted to its own world.
-        touches: of S objects, one sequence each.
-        shapes: true shape of each object, ``(S,)``.
-
-    >>> from belief.observation_model import FixedHypotheses, RigidBodyModel
-    >>> embed, one = FixedHypotheses(np.array([[[[3.0, 0.0]], [[0.0, 3.0]]]], np.float32)), np.zeros((1, 1, 2))
-    >>> model = RigidBodyModel(("mug", "cup"), 1, 1.0, references=one, reference_logits=one, hypotheses=embed)
-    >>> felt = np.eye(2)[[0, 1, 0, 0] * 10, None]
-    >>> touches = TouchBatch(np.zeros((40, 1), int), features=felt)
-    >>> round(refitted(model, touches, [0, 1, 0, 1] * 10)[0].temperature, 1)
-    1.5
-    """
-    model = model.at(_best_temperature(model, touches, np.asarray(shapes, np.int64), _NEARBY))
-    order = np.tile(np.arange(touches.num_touches), (len(touches), 1))
-    order = np.random.default_rng(1).permuted(order, axis=1)[:, :MOST_TOUCHES]
-    rows = np.arange(len(touches))[:, None]
-    return model, _conflict_test(model, touches.take((rows, order)), shapes)
-
-
 def _fitted_temperature(model: JointModel, data: LabelledTouches) -> float:
     """The temperature with the lowest mean NLL of the shape after one touch of an object, two, … up to P or 12.
 
@@ -119,7 +96,7 @@ def _fitted_temperature(model: JointModel, data: LabelledTouches) -> float:
     begins several sequences, up to P.
     """
     length = min(model.num_poses, MOST_TOUCHES)
-    return _best_temperature(model, *_in_different_poses(model, data, length, length, _AT_LEAST), _ANYWHERE)
+    return _best_temperature(model, *_in_different_poses(model, data, length, length, _AT_LEAST))
 
 
 def _fitted_drift(model: JointModel, data: LabelledTouches) -> tuple[float, float]:
@@ -142,7 +119,7 @@ def _fitted_drift(model: JointModel, data: LabelledTouches) -> tuple[float, floa
 
     def loss(parameters: Floats) -> float:
         log_temperature, drift = float(parameters[0]), float(parameters[1])
-        total = ((log_temperature - expected) / _ANYWHERE) ** 2 / (2 * len(truth))
+        total = ((log_temperature - expected) / _SPREAD) ** 2 / (2 * len(truth))
         for number, some in zip(numbers, sums, strict=True):
             found = logsumexp(some * np.float32(np.exp(-log_temperature) * drift_share(number, drift)), axis=2)
             total += float((logsumexp(found, axis=1) - found[rows, truth]).mean())
@@ -186,14 +163,13 @@ def _in_different_poses(
     return data.batch.take((0, rows)), np.concatenate([some for _, some in found])[:most]
 
 
-def _best_temperature(model: JointModel, touches: TouchBatch, truth: NDArray[np.int64], spread: float) -> float:
+def _best_temperature(model: JointModel, touches: TouchBatch, truth: NDArray[np.int64]) -> float:
     """The most probable temperature, by the NLL of the shape after each touch of sequences of S objects.
 
     Args:
         model: whose temperature the log-normal prior is about.
         touches: S sequences.
         truth: shape of each object, ``(S,)``.
-        spread: of the prior of the log temperature.
     """
     expected, model = np.log(model.temperature), model.at(1.0)
     size = max(1, _that_fit(model, touches.num_touches))
@@ -206,7 +182,7 @@ def _best_temperature(model: JointModel, touches: TouchBatch, truth: NDArray[np.
 
     def loss(log_temperature: float) -> float:
         scale = np.float32(np.exp(-log_temperature))
-        total = ((log_temperature - expected) / spread) ** 2 / (2 * len(truth))
+        total = ((log_temperature - expected) / _SPREAD) ** 2 / (2 * len(truth))
         for block in blocks:
             right = truth[block]
             for some in held or steps(block):

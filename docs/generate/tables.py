@@ -4,8 +4,7 @@ Run: python docs/generate/tables.py
 
 They are filled from records: docs/robustness/*.json, docs/perception/several-touches-*.json, hypotheses-coarse.json
 and frontier.json, docs/tradeoff/networks.json and tradeoff.csv, docs/table1/table1.json, docs/reproduction/table2.json,
-docs/real_touch/*.json, docs/records/calibration/coarse.txt and paper_independent.txt, and docs/records/tradeoff/hypotheses.txt, as the
-commands wrote them. A test checks that the pages hold what this writes.
+docs/real_touch/*.json, and docs/records/calibration/coarse.txt and paper_independent.txt, as the commands wrote them. A test checks that the pages hold what this writes.
 """
 
 from __future__ import annotations
@@ -24,7 +23,10 @@ from experiments.tradeoff.picks import TASKS
 DOCS = Path(__file__).parent.parent
 SHIFTED = ("gel", "coarse", "paper", "hard", "many")
 TOUCHED = ("paper", "coarse", "gel", "hard", "many")
-CALIBRATED = {"coarse": ("coarse", ("rigid body",)), "paper-independent": ("paper_independent", ("ratio", "independent"))}
+CALIBRATED = {
+    "coarse": ("coarse", ("rigid body",)),
+    "paper-independent": ("paper_independent", ("ratio", "independent")),
+}
 """Record and observation models by sensor."""
 _PROMISED = 0.93  # accuracy of stops below which a number is bold
 
@@ -44,8 +46,7 @@ def robustness(page: str) -> str:
             first = found["knows of strangers"]
             cells = (f"{_interval(some)}, {some['wrong'][0]:.3f}, {some['touches']:.1f}" for some in found.values())
             among.append(_row(f"`{scene}`, {first['number']} searches", *cells, f"{first['no_touch']:.2f}"))
-    page = _with_rows(_with_rows(page, "## Strangers", strange), "**Searches among strangers.**", among)
-    return _with_rows(page, "**Beside the independent model.**", list(_beside_independent()))
+    return _with_rows(_with_rows(page, "## Strangers", strange), "**Searches among strangers.**", among)
 
 
 def perception(page: str) -> str:
@@ -330,20 +331,6 @@ def _strangers(unseen: Mapping[str, Any], number: str) -> list[str]:
     cells = [scores[label]["misfit"][0] if number != "1" else None for label in ("all", "cuboid", "wedge")]
     cells += [scores["all"][name][0] for name in ("conflict", "energy", "mahalanobis")]
     return ["–" if cell is None else f"{cell:.3f}" for cell in cells]
-
-
-def _beside_independent() -> Iterator[str]:
-    """A row of the robust sensor and of the independent model for every condition that both were measured in."""
-    robust, sharp, guarded = (_record(f"robustness/coarse{name}")["conditions"] for name in ("-robust", "", "-guarded"))
-    for condition, found in robust.items():
-        models = found["models"]["rigid body"], (sharp | guarded)[condition]["models"]["independent"]
-        stops, live = ([model[part] for model in models] for part in ("stops", "searches"))
-        yield _row(
-            condition.replace("press guarded_move", "guarded moves"),
-            f"{stops[0]['stated']:.3f}, {_interval(stops[0], 'achieved')}",
-            f"{stops[1]['stated']:.3f}, {stops[1]['achieved']:.3f}",
-            *(f"{_interval(one)}, {one['touches']:.1f}" for one in live),
-        )
 
 
 def _kept(achieved: float) -> str:

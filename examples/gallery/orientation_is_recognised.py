@@ -22,7 +22,7 @@ sensor = TactileSensor.shipped("coarse")
 labels, rng = sensor.scene.shape_labels, np.random.default_rng(SEED)
 bodies = Bodies.of(sensor, pixels=PIXELS, draws=DRAWS)
 cone = sensor.scene.sample_object("cone", rng)
-outline = bodies.outline("cone", cone.orientation, cone.scale)
+outline = bodies.outline("cone", cone)
 
 tracker, evidence = BeliefTracker(Belief.uniform(labels), sensor.model), sensor.model.start()
 columns = 1 + len(POSES)

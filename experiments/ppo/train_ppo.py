@@ -177,7 +177,7 @@ class TrainPPO:
 
         folder = self.bank if self.bank is not None else bank_folder(self.scene)
         sensor = sensor_folder(self.sensor, self.scene)
-        model, fitted_to, _ = fitted_model(sensor)
+        model, fitted_to = fitted_model(sensor)
         recipes = self._recipes(model.name in JOINT_MODELS)
         if model.name in JOINT_MODELS:  # its reader embeds the hypotheses
             model = load_quietly(sensor, named_scene(self.scene).scene, anyway=True).model

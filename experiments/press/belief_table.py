@@ -15,7 +15,7 @@ from experiments.sensor.belief_cost import belief_cost
 
 
 def latent(scene: Scene) -> list[str]:
-    """What all touches of an object share besides its shape, and a joint belief infers.
+    """What all touches of an object share besides its shape, and a joint belief can infer.
 
     >>> latent(Scene())
     ['orientation', 'size']
@@ -24,7 +24,8 @@ def latent(scene: Scene) -> list[str]:
         return []  # every touch has its own orientation
     low, high = scene.variation.size.support
     turned = ["heading", "tilt"] if isinstance(scene.presentation, Upright) else ["orientation"]
-    return turned + (["size"] if low < high else [])
+    of_families = [f"{name} of {label}" for label, family in scene.families.items() for name, _ in family.parameters]
+    return turned + (["size"] if low < high else []) + of_families
 
 
 def belief_table(name: str, scene: Scene, folder: Path | None) -> Table:
@@ -54,5 +55,6 @@ def belief_table(name: str, scene: Scene, folder: Path | None) -> Table:
         rows,
         "The cost of an update does not depend on the number of earlier touches. "
         + ("" if hidden else "Nothing is shared by the touches of an object, so the independent model is exact here. ")
+        + ("A sensor that learned the nominal solids does not infer the proportions. " if scene.families else "")
         + ("No sensor with a joint model ships for this scene." if rows[0][2] is None else ""),
     )

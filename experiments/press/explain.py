@@ -60,12 +60,14 @@ class Explain:
     """Number of processes that compare shapes."""
 
     def run(self) -> None:
-        """Print the tables; the lower bounds only if a sensor that comes with the package fits the scene."""
+        """Print the tables; the lower bounds only for solids, if a sensor of the package fits the scene."""
         check_arguments(self)
         named, console = self.choice.named, plain_console()
         console.print(_what_table(self.choice.scene, [*inventory(named.scene), *hidden_variables(named)]).rich())
         likeness = None
-        if self.alike and len(named.scene.shapes) > 1:
+        if named.scene.families:
+            console.print(f"shapes are not compared: the proportions of {', '.join(named.scene.families)} vary")
+        elif self.alike and len(named.scene.shapes) > 1:
             shapes = len(named.scene.shapes)
             seconds = (_SECONDS[0] * shapes + _SECONDS[1] * shapes * (shapes - 1) / 2) / self.jobs
             console.print(f"comparing {shapes} shapes takes about {seconds:.0f} s; --no-alike leaves it out")
@@ -74,7 +76,7 @@ class Explain:
         console.print(felt_table(self.choice.scene, named.scene, likeness).rich())
         folder, scene = sensor_folder(None, self.choice.scene), named.scene
         shipped = folder if folder.exists() and _fits(folder, scene) else None
-        if shipped is not None:
+        if shipped is not None and not scene.families:  # it knows the nominal solids
             with suppress(NoIndependentModel):
                 model = load_observation_model(shipped, independent=True)
                 console.print(limits_table(model.outcome_table(), model.shape_labels).rich())

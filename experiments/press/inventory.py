@@ -12,6 +12,7 @@ from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.press import Quasistatic
 from activetouch.pressing.robot import ROBOTS
 from activetouch.scene import Scene
+from activetouch.shapes import Family
 
 if TYPE_CHECKING:
     import mujoco
@@ -36,11 +37,24 @@ def inventory(scene: Scene) -> list[InventoryItem]:
         InventoryItem(pad.num_taxels**2, "points of the pad", f"one ray each, {spacing:.2f} mm apart"),
         InventoryItem(len(scene.faults), "faults", "of the sensor: " + ", ".join(faults)),
     ]
+    if families := scene.families:
+        why = "shapes whose proportions differ from object to object: "
+        entries.append(
+            InventoryItem(
+                len(families), "families", why + ", ".join(map(_ranges, *zip(*families.items(), strict=True)))
+            )
+        )
     entries.append(InventoryItem(len(scene.shapes), "surfaces", _surfaces(scene)))
     model = scene.press_model.compiled(scene.setup, next(iter(scene.solids.values())))
     if model is not None:
         entries += _soft_bodies(model) if model.nflex else _rigid_bodies(model)
     return [entry for entry in entries if entry.number]
+
+
+def _ranges(label: str, family: Family) -> str:
+    """A family and the ranges of its parameters."""
+    ranges = ("{} {:g} to {:g}".format(name, *given.support) for name, given in family.parameters)
+    return f"{label} ({', '.join(ranges)})"
 
 
 def _surfaces(scene: Scene) -> str:
@@ -115,8 +129,10 @@ def richer(scene: Scene) -> tuple[str, Scene] | None:
         return "stepped motion", replace(scene, press_model=Dynamic())
     if not press.traced:
         return "a trace of force and contact point", replace(scene, press_model=press.with_trace())
-    if not (scene.parking and scene.finger):
-        return "the finger, and all objects loaded", replace(scene, parking=True, finger=True)
+    if not scene.finger or not (scene.parking or scene.families):
+        parks = not scene.families
+        change = "the finger, and all objects loaded" if parks else "the finger"
+        return change, replace(scene, parking=parks, finger=True)
     if scene.robot is None:
         return "a robot behind the pad", replace(scene, robot=ROBOTS["panda_allegro"])
     return "a soft pad", replace(scene, press_model=Deformable(), robot=None)

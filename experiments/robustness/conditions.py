@@ -85,10 +85,10 @@ def _require_taxels(number: float, what: str) -> None:
 
 def _longer_cylinder(scene: Scene) -> Scene:
     """A cylinder of twice the length, with the name of the one that the sensor knows."""
-    known = scene.solids.get("cylinder")
+    known = scene.shapes.get("cylinder")
     if not isinstance(known, Cylinder):
-        raise DoesNotApply("it has no cylinder")
-    return replace(scene, shapes={**scene.solids, "cylinder": replace(known, half_length=2.0 * known.half_length)})
+        raise DoesNotApply("it has no cylinder of one length")
+    return replace(scene, shapes={**scene.shapes, "cylinder": replace(known, half_length=2.0 * known.half_length)})
 
 
 def _varied(**changes: Distribution) -> Change:

@@ -145,7 +145,7 @@ def measure_touches(
 class Quantity(IntEnum):
     """A random quantity of an object or a touch, with a generator of its own."""
 
-    SIZE, FRICTION, STIFFNESS, ORIENTATION, PLACE, FORCE, FAULTS = range(1, 8)
+    SIZE, FRICTION, STIFFNESS, ORIENTATION, PLACE, FORCE, FAULTS, MEMBER = range(1, 9)
 
 
 def quantity_rng(key: tuple[int, int], number: int, quantity: Quantity, pose: int = 0) -> np.random.Generator:
@@ -167,13 +167,15 @@ def _press_some(
     without_faults, kept = replace(scene, faults=()), []
     images: dict[str, list[NDArray[np.uint8]]] = {name: [] for name in faults}
     for number in numbers:
-        vary = scene.variation
+        vary, shape = scene.variation, number % len(scene.shapes)
+        family = scene.families.get(scene.shape_labels[shape])
         thing = WorldObject(
-            number % len(scene.shapes),
+            shape,
             vary.size.sample(quantity_rng(key, number, Quantity.SIZE)),
             scene.presentation.rest(quantity_rng(key, number, Quantity.ORIENTATION)),
             vary.friction.sample(quantity_rng(key, number, Quantity.FRICTION)),
             vary.stiffness.sample(quantity_rng(key, number, Quantity.STIFFNESS)),
+            family.sample(quantity_rng(key, number, Quantity.MEMBER)) if family else None,
         )
         ideal = []
         try:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.perception.hypothesis_table import HypothesisTable
+from activetouch.placement import WorldObject
 from activetouch.poses import to_matrices
 from activetouch.sensor import TactileSensor
 from activetouch.solids.solid import Shape
@@ -32,7 +33,7 @@ class Bodies:
     """Hypotheses of the objects' orientations and sizes, and the shapes they may have.
 
     Attributes:
-        shapes: solids by label.
+        shapes: solids by label; the nominal one of a family.
         rests: orientations at rest, unit quaternions ``wxyz``, ``(N, 4)``.
         sizes: size factors, ``(N,)``.
         pixels: width and height of a picture; its cost grows with the square.
@@ -57,7 +58,7 @@ class Bodies:
         model = sensor.model
         if not isinstance(model, RigidBodyModel):
             return None
-        rests, sizes, _ = HypothesisTable(sensor.reader, sensor.scene).hypotheses(model.num_hypotheses)
+        rests, sizes = HypothesisTable(sensor.reader, sensor.scene).hypotheses(model.num_hypotheses)
         return cls(sensor.scene.solids, rests, sizes, pixels, draws)
 
     def likeliest(self, evidence: RigidBodyEvidence, probs: Floats, number: int) -> list[tuple[str, float, Floats]]:
@@ -80,9 +81,10 @@ class Bodies:
             found.append((labels[shape], float(probs[shape]), np.average(each, axis=0, weights=counts)))
         return found
 
-    def outline(self, label: str, rest: Floats, size: float) -> Floats:
-        """Whether the true body covers each pixel, ``(H, W)``, for its outline."""
-        return _shaded(self.shapes[label], to_matrices(rest[None])[0], size, self._radius, self.pixels)[..., 1]
+    def outline(self, label: str, body: WorldObject) -> Floats:
+        """Whether the true body, whose shape has this label, covers each pixel, ``(H, W)``, for its outline."""
+        solid = self.shapes[label] if body.member is None else body.member
+        return _shaded(solid, to_matrices(body.orientation[None])[0], body.scale, self._radius, self.pixels)[..., 1]
 
     @property
     def _radius(self) -> float:

@@ -82,7 +82,7 @@ def discretised_search(setting: Setting, target: int) -> tuple[SearchTouchProble
 
 
 def best_return_with_revealed_bodies(setting: Setting, target: int) -> RevealedBody | None:
-    """Upper bound on the expected return if orientation, size and stiffness of each object were shown at first sight.
+    """Upper bound on the expected return if orientation and size of each object were shown at first sight.
 
     Only the shape is unknown then. It is for touches as a joint sensor predicts them: draws from its reference touches,
     independent given the body. After one touch of an object another one reveals its shape, and so does its rejection;

@@ -23,7 +23,7 @@ from experiments.scene_choice import in_file_names, renderer_named
 from experiments.search.holdings import Holdings, Selection
 from experiments.search.resume import play_missing, shard_sizes
 from experiments.search.run_folder import BOUND, ORACLE, RunFolder
-from experiments.search.setting import Setting, known_model, require_abstain
+from experiments.search.setting import Setting, known_model, prepare, require_abstain
 from experiments.search.shards import made_by
 from experiments.search.short_names import short_names
 from experiments.search.summary import Comparison
@@ -87,7 +87,7 @@ class Compare:
     bound: bool = False
     """Also compute an upper bound on the expected return for the discretised sensor model (up to minutes per target).
     Live returns can exceed it, because live touches carry more information than their outcome and are correlated. For
-    a sensor of one rigid body, also one for a decider that is shown orientation, size and stiffness of each object."""
+    a sensor of one rigid body, also one for a decider that is shown orientation and size of each object."""
     jobs: Jobs = field(default_factory=default_jobs)
     """Number of processes; the results do not depend on it."""
     backend: Literal["loky", "dask"] = "loky"
@@ -327,6 +327,7 @@ class Compare:
             raise BadArgument("--bound is for searches without the answer UNSURE; leave out --bound or --abstain")
         shift = self.setting.shift  # raises WrongScene
         known_model(self.setting)  # raises NoIndependentModel
+        prepare(self.setting, self.jobs)
         if not self.deciders:
             raise BadArgument(f"--deciders must name one or more of {', '.join(DECIDERS)}; got none")
         if (self.backend == "dask") != (self.scheduler is not None):

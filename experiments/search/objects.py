@@ -12,12 +12,9 @@ from types import MappingProxyType
 from typing import Any
 
 from activetouch import Scene, TactileSensor
-from activetouch.distributions import LogUniform
 from activetouch.named_scenes import SCENES, NamedScene
-from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.scene_description import scene_fields
 from activetouch.sensor_files import READER_FILE, observation_file, write_observation_model
-from belief.observation_model.rigid_body import RigidBodyModel
 from experiments.command_line.arguments import BadArgument
 from experiments.parallel import default_jobs
 from experiments.scene_choice import SceneChoice, as_named
@@ -174,20 +171,13 @@ def _sensor_folder(sensor: str | Path | TactileSensor | None, run: Path) -> Path
     """Folder of a sensor; a sensor object is written into the folder of the run, under a name of its own."""
     if not isinstance(sensor, TactileSensor):
         return None if sensor is None else Path(sensor)
-    here, stiffness = scene_fields(sensor.scene), _measured_stiffness(sensor)
+    here = scene_fields(sensor.scene)
     run.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(prefix=".sensor", dir=run) as written:
         new = Path(written) / "sensor"
         sensor.reader.save(new / READER_FILE)
-        write_observation_model(new, sensor.model, sensor.reader.card.in_poses_of(here) or here, stiffness=stiffness)
+        write_observation_model(new, sensor.model, sensor.reader.card.in_poses_of(here) or here)
         folder = run / f"sensor-{files_digest([new / READER_FILE, observation_file(new)])[:12]}"
         if not folder.exists():
             new.rename(folder)
     return folder
-
-
-def _measured_stiffness(sensor: TactileSensor) -> tuple[float, float] | None:
-    """Range of stiffness that a sensor was adapted to, if any."""
-    table = sensor.model.hypotheses if isinstance(sensor.model, RigidBodyModel) else None
-    found = table.stiffness if isinstance(table, HypothesisTable) else None
-    return (float(found.low), float(found.high)) if isinstance(found, LogUniform) else None

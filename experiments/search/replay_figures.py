@@ -125,7 +125,7 @@ def _bodies(places: Sequence[Axes], frame: Frame, bodies: Bodies, true_label: st
     for axes, (label, prob, picture) in zip(places, shown, strict=True):
         axes.imshow(coloured(picture, prob), origin="lower")
         if label == true_label:
-            outline = bodies.outline(label, frame.body.orientation, frame.body.scale)
+            outline = bodies.outline(label, frame.body)
             axes.contour(outline, levels=[0.5], colors=PALETTE[2], linewidths=1.3)
         axes.set(xticks=[], yticks=[])
         axes.spines[:].set_visible(False)

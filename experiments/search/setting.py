@@ -6,7 +6,7 @@ import time
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, fields, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
 
@@ -14,15 +14,24 @@ import tyro
 
 from activetouch import Scene, TactileSensor, TouchWorld
 from activetouch.mesh_source import MeshSource
-from activetouch.sensor_files import POLICIES, READER_FILE, load_observation_model, observation_file
+from activetouch.perception.card import read_card
+from activetouch.perception.hypothesis_table import HypothesisTable
+from activetouch.sensor_files import (
+    POLICIES,
+    READER_FILE,
+    load_observation_model,
+    needs_preparation,
+    observation_file,
+)
 from activetouch.world import TouchTime, touch_many
 from belief import Composition, SearchProblem, Touch
 from belief.errors import CorruptFile
-from belief.observation_model import ObservationModel, OutcomeTable
+from belief.observation_model import ArrayModel, ObservationModel, OutcomeTable, RigidBodyModel
 from belief.seeding import arrangement_rng
 from belief.synthetic import sample_arrangement
 from experiments.command_line.arguments import BadArgument, Count, NotNegative, Within, check_arguments, require_types
 from experiments.command_line.trust import Trust
+from experiments.parallel import run_tasks
 from experiments.scene_choice import SceneChoice
 from experiments.search.run_folder import Seconds
 from experiments.search.touch_memo import TouchMemo
@@ -172,14 +181,35 @@ def _load_sensor(setting: Setting, when: Stamps) -> TactileSensor:
 
 
 def known_model(setting: Setting) -> tuple[ObservationModel, OutcomeTable]:
-    """The sensor's observation model and its outcome table; does not load the network."""
-    return _known_model(setting.sensor_folder, setting.is_independent, stamps(setting))
+    """The sensor's observation model and its outcome table; loads the network only if it reads any object."""
+    return _known_model(setting, stamps(setting))
 
 
 @lru_cache(maxsize=2)
-def _known_model(folder: Path, independent: bool, when: Stamps) -> tuple[ObservationModel, OutcomeTable]:
-    model = load_observation_model(folder, independent)
+def _known_model(setting: Setting, when: Stamps) -> tuple[ObservationModel, OutcomeTable]:
+    folder, independent = setting.sensor_folder, setting.is_independent
+    if needs_preparation(folder, setting.scene, independent):
+        model: ArrayModel = _load_sensor(setting, when).model
+    else:
+        model = load_observation_model(folder, independent)
     return model, model.outcome_table()
+
+
+def prepare(setting: Setting, jobs: int | None) -> None:
+    """Compute what a reader of any object needs once, before several processes do; then it is in the cache."""
+    if read_card(setting.sensor_folder / READER_FILE).imaging is None or not isinstance(
+        load_sensor(setting).model, RigidBodyModel
+    ):
+        return
+    tasks = [partial(_embed, setting, pose) for pose in range(len(setting.scene.poses))]
+    for _ in run_tasks(tasks, jobs, "predicting contacts"):
+        pass
+
+
+def _embed(setting: Setting, pose: int) -> None:
+    sensor = load_sensor(setting)
+    if isinstance(sensor.model, RigidBodyModel):
+        HypothesisTable(sensor.reader, setting.scene)(sensor.model.num_hypotheses, (pose,))
 
 
 def build_decider(setting: Setting, name: str) -> Decider:

@@ -66,7 +66,7 @@ def _revealed_body(comparison: Comparison) -> str:
     if found is None:
         return ""
     return (
-        " If orientation, size and stiffness of each object were revealed at first sight, and touches were as the "
+        " If orientation and size of each object were revealed at first sight, and touches were as the "
         f"sensor model predicts them, it is at most {found.mean:.3f} (standard error {found.standard_error:.3f})."
     )
 

@@ -67,7 +67,7 @@ class Collect:
         if self.from_manifest is not None:
             self._again(self.from_manifest)
         else:
-            name = choice_name(self.choice) if self.choice.meshes else self.choice.scene
+            name = choice_name(self.choice) if self.choice.meshes or self.choice.family else self.choice.scene
             folder = self.out if self.out is not None else collection_folder(name)
             manifest = collect(self.choice, self.plan.plan, folder, self.jobs)
             print(f"{folder} is complete: {len(manifest.sha256 or ())} shards, each with the SHA-256 in its manifest")

@@ -1,4 +1,4 @@
-"""``activetouch train``: from recorded touches to a classifier."""
+"""``activetouch train``: from recorded touches to a classifier, or from random bodies to a reader of any object."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from activetouch.data.dataset import TouchSet, read_split
 from activetouch.data.manifest import Manifest
@@ -30,10 +29,9 @@ from experiments.command_line.arguments import (
     Seed,
     check_arguments,
 )
-from experiments.command_line.trust import Trust
 from experiments.parallel import default_jobs, progress_bar
 from experiments.scene_choice import collection_folder, named_scene, training_folder
-from experiments.sensor_choice import open_collection, require_named_scene, to_be_read
+from experiments.sensor_choice import open_collection, require_named_scene
 
 if TYPE_CHECKING:
     from torch import nn
@@ -48,8 +46,6 @@ _STANDARDISING = (
     "pixel_std",
     "log_size_mean",
     "log_size_std",
-    "log_stiffness_mean",
-    "log_stiffness_std",
     "aim_scale",
 )
 """Fields of a card that centre and scale the inputs of its network."""
@@ -98,15 +94,19 @@ class Changes:
 
 @dataclass(frozen=True)
 class Train:
-    """Train a reader on a collection: one that knows shape, orientation and size, or a plain classifier of shapes.
+    """Train a reader: of any object, on random bodies; or of the shapes of a collection.
 
-    The state is saved after every epoch; the same command continues from it.
+    A reader of any object (--recipe contacts) learns the sensor, needs no collection, and reads shapes that it never
+    saw. The others learn a table of shapes, with their orientations and sizes or without.
+
+    The state is saved again and again; the same command continues from it.
 
     With tensorboard installed (the extra of that name), the losses are written to OUT/tensorboard.
 
     For example:
 
         activetouch train --scene coarse
+        activetouch train --scene gel --recipe contacts --steps 2000 --device cuda
         activetouch train --scene gel --recipe large
         activetouch train --scene hard --change.focus cube cuboid wedge
         activetouch train --recipe paper --backbone tiny --weights facebook/convnext-tiny-224   (a hub's, or a folder)
@@ -129,25 +129,31 @@ class Train:
     only case that goes online; random weights without."""
     objects: Count | None = None
     """Learn from the first so many objects of the training split only; from all by default."""
-    recipe: Literal["contrast", "large", "paper"] = "contrast"
-    """For a reader that knows orientations; or for a plain classifier of shapes: ours, or the paper's."""
+    recipe: Literal["contacts", "contrast", "large", "paper"] = "contrast"
+    """For a reader of any object; of the collection's shapes, which knows orientations; or for a plain classifier of
+    shapes: ours, or the paper's."""
+    steps: Count | None = None
+    """Steps, each of 512 touches of random bodies, for a reader of any object; 8000 by default."""
+    device: Literal["cpu", "cuda"] = "cpu"
+    """Where a reader of any object is trained."""
     change: Changes = field(default_factory=Changes)
     """Settings that differ from the recipe's."""
     threads: Jobs = field(default_factory=default_jobs)
     """Threads of the linear algebra."""
-    trust: bool = False
-    """Run code of your own that the collection names beside --scene, such as a renderer module:attribute."""
 
     @ends_claims
     def run(self) -> None:
         """Train to the end of the recipe and write ``classifier.safetensors`` and ``reader.safetensors``."""
         check_arguments(self)
         require_extra("train")
+        if self.recipe == "contacts":
+            self._train_on_random_bodies()
+            return
         recipe, named = self.change.of(RECIPES[self.recipe]), named_scene(self.scene)
         data = self.data if self.data is not None else collection_folder(self.scene)
         out = self.out if self.out is not None else training_folder(self.scene)
         claim_folder(out)
-        manifest = to_be_read(open_collection(data, self.scene, repeats=False), Trust(data, [self.scene], self.trust))
+        manifest = open_collection(data, self.scene, repeats=False)
         require_named_scene(data, manifest, self.scene if self.out is None else None, repeats=False)
         size = self.input_size if self.input_size is not None else named.input_size
         backbone = self.backbone if self.backbone is not None else named.backbone
@@ -181,6 +187,28 @@ class Train:
         export_reader(classifier, manifest.image_shape, hypotheses).save(out / READER_FILE)
         kept = trainer.best_epoch if recipe.patience is not None else trainer.epochs_done
         print(f"kept epoch {kept}, wrote {out / READER_FILE}")
+
+    def _train_on_random_bodies(self) -> None:
+        import torch
+
+        from activetouch.perception.contact_training import ContactRecipe, ContactTrainer, export
+        from activetouch.perception.contacts.told import imaging_of
+
+        scene = named_scene(self.scene).scene
+        out = self.out if self.out is not None else training_folder(f"{self.scene}-contacts")
+        claim_folder(out)
+        torch.set_num_threads(max(1, self.threads - 1))
+        imaging, changes = imaging_of(scene), {"steps": self.steps, "seed": self.change.seed}
+        recipe = ContactRecipe.of(imaging, **{name: value for name, value in changes.items() if value is not None})
+        trainer = ContactTrainer(imaging, recipe, out, self.device, workers=1 if self.threads > 1 else 0)
+        with progress_bar() as progress:
+            bar = progress.add_task("touching random bodies", total=recipe.steps, completed=trainer.step)
+            for report in trainer.run(lambda step: progress.update(bar, completed=step)):
+                words = ", ".join(f"{name} {value:g}" for name, value in report.items())
+                progress.console.print(words, highlight=False)
+        reader = export(trainer.network, imaging, scene, f"{trainer.step} steps of {recipe.groups * recipe.touches}")
+        reader.save(out / READER_FILE)
+        print(f"wrote {out / READER_FILE}; activetouch.TactileSensor reads any object with it")
 
 
 def _split(data: Path, name: str, size: int) -> TouchSet:
@@ -247,18 +275,8 @@ def card_for(
         embedding=embedding,
         log_size_mean=round(float(log_sizes.mean()), 4) if embedding else 0.0,
         log_size_std=round(max(float(log_sizes.std()), 1e-3), 4) if embedding else 1.0,
-        **(_stiffness_fields(train.stiffnesses) if embedding else {}),
         aim_scale=round(float(np.abs(np.nan_to_num(train.aims)).max()), 6) if embedding else 0.0,
     )
-
-
-def _stiffness_fields(stiffnesses: NDArray[np.float64]) -> dict[str, Any]:
-    """How to standardise log stiffness; nothing where all touches have the same, or it is not known."""
-    if np.isnan(stiffnesses).any() or np.ptp(stiffnesses) == 0.0:
-        return {}
-    logs = np.log(stiffnesses)
-    mean, std = round(float(logs.mean()), 4), round(max(float(logs.std()), 1e-3), 4)
-    return {"log_stiffness_mean": mean, "log_stiffness_std": std}
 
 
 def new_classifier(card: ClassifierCard, seed: int, weights: str | None = None) -> TouchClassifier:
@@ -316,7 +334,7 @@ def _reads_alike(one: ClassifierCard, other: ClassifierCard) -> bool:
     """Whether two networks have the same shapes, inputs and outputs, perhaps standardised by other numbers."""
     apart = {"scene", "mujoco_version", "training", "pose_labels", "image_shape", *_STANDARDISING}
     same = all(getattr(one, each.name) == getattr(other, each.name) for each in fields(one) if each.name not in apart)
-    return same and (one.knows_stiffness, one.knows_aims) == (other.knows_stiffness, other.knows_aims)
+    return same and one.knows_aims == other.knows_aims
 
 
 def _published(card: ClassifierCard, weights: str) -> nn.Module:

@@ -20,7 +20,6 @@ from activetouch.sensor_files import (
     MODELS,
     OBSERVATION_FILE,
     READER_FILE,
-    ROBUST_SUFFIX,
 )
 from belief.files import require_regular_file
 from experiments.scene_choice import FIDELITIES, SceneChoice
@@ -103,7 +102,7 @@ class Network:
 
 def shipped_networks(scene: str) -> list[Network]:
     """The readers of all shipped sensors of a scene; the default sensor first."""
-    names = [scene, scene + INDEPENDENT_SUFFIX, scene + ROBUST_SUFFIX]
+    names = [scene, scene + INDEPENDENT_SUFFIX]
     return [Network.of_sensor(scene, name) for name in names if (MODELS / name).is_dir()]
 
 

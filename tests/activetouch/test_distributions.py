@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from activetouch.distributions import Constant, Distribution, LogUniform, Mixture, Normal, Uniform
+from activetouch.distributions import Constant, Distribution, LogUniform, Normal, Uniform
 
 LAWS: list[tuple[Distribution, object]] = [
     (Uniform(1.0, 3.0), stats.uniform(1.0, 2.0)),
@@ -20,15 +20,6 @@ def test_draws_follow_the_law_and_fill_its_support(distribution, law, rng):
     draws = [distribution.sample(rng) for _ in range(4000)]
     assert stats.kstest(draws, law.cdf).pvalue > 1e-4  # which a right sampler misses with this probability
     np.testing.assert_allclose(distribution.support, law.support())
-
-
-@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
-def test_a_mixture_draws_from_its_first_part_with_the_stated_probability(share, rng):
-    low, high = Uniform(0.0, 1.0), Uniform(2.0, 4.0)
-    mixed, swapped = Mixture(low, high, share), Mixture(high, low, share)
-    draws = np.array([mixed.sample(rng) for _ in range(2000)])
-    assert stats.binomtest(int((draws <= 1.0).sum()), 2000, share).pvalue > 1e-4
-    assert mixed.support == swapped.support == (0.0, 4.0)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])

@@ -41,7 +41,7 @@ def test_a_turned_image_is_the_image_of_the_turned_object(seed, rng):
     chance = torch.Generator().manual_seed(seed)
     shown, angles = augment(image, Symmetry.ROTATIONS, 0.0, chance)
     kinds, sizes = torch.zeros(1, dtype=torch.long), torch.ones(1)
-    body = Hypotheses(kinds, orientation, sizes, torch.ones_like(sizes), torch.zeros(len(sizes), 2))
+    body = Hypotheses(kinds, orientation, sizes, torch.zeros(len(sizes), 2))
     orientation = turned(body, angles).orientations
     pressed = (255 * image_of(orientation[0])).round()
     assert np.abs(pressed - shown[0].numpy()).max() <= 2
@@ -53,8 +53,7 @@ def test_small_rotations_turn_the_label_the_same_way(rng):
     orientation = torch.from_numpy(random_orientation(rng)).float()[None]
     image = torch.from_numpy((255 * image_of(orientation[0])).round().astype(np.uint8))[None]
     shown, angles = augment(image, Symmetry.ROTATIONS, 30.0, torch.Generator().manual_seed(1))
-    one = torch.ones(1)
-    body = Hypotheses(torch.zeros(1, dtype=torch.long), orientation, one, one, torch.zeros(1, 2))
+    body = Hypotheses(torch.zeros(1, dtype=torch.long), orientation, torch.ones(1), torch.zeros(1, 2))
     there, back = (turned(body, sign * angles).orientations for sign in (1, -1))
     errors = [np.abs(255 * image_of(there_or_back[0]) - shown[0].numpy()).mean() for there_or_back in (there, back)]
     assert errors[0] < 0.3 * errors[1]
@@ -230,17 +229,12 @@ def test_the_losses_of_contrast_are_those_of_their_definitions(focus, drawn_shap
     assert accuracy == (read == touches.shapes).mean()
 
 
-def test_touches_of_which_less_is_known_were_aimed_at_the_middle_of_a_body_like_the_pad():
+def test_touches_of_which_less_is_known_were_aimed_at_the_middle():
     touches = bars_and_discs(6)
     assert np.isnan(touches.aims).all()
-    assert np.isnan(touches.stiffnesses).all()
-    found = hypotheses_of(touches)
-    assert (found.aims == 0.0).all()
-    assert (found.stiffnesses == 1.0).all()
-    aims, stiffnesses = np.arange(12.0).reshape(6, 2), np.arange(1.0, 7.0)
-    found = hypotheses_of(replace(touches, aims=aims, stiffnesses=stiffnesses))
-    np.testing.assert_array_equal(found.aims, aims)
-    np.testing.assert_array_equal(found.stiffnesses, stiffnesses)
+    assert (hypotheses_of(touches).aims == 0.0).all()
+    aims = np.arange(12.0).reshape(6, 2)
+    np.testing.assert_array_equal(hypotheses_of(replace(touches, aims=aims)).aims, aims)
 
 
 def test_every_shape_is_among_the_hypotheses_of_a_step_even_if_fewer_are_asked_for(tmp_path):

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 import trimesh
 
+from activetouch.distributions import Constant, Uniform
 from activetouch.errors import MeshWarning
 from activetouch.poses import random_orientation, to_matrix
-from activetouch.scene import Constant, Scene, Uniform, Variation
+from activetouch.scene import Scene, Variation
 from activetouch.shapes import SHAPES, Mesh
 from activetouch.solids.twins import find_twins, text_of_twins
 

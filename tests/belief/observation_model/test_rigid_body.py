@@ -175,21 +175,6 @@ def test_objects_that_were_touched_in_few_of_many_poses_can_be_fitted(num_touche
     assert model.drift < 0.1
 
 
-@pytest.mark.parametrize(
-    ("shapes", "number", "words"),
-    [
-        ([0, -1], 2, r"shapes must be integers in \[0, 2\), got -1 in row 1"),
-        ([0, K], 2, "got 2 in row 1"),
-        ([0], 2, r"a shape of each object, got \(2, 3\) and \(1,\)"),
-        (np.zeros(0, int), 0, "need touches"),
-    ],
-)
-def test_touches_of_another_world_need_the_shape_of_each_object(world, rng, shapes, number, words):
-    touches = TouchBatch.of([touches_of(world, 0, 0, range(P), rng) for _ in range(2)])
-    with pytest.raises(ValueError, match=words):
-        world.model(rng).refitted(touches.sequences(slice(0, number)), shapes)
-
-
 def test_no_touches_say_nothing(world, rng):
     model = world.model(rng)
     assert not model.start().log_likelihood.any()
@@ -466,6 +451,3 @@ def test_logits_are_of_no_account_to_it(world, rng):
     np.testing.assert_array_equal(model.log_likelihood(bare), model.log_likelihood(touches))
     ours, theirs = (reduce(lambda e, touch: e.update(touch), some, model.start()) for some in (bare, touches))
     np.testing.assert_array_equal(ours.log_weights, theirs.log_weights)
-    batch = TouchBatch.of([bare, bare])
-    again = model.refitted(batch, [0, 0]).temperature
-    assert again == model.refitted(TouchBatch.of([touches, touches]), [0, 0]).temperature

@@ -18,7 +18,6 @@ from experiments.search.run_folder import RunFolder
 from experiments.search.setting import Setting
 from experiments.sensor.calibrate import scene_of
 from experiments.sensor.collect import Collect
-from experiments.sensor_choice import to_be_read
 
 CODE = "open('it_ran', 'w').close()\nfrom activetouch.named_scenes import SCENES\nscene = SCENES['coarse']\n"
 
@@ -30,9 +29,8 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", [*sys.path])
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
     (tmp_path / "own_code.py").write_text(CODE)
-    choice = SceneChoice("own_code:scene", randomised=True)
-    setting = Setting(replace(choice, randomised=False))
-    RunFolder(tmp_path).open({}, {**Compare(setting=setting, jobs=1)._arguments()})
+    choice = SceneChoice("own_code:scene")
+    RunFolder(tmp_path).open({}, {**Compare(setting=Setting(choice), jobs=1)._arguments()})
     manifest = Manifest.of(SCENES["coarse"].scene, CollectionPlan(1, 1, 1), choice.to_dict())
     shards = {f"{split}/00000.npz": "0" * 64 for split in ("train", "calibration", "test")}
     replace(manifest, sha256=shards, redrawn=0).write(tmp_path)
@@ -42,7 +40,6 @@ def folder(tmp_path, monkeypatch):
 
 def commands(folder, trust):
     manifest = Manifest.of(SCENES["coarse"].scene, CollectionPlan(1, 1, 1), SceneChoice("own_code:scene").to_dict())
-    randomised = replace(manifest, choice={**manifest.choice, "randomised": True})
     config = replace(Compare.from_config(folder), trust=trust, part="7/3")
     return {
         "overprobing": OverprobingCommand(folder, trust=trust).run,
@@ -50,18 +47,17 @@ def commands(folder, trust):
         "compare": config.run,
         "collect": Collect(from_manifest=folder, out=folder / "again", trust=trust).run,
         "calibrate": partial(scene_of, manifest, Trust(folder, everything=trust)),
-        "train": partial(to_be_read, randomised, Trust(folder, everything=trust)),
     }
 
 
-@pytest.mark.parametrize("name", ["overprobing", "replay", "compare", "collect", "calibrate", "train"])
+@pytest.mark.parametrize("name", ["overprobing", "replay", "compare", "collect", "calibrate"])
 def test_a_file_runs_no_code_unless_it_is_trusted(folder, name):
     with pytest.raises(FileNamesCode, match=r"names code: own_code:scene\..*add --trust"):
         commands(folder, trust=False)[name]()
     assert not (folder / "it_ran").exists()
 
 
-@pytest.mark.parametrize("name", ["overprobing", "calibrate", "train"])
+@pytest.mark.parametrize("name", ["overprobing", "calibrate"])
 def test_a_trusted_file_may_name_code(folder, name):
     with suppress(NothingToCount):  # the folder holds no searches
         commands(folder, trust=True)[name]()

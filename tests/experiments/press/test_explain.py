@@ -93,5 +93,5 @@ def test_explain_compares_the_shapes_and_says_where_their_touches_land(monkeypat
 
 
 def test_a_sensor_without_an_independent_model_is_measured_alone():
-    table = belief_table("coarse", SCENES["coarse"].scene, MODELS / "coarse-robust")
+    table = belief_table("keyed", SCENES["keyed"].scene, MODELS / "keyed")
     assert [row[0] for row in table.rows] == ["joint: one rigid body"]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from activetouch.hypotheses import quaternions
+from activetouch.placement import WorldObject
 from activetouch.poses import turn
 from activetouch.shapes import SHAPES
 from belief.observation_model import FixedHypotheses, RigidBodyModel
@@ -49,6 +50,7 @@ def test_the_outline_of_a_known_body_covers_its_picture(label):
     weights = np.zeros((4, N))
     weights[:, 11] = 50.0
     [(_, _, picture)] = BODIES.likeliest(evidence(weights), np.eye(4)[index], 1)
-    np.testing.assert_array_equal(picture[..., 1], BODIES.outline(label, BODIES.rests[11], 1.0))
-    larger, smaller = (BODIES.outline(label, turn("x", 0.3), size).sum() for size in (0.9, 0.7))
+    np.testing.assert_array_equal(picture[..., 1], BODIES.outline(label, WorldObject(index, 1.0, BODIES.rests[11])))
+    turned = (WorldObject(index, size, turn("x", 0.3)) for size in (0.9, 0.7))
+    larger, smaller = (BODIES.outline(label, body).sum() for body in turned)
     assert larger / smaller == pytest.approx((0.9 / 0.7) ** 2, rel=0.05)

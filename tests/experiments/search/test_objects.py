@@ -6,15 +6,13 @@ import subprocess
 import sys
 from dataclasses import dataclass, replace
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 import activetouch
 from activetouch import SCENES, TactileSensor
-from activetouch.distributions import LogUniform, Uniform
-from activetouch.perception.hypothesis_table import HypothesisTable
+from activetouch.distributions import Uniform
 from activetouch.poses import POSE_SETS
 from belief.errors import ActiveTouchError, UnknownName
 from belief.references import BadReference
@@ -255,14 +253,6 @@ def test_every_key_has_a_file_name_of_its_own(decider, target, number):
 
 def test_plain_names_stand_in_file_names_as_they_are():
     assert ShardKey("point_based", "my-mug", 3).stem == "point_based-my-mug-00003"
-
-
-def test_what_a_sensor_object_was_adapted_to_goes_with_it(tmp_path):
-    sensor = TactileSensor.shipped("coarse-robust")
-    table = HypothesisTable(sensor.reader, sensor.scene, LogUniform(1.9, 2.1))
-    folder = _sensor_folder(replace(sensor, model=sensor.model.with_hypotheses(table)), tmp_path)
-    again = TactileSensor.load(folder, sensor.scene)
-    np.testing.assert_array_equal(again.model.hypotheses.hypotheses(64).stiffnesses, table.hypotheses(64).stiffnesses)
 
 
 def test_a_sensor_object_is_of_the_poses_of_its_scene(tmp_path):

@@ -8,14 +8,11 @@ import numpy as np
 import pytest
 
 from activetouch.data.dataset import read_split
-from activetouch.distributions import Constant
 from activetouch.errors import ImpossibleRecipe, MissingWeights
 from activetouch.perception.card import CLASSIFIER_FILE
 from activetouch.perception.classifier import TouchClassifier
-from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
 from activetouch.perception.recipe import RECIPES
-from activetouch.scene_description import scene_differences, scene_fields
 from activetouch.sensor_files import READER_FILE
 from belief.statistics import clopper_pearson_interval, cluster_bootstrap
 from benchmarks.frontier import Frontier
@@ -59,20 +56,6 @@ def test_a_trained_classifier_knows_what_it_was_trained_on(data, tmp_path, capsy
     assert "TrainingRecipe(" not in said + card.training
     assert "EpochReport(" not in said
     assert "epoch 1 " not in said  # no bar is left of an epoch that is done
-
-
-def test_a_reader_of_randomised_touches_is_for_the_plain_scene_and_knows_stiffness(tmp_path):
-    choice = SceneChoice("coarse", fidelity="quasistatic", randomised=True)
-    Collect(choice, out=tmp_path / "data", plan=PlanArguments(train=12, calibration=6, test=0), jobs=1).run()
-    change = Changes(epochs=1, batch_size=64, embedding=8, negatives=64, bf16=False)
-    trained(tmp_path / "data", tmp_path / "out", recipe="contrast", change=change)
-    reader = TactileReader.load(tmp_path / "out" / READER_FILE)
-    plain = SceneChoice("coarse", fidelity="quasistatic").named.scene
-    assert not scene_differences(reader.card.scene, scene_fields(plain))
-    assert reader.card.knows_stiffness
-    soft, hard = (HypothesisTable(reader, plain, Constant(value))(16) for value in (0.6, 1.8))
-    assert np.abs(soft - hard).max() > 1e-3
-    assert np.ptp(HypothesisTable(reader, plain).hypotheses(256).stiffnesses) > 1.0
 
 
 @pytest.mark.parametrize(

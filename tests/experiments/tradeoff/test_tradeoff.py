@@ -118,7 +118,7 @@ def test_the_default_sensor_is_measured_with_every_number_of_hypotheses():
 
 def test_the_shipped_sensors_of_a_scene_come_with_the_default_first():
     found = shipped_networks("coarse")
-    assert [network.sensor for network in found] == ["coarse", "coarse-robust"]
+    assert [network.sensor for network in found] == ["coarse"]
     of_paper = shipped_networks("paper")
     assert [network.sensor for network in of_paper] == ["paper", "paper-independent"]
     assert [network.knows_orientation for network in of_paper] == [True, False]

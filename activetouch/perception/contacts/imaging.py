@@ -1,26 +1,21 @@
-"""Simulated touches of random bodies, in batches: what a reader that knows the sensor, not the shapes, learns from.
+"""What a pressure sensor makes of a surface that is pressed against it, and the contact that a hypothesis predicts.
 
-One batch holds B touches of G random bodies in W worlds. A world is a state of the sensor and of the press: see
-:class:`World`. Every touch has its image, the contact that its hypothesis predicts, and the width of the cell that the
-hypothesis stands for.
+Both are arrays over many touches: height maps go in (:func:`activetouch.predicted_contacts`), and images, or the input
+of the network of contacts, come out. A :class:`World` is the state of the sensor and of the press.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import lru_cache
-from typing import NamedTuple
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import NDArray
 
-from activetouch.poses import to_matrices
 from activetouch.pressing.height_maps import Window
 from activetouch.pressing.pad import Pad
-from activetouch.solids.raster import Surface, heights
-from benchmarks.sensor_reader.bodies import random_body
 
 Floats32 = NDArray[np.float32]
 
@@ -28,6 +23,18 @@ BROKEN = 4
 """Cells along the edge of the map of broken taxels that a world is described by."""
 WORLD = 9 + 2 * BROKEN**2
 """Numbers that describe a world to the network of contacts; all are 0 where the sensor is as it should be."""
+LIMITS = {
+    "stiffness": (2**-1.5, 2.0),
+    "force": (2**-2.4, 2.0),
+    "noise": (2**-0.5, 4.0),
+    "gain": (2**-0.4, 2**0.4),
+    "blur": (0.0, 0.08),
+    "shift": (-0.1, 0.1),
+    "hysteresis": (0.0, 0.1),
+}
+"""Least and largest of the numbers of a :class:`World` that a reader is trained with."""
+SAMPLES = 32
+"""Points along the edge of a pad, at least, at which a surface is computed; at most as many pixels are read."""
 _BISECTIONS = 18
 
 
@@ -101,7 +108,7 @@ class Imaging:
     offset: float = 0.002
     sizes: tuple[float, float] = (0.75, 1.25)
     dead: NDArray[np.bool_] | None = None
-    samples: int = 32
+    samples: int = SAMPLES
     coarser: float = 0.0
 
     @property
@@ -118,6 +125,21 @@ class Imaging:
     def contact_pixels(self) -> int:
         """Along the edge of the pad in a predicted contact."""
         return max(self.pixels, 16)
+
+    def fields(self) -> dict[str, Any]:
+        """Its fields as JSON types."""
+        return asdict(self) | {"dead": None if self.dead is None else self.dead.astype(int).tolist()}
+
+    @classmethod
+    def from_fields(cls, fields: Mapping[str, Any]) -> Imaging:
+        """The description from :meth:`fields`.
+
+        Raises:
+            KeyError, TypeError, ValueError: the fields are of something else.
+        """
+        ranges = {name: tuple(map(float, fields[name])) for name in ("force", "sizes")}
+        dead = None if fields["dead"] is None else np.array(fields["dead"], bool)
+        return cls(**{**fields, **ranges, "pad": Pad(**fields["pad"]), "dead": dead})
 
     def images(self, reached: Floats32, world: World, rng: np.random.Generator) -> tuple[Floats32, NDArray[np.bool_]]:
         """Images in [0, 1] of bodies that meet the pad, ``(n, pixels, pixels)``, and whether they hit it, ``(n,)``."""
@@ -176,159 +198,6 @@ def encoded(reached: Floats32, inner: int) -> Floats32:
     return np.stack([gap / 0.004, np.exp(-np.maximum(gap, -0.001) / 0.0006) / 2], axis=1)
 
 
-class Batch(NamedTuple):
-    """B touches of G bodies, of which touches i · B / G … belong to body i, in W worlds.
-
-    Attributes:
-        images: ``(B, n, n)``.
-        hit: whether the pad was hit, ``(B,)``.
-        contacts: encoded, of every touch's own hypothesis, ``(B, 2, m, m)``.
-        cells: width of the cells that the hypotheses stand for [rad], ``(B,)``.
-        world: of every touch, ``(B,)``, in 0 … W − 1.
-        codes: of the worlds, ``(W, WORLD)``.
-        bodies: ``(B,)``, in 0 … G − 1.
-    """
-
-    images: Floats32
-    hit: NDArray[np.bool_]
-    contacts: Floats32
-    cells: Floats32
-    world: NDArray[np.int64]
-    codes: Floats32
-    bodies: NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class Batches:
-    """An endless stream of batches; batch i follows from the seed and i alone.
-
-    Attributes:
-        imaging: of the sensor.
-        bodies: numbers of the random bodies to draw from.
-        groups: G.
-        touches: of each body in a batch.
-        worlds: W.
-        nominal: share of nuisances that are as they should be.
-        cells: narrowest and widest cell [rad].
-        seed: of the stream.
-    """
-
-    imaging: Imaging
-    bodies: range
-    groups: int = 16
-    touches: int = 32
-    worlds: int = 8
-    nominal: float = 0.45
-    cells: tuple[float, float] = (0.035, 0.35)
-    seed: int = 0
-
-    def __call__(self, number: int) -> Batch:
-        """Batch ``number``."""
-        rng = np.random.default_rng([self.seed, number, len(self.bodies)])
-        imaging, total = self.imaging, self.groups * self.touches
-        worlds = drawn_worlds(rng, self.worlds, self.nominal, imaging.coarser)
-        world = np.tile(np.arange(self.worlds), -(-total // self.worlds))[:total]
-        cells = np.exp(rng.uniform(*np.log(self.cells), total))
-        turns = _normalised(rng.normal(size=(total, 4)))
-        sizes = rng.uniform(*imaging.sizes, total)
-        offsets = rng.uniform(-imaging.offset, imaging.offset, (total, 2))
-        near = _near(turns, cells, rng)
-        seen = np.empty((total, imaging.samples, imaging.samples), np.float32)
-        predicted = np.empty((total, *[imaging.wide_window.num_pixels] * 2), np.float32)
-        for group, body in enumerate(rng.choice(self.bodies, self.groups, replace=False)):
-            some = slice(group * self.touches, (group + 1) * self.touches)
-            surface = kept_body(int(body))
-            seen[some] = _maps(surface, turns[some], sizes[some], offsets[some], imaging.window)
-            nearby = sizes[some] * np.exp(rng.normal(size=self.touches) * 0.15 * cells[some])
-            predicted[some] = _maps(surface, near[some], nearby, np.zeros((self.touches, 2)), imaging.wide_window)
-        images, hit = imaging.images(seen, World(*(part[world] for part in worlds)), rng)
-        return Batch(
-            images,
-            hit,
-            encoded(predicted, imaging.contact_pixels),
-            cells.astype(np.float32),
-            world,
-            worlds.code(),
-            np.repeat(np.arange(self.groups), self.touches),
-        )
-
-    def __iter__(self) -> Iterator[Batch]:
-        number = 0
-        while True:
-            yield self(number)
-            number += 1
-
-
-def _maps(
-    surface: Surface,
-    turns: NDArray[np.float64],
-    sizes: NDArray[np.float64],
-    places: NDArray[np.float64],
-    window: Window,
-) -> Floats32:
-    pixel = window.edge / window.num_pixels
-    return heights(surface, to_matrices(turns) * sizes[:, None, None], places, pixel, window.num_pixels, np.float32)
-
-
-@lru_cache(maxsize=8192)
-def kept_body(number: int) -> Surface:
-    """A random body, kept for the next batch that shows it."""
-    return random_body(number)
-
-
-def drawn_worlds(rng: np.random.Generator, number: int, nominal: float, coarser: float = 0.0) -> World:
-    """Random worlds, in which each nuisance is as it should be with probability ``nominal``, and all are in the first.
-
-    The first world of a batch is nominal, because the sensor mostly is.
-    """
-    usual = World.nominal(number)
-    broken = np.zeros((2, number, BROKEN, BROKEN), np.float32)
-    for world in range(number):
-        if rng.uniform() < 0.5:  # one or two cells, all of their taxels or some
-            for _ in range(rng.integers(1, 3)):
-                share = 1.0 if rng.uniform() < 0.6 else rng.uniform(0.05, 1.0)
-                broken[rng.integers(2), world, rng.integers(BROKEN), rng.integers(BROKEN)] = share
-        elif rng.uniform() < 0.4:  # single taxels everywhere
-            broken[rng.integers(2), world] = rng.uniform(0.0, 0.12)
-    strange = World(
-        2 ** rng.uniform(-1.5, 1.0, number),
-        2 ** rng.uniform(-2.4, 1.0, number),
-        2 ** rng.uniform(-0.5, 2.0, number),
-        2 ** rng.uniform(-0.4, 0.4, number),
-        rng.uniform(0.0, 0.08, number),
-        rng.uniform(-0.1, 0.1, (number, 2)),
-        rng.uniform(0.0, 0.1, number),
-        broken[0],
-        broken[1] * (broken[0] == 0.0),
-        np.zeros(number),
-    )
-    is_strange = rng.uniform(size=(number, 7)) > nominal
-    wide = rng.uniform(size=number) < coarser
-    is_strange &= (~wide | (rng.uniform(size=number) < 0.5))[:, None]  # and often is as it should be otherwise
-    wide[0] = is_strange[0] = False
-    column = dict(zip(World._fields, (0, 1, 2, 3, 4, 5, 6, 6, 6, 6), strict=True))
-    column |= {"hysteresis": 4}
-    found = []
-    for name, one, other in zip(World._fields, strange, usual, strict=True):
-        choice = is_strange[:, column[name]].reshape(number, *[1] * (other.ndim - 1))
-        found.append(np.where(choice, one, other).astype(np.float32))
-    return World(*found)._replace(wide=wide.astype(np.float32))
-
-
-def _normalised(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-
-
-def _near(turns: NDArray[np.float64], cells: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
-    """Orientations after small turns, whose standard deviation about each axis is the width of the cell."""
-    small = rng.normal(size=(len(turns), 3)) * (cells / 2)[:, None]
-    w, (x, y, z) = np.ones(len(turns)), small.T
-    a, b, c, d = turns.T
-    product = (w * a - x * b - y * c - z * d, w * b + x * a + y * d - z * c)
-    product += (w * c - x * d + y * a + z * b, w * d + x * c - y * b + z * a)
-    return _normalised(np.stack(product, axis=1))
-
-
 def _indentation(gap: Floats32, load: Floats32, deepest: float) -> Floats32:
     """Indentation of every point whose sum over the points is ``load``, unless the layer bottoms out, by bisection."""
     low, high = np.zeros(len(gap), np.float32), np.full(len(gap), deepest, np.float32)
@@ -378,4 +247,4 @@ def _clipped_moments(values: Floats32, std: Floats32) -> tuple[Floats32, Floats3
     below = scipy.special.ndtr(z)
     mean = values * below + std * density
     variance = (values * values + std * std) * below + values * std * density - mean * mean
-    return mean, np.maximum(variance, 1e-8)
+    return mean.astype(np.float32, copy=False), np.maximum(variance, np.float32(1e-8))

@@ -56,7 +56,7 @@ def _polytope(rng: np.random.Generator, normals: Floats, offsets: Floats, cuts: 
     """The points x with n · x ≤ d for all planes, some with one or two more planes that cut a corner or an edge off."""
     if rng.uniform() < cuts:
         points = scipy.spatial.HalfspaceIntersection(np.column_stack([normals, -offsets]), np.zeros(3)).intersections
-        for normal in _directions(rng, rng.integers(1, 3)):
+        for normal in _directions(rng, int(rng.integers(1, 3))):
             reach = (points @ normal).max()
             normals, offsets = np.vstack([normals, normal]), np.append(offsets, rng.uniform(0.4, 0.98) * reach)
     return _hull(scipy.spatial.HalfspaceIntersection(np.column_stack([normals, -offsets]), np.zeros(3)).intersections)
@@ -82,11 +82,11 @@ def _box(rng: np.random.Generator) -> Triangles:
 
 
 def _prism(rng: np.random.Generator) -> Triangles:
-    return _tapered(rng, rng.integers(3, 9), 1.0)
+    return _tapered(rng, int(rng.integers(3, 9)), 1.0)
 
 
 def _pyramid(rng: np.random.Generator) -> Triangles:
-    return _tapered(rng, rng.integers(3, 7), rng.uniform(0.0, 0.9))
+    return _tapered(rng, int(rng.integers(3, 7)), rng.uniform(0.0, 0.9))
 
 
 def _cylinder(rng: np.random.Generator) -> Triangles:
@@ -110,7 +110,7 @@ def _tapered(rng: np.random.Generator, sides: int, taper: float) -> Triangles:
 
 
 def _random_polytope(rng: np.random.Generator) -> Triangles:
-    number = rng.integers(5, 24)
+    number = int(rng.integers(5, 24))
     normals = np.vstack([_directions(rng, number), np.eye(3), -np.eye(3)])
     return _polytope(rng, normals, np.append(rng.uniform(9, 22, number), np.tile(rng.uniform(10, 25, 3), 2)) * _MM, 0.0)
 

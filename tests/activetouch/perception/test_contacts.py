@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from activetouch import SCENES, SHAPES, predicted_contacts
+from activetouch.perception.contacts.bodies import _FAMILIES, random_body
+from activetouch.perception.contacts.imaging import WORLD, Imaging, World, encoded
+from activetouch.perception.contacts.touches import drawn_worlds
 from activetouch.placement import Placement
 from activetouch.poses import random_orientation, to_matrices
 from activetouch.pressing.press import Quasistatic
 from activetouch.solids.raster import heights
-from benchmarks.sensor_reader.bodies import _FAMILIES, random_body
-from benchmarks.sensor_reader.touches import WORLD, Imaging, World, drawn_worlds, encoded
 
 GEL = SCENES["gel"].scene
 IMAGING = Imaging(GEL.pad, taxels=128, pixels=32, samples=128, gain=0.0, noise=1e-4)
@@ -86,18 +87,23 @@ def test_contacts_are_read_from_the_first_point_in_front_of_the_pad():
 
 @pytest.mark.torch
 def test_a_training_goes_on_where_it_stopped(tmp_path, monkeypatch):
-    from benchmarks.sensor_reader import train
+    from activetouch.perception import contact_training as training
 
-    monkeypatch.setattr(train, "_HELD_OUT", 4)
-    monkeypatch.setattr(train, "_CHECKS", 1)
-    monkeypatch.setattr(train.ContactRecipe, "rate", lambda self, step: 1e-3)
-    recipe = train.ContactRecipe(
+    monkeypatch.setattr(training, "HELD_OUT", 4)
+    monkeypatch.setattr(training, "CHECKS", 1)
+    monkeypatch.setattr(training.ContactRecipe, "rate", lambda self, step: 1e-3)
+    recipe = training.ContactRecipe(
         2, bodies=6, widths=(4, 4, 4, 4, 4), dense=8, embedding=4, groups=2, touches=4, worlds=2, bf16=False
     )
     imaging = replace(IMAGING, samples=32)
-    train.train(imaging, replace(recipe, steps=1), tmp_path / "two", workers=0)
-    resumed = train.train(imaging, recipe, tmp_path / "two", workers=0).state_dict()
-    once = train.train(imaging, recipe, tmp_path / "one", workers=0).state_dict()
+
+    def trained(recipe, folder):
+        trainer = training.ContactTrainer(imaging, recipe, folder, workers=0)
+        list(trainer.run())
+        return trainer.network.state_dict()
+
+    trained(replace(recipe, steps=1), tmp_path / "two")
+    resumed, once = trained(recipe, tmp_path / "two"), trained(recipe, tmp_path / "one")
     assert len((tmp_path / "two" / "log.jsonl").read_text().splitlines()) == 2
     for name, part in once.items():
         np.testing.assert_allclose(resumed[name].numpy(), part.numpy(), atol=1e-6)

@@ -10,10 +10,11 @@ import math
 import torch
 from torch import Tensor, nn
 
-from benchmarks.sensor_reader.touches import WORLD
+from activetouch.perception.contacts.imaging import WORLD
 
 _CELLS = 4  # along the edge, over which the last convolution is averaged
-_FEW_PIXELS = 8  # along the edge of an image
+FEW_PIXELS = 8
+"""Along the edge of an image that needs no convolutions."""
 
 
 class ContactReader(nn.Module):
@@ -29,7 +30,7 @@ class ContactReader(nn.Module):
 
     def __init__(self, widths: tuple[int, ...], dense: int, embedding: int, pixels: int = 32) -> None:
         super().__init__()
-        is_small = pixels <= _FEW_PIXELS
+        is_small = pixels <= FEW_PIXELS
         self.images = nn.Flatten() if is_small else _convolutions(1, widths)
         self.contacts = _convolutions(2, widths)
         features = widths[-1] * _CELLS**2
@@ -37,12 +38,21 @@ class ContactReader(nn.Module):
         self.of_contact = _Head(features, dense, embedding)
         self.of_world = nn.Linear(WORLD + 1, dense)
         nn.init.zeros_(self.of_world.weight)
-        self._scale = 4 / math.sqrt(embedding)
+        self.embedding, self._scale = embedding, 4 / math.sqrt(embedding)
 
     def f(self, images: Tensor) -> Tensor:
         """Embeddings ``(B, D)`` of images in [0, 1], ``(B, n, n)``."""
+        return self.embedded(self.first(images))
+
+    def first(self, images: Tensor) -> Tensor:
+        """What the dense layers of :meth:`f` read, ``(B, F)``."""
         seen = (images[:, None] * 4 - 0.3).contiguous(memory_format=torch.channels_last)
-        return self.of_image.out(self.of_image.first(self.images(seen))).float() * self._scale
+        found: Tensor = self.of_image.first(self.images(seen))
+        return found
+
+    def embedded(self, first: Tensor) -> Tensor:
+        """Embeddings of :meth:`first`."""
+        return self.of_image.out(first).float() * self._scale
 
     def h(self, contacts: Tensor, cells: Tensor, codes: Tensor) -> Tensor:
         """Embeddings ``(W, H, D)`` of contacts ``(H, 2, m, m)`` for cells ``(H,)``, in worlds ``(W, WORLD)``."""
@@ -51,6 +61,31 @@ class ContactReader(nn.Module):
         told = nn.functional.linear(codes, self.of_world.weight[:, 1:], self.of_world.bias)
         shown = shown + width * self.of_world.weight[:, 0]
         return self.of_contact.out(shown + told[:, None]).float()
+
+
+class ImageNetwork(nn.Module):
+    """The network of images as a reader has it: bytes in, the embedding and what the last layers read out."""
+
+    def __init__(self, network: ContactReader) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, images: Tensor) -> tuple[Tensor, Tensor]:
+        """Embeddings ``(B, D)`` and features ``(B, F)`` of images ``(B, n, n)`` in uint8."""
+        features = self.network.first(images.float() / 255.0)
+        return self.network.embedded(features), features
+
+
+class ContactNetwork(nn.Module):
+    """The network of contacts in one world."""
+
+    def __init__(self, network: ContactReader) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, contacts: Tensor, cells: Tensor, code: Tensor) -> Tensor:
+        """Embeddings ``(H, D)`` of contacts ``(H, 2, m, m)`` with cells ``(H,)``, in a world ``(1, WORLD)``."""
+        return self.network.h(contacts, cells, code)[0]
 
 
 class _Head(nn.Module):
@@ -74,7 +109,24 @@ def _convolutions(channels: int, widths: tuple[int, ...]) -> nn.Sequential:
     layers: list[nn.Module] = []
     for number, (width_in, width_out) in enumerate(zip((channels, *widths), widths, strict=False)):
         layers += [nn.Conv2d(width_in, width_out, 3, stride=2 if number % 2 == 0 else 1, padding=1), nn.GELU()]
-    return nn.Sequential(*layers, nn.AdaptiveAvgPool2d(_CELLS), nn.Flatten())
+    return nn.Sequential(*layers, _Averages(), nn.Flatten())
+
+
+class _Averages(nn.Module):
+    """Averages over the cells of a grid, as ``nn.AdaptiveAvgPool2d``, which has no operator in ONNX."""
+
+    def forward(self, x: Tensor) -> Tensor:
+        rows, columns = (_shares(edge, x) for edge in x.shape[-2:])
+        return rows @ x @ columns.T
+
+
+def _shares(edge: int, like: Tensor) -> Tensor:
+    """By which an axis is multiplied, ``(_CELLS, edge)``."""
+    found = torch.zeros(_CELLS, edge)
+    for cell in range(_CELLS):
+        first, last = cell * edge // _CELLS, -(-(cell + 1) * edge // _CELLS)
+        found[cell, first:last] = 1 / (last - first)
+    return found.to(like)
 
 
 def losses(network: ContactReader, batch: dict[str, Tensor], bf16: bool) -> tuple[Tensor, Tensor, Tensor]:

@@ -1,0 +1,231 @@
+"""Training of a reader that knows the sensor, on random bodies; it goes on from its state file."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.utils.data import DataLoader, IterableDataset
+
+from activetouch.perception.card import ClassifierCard
+from activetouch.perception.contacts.hypotheses import CONTACTS, EMBEDDING, ContactHypotheses
+from activetouch.perception.contacts.imaging import WORLD, Imaging
+from activetouch.perception.contacts.network import FEW_PIXELS, ContactNetwork, ContactReader, ImageNetwork, losses
+from activetouch.perception.contacts.touches import Batches
+from activetouch.perception.export import exported
+from activetouch.perception.reader import INPUT, OUTPUTS, TactileReader
+from activetouch.perception.sealed_tensors import read_tensors, write_tensors
+from activetouch.scene import Scene
+from activetouch.scene_description import scene_fields
+
+HELD_OUT = 200
+"""Bodies of the lowest numbers, which no training sees."""
+CHECKS = 4
+"""Batches of held-out bodies for a report."""
+_SMALLEST_IN_HALF = 16  # edge of an image; in smaller ones, half precision gives NaN
+_REPORTED, _SAVED = 100, 500  # steps between reports, and between states on disk
+_NAMES = ("contrast", "cross-entropy", "accuracy")
+_STATE = "state.safetensors"
+
+
+@dataclass(frozen=True)
+class ContactRecipe:
+    """How a reader is trained.
+
+    Attributes:
+        steps: batches in all.
+        bodies: random bodies to learn from.
+        widths: channels of the convolutions.
+        dense: width of the layers after them.
+        embedding: numbers of an embedding.
+        learning_rate: highest.
+        warmup: steps until it is reached.
+        groups, touches: bodies of a batch, and touches of each.
+        worlds: of a batch.
+        bf16: whether the networks compute in half precision.
+        seed: of all that is drawn.
+    """
+
+    steps: int = 8000
+    bodies: int = 6000
+    widths: tuple[int, ...] = (16, 32, 32, 64, 64)
+    dense: int = 320
+    embedding: int = 64
+    learning_rate: float = 1.5e-3
+    warmup: int = 200
+    groups: int = 16
+    touches: int = 32
+    worlds: int = 4
+    bf16: bool = True
+    seed: int = 0
+
+    @classmethod
+    def of(cls, imaging: Imaging, **changes: Any) -> ContactRecipe:
+        """The recipe for a sensor: images of few pixels need fewer convolutions.
+
+        Args:
+            imaging: of the sensor.
+            changes: fields that differ.
+        """
+        return cls(**({"widths": (16, 32, 32)} if imaging.pixels <= FEW_PIXELS else {}) | changes)
+
+    def rate(self, step: int) -> float:
+        """Learning rate of a step: linear rise, then a cosine to almost zero."""
+        along = min(1.0, step / self.steps)
+        return self.learning_rate * min(1.0, (step + 1) / self.warmup) * (0.5 * (1 + math.cos(math.pi * along)) + 0.003)
+
+
+class _Stream(IterableDataset[dict[str, Tensor]]):
+    """The batches of a training from a step on, made in other processes."""
+
+    def __init__(self, batches: Batches, first: int) -> None:
+        self.batches, self.first = batches, first
+
+    def __iter__(self) -> Iterator[dict[str, Tensor]]:
+        worker = torch.utils.data.get_worker_info()
+        number, every = (0, 1) if worker is None else (worker.id, worker.num_workers)
+        step = self.first + number
+        while True:
+            yield as_tensors(self.batches, step)
+            step += every
+
+
+def as_tensors(batches: Batches, number: int) -> dict[str, Tensor]:
+    """A batch as tensors by name."""
+    return {name: torch.from_numpy(np.ascontiguousarray(part)) for name, part in batches(number)._asdict().items()}
+
+
+class ContactTrainer:
+    """A training, which goes on from the state in its folder.
+
+    Args:
+        imaging: of the sensor.
+        recipe: of the training.
+        folder: of ``state.safetensors`` and ``log.jsonl``.
+        device: ``cpu`` or ``cuda``.
+        workers: processes that make batches; 0 for none but this.
+
+    Attributes:
+        step: batches that were learned from.
+    """
+
+    def __init__(
+        self, imaging: Imaging, recipe: ContactRecipe, folder: Path, device: str = "cpu", workers: int = 1
+    ) -> None:
+        self.imaging, self.recipe, self.folder, self.device = imaging, recipe, folder, device
+        torch.manual_seed(recipe.seed)
+        network = ContactReader(recipe.widths, recipe.dense, recipe.embedding, imaging.pixels)
+        self.network = network.to(device)
+        self._optimizer = torch.optim.AdamW(network.parameters(), lr=recipe.learning_rate, weight_decay=1e-3)
+        folder.mkdir(parents=True, exist_ok=True)
+        state = folder / _STATE
+        self.step = _restore(state, network, self._optimizer) if state.exists() else 0
+        sizes = (recipe.groups, recipe.touches, recipe.worlds)
+        bodies = range(HELD_OUT, HELD_OUT + recipe.bodies)
+        stream = _Stream(Batches(imaging, bodies, *sizes, seed=recipe.seed), self.step)
+        ahead = 4 if workers else None
+        self._stream = iter(DataLoader(stream, batch_size=None, num_workers=workers, prefetch_factor=ahead))
+        held_out = Batches(imaging, range(HELD_OUT), *sizes, seed=recipe.seed + 1)
+        self._checks = [self._on_device(as_tensors(held_out, number)) for number in range(CHECKS)]
+        self._bf16 = recipe.bf16 and imaging.pixels >= _SMALLEST_IN_HALF
+        self._started, self._sums = time.monotonic(), torch.zeros(3)
+
+    def run(self, learned: Callable[[int], None] = lambda step: None) -> Iterator[dict[str, float]]:
+        """Train to the end of the recipe; a report, which is also logged, every hundred steps.
+
+        Args:
+            learned: called after every step with the number of steps.
+        """
+        recipe = self.recipe
+        while self.step < recipe.steps:
+            self._learn()
+            learned(self.step)
+            if self.step % _REPORTED == 0 or self.step == recipe.steps:
+                report = self._report()
+                with (self.folder / "log.jsonl").open("a") as log:
+                    log.write(json.dumps(report) + "\n")
+                yield report
+            if self.step % _SAVED == 0 or self.step == recipe.steps:
+                _save(self.folder / _STATE, self.network, self._optimizer, self.step, recipe)
+
+    def _learn(self) -> None:
+        for group in self._optimizer.param_groups:
+            group["lr"] = self.recipe.rate(self.step)
+        contrast, entropy, accuracy = losses(self.network, self._on_device(next(self._stream)), self._bf16)
+        self._optimizer.zero_grad(set_to_none=True)
+        torch.autograd.backward(contrast + entropy)
+        torch.nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
+        self._optimizer.step()
+        self._sums += torch.stack([contrast.detach(), entropy.detach(), accuracy]).cpu()
+        self.step += 1
+
+    def _report(self) -> dict[str, float]:
+        with torch.inference_mode():
+            held_out = torch.stack([torch.stack(losses(self.network, check, self._bf16)) for check in self._checks])
+        number = self.step % _REPORTED or _REPORTED
+        found = {"step": self.step, "seconds": round(time.monotonic() - self._started, 1)}
+        for what, means in (("training", self._sums / number), ("held-out", held_out.mean(dim=0))):
+            found |= {f"{what} {name}": round(float(mean), 4) for name, mean in zip(_NAMES, means, strict=True)}
+        self._sums.zero_()
+        return found
+
+    def _on_device(self, batch: dict[str, Tensor]) -> dict[str, Tensor]:
+        return {name: part.to(self.device) for name, part in batch.items()}
+
+
+def export(network: ContactReader, imaging: Imaging, scene: Scene, training: str) -> TactileReader:
+    """The reader of a network, which needs no torch.
+
+    Args:
+        network: f and h.
+        imaging: of its sensor.
+        scene: of the sensor, whose objects do not matter.
+        training: summary of how training went.
+    """
+    network = network.cpu().float().eval()
+    pixels, wide = imaging.pixels, imaging.wide_window.num_pixels
+    images = torch.zeros((2, pixels, pixels), dtype=torch.uint8)
+    contacts = (torch.zeros(2, 2, wide, wide), torch.full((2,), 0.1), torch.zeros(1, WORLD))
+    graph = exported(ImageNetwork(network), (images,), ({0: "batch"},), (INPUT,), OUTPUTS)
+    others = exported(ContactNetwork(network), contacts, ({0: "number"}, {0: "number"}, {}), CONTACTS, (EMBEDDING,))
+    card = ClassifierCard(
+        "contacts",
+        pixels,
+        (),
+        (),
+        scene=scene_fields(scene),
+        training=training,
+        image_shape=(pixels, pixels),
+        embedding=network.embedding,
+        imaging=imaging.fields(),
+    )
+    return TactileReader(card, graph, ContactHypotheses(imaging, others))
+
+
+def _save(
+    path: Path, network: ContactReader, optimizer: torch.optim.Optimizer, step: int, recipe: ContactRecipe
+) -> None:
+    tensors = {f"model.{name}": value for name, value in network.state_dict().items()}
+    for name, parameter in network.named_parameters():
+        for moment in ("exp_avg", "exp_avg_sq"):
+            tensors[f"{moment}.{name}"] = optimizer.state[parameter][moment]
+    arrays = {name: value.detach().cpu().contiguous().numpy() for name, value in tensors.items()}
+    write_tensors(path, arrays, {"step": step, "recipe": asdict(recipe)})
+
+
+def _restore(path: Path, network: ContactReader, optimizer: torch.optim.Optimizer) -> int:
+    arrays, fields = read_tensors(path)
+    tensors = {name: torch.from_numpy(array) for name, array in arrays.items()}
+    network.load_state_dict({n.removeprefix("model."): v for n, v in tensors.items() if n.startswith("model.")})
+    for name, parameter in network.named_parameters():
+        moments = {moment: tensors[f"{moment}.{name}"].to(parameter.device) for moment in ("exp_avg", "exp_avg_sq")}
+        optimizer.state[parameter] = {"step": torch.tensor(float(fields["step"])), **moments}
+    return int(fields["step"])

@@ -1,0 +1,174 @@
+"""Hypotheses of any object, embedded by the contacts that their geometry predicts."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from activetouch.perception.cached_arrays import cached_array
+from activetouch.perception.contacts.imaging import Floats32, Imaging, encoded
+from activetouch.perception.contacts.told import told_world
+from activetouch.perception.hypothesis_bodies import Bodies, bodies_of
+from activetouch.perception.sessions import session_of
+from activetouch.poses import turned
+from activetouch.pressing.height_maps import predicted_contacts
+from activetouch.scene import Scene
+from activetouch.scene_description import scene_fields
+from activetouch.solids.solid import Shape
+from belief.files import array_digest
+
+if TYPE_CHECKING:
+    from onnxruntime import InferenceSession
+
+
+CONTACTS = ("contacts", "cells", "code")
+"""What the graph of contacts calls its inputs."""
+EMBEDDING = "embedding"
+"""What it calls its output."""
+_NETWORK = "contacts"
+_AT_ONCE = 256  # contacts
+_DECIMALS = 7
+_FIXED = 1024  # hypotheses of each shape over which its logits are averaged
+
+
+@dataclass(frozen=True, eq=False)
+class ContactHypotheses:
+    """Embeds hypotheses of the objects of a scene, whatever their shapes.
+
+    Attributes:
+        imaging: what the images that the reader was trained on are made of.
+        network: ONNX graph of the network of contacts.
+        scene: whose objects the shape logits are about; None until :meth:`bound_to`.
+    """
+
+    imaging: Imaging
+    network: bytes
+    scene: Scene | None = field(default=None, repr=False)
+
+    def bound_to(self, scene: Scene) -> ContactHypotheses:
+        """The same for the objects of a scene, in the state of the sensor that the scene describes."""
+        return replace(self, scene=scene)
+
+    def embedded(self, scene: Scene, bodies: Bodies, pose: int, cell_of_one: int | None = None) -> Floats32:
+        """Embeddings of N hypotheses of each of K shapes in one pose, ``(K, N, D)``.
+
+        Args:
+            scene: of the shapes and poses.
+            bodies: orientations and sizes.
+            pose: its index.
+            cell_of_one: number of hypotheses that cover all orientations; N by default.
+        """
+        turns = turned(scene.rotations[scene.pose_labels[pose]], bodies.rests)
+        cell, code = cell_of(len(turns) if cell_of_one is None else cell_of_one), told_world(self.imaging, scene).code()
+        window, aim = self.imaging.wide_window, scene.aim_offsets[pose]
+
+        def embed_shape(solid: Shape) -> Floats32:
+            found = []
+            for first in range(0, len(turns), _AT_ONCE):
+                some = slice(first, first + _AT_ONCE)
+                maps = predicted_contacts(solid, turns[some], aim, window, bodies.sizes[some], np.float32)
+                found.append(self.embed(maps, cell, code))
+            return np.concatenate(found)
+
+        told = [np.round(part, _DECIMALS).tolist() for part in (cell, code, aim)]
+        places = array_digest({"turns": turns.round(_DECIMALS) + 0.0, "sizes": bodies.sizes.round(_DECIMALS)})
+        described = dict(scene_fields(scene)["shapes"]["entries"])
+        return np.stack(
+            [
+                cached_array(
+                    {"reader": self._digest, "shape": described[label], "bodies": places, "told": told},
+                    partial(embed_shape, solid),
+                )
+                for label, solid in scene.solids.items()
+            ]
+        )
+
+    def embed(self, maps: Floats32, cell: float, code: Floats32) -> Floats32:
+        """Embeddings of height maps in one world.
+
+        Args:
+            maps: predicted contacts over the window of the sensor, ``(H, W, W)`` [m].
+            cell: width of the orientations that each stands for [rad].
+            code: of the world, ``(1, WORLD)``.
+
+        Returns:
+            ``(H, D)``.
+        """
+        contacts = encoded(maps, self.imaging.contact_pixels)
+        cells = np.full(len(maps), cell, np.float32)
+        given = dict(zip(CONTACTS, (contacts, cells, code.astype(np.float32)), strict=True))
+        found: Floats32 = self._session.run([EMBEDDING], given)[0]
+        return found
+
+    def shape_logits(self, embeddings: Floats32) -> NDArray[np.float64]:
+        """Log p(image | shape) / p(image) in any pose, ``(N, K)``: the mean ratio over hypotheses of each shape.
+
+        Raises:
+            ValueError: it is not bound to a scene.
+        """
+        fixed = self._fixed
+        scores = embeddings @ fixed.reshape(-1, fixed.shape[-1]).T
+        found: NDArray[np.float64] = logsumexp(scores.reshape(len(scores), *fixed.shape[:2]).astype(float), axis=2)
+        return found - np.log(fixed.shape[1])
+
+    @cached_property
+    def _fixed(self) -> Floats32:
+        """Hypotheses of each shape that take turns in the poses, ``(K, M, D)``."""
+        if self.scene is None:
+            raise ValueError("this reader reads any object and is about none yet; bound_to(scene) says which there are")
+        bodies, num_poses = bodies_of(self.scene, _FIXED), len(self.scene.poses)
+        parts = [
+            self.embedded(self.scene, bodies.take(slice(pose, None, num_poses)), pose, _FIXED)
+            for pose in range(min(num_poses, _FIXED))
+        ]
+        return np.concatenate(parts, axis=1)
+
+    @cached_property
+    def _digest(self) -> str:
+        return (
+            hashlib.sha256(self.network + repr(self.imaging.fields()).encode()).hexdigest()
+            + f" {version('activetouch')}"
+        )
+
+    @cached_property
+    def _session(self) -> InferenceSession:
+        return session_of(self.network)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What another process is sent: all but the session, which each makes for itself."""
+        return {name: value for name, value in vars(self).items() if name != "_session"}
+
+    def tensors(self) -> dict[str, NDArray[Any]]:
+        """The arrays by name, as a file has them."""
+        return {_NETWORK: np.frombuffer(self.network, np.uint8)}
+
+    @classmethod
+    def from_tensors(cls, imaging: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> ContactHypotheses:
+        """From :meth:`tensors` and the fields of the imaging.
+
+        Raises:
+            KeyError: an array or a field is missing.
+            ValueError: the fields are of something else.
+        """
+        try:
+            return cls(Imaging.from_fields(imaging), tensors[_NETWORK].tobytes())
+        except TypeError as error:
+            raise ValueError(f"its imaging is {imaging!r:.200}: {error}") from error
+
+
+def cell_of(num_hypotheses: int) -> float:
+    """Standard deviation of an orientation about each axis in the cell of one of so many hypotheses [rad].
+
+    >>> round(cell_of(1024), 3)
+    0.123
+    """
+    return (8 * math.pi**2 / num_hypotheses) ** (1 / 3) / math.sqrt(12)

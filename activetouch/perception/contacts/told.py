@@ -1,0 +1,153 @@
+"""The state of a sensor, from the scene that it is used in: what a scene says is told to the network of contacts.
+
+A scene of the same pad may have other forces, another stiffness, more noise, broken taxels, an image that is shifted or
+blurred, hysteresis, or wider taxels. The reader was trained with all of them, and is told which hold.
+
+>>> from dataclasses import replace
+>>> from activetouch import SCENES
+>>> from activetouch.distributions import Uniform
+>>> gel = SCENES["gel"].scene
+>>> imaging = imaging_of(gel)
+>>> gentle = replace(gel, variation=replace(gel.variation, force=Uniform(0.75, 1.5)))
+>>> float(told_world(imaging, gentle).force[0])
+0.5
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from activetouch.distributions import Distribution
+from activetouch.errors import WrongScene
+from activetouch.hypotheses import sizes
+from activetouch.perception.card import OBJECTS
+from activetouch.perception.contacts.imaging import BROKEN, LIMITS, SAMPLES, Imaging, World
+from activetouch.pressing.dynamic import Dynamic
+from activetouch.pressing.press import Quasistatic
+from activetouch.rendering import Blur, DeadTaxels, Gain, Hysteresis, Noise, PressureRenderer, Shift, StuckTaxels
+from activetouch.rendering.faults import faults_of
+from activetouch.scene import Scene
+
+_KNOWN = (Blur, DeadTaxels, Gain, Hysteresis, Noise, Shift, StuckTaxels)
+_QUANTILES = 64
+_COARSER = 0.3  # share of worlds with wider taxels, of a sensor that has more than the reader sees
+
+
+def imaging_of(scene: Scene) -> Imaging:
+    """What the images of a scene are made of.
+
+    Args:
+        scene: with a pressure renderer.
+
+    Raises:
+        WrongScene: its images are not of pressure.
+    """
+    if not isinstance(scene.renderer, PressureRenderer):
+        raise WrongScene(f"a reader of any object reads images of pressure, not those of {scene.renderer!r}")
+    taxels = scene.pad.num_taxels // scene.renderer.binning
+    pixels = max(number for number in range(1, SAMPLES + 1) if taxels % number == 0)
+    gains = faults_of(Gain, scene.faults)
+    return Imaging(
+        scene.pad,
+        taxels,
+        pixels,
+        scene.variation.force.support,
+        gains[0].half_range if gains else 0.0,
+        _noise(scene),
+        float(np.abs(scene.variation.offset.support).max()),
+        dead=_broken(scene, DeadTaxels, taxels) if faults_of(DeadTaxels, scene.faults) else None,
+        samples=-(-SAMPLES // pixels) * pixels,
+        coarser=_COARSER if taxels > pixels else 0.0,
+    )
+
+
+def told_world(imaging: Imaging, scene: Scene) -> World:
+    """The world that a scene describes, within what the reader was trained with, for one sensor, ``(1, ...)`` arrays.
+
+    Args:
+        imaging: of the reader's own scene.
+        scene: in which it is used.
+    """
+    taxels, vary = scene.image_shape[0], scene.variation
+    finer = imaging.taxels / taxels if imaging.pixels <= taxels else 1.0  # taxels are averaged in a pixel
+    dead = _broken(scene, DeadTaxels, taxels)
+    if imaging.dead is not None and imaging.dead.shape == dead.shape:
+        dead = dead & ~imaging.dead
+    shifts = np.array([(fault.rows, fault.columns) for fault in faults_of(Shift, scene.faults)]).reshape(-1, 2)
+    found: dict[str, Any] = {
+        "stiffness": _mean(vary.stiffness) * scene.pad.stiffness / imaging.pad.stiffness,
+        "force": 2.0 * _mean(vary.force) / sum(imaging.force),
+        "noise": _noise(scene) * finer / imaging.noise,
+        "gain": 1.0,
+        "blur": sum(fault.std for fault in faults_of(Blur, scene.faults)) / taxels,
+        "shift": shifts.sum(axis=0)[None] / taxels,
+        "hysteresis": sum(fault.width for fault in faults_of(Hysteresis, scene.faults)),
+        "dead": _shares(dead),
+        "stuck": _shares(_broken(scene, StuckTaxels, taxels)),
+        "wide": np.log2(max(imaging.pixels / taxels, 1.0)),
+    }
+    found |= {name: np.clip(found[name], *limits) for name, limits in LIMITS.items()}
+    shapes = {name: part.shape for name, part in World.nominal(1)._asdict().items()}
+    return World(**{name: np.broadcast_to(part, shapes[name]).astype(np.float32) for name, part in found.items()})
+
+
+def fields_read(imaging: Imaging, own: Mapping[str, Any], scene: Scene, here: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of the reader's own scene, with all that it can be told of another one.
+
+    Args:
+        imaging: of the reader's own scene.
+        own: fields of that scene (:func:`activetouch.scene_description.scene_fields`).
+        scene: in which it is used.
+        here: fields of that scene.
+    """
+    same = list(OBJECTS)
+    if isinstance(scene.press_model, Dynamic | Quasistatic):
+        same.append("press_model")
+    if all(isinstance(fault, _KNOWN) for fault in scene.faults) and _are_full(scene):
+        same.append("faults")
+    taxels = scene.image_shape[0]
+    widest = imaging.pixels // 2 if imaging.coarser else imaging.taxels
+    pad = replace(scene.pad, num_taxels=imaging.pad.num_taxels, stiffness=imaging.pad.stiffness)
+    if pad == imaging.pad and taxels % imaging.pixels in (0, widest) and isinstance(scene.renderer, PressureRenderer):
+        same += ["pad", "renderer"]
+    found = {**own, **{name: here[name] for name in same if name in here}}
+    if "aims" not in here:
+        found.pop("aims", None)
+    free = ["size", "force", "stiffness"]
+    if max(np.abs(scene.variation.offset.support)) <= imaging.offset * (1 + 1e-9):
+        free.append("offset")
+    return found | {"variation": {**own["variation"], **{name: here["variation"][name] for name in free}}}
+
+
+def _are_full(scene: Scene) -> bool:
+    return all(fault.level == 1.0 for fault in faults_of(StuckTaxels, scene.faults))
+
+
+def _noise(scene: Scene) -> float:
+    return float(np.sqrt(sum([fault.std**2 for fault in faults_of(Noise, scene.faults)])))
+
+
+def _broken(scene: Scene, kind: type[DeadTaxels] | type[StuckTaxels], taxels: int) -> np.ndarray:
+    """Which taxels of an image have a fault, ``(taxels, taxels)``."""
+    rng, start = np.random.default_rng(0), 1.0 if kind is DeadTaxels else 0.0
+    found = np.zeros((taxels, taxels), bool)
+    for fault in faults_of(kind, scene.faults):
+        found |= fault(np.full(found.shape, start), rng) != start
+    return found
+
+
+def _shares(broken: np.ndarray) -> np.ndarray:
+    """Shares of broken taxels in cells, ``(1, BROKEN, BROKEN)``; those of fewer taxels than cells are repeated."""
+    edge = len(broken)
+    if edge % BROKEN:
+        rows = np.arange(BROKEN) * edge // BROKEN
+        return broken[rows][:, rows][None].astype(np.float32)
+    return broken.reshape(BROKEN, edge // BROKEN, BROKEN, edge // BROKEN).mean(axis=(1, 3))[None]
+
+
+def _mean(distribution: Distribution) -> float:
+    return float(sizes(distribution, _QUANTILES).mean())

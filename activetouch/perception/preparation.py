@@ -1,0 +1,101 @@
+"""What a reader of any object needs for the objects of a scene: simulated touches of them, and a fitted model.
+
+Nothing is trained. A few hundred presses in simulation fit the temperature and the conflict test; both are kept in the
+cache (:mod:`activetouch.perception.cached_arrays`).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import warnings
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from activetouch.errors import AlikeShapes
+from activetouch.perception.cached_arrays import cache_folder
+from activetouch.perception.hypothesis_table import HypothesisTable
+from activetouch.perception.reader import TactileReader
+from activetouch.scene import Scene
+from activetouch.scene_description import SURROUNDINGS, scene_fields
+from belief import Touch
+from belief.errors import CannotWrite, CorruptFile
+from belief.files import require_regular_file, write_text
+from belief.observation_model import RigidBodyModel, read_observation_model
+from belief.observation_model.rigid_body import FittedRigidBody
+from belief.touch_batch import TouchBatch
+
+HYPOTHESES = 1024
+"""Of each shape, about objects that a sensor was not calibrated with."""
+_TOUCHES = 1200  # simulated, in all
+_LEAST, _MOST = 12, 48  # objects of each shape
+_ENOUGH = 0.9  # of the objects named rightly after a touch in every pose
+
+
+def prepared(reader: TactileReader, scene: Scene, seed: int = 0) -> FittedRigidBody:
+    """The observation model of a reader for the objects of a scene, from simulated touches.
+
+    Args:
+        reader: bound to the scene.
+        scene: whose objects are pressed.
+        seed: of the touches.
+
+    Warns:
+        AlikeShapes: touches in all poses name too few of the objects rightly.
+    """
+    described = {name: value for name, value in scene_fields(scene).items() if name not in SURROUNDINGS}
+    key = {"reader": reader.digest, "scene": described, "hypotheses": HYPOTHESES, "touches": _TOUCHES, "seed": seed}
+    digest = hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()
+    path = cache_folder() / f"{digest}.json"
+    try:
+        model = read_observation_model(require_regular_file(path).read_text(encoding="utf-8"))
+        if isinstance(model, FittedRigidBody):
+            return model
+    except (CorruptFile, OSError, ValueError):
+        pass
+    fitted = _fitted(reader, scene, np.random.default_rng([seed, 0xF17]))
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_text(path, fitted.to_json({}) + "\n")
+    except (CannotWrite, OSError):
+        pass
+    return fitted
+
+
+def _fitted(reader: TactileReader, scene: Scene, rng: np.random.Generator) -> RigidBodyModel:
+    num_shapes, num_poses = len(scene.shapes), len(scene.poses)
+    number = int(np.clip(_TOUCHES // (num_shapes * num_poses), _LEAST, _MOST))
+    truth = np.repeat(np.arange(num_shapes), number)
+    images = []
+    for shape in truth.tolist():
+        thing = scene.sample_object(shape, rng)
+        images += [scene.press(thing, pose, rng).image for pose in range(num_poses)]
+    read = reader.read(np.stack(images))
+    poses = np.tile(np.arange(num_poses), len(truth))
+    touches = [Touch(*touch) for touch in zip(poses.tolist(), read.logits, read.embeddings, strict=True)]
+    ids = np.repeat(np.arange(len(truth)), num_poses)
+    labels: Mapping[str, Any] = {"shape_labels": scene.shape_labels, "num_poses": num_poses}
+    table = HypothesisTable(reader, scene)
+    model = RigidBodyModel.fit(touches, truth[ids], ids, embed=table, num_hypotheses=HYPOTHESES, **labels)
+    order = np.array([rng.permutation(num_poses) for _ in truth]) + np.arange(len(truth))[:, None] * num_poses
+    batch = TouchBatch(poses[order], read.logits[order], read.embeddings[order])
+    found = model.log_likelihood_batch(batch).argmax(axis=1)
+    _tell_alike(scene, truth, found)
+    return model
+
+
+def _tell_alike(scene: Scene, truth: np.ndarray, found: np.ndarray) -> None:
+    right = float((found == truth).mean())
+    if right < _ENOUGH:
+        pairs, counts = np.unique(np.stack([truth, found])[:, found != truth], axis=1, return_counts=True)
+        labels = scene.shape_labels
+        worst = [f"{labels[pairs[0, i]]} for {labels[pairs[1, i]]}" for i in np.argsort(-counts)[:3]]
+        warnings.warn(
+            f"in simulation, a touch in each of {len(scene.poses)} poses names {right:.0%} of the objects rightly; "
+            f"most often mistaken: {', '.join(worst)}. activetouch.alike says which shapes this pad can tell apart, "
+            "and more poses (directions26) help",
+            AlikeShapes,
+            stacklevel=4,
+        )

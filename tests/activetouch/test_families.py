@@ -1,0 +1,327 @@
+"""A shape of a scene may be a family, whose proportions are drawn for every object."""
+
+import json
+import pickle
+import shlex
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tyro
+
+from activetouch import SCENES, SHAPES, Quasistatic, predicted_contacts
+from activetouch.distributions import Constant, Mixture, Uniform
+from activetouch.hypotheses import member_shares, quaternions, sizes
+from activetouch.named_scenes import NamedScene
+from activetouch.placement import Placement, WorldObject
+from activetouch.poses import to_matrices
+from activetouch.pressing.height_maps import Window
+from activetouch.pressing.pad import Pad
+from activetouch.scene_description import require_scene, scene_fields
+from activetouch.shapes import Box, Cone, Cylinder, Family, Mesh, Prism, Torus
+from belief.errors import InvalidArgument, UnknownName
+from experiments.command_line.trust import Trust
+from experiments.scene_choice import SceneChoice
+from experiments.sensor_choice import choice_name, scene_words
+
+ROD = Cylinder(radius=0.016, half_length=0.020)
+RODS = Family(ROD, half_length=Uniform(0.010, 0.040))
+GEL = replace(SCENES["gel"].scene, press_model=Quasistatic(), pad=Pad(num_taxels=32))
+SCENE = replace(GEL, shapes={**GEL.shapes, "cylinder": RODS})
+
+
+def drawn(scene, shape, num, seed=0):
+    rng = np.random.default_rng(seed)
+    return [scene.sample_object(shape, rng) for _ in range(num)]
+
+
+def fields_of(thing):
+    return thing.shape_index, thing.scale, thing.friction, thing.stiffness, *thing.orientation
+
+
+def test_members_are_drawn_in_the_range_and_fill_it(rng):
+    lengths = np.array([RODS.sample(rng).half_length for _ in range(2000)])
+    assert 0.010 <= lengths.min() < 0.0101
+    assert 0.0399 < lengths.max() <= 0.040
+    assert lengths.mean() == pytest.approx(0.025, abs=0.001)
+    assert {RODS.sample(rng).radius for _ in range(5)} == {0.016}
+
+
+def test_an_object_of_a_plain_shape_is_drawn_as_in_a_scene_without_families():
+    def stream(scene):
+        rng = np.random.default_rng(3)
+        thing = scene.sample_object("cone", rng)
+        return fields_of(thing), rng.random(), thing.member
+
+    assert stream(SCENE) == stream(GEL)
+    assert stream(GEL)[2] is None
+
+
+def test_an_object_of_a_family_has_size_and_orientation_of_one_without_and_keeps_its_member():
+    one, [plain] = drawn(SCENE, "cylinder", 1)[0], drawn(GEL, "cylinder", 1)
+    assert fields_of(one) == fields_of(plain)
+    rng = np.random.default_rng(1)
+    solids = {SCENE.place(one, pose, rng).shape for pose in SCENE.pose_labels}
+    assert solids == {one.member}
+    assert len({thing.member for thing in drawn(SCENE, "cylinder", 20)}) == 20
+
+
+@pytest.mark.parametrize(
+    "press", [Quasistatic(), pytest.param(SCENES["gel"].scene.press_model, marks=pytest.mark.mujoco)]
+)
+def test_a_press_of_a_member_is_that_of_its_solid(press):
+    scene = replace(SCENE, press_model=press)
+    for thing in drawn(scene, "cylinder", 3):
+        alone = replace(scene, shapes={**GEL.shapes, "cylinder": thing.member})
+        same = WorldObject(thing.shape_index, thing.scale, thing.orientation)
+        images = [s.press(t, "y90", np.random.default_rng(5)).image for s, t in ((scene, thing), (alone, same))]
+        np.testing.assert_array_equal(*images)
+
+
+def test_lengths_are_felt():
+    scene, standing = replace(SCENE, pad=Pad(half_width=0.06)), np.array([1.0, 0.0, 0.0, 0.0])
+    placed = [Placement(Cylinder(0.016, length), 1.0, standing) for length in (0.010, 0.040)]
+    felt = [scene.contact(one, np.random.default_rng(0)) for one in placed]
+    rows = [(contact.gap < 0.001).any(axis=1).sum() for contact in felt]
+    assert rows[1] / rows[0] == pytest.approx(4.0, rel=0.05)
+
+
+def test_members_cover_the_range_evenly_in_order_of_the_first_parameter():
+    lengths = np.array([member.half_length for member in RODS.members(64)])
+    np.testing.assert_allclose(lengths, 0.010 + 0.030 * (np.arange(64) + 0.5) / 64, atol=0.001)
+    assert (np.diff(lengths) > 0.0).all()
+
+
+def test_members_of_two_parameters_fill_their_square():
+    both = Family(ROD, half_length=Uniform(0.010, 0.040), radius=Uniform(0.010, 0.020))
+    assert [name for name, _ in both.parameters] == ["radius", "half_length"]
+    shares = np.array([((m.radius - 0.01) / 0.01, (m.half_length - 0.01) / 0.03) for m in both.members(64)])
+    assert len(np.unique(np.floor(shares * 4), axis=0)) == 16
+    assert abs(np.corrcoef(shares.T)[0, 1]) < 0.1
+
+
+@pytest.mark.parametrize("num", [1, 5, 64, 1000, 1024])
+def test_hypotheses_share_at_most_64_members(num):
+    shares = member_shares(num)
+    solids, numbers = SCENE.bodies("cylinder", shares)
+    assert len(solids) == min(num, 64)
+    assert numbers.shape == (num,)
+    counts = np.bincount(numbers, minlength=len(solids))
+    assert counts.max() - counts.min() <= 1
+    assert counts.min() >= 1
+    some, of_some = SCENE.bodies("cylinder", shares[1::3])  # a part, as of the hypotheses that one pose has
+    assert [some[k] for k in of_some] == [solids[k] for k in numbers[1::3]]
+    plain, zeros = SCENE.bodies("cone", shares)
+    assert plain == (SHAPES["cone"],)
+    assert (len(zeros), zeros.any()) == (num, False)
+
+
+def test_members_do_not_follow_sizes_or_orientations():
+    shares = member_shares(1024)
+    others = [*to_matrices(quaternions(1024)).reshape(-1, 9).T, sizes(Uniform(0.9, 1.1), 1024)]
+    assert np.abs([np.corrcoef(shares, other)[0, 1] for other in others]).max() < 0.09
+    cells = np.floor(8 * np.stack([shares, np.argsort(np.argsort(others[-1])) / 1024]))
+    counts = np.unique(cells, axis=1, return_counts=True)[1]
+    assert (len(counts), counts.min() >= 11, counts.max() <= 21) == (64, True, True)  # 16 on average
+
+
+def test_geometry_by_member_is_that_of_each_hypothesis():
+    solids, numbers = SCENE.bodies("cylinder", member_shares(100))
+    turns, window = quaternions(100), Window(0.05, 8)
+    by_member = np.empty((100, 8, 8))
+    for number, solid in enumerate(solids):
+        rows = np.flatnonzero(numbers == number)
+        by_member[rows] = predicted_contacts(solid, turns[rows], np.zeros(2), window)
+    for row in (0, 17, 99):
+        alone = predicted_contacts(solids[numbers[row]], turns[row : row + 1], np.zeros(2), window)[0]
+        np.testing.assert_array_equal(by_member[row], alone)
+
+
+@pytest.mark.parametrize(
+    ("chance", "shares"),
+    [(Constant(0.020), {0.020: 1.0}), (Mixture(Constant(0.010), Constant(0.030), 0.75), {0.010: 0.75, 0.030: 0.25})],
+)
+def test_a_discrete_family_has_few_bodies_each_as_frequent_as_it_is_probable(chance, shares):
+    solids, numbers = Family(ROD, half_length=chance).bodies(member_shares(2048))
+    found = {solid.half_length: (numbers == k).mean() for k, solid in enumerate(solids)}
+    assert {length: found[length] for length in shares} == pytest.approx(shares, abs=0.03)
+    assert len(solids) == len(shares)
+
+
+@dataclass(frozen=True)
+class _Own:
+    """A solid of a user's own that accepts any number."""
+
+    width: float
+
+    @property
+    def bounding_radius(self):
+        return self.width
+
+
+@dataclass
+class _WithoutHash:
+    width: float
+    bounding_radius: float = 0.02
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Family(ROD, half_length=0.02), r"half_length must be a distribution such as .* got 0\.02"),
+        (lambda: Family(ROD, half_length=Uniform), "half_length must be a distribution"),
+        (lambda: Family(ROD), r"needs a parameter, such as radius=Uniform"),
+        (lambda: Family(ROD, half_length=Uniform(-0.01, 0.04)), r"members that are no solids, at half_length=-0\.01:"),
+        (lambda: Family(Cone(0.018, 0.036), height=Uniform(0.01, 1e400)), "must be finite"),
+        (lambda: Family(ROD, half_length=Constant(float("nan"))), "must be finite"),
+        (lambda: Family(Torus(0.016, 0.007), tube_radius=Uniform(0.005, 0.02)), r"no solids, at tube_radius=0\.02:"),
+        (lambda: Family(Prism(6, 0.02, 0.02), num_sides=Uniform(3.0, 8.0)), r"no solids, at num_sides=3\.0:"),
+        (lambda: Family(_Own(0.02), width=Uniform(-0.01, 0.02)), r"its bounding radius is -0\.01 m"),
+        (lambda: Family(_WithoutHash(0.02), width=Uniform(0.01, 0.02)), "unhashable type"),
+        (lambda: Family(Box((0.01, 0.01, 0.01)), half_extents=Uniform(0.01, 0.02)), "no field of Box.* is a number"),
+        (lambda: Family(Cylinder, half_length=Uniform(0.01, 0.02)), "no field of .*Cylinder.* is a number"),
+        (lambda: Family(RODS, half_length=Uniform(0.01, 0.02)), "no field of Family.* is a number"),
+        (lambda: RODS.members(0), "num must be an integer, at least 1, got 0"),
+        (lambda: SCENE.bodies("cone", np.array([0.5, 1.0])), "shares must be in .0, 1., from"),
+        (lambda: SCENE.bodies("cylinder", np.array([np.nan])), "shares must be in"),
+        (
+            lambda: replace(SCENE, parking=True),
+            "the proportions of cylinder are drawn later; leave parking",
+        ),
+    ],
+)
+def test_what_is_no_family_is_refused(make, words):
+    with pytest.raises(ValueError, match=words):
+        make()
+
+
+def test_an_unknown_parameter_is_refused_with_the_nearest():
+    with pytest.raises(UnknownName, match=r"unknown parameter of Cylinder 'length'.*Known: radius, half_length"):
+        Family(ROD, length=Uniform(0.01, 0.02))
+
+
+def test_a_family_is_a_value():
+    assert RODS == pickle.loads(pickle.dumps(RODS)) == eval(repr(RODS))
+    assert hash(RODS) == hash(Family(ROD, half_length=Uniform(0.010, 0.040)))
+    assert replace(SCENE) == SCENE
+    assert SCENE != GEL
+    assert replace(SCENE, shapes={**SCENE.shapes, "cylinder": Family(ROD, half_length=Uniform(0.01, 0.02))}) != SCENE
+    assert SCENE.solids == GEL.solids
+    assert SCENE.symmetry == GEL.symmetry
+    assert list(SCENE.families) == ["cylinder"]
+
+
+def test_fields_of_a_scene_tell_its_families_and_those_of_others_are_as_ever():
+    plain, told = scene_fields(GEL), scene_fields(SCENE)
+    assert json.loads(json.dumps(told)) == told == scene_fields(replace(SCENE))
+    uniform = {"class": "Uniform", "low": 0.010, "high": 0.040}
+    assert told == {**plain, "families": {"entries": [["cylinder.half_length", uniform]]}}
+
+
+def test_a_sensor_for_the_nominal_solid_is_told_the_shift_and_one_for_another_solid_is_refused():
+    plain, told = scene_fields(GEL), scene_fields(SCENE)
+    assert require_scene("it", plain, told) == ("families is [cylinder.half_length], not None",)
+    wider = replace(SCENE, shapes={**GEL.shapes, "cylinder": Family(ROD, half_length=Uniform(0.010, 0.050))})
+    assert require_scene("it", told, scene_fields(wider)) == ("families.cylinder.half_length.high is 0.05, not 0.04",)
+    thin = Family(Cylinder(0.010, 0.020), half_length=Uniform(0.010, 0.040))
+    with pytest.raises(ValueError, match=r"shapes\.cylinder\.radius is 0\.01, not 0\.016"):
+        require_scene("it", plain, scene_fields(replace(GEL, shapes={**GEL.shapes, "cylinder": thin})))
+
+
+CHOICE = SceneChoice(family=("cylinder:half_length=0.5..2,radius=0.9..1.1", "cone:height=0.8..1.5"))
+
+
+def test_the_command_line_gives_factors_on_nominal_numbers():
+    scene = CHOICE.named.scene
+    assert list(scene.families) == ["cylinder", "cone"]
+    radius, half_length = Uniform(0.9 * 0.016, 1.1 * 0.016), Uniform(0.010, 0.040)
+    assert scene.families["cylinder"] == Family(ROD, radius=radius, half_length=half_length)
+    assert scene.solids == SCENES["gel"].scene.solids
+
+
+def test_a_choice_with_families_survives_words_and_files_and_one_without_is_written_as_ever():
+    words = scene_words(CHOICE)
+    assert tyro.cli(SceneChoice, args=shlex.split(shlex.join(words))) == CHOICE
+    assert SceneChoice.from_dict(json.loads(json.dumps(CHOICE.to_dict())), Trust(Path("run.json"))) == CHOICE
+    assert choice_name(CHOICE) == "gel-cylinder-half_length-0.5..2-radius-0.9..1.1-cone-height-0.8..1.5"
+    assert "family" not in SceneChoice().to_dict()
+    assert scene_words(SceneChoice()) == ["--scene", "gel"]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("cylinder", "--family must be SHAPE:PARAMETER=LOW..HIGH"),
+        ("cylinder:half_length", "got 'cylinder:half_length'"),
+        ("cylinder:half_length=2", "--family must be"),
+        ("cylinder:half_length=a..b", "could not convert"),
+        ("cylinder:half_length=0.5..2,", "told once, with LOW..HIGH"),
+        ("cylinder:half_length=0.5..2,half_length=1..2", "told once"),
+        ("cylinder:half_length=2..0.5", "low must not exceed high"),
+        ("cylinder:half_length=nan..2", "must be finite"),
+        ("cylinder:half_length=0..2", r"no solids, at half_length=0\.0"),
+        ("cube:half_extents=0.5..2", "no field of Box"),
+    ],
+)
+def test_a_family_that_cannot_be_read_is_refused(text, words):
+    with pytest.raises(InvalidArgument, match=words):
+        _ = SceneChoice(family=(text,)).named
+
+
+def test_a_family_of_unknown_names_a_shape_told_twice_and_parked_objects_are_refused():
+    with pytest.raises(UnknownName, match="Did you mean 'cylinder'"):
+        _ = SceneChoice(family=("cilinder:half_length=0.5..2",)).named
+    with pytest.raises(UnknownName, match="Did you mean 'half_length'"):
+        _ = SceneChoice(family=("cylinder:half_lenght=0.5..2",)).named
+    with pytest.raises(InvalidArgument, match="told once"):
+        _ = SceneChoice(family=("cone:height=0.5..2", "cone:radius=0.5..2")).named
+    with pytest.raises(InvalidArgument, match="leave parking out"):
+        _ = SceneChoice("paper", family=("cone:height=0.5..2",)).named
+
+
+def test_a_family_of_a_mesh_is_refused():
+    corners, faces = np.eye(4, 3) * 0.02, np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
+    with pytest.raises(InvalidArgument, match="no field of Mesh"):
+        Family(Mesh("pebble", corners, faces), size=Uniform(0.5, 1.0))
+
+
+def test_what_compares_solids_refuses_families():
+    from activetouch.errors import UnknownLikelihood
+    from experiments.bayes_error.congruent import CongruentContacts
+    from experiments.press.alike import alike
+
+    with pytest.raises(InvalidArgument, match="the proportions of cylinder vary"):
+        alike(SCENE, num_objects=2)
+    with pytest.raises(UnknownLikelihood, match="the proportions of cylinder vary"):
+        CongruentContacts(SCENE)
+
+
+def test_a_changed_world_presses_the_same_objects_but_for_their_members():
+    from experiments.robustness.shifted_touches import _press_some
+
+    numbers = range(4)
+    (kept, some), (also, others) = (_press_some(scene, {"clean": ()}, numbers, (0, 0)) for scene in (SCENE, GEL))
+    assert kept == also == list(numbers)
+    same = (some["clean"] == others["clean"]).reshape(4, -1).all(axis=1)
+    assert same.tolist() == [label != "cylinder" for label in GEL.shape_labels]
+
+
+@pytest.mark.mujoco
+def test_explain_lists_the_parameters():
+    from experiments.press.belief_table import belief_table, latent
+    from experiments.press.inventory import inventory, leaner, richer
+
+    assert latent(SCENE) == ["orientation", "size", "half_length of cylinder"]
+    assert "half_length of cylinder" in belief_table("gel", SCENE, []).markdown()
+    [item] = [item for item in inventory(SCENE) if item.part == "families"]
+    assert item.why.endswith("cylinder (half_length 0.01 to 0.04)")
+    scene, seen = SCENE, []
+    while found := richer(scene):
+        seen.append(found[0])
+        scene = found[1]
+    assert "the finger" in seen
+    assert not any(step.parking for step in (scene, SCENE))
+    while found := leaner(scene):
+        scene = found[1]
+    assert NamedScene(scene, 4, 32).scene.families == SCENE.families
