@@ -4,7 +4,8 @@ Run: python docs/generate/tables.py
 
 They are filled from records: docs/robustness/*.json, docs/perception/several-touches-*.json, hypotheses-coarse.json
 and frontier.json, docs/tradeoff/networks.json and tradeoff.csv, docs/table1/table1.json, docs/reproduction/table2.json,
-docs/real_touch/*.json, and docs/records/calibration/coarse.txt and paper_independent.txt, as the commands wrote them. A test checks that the pages hold what this writes.
+docs/real_touch/*.json, and docs/records/calibration/coarse.txt and paper_independent.txt, as the commands wrote them.
+A test checks that the pages hold what this writes.
 """
 
 from __future__ import annotations
