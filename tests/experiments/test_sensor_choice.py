@@ -59,6 +59,11 @@ REFUSED = {
         MissingPolicy,
         "touch-bank --scene hard",
     ),
+    "policies of another sensor": (
+        lambda out: Compare(setting=Setting(SceneChoice("paper")), deciders=("ppo",), out=out / "run").run(),
+        MissingPolicy,
+        "The sensor paper-independent has policies: add --sensor paper-independent",
+    ),
     "robustness": (
         lambda out: Robustness(SceneChoice(renderer="gelsight"), out=out / "run").run(),
         WrongScene,
