@@ -21,7 +21,7 @@ HYPOTHESIS_NETWORK = "residual"
 """The network that embeds hypotheses, as files name it; those of earlier versions had another (decision 0063)."""
 CONTACT_NETWORK = "contacts"
 """The network of readers of any object, which embeds hypotheses by their predicted contacts."""
-OBJECTS = ("shapes", "poses", "aims", "presentation")
+OBJECTS = ("shapes", "families", "poses", "aims", "presentation")
 """Fields of a scene that are about its objects, not about its sensor."""
 PRODUCTS = np.triu_indices(9)
 """The pairs of entries of a rotation matrix whose products a network of hypotheses reads, two arrays."""

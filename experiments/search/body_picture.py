@@ -58,7 +58,7 @@ class Bodies:
         model = sensor.model
         if not isinstance(model, RigidBodyModel):
             return None
-        rests, sizes = HypothesisTable(sensor.reader, sensor.scene).hypotheses(model.num_hypotheses)
+        rests, sizes, _ = HypothesisTable(sensor.reader, sensor.scene).hypotheses(model.num_hypotheses)
         return cls(sensor.scene.solids, rests, sizes, pixels, draws)
 
     def likeliest(self, evidence: RigidBodyEvidence, probs: Floats, number: int) -> list[tuple[str, float, Floats]]:

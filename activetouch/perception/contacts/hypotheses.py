@@ -67,30 +67,37 @@ class ContactHypotheses:
             pose: its index.
             cell_of_one: number of hypotheses that cover all orientations; N by default.
         """
-        turns = turned(scene.rotations[scene.pose_labels[pose]], bodies.rests)
-        cell, code = cell_of(len(turns) if cell_of_one is None else cell_of_one), told_world(self.imaging, scene).code()
+        rotation, number = scene.rotations[scene.pose_labels[pose]], cell_of_one or len(bodies.rests)
+        cell, code = cell_of(number), told_world(self.imaging, scene).code()
         window, aim = self.imaging.wide_window, scene.aim_offsets[pose]
 
-        def embed_shape(solid: Shape) -> Floats32:
-            found = []
+        def embed_solid(solid: Shape, chosen: Bodies) -> Floats32:
+            found, turns = [], turned(rotation, chosen.rests)
             for first in range(0, len(turns), _AT_ONCE):
                 some = slice(first, first + _AT_ONCE)
-                maps = predicted_contacts(solid, turns[some], aim, window, bodies.sizes[some], np.float32)
+                maps = predicted_contacts(solid, turns[some], aim, window, chosen.sizes[some], np.float32)
                 found.append(self.embed(maps, cell, code))
             return np.concatenate(found)
 
-        told = [np.round(part, _DECIMALS).tolist() for part in (cell, code, aim)]
-        places = array_digest({"turns": turns.round(_DECIMALS) + 0.0, "sizes": bodies.sizes.round(_DECIMALS)})
-        described = dict(scene_fields(scene)["shapes"]["entries"])
-        return np.stack(
-            [
-                cached_array(
-                    {"reader": self._digest, "shape": described[label], "bodies": places, "told": told},
-                    partial(embed_shape, solid),
-                )
-                for label, solid in scene.solids.items()
-            ]
-        )
+        def embed_shape(label: str) -> Floats32:
+            solids, members = scene.bodies(label, bodies.shares)
+            if len(solids) == 1:
+                return embed_solid(solids[0], bodies)
+            rows = [np.flatnonzero(members == member) for member in range(len(solids))]
+            parts = [embed_solid(solid, bodies.take(some)) for solid, some in zip(solids, rows, strict=True)]
+            return np.concatenate(parts)[np.argsort(np.concatenate(rows))]
+
+        told = [np.round(part, _DECIMALS).tolist() for part in (cell, code, aim, rotation)]
+        places = array_digest({name: part.round(_DECIMALS) + 0.0 for name, part in bodies._asdict().items()})
+        fields = scene_fields(scene)
+        shapes, ranges = (dict(fields.get(name, {}).get("entries", ())) for name in ("shapes", "families"))
+        families = {label: [part for part in ranges.items() if part[0].startswith(f"{label}.")] for label in shapes}
+        key = {"reader": self._digest, "bodies": places, "told": told}
+        found = [
+            cached_array(key | {"shape": [shapes[label], families[label]]}, partial(embed_shape, label))
+            for label in scene.shape_labels
+        ]
+        return np.stack(found)
 
     def embed(self, maps: Floats32, cell: float, code: Floats32) -> Floats32:
         """Embeddings of height maps in one world.

@@ -115,8 +115,8 @@ def fields_read(imaging: Imaging, own: Mapping[str, Any], scene: Scene, here: Ma
     if pad == imaging.pad and taxels % imaging.pixels in (0, widest) and isinstance(scene.renderer, PressureRenderer):
         same += ["pad", "renderer"]
     found = {**own, **{name: here[name] for name in same if name in here}}
-    if "aims" not in here:
-        found.pop("aims", None)
+    for name in {"aims", "families"} - here.keys():
+        found.pop(name, None)
     free = ["size", "force", "stiffness"]
     if max(np.abs(scene.variation.offset.support)) <= imaging.offset * (1 + 1e-9):
         free.append("offset")
