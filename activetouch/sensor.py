@@ -112,7 +112,7 @@ class TactileSensor:
         """A sensor that comes with the package, in the scene that it was made for or in another. See :meth:`load`.
 
         Args:
-            name: of a scene, for the sensor whose belief is about one rigid body; followed by ``-independent``, for the
+            name: of a scene, for the sensor whose belief is about one rigid body; or ``paper-independent``, for the
                 sensor that reads shapes only and takes touches as independent given the shape.
             scene: in which to use it.
             anyway: as in :meth:`load`.

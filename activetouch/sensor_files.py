@@ -19,7 +19,7 @@ from belief.observation_model.registry import JOINT_MODELS
 MODELS = Path(__file__).parent / "models"
 READER_FILE, OBSERVATION_FILE = "reader.safetensors", "observation_model.json"
 INDEPENDENT_FILE = "independent_model.json"  # beside a joint model: takes touches as independent given the shape
-INDEPENDENT_SUFFIX = "-independent"  # of a shipped sensor that takes touches as independent given the shape
+INDEPENDENT_SUFFIX = "-independent"  # of the shipped sensor that reads shapes only
 POLICIES = "policies"  # folder of trained policies beside the two
 
 

@@ -94,7 +94,7 @@ class SeveralTouches:
     For example:
 
         activetouch several-touches --scene hard
-        activetouch several-touches --scene coarse --readers activetouch/models/coarse{,-independent}/reader.safetensors
+        activetouch several-touches --scene paper --readers activetouch/models/paper{,-independent}/reader.safetensors
         activetouch several-touches --scene gel --hypotheses 64 512 4096 --readers runs/train-8/reader.safetensors
         activetouch several-touches --scene gel --precisions float32 int8
     """
