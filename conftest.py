@@ -1,4 +1,4 @@
-"""What all tests and doctests share: one thread, no module whose packages are missing, plans in a temporary folder."""
+"""What all tests and doctests share: one thread, no module whose packages are missing, caches in a temporary folder."""
 
 import os
 from collections.abc import Iterator
@@ -12,10 +12,11 @@ collect_ignore = [] if find_spec("pomdp_py") else ["planners/pomdp_py_adapter.py
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _plans_in_a_temporary_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Plans that a test solves are kept for other tests and workers of this session, not in the user's cache."""
+def _caches_in_a_temporary_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Plans and tables of a test are kept for other tests and workers of this session, not in the user's cache."""
     folder = tmp_path_factory.getbasetemp()
     shared = folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("ACTIVETOUCH_PLANS", str(shared / "plans"))
+        patch.setenv("ACTIVETOUCH_CACHE", str(shared / "cache"))
         yield

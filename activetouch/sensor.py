@@ -83,7 +83,7 @@ class TactileSensor:
         folder = Path(folder)
         if not isinstance(scene, Scene):
             raise InvalidArgument(f"the scene must be a Scene, such as SCENES['coarse'].scene; got {scene!r:.80}")
-        path = reader_file(folder, scene)
+        path = reader_file(folder, scene, independent)
         shift = sensor_shift(folder, scene, anyway, independent)
         reader, fitted = TactileReader.load(path), None
         if path.name == READER_FILE:

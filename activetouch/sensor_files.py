@@ -81,7 +81,7 @@ def sensor_shift(folder: Path, scene: Scene, anyway: bool = False, independent: 
         LabelMismatch: it was made for other shapes or poses than the scene's.
         WrongScene: it was made for a scene that differs by more than a known shift.
     """
-    path = reader_file(folder, scene)
+    path = reader_file(folder, scene, independent)
     fitted = None if path.name == ANY_OBJECT_FILE else fitted_model(folder, independent)
     if fitted is None and independent:
         raise NoIndependentModel(f"{path} reads these objects, and takes all touches of one as of one body")
@@ -155,12 +155,12 @@ def shift_from(
         made_for = [(what, own and fields_read(imaging, own, scene, here)) for what, own in made_for]
     elif fitted is not None:
         require_model(fitted.model, scene)
-    card.require_images(scene.image_shape)
     found = [require_scene(f"{what} in {folder}", own, here, anyway) for what, own in made_for]
+    card.require_images(scene.image_shape)
     return tuple(dict.fromkeys(sum(found, ())))
 
 
-def reader_file(folder: Path, scene: Scene) -> Path:
+def reader_file(folder: Path, scene: Scene, independent: bool = False) -> Path:
     """The file of the reader that a sensor reads a scene with.
 
     Beside the reader of its own objects, a sensor may have one of any object. It reads other shapes and poses, and the
@@ -170,6 +170,8 @@ def reader_file(folder: Path, scene: Scene) -> Path:
     Args:
         folder: of the sensor.
         scene: in which it is used.
+        independent: whether touches are to be taken as independent given the shape, which the reader of any object
+            cannot; the reader of the own objects then reads them in any state of the sensor.
 
     Raises:
         CorruptFile: a file is damaged.
@@ -177,13 +179,14 @@ def reader_file(folder: Path, scene: Scene) -> Path:
     own, other = folder / READER_FILE, folder / ANY_OBJECT_FILE
     if not other.exists():
         return own
-    fitted_to = fitted_model(folder).scene if (folder / OBSERVATION_FILE).exists() else None
+    is_fitted = own.exists() and observation_file(folder, independent).exists()
+    fitted_to = fitted_model(folder, independent).scene if is_fitted else None
     here = scene_fields(scene)
     if fitted_to is None or any(fitted_to.get(part) != here.get(part) for part in OBJECTS if part != "presentation"):
         return other
     from activetouch.perception.contacts.told import is_told  # which scenes of known objects do not need
 
-    return other if is_told(read_card(other), scene) else own
+    return other if not independent and is_told(read_card(other), scene) else own
 
 
 def is_of_objects(model_scene: Mapping[str, Any] | None, scene: Scene) -> bool:

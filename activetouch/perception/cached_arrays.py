@@ -22,10 +22,16 @@ _KIND, _NAME = "activetouch-cached-1", "array"
 
 
 def cache_folder() -> Path:
-    """Where cached arrays lie."""
+    """Where cached arrays lie; where there is no home, in no folder, so that nothing is kept."""
     if given := os.environ.get("ACTIVETOUCH_CACHE"):
         return Path(given)
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "activetouch"
+    cache = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    if not cache.is_absolute():  # as the XDG specification has it
+        try:
+            cache = Path.home() / ".cache"
+        except RuntimeError:  # there is no home
+            cache = Path(os.devnull)
+    return cache / "activetouch"
 
 
 def cached_array(key: Mapping[str, Any], make: Callable[[], NDArray[np.float32]]) -> NDArray[np.float32]:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from activetouch.errors import LabelMismatch, WrongScene
+from activetouch.perception.contacts.imaging import Imaging
 from activetouch.perception.sealed_tensors import read_fields
 from belief.errors import CorruptFile
 
@@ -155,12 +156,14 @@ def card_from(fields: Mapping[str, Any], path: Path) -> ClassifierCard:
         lists = {name: tuple(fields[name]) for name in ("shape_labels", "pose_labels", "image_shape")}
         others = {name: value for name, value in fields.items() if name != "hypothesis_network"}
         card = ClassifierCard(**{**others, **lists})
+        if card.imaging is not None:
+            Imaging.from_fields(card.imaging)
         if not (card.scene is None or isinstance(card.scene, dict)):
             raise TypeError(f"scene is {card.scene!r}")
         for name, least in (("input_size", 1), ("channels", 1), ("embedding", 0)):
             if not (isinstance(value := getattr(card, name), int) and value >= least):
                 raise TypeError(f"{name} is {value!r}")
-    except (KeyError, TypeError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise CorruptFile(f"{path} does not describe a classifier: {error!r}") from error
     wanted = HYPOTHESIS_NETWORK if card.imaging is None else CONTACT_NETWORK
     if card.knows_orientations and (network := fields.get("hypothesis_network")) != wanted:

@@ -10,6 +10,7 @@ import hashlib
 import json
 import warnings
 from collections.abc import Mapping
+from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -45,7 +46,8 @@ def prepared(reader: TactileReader, scene: Scene, seed: int = 0) -> FittedRigidB
         AlikeShapes: touches in all poses name too few of the objects rightly.
     """
     described = {name: value for name, value in scene_fields(scene).items() if name not in SURROUNDINGS}
-    key = {"reader": reader.digest, "scene": described, "hypotheses": HYPOTHESES, "touches": _TOUCHES, "seed": seed}
+    made_by = [reader.digest, reader.card.imaging, version("activetouch")]
+    key = {"reader": made_by, "scene": described, "hypotheses": HYPOTHESES, "touches": _TOUCHES, "seed": seed}
     digest = hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()
     path = cache_folder() / f"{digest}.json"
     try:
@@ -96,5 +98,5 @@ def _tell_alike(scene: Scene, truth: np.ndarray, found: np.ndarray) -> None:
             f"most often mistaken: {', '.join(worst)}. activetouch.alike says which shapes this pad can tell apart, "
             "and more poses (directions26) help",
             AlikeShapes,
-            stacklevel=4,
+            stacklevel=5,
         )

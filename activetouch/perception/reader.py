@@ -132,10 +132,13 @@ class TactileReader:
         """Embeddings of hypotheses. See :meth:`HypothesisEmbedding.embed`.
 
         Raises:
-            InvalidArgument: the network tells shapes only.
+            InvalidArgument: the network tells shapes only, or reads any object.
         """
         if not isinstance(self.hypotheses, HypothesisEmbedding):
-            raise InvalidArgument("this reader tells shapes only; one that knows orientations is trained with its own")
+            raise InvalidArgument(
+                "this reader tells shapes only, or reads any object by predicted contacts; one that knows the "
+                "orientations of its own shapes embeds them"
+            )
         return self.hypotheses.embed(shapes, rotations, sizes, aims)
 
     def save(self, path: Path) -> None:

@@ -123,8 +123,13 @@ class Setting:
     @property
     def sensor_files(self) -> list[Path]:
         """The files that determine what is read: of a reader of any object, that alone."""
-        reader = reader_file(self.sensor_folder, self.scene)
+        reader = self.reader_file
         return [reader] if reader.name == ANY_OBJECT_FILE else [reader, self.observation_file]
+
+    @property
+    def reader_file(self) -> Path:
+        """File of the reader."""
+        return reader_file(self.sensor_folder, self.scene, self.is_independent)
 
     @property
     def is_independent(self) -> bool:
@@ -194,7 +199,7 @@ def known_model(setting: Setting) -> tuple[ObservationModel, OutcomeTable]:
 @lru_cache(maxsize=2)
 def _known_model(setting: Setting, when: Stamps) -> tuple[ObservationModel, OutcomeTable]:
     folder, independent = setting.sensor_folder, setting.is_independent
-    if read_card(reader_file(folder, setting.scene)).imaging is not None:
+    if read_card(setting.reader_file).imaging is not None:
         model: ArrayModel = _load_sensor(setting, when).model
     else:
         model = load_observation_model(folder, independent)
@@ -203,9 +208,7 @@ def _known_model(setting: Setting, when: Stamps) -> tuple[ObservationModel, Outc
 
 def prepare(setting: Setting, jobs: int | None) -> None:
     """Compute what a reader of any object needs once, before several processes do; then it is in the cache."""
-    if read_card(reader_file(setting.sensor_folder, setting.scene)).imaging is None or not isinstance(
-        load_sensor(setting).model, RigidBodyModel
-    ):
+    if read_card(setting.reader_file).imaging is None or not isinstance(load_sensor(setting).model, RigidBodyModel):
         return
     tasks = [partial(_embed, setting, pose) for pose in range(len(setting.scene.poses))]
     for _ in run_tasks(tasks, jobs, "predicting contacts"):

@@ -36,6 +36,7 @@ EMBEDDING = "embedding"
 """What it calls its output."""
 _NETWORK = "contacts"
 _AT_ONCE = 256  # contacts
+_MOST_SCORES = 1 << 22  # of images and hypotheses at once, 32 MB
 _DECIMALS = 7
 HYPOTHESES = 1024
 """Of each shape, over which its logits are averaged, and which a model of new objects has."""
@@ -87,7 +88,7 @@ class ContactHypotheses:
             parts = [embed_solid(solid, bodies.take(some)) for solid, some in zip(solids, rows, strict=True)]
             return np.concatenate(parts)[np.argsort(np.concatenate(rows))]
 
-        told = [np.round(part, _DECIMALS).tolist() for part in (cell, code, aim, rotation)]
+        told = [(np.round(part, _DECIMALS) + 0.0).tolist() for part in (cell, code, aim, rotation)]
         places = array_digest({name: part.round(_DECIMALS) + 0.0 for name, part in bodies._asdict().items()})
         fields = scene_fields(scene)
         shapes, ranges = (dict(fields.get(name, {}).get("entries", ())) for name in ("shapes", "families"))
@@ -122,10 +123,15 @@ class ContactHypotheses:
         Raises:
             ValueError: it is not bound to a scene.
         """
-        fixed = self._fixed
-        scores = embeddings @ fixed.reshape(-1, fixed.shape[-1]).T
-        found: NDArray[np.float64] = logsumexp(scores.reshape(len(scores), *fixed.shape[:2]).astype(float), axis=2)
-        return found - np.log(fixed.shape[1])
+        num_shapes, number, width = self._fixed.shape
+        fixed = self._fixed.reshape(-1, width).T
+        found = np.empty((len(embeddings), num_shapes))
+        at_once = max(1, _MOST_SCORES // fixed.shape[1])
+        for first in range(0, len(embeddings), at_once):
+            some = slice(first, first + at_once)
+            scores = (embeddings[some] @ fixed).astype(float)
+            found[some] = logsumexp(scores.reshape(-1, num_shapes, number), axis=2)
+        return found - np.log(number)
 
     @cached_property
     def _fixed(self) -> Floats32:

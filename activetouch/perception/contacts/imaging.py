@@ -97,6 +97,9 @@ class Imaging:
         dead: which taxels never read anything, ``(taxels, taxels)``; none if not given.
         samples: points along the edge of the pad at which the surface is computed; a multiple of ``pixels``.
         coarser: share of worlds whose sensor may have taxels two pixels wide.
+
+    Raises:
+        ValueError: a number is out of its range, or the numbers of taxels, pixels and samples do not divide.
     """
 
     pad: Pad
@@ -110,6 +113,17 @@ class Imaging:
     dead: NDArray[np.bool_] | None = None
     samples: int = SAMPLES
     coarser: float = 0.0
+
+    def __post_init__(self) -> None:
+        edges = self.taxels, self.pixels, self.samples
+        numbers = (*self.force, *self.sizes, self.gain, self.noise, self.offset, self.coarser)
+        is_valid = all(isinstance(edge, int | np.integer) and edge > 0 for edge in edges)
+        is_valid = is_valid and 0 in (self.taxels % self.pixels, self.pixels % self.taxels)
+        is_valid = is_valid and self.samples % self.pixels == 0 and len(self.force) == len(self.sizes) == 2
+        if not (is_valid and np.isfinite(numbers).all() and min(numbers) >= 0.0 and self.force[1] > 0.0):
+            raise ValueError(f"numbers out of range, or taxels, pixels and samples that do not divide: {self}")
+        if self.dead is not None and self.dead.shape != (self.taxels, self.taxels):
+            raise ValueError(f"dead must have the shape {(self.taxels, self.taxels)}, got {self.dead.shape}")
 
     @property
     def window(self) -> Window:

@@ -15,13 +15,14 @@ blurred, hysteresis, or wider taxels. The reader was trained with all of them, a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from activetouch.distributions import Distribution
+from activetouch.distributions import Constant, Distribution, Uniform
 from activetouch.errors import WrongScene
 from activetouch.hypotheses import sizes
 from activetouch.perception.card import OBJECTS, ClassifierCard
@@ -33,7 +34,9 @@ from activetouch.rendering.faults import faults_of
 from activetouch.scene import Scene
 
 _KNOWN = (Blur, DeadTaxels, Gain, Hysteresis, Noise, Shift, StuckTaxels)
+_OF_FAULTS = {"noise", "blur", "shift", "hysteresis"}
 _QUANTILES = 64
+_ROUNDED = 1e-6  # by which a limit may be exceeded
 _TOLD = 0.02  # of a number of the code
 _COARSER = 0.3  # share of worlds with wider taxels, of a sensor that has more than the reader sees
 
@@ -73,16 +76,24 @@ def told_world(imaging: Imaging, scene: Scene) -> World:
         imaging: of the reader's own scene.
         scene: in which it is used.
     """
+    found = _told(imaging, scene)
+    found |= {name: np.clip(found[name], *limits) for name, limits in LIMITS.items()}
+    shapes = {name: part.shape for name, part in World.nominal(1)._asdict().items()}
+    return World(**{name: np.broadcast_to(part, shapes[name]).astype(np.float32) for name, part in found.items()})
+
+
+def _told(imaging: Imaging, scene: Scene) -> dict[str, Any]:
+    """The world that a scene describes, whatever the reader was trained with."""
     taxels, vary = scene.image_shape[0], scene.variation
     finer = imaging.taxels / taxels if imaging.pixels <= taxels else 1.0  # taxels are averaged in a pixel
     dead = _broken(scene, DeadTaxels, taxels)
     if imaging.dead is not None and imaging.dead.shape == dead.shape:
         dead = dead & ~imaging.dead
     shifts = np.array([(fault.rows, fault.columns) for fault in faults_of(Shift, scene.faults)]).reshape(-1, 2)
-    found: dict[str, Any] = {
+    return {
         "stiffness": _mean(vary.stiffness) * scene.pad.stiffness / imaging.pad.stiffness,
-        "force": 2.0 * _mean(vary.force) / sum(imaging.force),
-        "noise": _noise(scene) * finer / imaging.noise,
+        "force": _mean(vary.force) / (imaging.force[0] / 2 + imaging.force[1] / 2),
+        "noise": _ratio(_noise(scene) * finer, imaging.noise),
         "gain": 1.0,
         "blur": sum(fault.std for fault in faults_of(Blur, scene.faults)) / taxels,
         "shift": shifts.sum(axis=0)[None] / taxels,
@@ -91,9 +102,6 @@ def told_world(imaging: Imaging, scene: Scene) -> World:
         "stuck": _shares(_broken(scene, StuckTaxels, taxels)),
         "wide": np.log2(max(imaging.pixels / taxels, 1.0)),
     }
-    found |= {name: np.clip(found[name], *limits) for name, limits in LIMITS.items()}
-    shapes = {name: part.shape for name, part in World.nominal(1)._asdict().items()}
-    return World(**{name: np.broadcast_to(part, shapes[name]).astype(np.float32) for name, part in found.items()})
 
 
 def is_told(card: ClassifierCard, scene: Scene) -> bool:
@@ -104,7 +112,9 @@ def is_told(card: ClassifierCard, scene: Scene) -> bool:
 
 
 def fields_read(imaging: Imaging, own: Mapping[str, Any], scene: Scene, here: Mapping[str, Any]) -> dict[str, Any]:
-    """The fields of the reader's own scene, with all that it can be told of another one.
+    """The fields of the reader's own scene, with all that it can be told of another one, within its limits.
+
+    Less noise than the reader was trained with is within them.
 
     Args:
         imaging: of the reader's own scene.
@@ -112,20 +122,24 @@ def fields_read(imaging: Imaging, own: Mapping[str, Any], scene: Scene, here: Ma
         scene: in which it is used.
         here: fields of that scene.
     """
-    same = list(OBJECTS)
+    same, told = list(OBJECTS), _told(imaging, scene)
+    beyond = {name for name, (_, high) in LIMITS.items() if np.max(told[name]) > high + _ROUNDED}
+    beyond |= {name for name, (low, _) in LIMITS.items() if name != "noise" and np.min(told[name]) < low - _ROUNDED}
     if isinstance(scene.press_model, Dynamic | Quasistatic):
         same.append("press_model")
-    if all(isinstance(fault, _KNOWN) for fault in scene.faults) and _are_full(scene):
+    are_known = all(isinstance(fault, _KNOWN) for fault in scene.faults) and _are_full(scene)
+    if are_known and _is_as_broken(imaging, scene) and not beyond & _OF_FAULTS:
         same.append("faults")
     taxels = scene.image_shape[0]
     widest = imaging.pixels // 2 if imaging.coarser else imaging.taxels
-    pad = replace(scene.pad, num_taxels=imaging.pad.num_taxels, stiffness=imaging.pad.stiffness)
+    stiffness = scene.pad.stiffness if "stiffness" in beyond else imaging.pad.stiffness
+    pad = replace(scene.pad, num_taxels=imaging.pad.num_taxels, stiffness=stiffness)
     if pad == imaging.pad and taxels % imaging.pixels in (0, widest) and isinstance(scene.renderer, PressureRenderer):
         same += ["pad", "renderer"]
     found = {**own, **{name: here[name] for name in same if name in here}}
     for name in {"aims", "families"} - here.keys():
         found.pop(name, None)
-    free = ["size", "force", "stiffness"]
+    free = ["size", *({"force", "stiffness"} - beyond)]
     if max(np.abs(scene.variation.offset.support)) <= imaging.offset * (1 + 1e-9):
         free.append("offset")
     return found | {"variation": {**own["variation"], **{name: here["variation"][name] for name in free}}}
@@ -135,8 +149,22 @@ def _are_full(scene: Scene) -> bool:
     return all(fault.level == 1.0 for fault in faults_of(StuckTaxels, scene.faults))
 
 
+def _is_as_broken(imaging: Imaging, scene: Scene) -> bool:
+    """Whether no taxel works that never did in training, and no touch is amplified more than in training."""
+    if sum(fault.half_range for fault in faults_of(Gain, scene.faults)) > imaging.gain + _ROUNDED:
+        return False
+    dead = _broken(scene, DeadTaxels, scene.image_shape[0])
+    return imaging.dead is None or imaging.dead.shape != dead.shape or not (imaging.dead & ~dead).any()
+
+
+def _ratio(value: float, usual: float) -> float:
+    if usual == 0.0:
+        return 1.0 if value == 0.0 else np.inf
+    return value / usual
+
+
 def _noise(scene: Scene) -> float:
-    return float(np.sqrt(sum([fault.std**2 for fault in faults_of(Noise, scene.faults)])))
+    return math.hypot(*(fault.std for fault in faults_of(Noise, scene.faults)))
 
 
 def _broken(scene: Scene, kind: type[DeadTaxels] | type[StuckTaxels], taxels: int) -> np.ndarray:
@@ -158,4 +186,6 @@ def _shares(broken: np.ndarray) -> np.ndarray:
 
 
 def _mean(distribution: Distribution) -> float:
+    if isinstance(distribution, Constant | Uniform):
+        return sum(end / 2 for end in distribution.support)
     return float(sizes(distribution, _QUANTILES).mean())
