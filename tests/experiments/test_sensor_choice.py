@@ -15,6 +15,7 @@ from activetouch.data.manifest import NoCollection, read_manifest
 from activetouch.envs.touch_bank import TouchBank
 from activetouch.errors import LabelMismatch, NoIndependentModel, SceneShift, WrongScene
 from activetouch.perception import preparation
+from activetouch.perception.contacts import hypotheses
 from activetouch.sensor import TactileSensor
 from activetouch.sensor_files import INDEPENDENT_FILE, MODELS, OBSERVATION_FILE, READER_FILE, load_observation_model
 from belief.errors import ActiveTouchError, CorruptFile
@@ -197,7 +198,8 @@ def test_a_known_shift_warns_and_the_report_tells_it(tmp_path, capsys):
 @pytest.mark.torch
 @pytest.mark.filterwarnings("ignore::activetouch.errors.AlikeShapes")  # as its taxels are too wide for the reader
 def test_a_sensor_of_another_scene_is_used_anyway_when_asked_to(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(preparation, "HYPOTHESES", 64)
+    for module in (hypotheses, preparation):
+        monkeypatch.setattr(module, "HYPOTHESES", 64)
     monkeypatch.setattr(preparation, "_TOUCHES", 300)
     setting = Setting(QUICK, sensor=GEL, anyway=True)
     with pytest.raises(WrongScene, match="num_taxels"):

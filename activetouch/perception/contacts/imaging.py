@@ -190,7 +190,7 @@ class Imaging:
             mean, variance = _clipped_moments(values, std)
             each = np.sqrt(variance * (self.samples / taxels) ** 2)
             noisy = np.clip(mean + each * rng.standard_normal(values.shape, np.float32), 0.0, 1.0)
-        dead, stuck = (_enlarged(cells, shown) for cells in (world.dead, world.stuck))
+        dead, stuck = (regridded(cells, shown) for cells in (world.dead, world.stuck))
         own = 0.0 if self.dead is None else _binned(self.dead[None].astype(np.float32), shown)
         noisy = noisy * (1 - np.minimum(dead + own, 1.0)) * (1 - stuck) + stuck
         return _binned(noisy, self.pixels) if shown >= self.pixels else _enlarged(noisy, self.pixels)
@@ -212,10 +212,19 @@ def encoded(reached: Floats32, inner: int) -> Floats32:
     return np.stack([gap / 0.004, np.exp(-np.maximum(gap, -0.001) / 0.0006) / 2], axis=1)
 
 
+def regridded(shares: Floats32, edge: int) -> Floats32:
+    """Shares of the cells of one grid, ``(n, m, m)``, in those of another on the same square, ``(n, edge, edge)``."""
+    old = shares.shape[-1]
+    first, others = np.arange(edge)[:, None] * old, np.arange(old) * edge
+    overlap = np.minimum(first + old, others + edge) - np.maximum(first, others)
+    part = (np.maximum(overlap, 0) / old).astype(np.float32)
+    return part @ shares @ part.T
+
+
 def _indentation(gap: Floats32, load: Floats32, deepest: float) -> Floats32:
     """Indentation of every point whose sum over the points is ``load``, unless the layer bottoms out, by bisection."""
     low, high = np.zeros(len(gap), np.float32), np.full(len(gap), deepest, np.float32)
-    flat = gap.reshape(len(gap), -1)
+    flat = gap.reshape(len(gap), gap.shape[1] * gap.shape[2])
     for _ in range(_BISECTIONS):
         middle = (low + high) / 2
         short = np.maximum(middle[:, None] - flat, 0.0).sum(axis=1) < load
@@ -248,10 +257,8 @@ def _binned(images: Floats32, edge: int) -> Floats32:
 
 
 def _enlarged(images: Floats32, edge: int) -> Floats32:
-    n = images.shape[-1]
-    if edge < n:
-        return _binned(images, edge)
-    return images.repeat(edge // n, axis=1).repeat(edge // n, axis=2)
+    times = edge // images.shape[-1]
+    return images.repeat(times, axis=1).repeat(times, axis=2)
 
 
 def _clipped_moments(values: Floats32, std: Floats32) -> tuple[Floats32, Floats32]:

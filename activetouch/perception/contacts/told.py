@@ -26,7 +26,7 @@ from activetouch.distributions import Constant, Distribution, Uniform
 from activetouch.errors import WrongScene
 from activetouch.hypotheses import sizes
 from activetouch.perception.card import OBJECTS, ClassifierCard
-from activetouch.perception.contacts.imaging import BROKEN, LIMITS, SAMPLES, Imaging, World
+from activetouch.perception.contacts.imaging import BROKEN, LIMITS, SAMPLES, Imaging, World, regridded
 from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.press import Quasistatic
 from activetouch.rendering import Blur, DeadTaxels, Gain, Hysteresis, Noise, PressureRenderer, Shift, StuckTaxels
@@ -65,7 +65,7 @@ def imaging_of(scene: Scene) -> Imaging:
         float(np.abs(scene.variation.offset.support).max()),
         dead=_broken(scene, DeadTaxels, taxels) if faults_of(DeadTaxels, scene.faults) else None,
         samples=-(-SAMPLES // pixels) * pixels,
-        coarser=_COARSER if taxels > pixels else 0.0,
+        coarser=_COARSER if taxels > pixels and pixels % 2 == 0 else 0.0,
     )
 
 
@@ -98,8 +98,8 @@ def _told(imaging: Imaging, scene: Scene) -> dict[str, Any]:
         "blur": sum(fault.std for fault in faults_of(Blur, scene.faults)) / taxels,
         "shift": shifts.sum(axis=0)[None] / taxels,
         "hysteresis": sum(fault.width for fault in faults_of(Hysteresis, scene.faults)),
-        "dead": _shares(dead),
-        "stuck": _shares(_broken(scene, StuckTaxels, taxels)),
+        "dead": regridded(dead[None].astype(np.float32), BROKEN),
+        "stuck": regridded(_broken(scene, StuckTaxels, taxels)[None].astype(np.float32), BROKEN),
         "wide": np.log2(max(imaging.pixels / taxels, 1.0)),
     }
 
@@ -174,15 +174,6 @@ def _broken(scene: Scene, kind: type[DeadTaxels] | type[StuckTaxels], taxels: in
     for fault in faults_of(kind, scene.faults):
         found |= fault(np.full(found.shape, start), rng) != start
     return found
-
-
-def _shares(broken: np.ndarray) -> np.ndarray:
-    """Shares of broken taxels in cells, ``(1, BROKEN, BROKEN)``; those of fewer taxels than cells are repeated."""
-    edge = len(broken)
-    if edge % BROKEN:
-        rows = np.arange(BROKEN) * edge // BROKEN
-        return broken[rows][:, rows][None].astype(np.float32)
-    return broken.reshape(BROKEN, edge // BROKEN, BROKEN, edge // BROKEN).mean(axis=(1, 3))[None]
 
 
 def _mean(distribution: Distribution) -> float:

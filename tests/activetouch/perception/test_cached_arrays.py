@@ -1,0 +1,109 @@
+"""Arrays of the cache: computed once, computed again where the file is damaged, and without a cache each time."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from activetouch.perception.cached_arrays import cache_folder, cached_array
+
+
+@pytest.fixture
+def cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("ACTIVETOUCH_CACHE", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+class Computed:
+    """Counts how often it is asked."""
+
+    def __init__(self, value=1.1):
+        self.value, self.times = value, 0
+
+    def __call__(self):
+        self.times += 1
+        return np.full((2, 3), self.value, np.float32)
+
+
+def test_an_array_is_computed_once_and_is_the_same_from_the_file(cache):
+    make = Computed()
+    first, second = cached_array({"of": 1}, make), cached_array({"of": 1}, make)
+    assert make.times == 1
+    assert np.array_equal(first, second)
+    assert first.dtype == second.dtype == np.float32
+    assert len(list(cache.iterdir())) == 1
+
+
+def test_other_keys_have_other_arrays(cache):
+    keys = ({"of": 1}, {"of": 2}, {"of": "1"}, {"of": [1]}, {"of": 1, "and": None})
+    found = [cached_array(key, Computed(number))[0, 0] for number, key in enumerate(keys)]
+    assert found == [0, 1, 2, 3, 4]
+    assert cached_array({"and": None, "of": 1}, Computed(9.0))[0, 0] == 4
+
+
+@pytest.mark.parametrize("damage", [b"", b"no tensors", None])
+def test_a_damaged_file_is_computed_again_and_mended(cache, damage):
+    make = Computed()
+    cached_array({}, make)
+    (path,) = cache.iterdir()
+    content = path.read_bytes()
+    path.write_bytes(content[:-3] + b"xyz" if damage is None else damage)
+    assert cached_array({}, make)[0, 0] == np.float16(1.1)
+    assert make.times == 2
+    assert path.read_bytes() == content
+
+
+def test_without_a_folder_that_can_be_written_it_is_computed_each_time(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("ACTIVETOUCH_CACHE", str(tmp_path / "file" / "cache"))
+    make = Computed()
+    found = [cached_array({}, make) for _ in range(2)]
+    assert make.times == 2
+    assert np.array_equal(*found)
+
+
+def test_a_cache_without_a_home_keeps_nothing(monkeypatch):
+    for name in ("ACTIVETOUCH_CACHE", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+
+    def home():
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.setattr(Path, "home", home)
+    make = Computed()
+    cached_array({}, make)
+    cached_array({}, make)
+    assert make.times == 2
+
+
+def test_the_folder_is_the_users_unless_another_is_named(tmp_path, monkeypatch):
+    assert Path.home() not in cache_folder().parents  # in tests
+    monkeypatch.delenv("ACTIVETOUCH_CACHE")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert cache_folder() == tmp_path / "activetouch"
+    monkeypatch.setenv("XDG_CACHE_HOME", "relative")  # which the XDG specification tells to ignore
+    assert cache_folder() == Path.home() / ".cache" / "activetouch"
+
+
+def test_an_error_while_computing_leaves_nothing_behind(cache):
+    def stopped():
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        cached_array({}, stopped)
+    assert not cache.exists()
+    assert cached_array({}, Computed())[0, 0] == np.float16(1.1)
+
+
+def test_processes_that_compute_the_same_array_leave_one_whole_file(cache):
+    code = (
+        "import numpy as np; from activetouch.perception.cached_arrays import cached_array\n"
+        "for n in range(5): print(cached_array({'n': n}, lambda: np.full(9, n, np.float32)).sum())"
+    )
+    run = [sys.executable, "-c", code]
+    processes = [subprocess.Popen(run, stdout=subprocess.PIPE, text=True, env=dict(os.environ)) for _ in range(2)]
+    assert [process.communicate()[0].split() for process in processes] == [["0.0", "9.0", "18.0", "27.0", "36.0"]] * 2
+    assert len(list(cache.iterdir())) == 5
