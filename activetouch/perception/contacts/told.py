@@ -134,7 +134,8 @@ def fields_read(imaging: Imaging, own: Mapping[str, Any], scene: Scene, here: Ma
     widest = imaging.pixels // 2 if imaging.coarser else imaging.taxels
     stiffness = scene.pad.stiffness if "stiffness" in beyond else imaging.pad.stiffness
     pad = replace(scene.pad, num_taxels=imaging.pad.num_taxels, stiffness=stiffness)
-    if pad == imaging.pad and taxels % imaging.pixels in (0, widest) and isinstance(scene.renderer, PressureRenderer):
+    fits = taxels % imaging.pixels in (0, widest) if imaging.dead is None else taxels == imaging.taxels
+    if pad == imaging.pad and fits and isinstance(scene.renderer, PressureRenderer):
         same += ["pad", "renderer"]
     found = {**own, **{name: here[name] for name in same if name in here}}
     for name in {"aims", "families"} - here.keys():

@@ -1,0 +1,146 @@
+"""Which of its two readers a sensor reads a scene with, and what it says where neither can."""
+
+import shutil
+import warnings
+from dataclasses import replace
+
+import pytest
+
+from activetouch import SCENES, TactileSensor
+from activetouch.distributions import Constant, Uniform
+from activetouch.errors import NoIndependentModel, SceneShift, WrongScene
+from activetouch.orientations import Upright
+from activetouch.perception import preparation
+from activetouch.perception.contacts import hypotheses
+from activetouch.pressing.press import Quasistatic
+from activetouch.rendering import Blur, Gain, Noise, Quantisation
+from activetouch.sensor_files import (
+    ANY_OBJECT_FILE,
+    INDEPENDENT_FILE,
+    MODELS,
+    OBSERVATION_FILE,
+    READER_FILE,
+    reader_file,
+    sensor_shift,
+)
+from activetouch.shapes import Box, Cylinder
+from activetouch.solids.family import Family
+from belief.errors import CorruptFile
+
+COARSE = SCENES["coarse"].scene
+FOLDER = MODELS / "coarse"
+BRICKS = {"brick": Box((0.02, 0.01, 0.01)), "die": Box((0.01, 0.01, 0.01))}
+
+
+def varied(**changes):
+    return replace(COARSE, variation=replace(COARSE.variation, **changes))
+
+
+OWN = {
+    "as it is": COARSE,
+    "without an engine": replace(COARSE, press_model=Quasistatic()),
+    "other sizes": varied(size=Uniform(0.8, 1.2)),
+    "lying otherwise": replace(COARSE, presentation=Upright()),
+    "a fault that cannot be told": replace(COARSE, faults=(*COARSE.faults, Quantisation(4))),
+    "other surroundings": replace(COARSE, height=0.2),
+}
+OTHER = {
+    "other shapes": replace(COARSE, shapes=BRICKS),
+    "one shape more": replace(COARSE, shapes={**COARSE.shapes, **BRICKS}),
+    "another order": replace(COARSE, shapes=dict(reversed(COARSE.shapes.items()))),
+    "other poses": replace(COARSE, poses="directions26"),
+    "aims": replace(COARSE, aims={"front": (0.001, 0.0)}),
+    "a family": replace(
+        COARSE, shapes={**COARSE.shapes, "cylinder": Family(Cylinder(0.016, 0.02), half_length=Uniform(0.01, 0.04))}
+    ),
+}
+TOLD = {
+    "noise": replace(COARSE, faults=(*COARSE.faults, Noise(0.1))),
+    "blur": replace(COARSE, faults=(*COARSE.faults, Blur(0.2))),
+    "force": varied(force=Constant(1.0)),
+    "stiffness": varied(stiffness=Constant(1.5)),
+}
+
+
+@pytest.mark.parametrize("what", OWN)
+def test_the_own_reader_reads_its_objects(what):
+    for independent in (False, True):
+        assert reader_file(FOLDER, OWN[what], independent) == FOLDER / READER_FILE
+
+
+@pytest.mark.parametrize("what", OTHER)
+def test_the_reader_of_any_object_reads_others(what):
+    assert reader_file(FOLDER, OTHER[what]) == FOLDER / ANY_OBJECT_FILE
+    assert sensor_shift(FOLDER, OTHER[what]) == ()
+    with pytest.raises(NoIndependentModel, match="reads these objects, and takes all touches of one as of one body"):
+        sensor_shift(FOLDER, OTHER[what], independent=True)
+    with pytest.raises(NoIndependentModel):
+        TactileSensor.load(FOLDER, OTHER[what], independent=True)
+
+
+@pytest.mark.parametrize("what", TOLD)
+def test_the_reader_of_any_object_is_told_the_state_of_the_sensor(what):
+    assert reader_file(FOLDER, TOLD[what]) == FOLDER / ANY_OBJECT_FILE
+    assert sensor_shift(FOLDER, TOLD[what]) == ()
+    assert reader_file(FOLDER, TOLD[what], independent=True) == FOLDER / READER_FILE
+    assert sensor_shift(FOLDER, TOLD[what], independent=True) != ()
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"pad": replace(COARSE.pad, half_width=0.02)}, r"pad\.half_width is 0\.02, not 0\.015"),
+        ({"pad": replace(COARSE.pad, max_depth=0.002)}, r"pad\.max_depth is 0\.002, not 0\.003"),
+        ({"renderer": SCENES["gel"].scene.renderer}, r"renderer\.binning is 1, not 8"),
+        ({"renderer": SCENES["paper"].scene.renderer}, r"renderer is ForcePatchRenderer, not PressureRenderer"),
+    ],
+)
+def test_another_pad_is_refused_with_its_difference(changes, told):
+    scene = replace(COARSE, shapes=BRICKS, **changes)
+    for load in (sensor_shift, TactileSensor.load):
+        with pytest.raises(WrongScene, match=told):
+            load(FOLDER, scene)
+
+
+def test_a_sensor_beyond_its_training_is_told_to_be():
+    weak = replace(OTHER["other shapes"], variation=varied(force=Constant(0.01)).variation)
+    assert sensor_shift(FOLDER, weak) == ("variation.force is Constant, not Uniform",)
+    louder = replace(OTHER["other shapes"], faults=(Gain(0.1), Noise(0.9), COARSE.faults[2]))
+    assert sensor_shift(FOLDER, louder) == ("faults.1.std is 0.9, not 0.05",)
+
+
+@pytest.fixture
+def few(tmp_path, monkeypatch):
+    monkeypatch.setenv("ACTIVETOUCH_CACHE", str(tmp_path / "cache"))
+    for module in (hypotheses, preparation):
+        monkeypatch.setattr(module, "HYPOTHESES", 24)
+    monkeypatch.setattr(preparation, "_TOUCHES", 10)
+
+
+@pytest.mark.parametrize("others", [(), (OBSERVATION_FILE,), (OBSERVATION_FILE, INDEPENDENT_FILE)])
+def test_a_folder_with_the_reader_of_any_object_alone_is_a_sensor(others, few, tmp_path):
+    for name in (ANY_OBJECT_FILE, *others):
+        shutil.copy(FOLDER / name, tmp_path / name)
+    scene = replace(COARSE, shapes=BRICKS, poses={"front": COARSE.rotations["front"]}, press_model=Quasistatic())
+    assert reader_file(tmp_path, COARSE).name == ANY_OBJECT_FILE
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", SceneShift)
+        warnings.filterwarnings("ignore", message="in simulation")
+        sensor = TactileSensor.load(tmp_path, scene)
+    assert sensor.model.shape_labels == ("brick", "die")
+
+
+def test_without_the_reader_of_any_object_nothing_changes(tmp_path):
+    for name in (READER_FILE, OBSERVATION_FILE, INDEPENDENT_FILE):
+        shutil.copy(FOLDER / name, tmp_path / name)
+    for scene in (COARSE, *OTHER.values(), *TOLD.values()):
+        assert reader_file(tmp_path, scene) == tmp_path / READER_FILE
+
+
+def test_a_damaged_reader_of_any_object_is_refused_where_it_would_be_asked(tmp_path):
+    shutil.copytree(FOLDER, tmp_path / "sensor")
+    path = tmp_path / "sensor" / ANY_OBJECT_FILE
+    path.write_bytes(path.read_bytes()[:300])
+    for scene in (OTHER["other shapes"], TOLD["noise"], COARSE):
+        with pytest.raises(CorruptFile, match=ANY_OBJECT_FILE):
+            TactileSensor.load(tmp_path / "sensor", scene)
