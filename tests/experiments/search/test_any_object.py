@@ -1,0 +1,77 @@
+"""Searches among objects that no sensor was trained for: the command ``compare`` from end to end, with no training."""
+
+import json
+import re
+
+import pytest
+import tyro
+
+from activetouch.perception import preparation
+from activetouch.perception.contacts import hypotheses
+from activetouch.sensor_files import ANY_OBJECT_FILE
+from belief.errors import ActiveTouchError
+from experiments.cli import commands
+from experiments.scene_choice import SceneChoice
+from experiments.search import setting as settings
+from experiments.search.setting import Setting, known_model, load_sensor, prepare, stamps
+
+CUBE = """v -1 -1 -1\nv 1 -1 -1\nv 1 1 -1\nv -1 1 -1\nv -1 -1 1\nv 1 -1 1\nv 1 1 1\nv -1 1 1
+f 4 3 2 1\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n"""
+PLATE = CUBE.replace("v -1 -1 ", "v -1.5 -1.5 ").replace("v 1 -1 ", "v 1.5 -1.5 ")
+
+pytestmark = pytest.mark.filterwarnings("ignore::activetouch.errors.AlikeShapes")
+
+
+@pytest.fixture
+def meshes(tmp_path, monkeypatch):
+    """Two meshes as arguments of a command, an empty cache, few hypotheses and few touches."""
+    monkeypatch.setenv("ACTIVETOUCH_CACHE", str(tmp_path / "cache"))
+    for module in (hypotheses, preparation):
+        monkeypatch.setattr(module, "HYPOTHESES", 32)
+    monkeypatch.setattr(preparation, "_TOUCHES", 10)
+    for cached in (settings._load_sensor, settings._known_model):
+        cached.cache_clear()
+    (tmp_path / "brick.obj").write_text(CUBE)
+    (tmp_path / "plate.obj").write_text(PLATE)
+    yield [f"{tmp_path / name}.obj@0.011" for name in ("brick", "plate")]
+    for cached in (settings._load_sensor, settings._known_model):
+        cached.cache_clear()
+
+
+def command(name, words):
+    tyro.cli(commands()[name], args=words).run()
+
+
+def test_compare_searches_for_a_mesh_without_training(meshes, tmp_path, capsys):
+    words = ["--scene", "coarse", "--fidelity", "quasistatic", "--only", "--meshes", *meshes, "--targets", "brick"]
+    out = tmp_path / "run"
+    run = [*words, "--deciders", "threshold", "--episodes", "2", "--jobs", "1", "--out", str(out)]
+    command("compare", run)
+    episodes = [json.loads(line) for line in (out / "episodes.jsonl").read_text().splitlines()]
+    assert len(episodes) == 2
+    assert "other scene" not in capsys.readouterr().err
+
+
+def test_what_several_processes_need_is_computed_once_before(meshes, monkeypatch):
+    choice = SceneChoice("coarse", "quasistatic", meshes=tuple(meshes), only=True)
+    setting = Setting(choice)
+    assert [path.name for path in setting.sensor_files] == [ANY_OBJECT_FILE]
+    prepare(setting, 1)
+
+    def computed(*given):
+        raise AssertionError("it was in no cache")
+
+    monkeypatch.setattr(type(load_sensor(setting).reader.hypotheses), "embed", computed)
+    for cached in (settings._load_sensor, settings._known_model):
+        cached.cache_clear()
+    model, table = known_model(setting)
+    assert model.shape_labels == ("brick", "plate")
+    assert known_model(setting)[1] is table
+    assert len(stamps(setting)) == 1
+
+
+@pytest.mark.parametrize("scene", ["hard", "many", "paper", "keyed"])
+def test_a_scene_whose_sensor_reads_its_own_shapes_alone_says_what_to_do(scene, meshes):
+    with pytest.raises(ActiveTouchError, match="Make a sensor for this scene") as found:
+        _ = Setting(SceneChoice(scene, meshes=(meshes[0],))).shift
+    assert re.search(r"the reader knows the shapes .*'brick'", str(found.value))
