@@ -23,7 +23,7 @@ from experiments.scene_choice import in_file_names, renderer_named
 from experiments.search.holdings import Holdings, Selection
 from experiments.search.resume import play_missing, shard_sizes
 from experiments.search.run_folder import BOUND, ORACLE, RunFolder
-from experiments.search.setting import Setting, known_model, prepare, require_abstain
+from experiments.search.setting import Setting, prepare, require_abstain
 from experiments.search.shards import made_by
 from experiments.search.short_names import short_names
 from experiments.search.summary import Comparison
@@ -326,8 +326,6 @@ class Compare:
         if self.bound and self.setting.abstain is not None:
             raise BadArgument("--bound is for searches without the answer UNSURE; leave out --bound or --abstain")
         shift = self.setting.shift  # raises WrongScene
-        known_model(self.setting)  # raises NoIndependentModel
-        prepare(self.setting, self.jobs)
         if not self.deciders:
             raise BadArgument(f"--deciders must name one or more of {', '.join(DECIDERS)}; got none")
         if (self.backend == "dask") != (self.scheduler is not None):
@@ -345,6 +343,7 @@ class Compare:
                 find_decider(player)
                 require_policies(player, targets, self.setting.choice.scene, self.setting.sensor_folder)
         tell_shift(shift)
+        prepare(self.setting, self.jobs)
         return problem, targets
 
     def _arguments(self) -> dict[str, object]:
