@@ -112,36 +112,22 @@ places: development
 	$(BIN)/activetouch compare --scene $(SCENE) --poses directions26 --sensor runs/sensor-$(PLACES) --deciders $(BY_PLACE) \
 		--episodes $(SEARCHES.$(SCENE)) --seed 1 --out runs/places-$(PLACES)
 
-# The sensor of a scene that reads shapes only and takes touches as independent given the shape; the policies use it.
-MORE.gel :=
-MORE.paper := --plan.train 1500
-MORE.coarse := --plan.train 13500
-MORE.hard := --plan.train 1200 --plan.calibration 250 --plan.test 250
-MORE.many := $(MORE.hard)
-MANY_REPEATS.hard := --plan.calibration 100 --plan.test 100
-MANY_REPEATS.many := --plan.calibration 100 --plan.test 150
-CNN := --recipe large --change.batch-size 128 --change.learning-rate 2e-3
-PLAIN.gel := $(CNN) --input-size 64
-PLAIN.coarse := $(CNN) --change.epochs 12
-PLAIN.hard := $(CNN) --input-size 64 --change.epochs 24
-PLAIN.many := $(PLAIN.hard)
-PLAIN.paper := --recipe large --backbone atto --change.batch-size 128 --change.epochs 6
-INDEPENDENT = $(SCENE)-independent
+# The sensor of paper that reads shapes only and takes touches as independent given the shape, as the paper did.
+INDEPENDENT := paper-independent
 independent-sensor: development
-	$(BIN)/activetouch collect --scene $(SCENE) $(MORE.$(SCENE)) --out data/$(INDEPENDENT)
-	$(BIN)/activetouch train --scene $(SCENE) $(PLAIN.$(SCENE)) --data data/$(INDEPENDENT) --out runs/train-$(INDEPENDENT)
-	$(BIN)/activetouch collect --scene $(SCENE) --plan.train 0 --plan.repeats 6 $(MANY_REPEATS.$(SCENE)) \
-		--out data/$(INDEPENDENT)-repeats
-	$(BIN)/activetouch calibrate --scene $(SCENE) --reader runs/train-$(INDEPENDENT)/reader.safetensors \
+	$(BIN)/activetouch collect --scene paper --plan.train 1500 --out data/$(INDEPENDENT)
+	$(BIN)/activetouch train --scene paper --recipe large --backbone atto --change.batch-size 128 --change.epochs 6 \
+		--data data/$(INDEPENDENT) --out runs/train-$(INDEPENDENT)
+	$(BIN)/activetouch collect --scene paper --plan.train 0 --plan.repeats 6 --out data/$(INDEPENDENT)-repeats
+	$(BIN)/activetouch calibrate --scene paper --reader runs/train-$(INDEPENDENT)/reader.safetensors \
 		--data data/$(INDEPENDENT)-repeats --out activetouch/models/$(INDEPENDENT)
 
-# Its PPO policies, from the same repeated touches; those that come with the package are of paper, coarse and gel.
-PPO.gel := --change.steps 120000
+# Its PPO policies, from the same repeated touches.
 policies: development
-	$(BIN)/activetouch touch-bank --scene $(SCENE) --data data/$(INDEPENDENT)-repeats
-	$(BIN)/activetouch train-ppo --scene $(SCENE) $(PPO.$(SCENE))
+	$(BIN)/activetouch touch-bank --scene paper --sensor $(INDEPENDENT) --data data/$(INDEPENDENT)-repeats
+	$(BIN)/activetouch train-ppo --scene paper --sensor $(INDEPENDENT)
 	mkdir -p activetouch/models/$(INDEPENDENT)/policies
-	cp runs/ppo-$(SCENE)/policies/* activetouch/models/$(INDEPENDENT)/policies/
+	cp runs/ppo-paper/policies/* activetouch/models/$(INDEPENDENT)/policies/
 
 # Policies on the belief about one rigid body, for the sensor of the scene; half an hour.
 BANKED.gel := --plan.calibration 200 --plan.test 200

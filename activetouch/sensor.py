@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.errors import NoIndependentModel, SceneShift
+from activetouch.errors import SceneShift
 from activetouch.named_scenes import SCENES
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
@@ -22,8 +22,9 @@ from activetouch.sensor_files import (
     READER_FILE,
     fitted_model,
     is_of_objects,
+    reader_file,
     require_model,
-    shift_from,
+    sensor_shift,
 )
 from belief import Touch
 from belief.errors import InvalidArgument, UnknownName
@@ -82,21 +83,19 @@ class TactileSensor:
         folder = Path(folder)
         if not isinstance(scene, Scene):
             raise InvalidArgument(f"the scene must be a Scene, such as SCENES['coarse'].scene; got {scene!r:.80}")
-        fitted = fitted_model(folder, independent)
-        reader, model = TactileReader.load(folder / READER_FILE), fitted.model
-        shift = shift_from(folder, reader.card, fitted, scene, anyway)
+        path = reader_file(folder, scene)
+        shift = sensor_shift(folder, scene, anyway, independent)
+        reader, fitted = TactileReader.load(path), None
+        if path.name == READER_FILE:
+            fitted = fitted_model(folder, independent)
         if reader.card.imaging is not None:
             reader = reader.bound_to(scene)
-            if not is_of_objects(fitted.scene, scene):
-                if independent:
-                    raise NoIndependentModel(
-                        f"{folder} was not calibrated with the objects of this scene; only its joint model reads them"
-                    )
-                from activetouch.perception.preparation import (
-                    prepared,
-                )  # which sensors of their own objects do not need
+        if fitted is None or (reader.card.imaging is not None and not is_of_objects(fitted.scene, scene)):
+            from activetouch.perception.preparation import prepared  # which sensors of known objects do not need
 
-                model = prepared(reader, scene)
+            model: ArrayModel = prepared(reader, scene)
+        else:
+            model = fitted.model
         if shift and not anyway:
             warnings.warn(
                 f"the sensor in {folder} is used outside the scene it was made for: {in_words(shift)}",
@@ -112,7 +111,7 @@ class TactileSensor:
         """A sensor that comes with the package, in the scene that it was made for or in another. See :meth:`load`.
 
         Args:
-            name: of a scene, for the sensor whose belief is about one rigid body; followed by ``-independent``, for the
+            name: of a scene, for the sensor whose belief is about one rigid body; or ``paper-independent``, for the
                 sensor that reads shapes only and takes touches as independent given the shape.
             scene: in which to use it.
             anyway: as in :meth:`load`.

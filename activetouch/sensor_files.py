@@ -17,9 +17,10 @@ from belief.observation_model import ArrayModel, read_observation_model, read_or
 from belief.observation_model.registry import JOINT_MODELS
 
 MODELS = Path(__file__).parent / "models"
+ANY_OBJECT_FILE = "any_object.safetensors"  # a reader that knows the sensor, for objects that the other does not know
 READER_FILE, OBSERVATION_FILE = "reader.safetensors", "observation_model.json"
 INDEPENDENT_FILE = "independent_model.json"  # beside a joint model: takes touches as independent given the shape
-INDEPENDENT_SUFFIX = "-independent"  # of a shipped sensor that takes touches as independent given the shape
+INDEPENDENT_SUFFIX = "-independent"  # of the shipped sensor that reads shapes only
 POLICIES = "policies"  # folder of trained policies beside the two
 
 
@@ -80,7 +81,11 @@ def sensor_shift(folder: Path, scene: Scene, anyway: bool = False, independent: 
         LabelMismatch: it was made for other shapes or poses than the scene's.
         WrongScene: it was made for a scene that differs by more than a known shift.
     """
-    return shift_from(folder, read_card(folder / READER_FILE), fitted_model(folder, independent), scene, anyway)
+    path = reader_file(folder, scene)
+    fitted = None if path.name == ANY_OBJECT_FILE else fitted_model(folder, independent)
+    if fitted is None and independent:
+        raise NoIndependentModel(f"{path} reads these objects, and takes all touches of one as of one body")
+    return shift_from(folder, read_card(path), fitted, scene, anyway)
 
 
 class FittedModel(NamedTuple):
@@ -126,20 +131,21 @@ def fitted_model(folder: Path, independent: bool = False) -> FittedModel:
 
 
 def shift_from(
-    folder: Path, card: ClassifierCard, fitted: FittedModel, scene: Scene, anyway: bool = False
+    folder: Path, card: ClassifierCard, fitted: FittedModel | None, scene: Scene, anyway: bool = False
 ) -> tuple[str, ...]:
     """How a scene differs from the one that a reader and an observation model were made for; see :func:`sensor_shift`.
 
     Args:
         folder: of the two, for messages.
         card: of the reader.
-        fitted: the observation model.
+        fitted: the observation model; None for one that is made for the scene.
         scene: in which they are to be used.
         anyway: see :func:`sensor_shift`.
     """
     card.require_labels(scene.shape_labels, scene.pose_labels)
     here = scene_fields(scene)
-    made_for = [("the reader", card.in_poses_of(here)), ("the observation model", fitted.scene)]
+    made_for = [("the reader", card.in_poses_of(here))]
+    made_for += [] if fitted is None else [("the observation model", fitted.scene)]
     if card.imaging is not None:
         from activetouch.perception.contacts.told import (
             fields_read,
@@ -147,18 +153,37 @@ def shift_from(
 
         imaging = Imaging.from_fields(card.imaging)
         made_for = [(what, own and fields_read(imaging, own, scene, here)) for what, own in made_for]
-    else:
+    elif fitted is not None:
         require_model(fitted.model, scene)
     card.require_images(scene.image_shape)
     found = [require_scene(f"{what} in {folder}", own, here, anyway) for what, own in made_for]
     return tuple(dict.fromkeys(sum(found, ())))
 
 
-def needs_preparation(folder: Path, scene: Scene, independent: bool = False) -> bool:
-    """Whether the sensor in a folder reads any object and was not calibrated with those of a scene."""
-    return read_card(folder / READER_FILE).imaging is not None and not is_of_objects(
-        fitted_model(folder, independent).scene, scene
-    )
+def reader_file(folder: Path, scene: Scene) -> Path:
+    """The file of the reader that a sensor reads a scene with.
+
+    Beside the reader of its own objects, a sensor may have one of any object. It reads other shapes and poses, and the
+    own ones where the scene says that the sensor is not as it was: other forces, stiffness, noise, broken taxels, an
+    image that is shifted or blurred.
+
+    Args:
+        folder: of the sensor.
+        scene: in which it is used.
+
+    Raises:
+        CorruptFile: a file is damaged.
+    """
+    own, other = folder / READER_FILE, folder / ANY_OBJECT_FILE
+    if not other.exists():
+        return own
+    fitted_to = fitted_model(folder).scene if (folder / OBSERVATION_FILE).exists() else None
+    here = scene_fields(scene)
+    if fitted_to is None or any(fitted_to.get(part) != here.get(part) for part in OBJECTS if part != "presentation"):
+        return other
+    from activetouch.perception.contacts.told import is_told  # which scenes of known objects do not need
+
+    return other if is_told(read_card(other), scene) else own
 
 
 def is_of_objects(model_scene: Mapping[str, Any] | None, scene: Scene) -> bool:

@@ -4,7 +4,7 @@ Run: OMP_NUM_THREADS=1 python benchmarks/bounds.py hard many                (a m
      OMP_NUM_THREADS=1 python benchmarks/bounds.py coarse --targets cone    (on a grid of beliefs: minutes a target)
 
 For every target: one touch that reveals the shape; the joint sensor whose bodies are revealed, with its standard error;
-the discretised model of the sensor of independent touches. Means over targets in the last line.
+its discretised model of independent touches. Means over targets in the last line.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 
@@ -37,7 +36,7 @@ def main() -> None:
     print("|---|---|---|---|---|---|---|")
     for scene in chosen.scenes:
         joint = Setting(SceneChoice(scene))
-        alone = Setting(SceneChoice(scene), sensor=Path(f"{scene}-independent"))
+        alone = Setting(SceneChoice(scene), observation_model="independent")
         labels, rows = list(joint.problem.shape_labels), []
         for label in chosen.targets or labels:
             target = labels.index(label)

@@ -54,7 +54,7 @@ class Row:
 
 
 def tables() -> dict[str, OutcomeTable]:
-    coarse = load_observation_model(independent_sensor("coarse"))
+    coarse = load_observation_model(independent_sensor("coarse"), independent=True)
     return {"coarse": coarse.outcome_table(), "random": random_model(np.random.default_rng(3)).outcome_table()}
 
 

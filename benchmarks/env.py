@@ -18,13 +18,14 @@ import numpy as np
 import torch
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from activetouch import TactileSensor
 from activetouch.envs.batched_episodes import BankEpisodes
 from activetouch.envs.object_test import ObjectTestEnv
 from activetouch.envs.sb3 import BankVecEnv
 from activetouch.envs.touch_bank import TouchBank
 from activetouch.envs.touch_source import LiveTouches, SampledTouches, Touches
 from activetouch.envs.vector import BankVectorEnv
+from experiments.scene_choice import SceneChoice
+from experiments.sensor_choice import independent_sensor, open_sensor
 
 ROUNDS = 5
 LIBRARIES = {"gymnasium": "gymnasium sync × 16: trivial", "sb3": "sb3 dummy × 256: trivial"}
@@ -50,7 +51,7 @@ class Counter(gymnasium.Env):
 
 def main(scene: str, folder: Path | None) -> None:
     torch.set_num_threads(1)
-    sensor, bank = TactileSensor.shipped(f"{scene}-independent"), bank_of(scene, folder)
+    sensor, bank = open_sensor(independent_sensor(scene), SceneChoice(scene)), bank_of(scene, folder)
     live, sampled = LiveTouches(sensor), SampledTouches(sensor.model, sensor.scene.pose_labels)
     target, model = sensor.scene.shape_labels[-1], sensor.model
 
@@ -104,5 +105,5 @@ def bank_of(scene: str, folder: Path | None) -> TouchBank:
 
 
 if __name__ == "__main__":
-    name = sys.argv[1] if len(sys.argv) > 1 else "coarse"
+    name = sys.argv[1] if len(sys.argv) > 1 else "paper"
     main(name, Path(sys.argv[2]) if len(sys.argv) > 2 else None)

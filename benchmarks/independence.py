@@ -1,7 +1,7 @@
 """Test whether touches in different poses are independent given the shape, as outcome tables assume.
 
 Run: activetouch collect --scene paper --plan.train 0 --plan.repeats 2 --plan.test 300 --out data/paper-repeats
-     python benchmarks/independence.py paper
+     python benchmarks/independence.py
 
 It compares recorded objects of the test split, touched once in every pose, with objects whose touches are drawn from
 the outcome table of the shipped observation model, as plans and bounds assume. Accuracy on recorded objects is lower if
@@ -14,15 +14,26 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from repeats import read_rounds
 from scipy.special import softmax
 
-from activetouch.sensor_files import load_observation_model
+from activetouch.data.dataset import read_split
+from activetouch.data.manifest import read_manifest
+from activetouch.perception.reader import TactileReader
+from activetouch.sensor_files import READER_FILE, load_observation_model
 from belief.observation_model import ArrayModel, OutcomeTable
 from belief.observation_model.selection import log_posteriors
 from belief.problem import Floats
 from belief.touch_batch import TouchBatch
+from experiments.calibration.sequences import Rounds
+from experiments.sensor.scores import read_touches
 from experiments.sensor_choice import independent_sensor
+
+
+def read_rounds(data: Path, sensor: Path) -> Rounds:
+    manifest = read_manifest(data)
+    truth = read_split(data, "test")
+    touches = read_touches(TactileReader.load(sensor / READER_FILE), truth, "reading test touches")
+    return Rounds.of(truth, touches, len(manifest.pose_labels))
 
 
 def recorded_posteriors(scene: str, model: ArrayModel) -> tuple[Floats, np.ndarray]:
@@ -45,7 +56,7 @@ def drawn_posteriors(table: OutcomeTable, number: int, rng: np.random.Generator)
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scenes", nargs="*", default=["coarse", "paper"])
+    parser.add_argument("scenes", nargs="*", default=["paper"])
     parser.add_argument("--outcomes", type=int, default=24, help="number of outcomes of the table")
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()

@@ -33,7 +33,7 @@ def main() -> None:
     print("| scene | outcomes | return | success | touches | over the first |")
     print("|---|---|---|---|---|---|")
     for scene in arguments.scenes:
-        model = load_observation_model(independent_sensor(scene))
+        model = load_observation_model(independent_sensor(scene), independent=True)
         reference = np.empty(0)
         for number in arguments.outcomes:
             decider = PointBased(model.outcome_table(number))

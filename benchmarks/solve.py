@@ -29,7 +29,7 @@ def table(name: str, num_outcomes: int | None) -> Floats:
     """An outcome table, by name."""
     if name == "synthetic":
         return np.asarray(softmax(2.0 * np.random.default_rng(1).normal(size=(6, 4, 12)), axis=2))
-    return load_observation_model(independent_sensor(name)).outcome_table(num_outcomes).probs
+    return load_observation_model(independent_sensor(name), independent=True).outcome_table(num_outcomes).probs
 
 
 def decision_times(policy: TouchPolicy) -> tuple[float, float]:

@@ -37,7 +37,7 @@ from experiments.scene_choice import (
     repeats_folder,
     training_folder,
 )
-from planners.ppo import BadPolicy, MissingPolicy, load_ppo_policy
+from planners.ppo import BadPolicy, MissingPolicy, load_ppo_policy, policy_file
 from planners.registry import trained_state
 
 REPEATS = ("--plan.train", "0", "--plan.repeats", "6")
@@ -102,13 +102,13 @@ def sensor_commands(choice: SceneChoice) -> str:
     )
 
 
-def policy_commands(scene: str, sensor: Path, state: str | None = None) -> str:
+def policy_commands(scene: str, sensor: Path, state: str) -> str:
     """The commands that train policies for a sensor and copy them into its folder, one per line.
 
     Args:
         scene: name of the scene.
         sensor: folder of the sensor.
-        state: of the policies, for one that needs a bank of its own (:data:`belief.policy_state.WITH_GAINS`).
+        state: of the policies; those of :data:`belief.policy_state.WITH_GAINS` have a bank of their own.
     """
     repeats, bank, out = repeats_folder(scene), bank_folder(scene), Path(f"runs/ppo-{scene}")
     if state in WITH_GAINS:
@@ -136,34 +136,29 @@ def require_policies(decider: str, targets: Sequence[str], scene: str, sensor: P
         MissingPolicy: There is no policy for a target; the message names the commands that train it.
         BadPolicy: A policy is damaged or belongs to another decider.
     """
-    state = trained_state(decider)
+    if (state := trained_state(decider)) is None:
+        return
     try:
-        if state is not None:
-            for target in targets:
-                load_ppo_policy(sensor / POLICIES, state, target)
+        for target in targets:
+            load_ppo_policy(sensor / POLICIES, state, target)
     except (MissingPolicy, BadPolicy) as error:
-        if state in WITH_GAINS:
-            raise type(error)(
-                f"{error}. To train policies for a sensor of one rigid body:\n{policy_commands(scene, sensor, state)}"
-            ) from error
         ready = independent_sensor(scene)
-        if ready != sensor and (ready / POLICIES).is_dir():
+        if ready != sensor and (ready / POLICIES / policy_file(state, targets[0])).is_file():
             raise type(error)(f"{error}. The sensor {ready.name} has policies: add --sensor {ready.name}") from error
-        raise type(error)(f"{error}. To train policies for this sensor:\n{policy_commands(scene, sensor)}") from error
+        whose = "a sensor of one rigid body" if state in WITH_GAINS else "this sensor"
+        commands = policy_commands(scene, sensor, state)
+        raise type(error)(f"{error}. To train policies for {whose}:\n{commands}") from error
 
 
 def independent_sensor(scene: str) -> Path:
-    """Folder of the shipped sensor of a scene that takes touches as independent given the shape: that of the policies.
+    """Folder of the shipped sensor of a scene that reads shapes only; where there is none, of its usual sensor.
 
     Args:
         scene: name of the scene.
     """
-    return MODELS / f"{in_file_names(scene)}{INDEPENDENT_SUFFIX}"
-
-
-def policy_sensor(sensor: Path | None, scene: str) -> Path:
-    """Folder of the sensor that policies are trained for: :func:`independent_sensor` by default."""
-    return independent_sensor(scene) if sensor is None else sensor_folder(sensor, scene)
+    usual = sensor_folder(None, scene)
+    own = usual.with_name(f"{usual.name}{INDEPENDENT_SUFFIX}")
+    return own if own.is_dir() else usual
 
 
 def sensor_folder(given: Path | None, scene: str) -> Path:

@@ -45,7 +45,7 @@ def python(tmp_path):
 @pytest.mark.mujoco
 def test_searches_need_no_training_stack(python, tmp_path):
     deciders = ("point_based", "information_gain", "threshold", "ppo", "random_confirm")
-    words = ("--scene", "coarse", "--sensor", "coarse-independent", "--fidelity", "quasistatic", "--targets", "cone")
+    words = ("--scene", "paper", "--sensor", "paper-independent", "--targets", "cone")
     words += ("--episodes", "2", "--jobs", "2", "--out", "run")
     done = python("-m", "activetouch", "compare", *words, "--deciders", *deciders)
     assert done.returncode == 0, done.stderr

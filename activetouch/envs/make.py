@@ -19,7 +19,7 @@ from belief.errors import UnknownName
 from belief.policy_state import TOUCH_LIMIT
 
 
-def bank_episodes(scene: str = "gel", target: str = "cone", num_envs: int = 1, **settings: Any) -> BankEpisodes:
+def bank_episodes(scene: str = "paper", target: str = "cone", num_envs: int = 1, **settings: Any) -> BankEpisodes:
     """Parallel tests on the recorded touches of a scene that come with the package.
 
     Args:
@@ -38,7 +38,7 @@ def bank_episodes(scene: str = "gel", target: str = "cone", num_envs: int = 1, *
 
 def vector_test(
     num_envs: int = 1,
-    scene: str = "gel",
+    scene: str = "paper",
     target: str = "cone",
     touch_cost: float = 0.02,
     touch_limit: int = TOUCH_LIMIT,
@@ -50,7 +50,7 @@ def vector_test(
 ) -> VectorEnv:
     """What ``gymnasium.make_vec("activetouch/ObjectTest-v0", num_envs=...)`` makes: tests on recorded touches.
 
-    The touches were read by the sensor ``SCENE-independent``, whose belief takes them as independent given the shape.
+    The touches were read by the sensor ``paper-independent``, whose belief takes them as independent given the shape.
 
     Args:
         num_envs: number of parallel tests.

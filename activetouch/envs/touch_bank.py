@@ -26,7 +26,7 @@ _FORMAT = "activetouch-touch-bank-2"
 MANIFEST = "manifest.json"
 """Name of a bank's manifest; a folder without it is no bank."""
 SHIPPED = "bank"
-"""Folder of the bank that comes with a sensor of independent touches."""
+"""Folder of the bank that comes with the sensor ``paper-independent``."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,7 @@ import numpy as np
 
 from activetouch.errors import AlikeShapes
 from activetouch.perception.cached_arrays import cache_folder
+from activetouch.perception.contacts.hypotheses import HYPOTHESES
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
 from activetouch.scene import Scene
@@ -27,8 +28,6 @@ from belief.observation_model import RigidBodyModel, read_observation_model
 from belief.observation_model.rigid_body import FittedRigidBody
 from belief.touch_batch import TouchBatch
 
-HYPOTHESES = 1024
-"""Of each shape, about objects that a sensor was not calibrated with."""
 _TOUCHES = 1200  # simulated, in all
 _LEAST, _MOST = 12, 48  # objects of each shape
 _ENOUGH = 0.9  # of the objects named rightly after a touch in every pose

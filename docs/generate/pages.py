@@ -75,7 +75,8 @@ def _decider(name: str) -> str:
     if name in NEED_FILES:
         files = "\nfrom activetouch.sensor_files import MODELS, POLICIES"
         argument = f', MODELS / "{sensor}" / POLICIES'
-    option = "" if sensor == "coarse" else f" --sensor {sensor}"
+    scene = "coarse" if sensor == "coarse" else "paper"
+    option = "" if sensor == scene else f" --sensor {sensor}"
     other = "information_gain" if name == "random_confirm" else "random_confirm"
     return f"""# {name}
 
@@ -88,7 +89,7 @@ def _decider(name: str) -> str:
 ## Use
 
 ```sh
-activetouch compare --scene coarse{option} --deciders {name} {other} --episodes 25
+activetouch compare --scene {scene}{option} --deciders {name} {other} --episodes 25
 ```
 
 ```python
@@ -119,10 +120,10 @@ decider = make_decider("{name}", model.outcome_table(), model{argument})
 
 
 def _sensor_of(name: str) -> str:
-    """The sensor of the scene coarse that has the policies of a decider."""
+    """The shipped sensor that has the policies of a decider; coarse for one without policies."""
     state = trained_state(name)
     there = any((MODELS / "coarse" / POLICIES).glob(f"{state}[-.]*"))
-    return "coarse" if state is None or there else "coarse-independent"
+    return "coarse" if state is None or there else "paper-independent"
 
 
 def _world(name: str) -> str:

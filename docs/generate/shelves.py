@@ -91,7 +91,7 @@ DECIDERS = {
     "ppo_gains": Said(
         "As `ppo_posterior`, for sensors of one rigid body: the network also sees the gain of each pose that `information_gain` chooses by.",
         f"{_TARGET} `confirm`, `reject`: probabilities that the policy gives these actions.",
-        "Other scenes and costs than those it was trained with, and sensors of independent touches, for which there are no such gains.",
+        "Other scenes and costs than those it was trained with, and `paper-independent`, for which there are no such gains.",
     ),
     "ppo_goal": Said(
         "As `ppo_gains`, with one network for all targets, which sees the target.",
@@ -129,7 +129,7 @@ WORLDS = {
         "The paper's world: a finger comes from parking and presses until a small force is reached. The image shows the force vector as a dot, not "
         "the geometry of the contact.",
         _SUCCESS.format(guess="0.25", where="in success and in touches: single touches are ambiguous"),
-        "Single touches: an independent sensor reads 0.64 of them right. Only a belief about one body solves its searches.",
+        "Single touches: `paper-independent` reads 0.64 of them right. Only a belief about one body solves its searches.",
     ),
     "coarse": Said(
         "A cheap sensor: 4 × 4 taxels, 5 % noise, two of them dead. Several touches of a body are needed, so deciders differ.",

@@ -18,7 +18,7 @@ from belief.observation_model.selection import log_posteriors
 from belief.touch_batch import TouchBatch
 
 NUMBER, TOUCHES = (8, 2) if "--short" in sys.argv else (300, 6)
-sensor = TactileSensor.shipped("coarse-independent")
+sensor = TactileSensor.shipped("paper-independent")
 shapes, rng = np.arange(NUMBER) % 4, np.random.default_rng(0)
 
 sequences = []

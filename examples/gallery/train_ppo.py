@@ -35,7 +35,7 @@ class Returns(BaseCallback):
         return True
 
 
-envs = BankVecEnv(bank_episodes("coarse", target="cone", num_envs=ENVS, state="posterior"), seed=(0,))
+envs = BankVecEnv(bank_episodes("paper", target="cone", num_envs=ENVS, state="posterior"), seed=(0,))
 returns = Returns()
 PPO("MlpPolicy", envs, n_steps=STEPS, batch_size=min(512, ENVS * STEPS), device="cpu", seed=0).learn(TOTAL, returns)
 

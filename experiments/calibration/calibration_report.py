@@ -56,7 +56,7 @@ class CalibrationReport:
 
         activetouch collect --scene coarse --plan.train 0 --plan.repeats 6 --out data/coarse-repeats
         activetouch calibration-report --scene coarse
-        activetouch calibration-report --scene coarse --sensor coarse-independent
+        activetouch calibration-report --scene paper --sensor paper-independent
         activetouch calibration-report --data data/mug-repeats --sensor runs/sensor-mug --out runs/calibration-mug
     """
 

@@ -65,7 +65,8 @@ def search_columns(
     """Play live searches with every decider in every scene; finished searches are kept.
 
     Args:
-        scenes: folder of the sensor by scene, all with the paper's shapes; None for the shipped one that has policies.
+        scenes: folder of the sensor by scene, all with the paper's shapes; None for the shipped one that reads shapes
+            only.
         deciders: names of the deciders; one without the policies that it needs is reported as missing.
         episodes: searches per target.
         seed: seed of the episodes.
@@ -114,7 +115,7 @@ def _missing(decider: str, setting: Setting, targets: Sequence[str]) -> str:
         for target in targets:
             load_ppo_policy(setting.sensor_folder / POLICIES, state, target)
     except ActiveTouchError as error:
-        commands = policy_commands(setting.choice.scene, setting.sensor_folder)
+        commands = policy_commands(setting.choice.scene, setting.sensor_folder, state)
         return f"{error}. To train policies for this sensor: {' && '.join(commands.splitlines())}"
     return ""
 

@@ -13,7 +13,7 @@ from activetouch.sensor_files import READER_FILE
 from belief.claims import claim_folder, ends_claims
 from experiments.scene_choice import bank_folder, named_scene, repeats_folder
 from experiments.sensor.scores import readings
-from experiments.sensor_choice import open_collection, policy_sensor, require_collection
+from experiments.sensor_choice import open_collection, require_collection, sensor_folder
 
 TRAINING, TEST = "calibration", "test"
 """Splits of the collection for training and for evaluation of policies."""
@@ -38,7 +38,7 @@ class MakeTouchBank:
     data: Path | None = None
     """Folder of the collection; data/SCENE-repeats by default."""
     sensor: Path | None = None
-    """Folder of the sensor, or name of a shipped one; the scene's of independent touches by default."""
+    """Folder of the sensor, or name of a shipped one; the scene's by default."""
     out: Path | None = None
     """Folder of the banks, one per split; data/SCENE-bank by default."""
     anyway: bool = False
@@ -54,7 +54,7 @@ class MakeTouchBank:
 
         named_scene(self.scene)  # raises for an unknown name
         data = self.data if self.data is not None else repeats_folder(self.scene)
-        sensor = policy_sensor(self.sensor, self.scene)
+        sensor = sensor_folder(self.sensor, self.scene)
         out = self.out if self.out is not None else bank_folder(self.scene)
         claim_folder(out)
         manifest = open_collection(data, self.scene, repeats=True)

@@ -25,7 +25,7 @@ from experiments.parallel import default_jobs, run_tasks
 from experiments.ppo.recipe import PPO_RECIPES, ImpossiblePPO, PPORecipe
 from experiments.ppo.touch_bank import TEST, TRAINING
 from experiments.scene_choice import bank_folder, in_file_names, named_scene
-from experiments.sensor_choice import command, load_quietly, policy_sensor, tell_shift
+from experiments.sensor_choice import command, load_quietly, sensor_folder, tell_shift
 from planners.ppo import policy_file
 
 if TYPE_CHECKING:
@@ -76,9 +76,9 @@ class TrainPPO:
 
         activetouch touch-bank --scene coarse
         activetouch train-ppo --scene coarse
-        activetouch touch-bank --scene coarse --sensor coarse --out data/coarse-joint-bank
-        activetouch train-ppo --scene coarse --sensor coarse --bank data/coarse-joint-bank --recipes gains goal
-        activetouch train-ppo --scene coarse --targets cone --recipes posterior_masked --seeds 1 --out runs/ppo-masked
+        activetouch touch-bank --scene paper --sensor paper-independent --out data/paper-independent-bank
+        activetouch train-ppo --scene paper --sensor paper-independent --bank data/paper-independent-bank
+        activetouch train-ppo --scene coarse --targets cone --recipes gains --seeds 1 --out runs/ppo-cone
     """
 
     scene: str = "gel"
@@ -86,13 +86,14 @@ class TrainPPO:
     bank: Path | None = None
     """Folder of the touch banks; data/SCENE-bank by default."""
     sensor: Path | None = None
-    """Folder of the sensor, or name of a shipped one; the scene's of independent touches by default."""
+    """Folder of the sensor, or name of a shipped one; the scene's by default."""
     out: Path | None = None
     """Folder for trainings and policies; runs/ppo-SCENE by default."""
     targets: tuple[str, ...] = ()
     """Shapes to train for, except of the recipe goal; all by default."""
-    recipes: tuple[RecipeName, ...] = ("paper", "posterior")
-    """Recipes of training, at most one per state."""
+    recipes: tuple[RecipeName, ...] = ()
+    """Recipes of training, at most one per state; by default gains and goal for a sensor of one rigid body, paper and
+    posterior for any other."""
     change: PPOChanges = field(default_factory=PPOChanges)
     """Changes to the recipes."""
     seeds: Count = 3
@@ -110,10 +111,9 @@ class TrainPPO:
         from experiments.ppo.training import POLICY  # loads gymnasium
 
         named_scene(self.scene)  # raises for an unknown name
-        recipes = self._recipes()
         out = self.out if self.out is not None else Path(f"runs/ppo-{in_file_names(self.scene)}")
         claim_folder(out)
-        trainings = self._trainings(out, recipes)
+        trainings = self._trainings(out)
         tasks = [partial(_run, index, training) for index, training in enumerate(trainings)]
         curves: dict[int, list[Score]] = {}
         for index, curve in run_tasks(tasks, self.jobs, "training policies"):
@@ -162,21 +162,23 @@ class TrainPPO:
             )
         write_text(out / "references.json", json.dumps(rows, indent=1) + "\n")
 
-    def _recipes(self) -> dict[str, PPORecipe]:
-        """The changed recipes by name."""
-        recipes = {name: self.change.of(PPO_RECIPES[name]) for name in self.recipes}
-        if not recipes or len({recipe.state for recipe in recipes.values()}) < len(self.recipes):
+    def _recipes(self, is_joint: bool) -> dict[str, PPORecipe]:
+        """The changed recipes by name, for a sensor with a joint model or with another."""
+        names = self.recipes or (("gains", "goal") if is_joint else ("paper", "posterior"))
+        recipes = {name: self.change.of(PPO_RECIPES[name]) for name in names}
+        if len({recipe.state for recipe in recipes.values()}) < len(names):
             raise ImpossiblePPO(f"--recipes must be one recipe a state, got {' '.join(self.recipes)!r}")
         return recipes
 
-    def _trainings(self, out: Path, recipes: Mapping[str, PPORecipe]) -> list[Training]:
+    def _trainings(self, out: Path) -> list[Training]:
         """All trainings; errors are raised before any is started."""
         from activetouch.envs.touch_bank import TouchBank  # loads gymnasium
         from experiments.ppo.training import Training
 
         folder = self.bank if self.bank is not None else bank_folder(self.scene)
-        sensor = policy_sensor(self.sensor, self.scene)
+        sensor = sensor_folder(self.sensor, self.scene)
         model, fitted_to = fitted_model(sensor)
+        recipes = self._recipes(model.name in JOINT_MODELS)
         if model.name in JOINT_MODELS:  # its reader embeds the hypotheses
             model = load_quietly(sensor, named_scene(self.scene).scene, anyway=True).model
         remedy = "Make it again with: " + command("touch-bank", scene=self.scene, sensor=sensor, out=folder)

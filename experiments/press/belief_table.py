@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -29,28 +28,25 @@ def latent(scene: Scene) -> list[str]:
     return turned + (["size"] if low < high else []) + of_families
 
 
-def belief_table(name: str, scene: Scene, folders: Sequence[Path]) -> Table:
+def belief_table(name: str, scene: Scene, folder: Path | None) -> Table:
     """The belief about one object of a scene: jointly about the body, and with touches taken as independent.
 
     Args:
         name: of the scene.
         scene: the scene.
-        folders: of sensors, of which the first with a joint model is measured.
+        folder: of its sensor, which is measured if it has a joint model; None for none.
     """
     hidden, rows = latent(scene), list[tuple[Value, ...]]()
     words = f"shape, {', '.join(hidden)}" if hidden else "shape; each touch has its own orientation"
     joint, independent = "joint: one rigid body", "independent: touches given the shape"
-    for folder in folders:
-        sensor = TactileSensor.load(folder, scene, anyway=True)
-        if not isinstance(sensor.model, RigidBodyModel):
-            continue
+    sensor = None if folder is None else TactileSensor.load(folder, scene, anyway=True)
+    if folder is not None and sensor is not None and isinstance(sensor.model, RigidBodyModel):
         width = sensor.reader.card.embedding
         cost = belief_cost(sensor.model, width)
         rows.append((joint, words, sensor.model.num_hypotheses, cost.memory, cost.update))
         with suppress(NoIndependentModel):
             cost = belief_cost(TactileSensor.load(folder, scene, anyway=True, independent=True).model, width)
             rows.append((independent, "shape", None, cost.memory, cost.update))
-        break
     else:
         rows = [(joint, words, None, None, None), (independent, "shape", None, None, None)]
     return Table(

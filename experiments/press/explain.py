@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import Annotated
 import tyro
 from rich.progress import track
 
-from activetouch.errors import LabelMismatch, MissingRobot, WrongScene
+from activetouch.errors import LabelMismatch, MissingRobot, NoIndependentModel, WrongScene
 from activetouch.named_scenes import NamedScene
 from activetouch.scene import Scene
 from activetouch.sensor_files import load_observation_model, sensor_shift
@@ -27,7 +28,7 @@ from experiments.press.inventory import InventoryItem, inventory, leaner, richer
 from experiments.press.step_counter import Cost, press_cost
 from experiments.reporting.tables import Table
 from experiments.scene_choice import SceneChoice
-from experiments.sensor_choice import independent_sensor, sensor_folder
+from experiments.sensor_choice import sensor_folder
 from planners.bounds.touch_count import touch_count_bounds
 
 _HARDEST = 6  # pairs of shapes to show
@@ -73,11 +74,12 @@ class Explain:
             likeness = compare_shapes(named.scene, jobs=self.jobs)
             console.print(alike_table(self.choice.scene, likeness).rich())
         console.print(felt_table(self.choice.scene, named.scene, likeness).rich())
-        independent, scene = independent_sensor(self.choice.scene), named.scene
-        shipped = [f for f in (independent, sensor_folder(None, self.choice.scene)) if f.exists() and _fits(f, scene)]
-        if independent in shipped and not scene.families:  # it knows the nominal solids
-            model = load_observation_model(independent)
-            console.print(limits_table(model.outcome_table(), model.shape_labels).rich())
+        folder, scene = sensor_folder(None, self.choice.scene), named.scene
+        shipped = folder if folder.exists() and _fits(folder, scene) else None
+        if shipped is not None and not scene.families:  # it knows the nominal solids
+            with suppress(NoIndependentModel):
+                model = load_observation_model(shipped, independent=True)
+                console.print(limits_table(model.outcome_table(), model.shape_labels).rich())
         console.print(belief_table(self.choice.scene, scene, shipped).rich())
         variants = [("", "this scene", scene)]
         for position, found, relation in ((0, leaner(scene), "leaner"), (2, richer(scene), "richer")):

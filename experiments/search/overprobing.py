@@ -98,8 +98,8 @@ class OverprobingCommand:
 
     For example:
 
-        activetouch compare --scene coarse --sensor coarse-independent --deciders threshold ppo ppo_posterior
-        activetouch overprobing --folder runs/compare-coarse
+        activetouch compare --scene paper --sensor paper-independent --deciders threshold ppo ppo_posterior
+        activetouch overprobing --folder runs/compare-paper
     """
 
     folder: Path = Path("runs/compare")

@@ -18,10 +18,9 @@ from activetouch.perception.card import read_card
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.sensor_files import (
     POLICIES,
-    READER_FILE,
     load_observation_model,
-    needs_preparation,
     observation_file,
+    reader_file,
 )
 from activetouch.world import TouchTime, touch_many
 from belief import Composition, SearchProblem, Touch
@@ -161,7 +160,7 @@ Stamps: TypeAlias = tuple[tuple[int, int] | None, ...]
 def stamps(setting: Setting) -> Stamps:
     """Stamps of the files of the setting's sensor."""
     found: list[tuple[int, int] | None] = []
-    for path in (setting.sensor_folder / READER_FILE, setting.observation_file):
+    for path in (reader_file(setting.sensor_folder, setting.scene), setting.observation_file):
         try:
             status = path.stat()
             found.append((status.st_mtime_ns, status.st_size))
@@ -188,7 +187,7 @@ def known_model(setting: Setting) -> tuple[ObservationModel, OutcomeTable]:
 @lru_cache(maxsize=2)
 def _known_model(setting: Setting, when: Stamps) -> tuple[ObservationModel, OutcomeTable]:
     folder, independent = setting.sensor_folder, setting.is_independent
-    if needs_preparation(folder, setting.scene, independent):
+    if read_card(reader_file(folder, setting.scene)).imaging is not None:
         model: ArrayModel = _load_sensor(setting, when).model
     else:
         model = load_observation_model(folder, independent)
@@ -197,7 +196,7 @@ def _known_model(setting: Setting, when: Stamps) -> tuple[ObservationModel, Outc
 
 def prepare(setting: Setting, jobs: int | None) -> None:
     """Compute what a reader of any object needs once, before several processes do; then it is in the cache."""
-    if read_card(setting.sensor_folder / READER_FILE).imaging is None or not isinstance(
+    if read_card(reader_file(setting.sensor_folder, setting.scene)).imaging is None or not isinstance(
         load_sensor(setting).model, RigidBodyModel
     ):
         return

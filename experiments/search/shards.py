@@ -12,7 +12,6 @@ from functools import lru_cache
 from typing import Any
 
 from activetouch.scene_description import scene_fields
-from activetouch.sensor_files import READER_FILE
 from belief.errors import ActiveTouchError
 from belief.references import look_in
 from experiments.search.bound import best_expected_return, best_return_with_revealed_bodies
@@ -48,7 +47,7 @@ def _identity(setting: Setting, seed: int, when: Stamps) -> Mapping[str, Any]:
         "problem": repr(setting.problem),
         "scene": scene_fields(setting.scene),
         "scene_code_sha256": fingerprint(setting.scene),
-        "sensor_sha256": files_digest([setting.sensor_folder / READER_FILE, setting.observation_file]),
+        "sensor_sha256": files_digest(setting.sensor_files),
         "observation_model_code_sha256": fingerprint(known_model(setting)[0]),
     }
 

@@ -22,7 +22,6 @@ from activetouch.sensor_files import (
     READER_FILE,
 )
 from belief.files import require_regular_file
-from belief.observation_model.registry import OBSERVATION_MODELS
 from experiments.scene_choice import FIDELITIES, SceneChoice
 from experiments.search.setting import Setting
 from experiments.sensor_choice import command
@@ -37,7 +36,7 @@ JOINT = "rigid body"
 """Kind of joint observation model that is fitted for networks that know orientation."""
 NUM_HYPOTHESES = (64, 256, 1024, 2048, 4096, 16_384)
 """Numbers of hypotheses of each shape to measure: the dial of speed against accuracy of a joint model."""
-VARIED = ("decider", "touch cost λ", "sensor", "network", "hypotheses", "observation model", "fidelity")
+VARIED = ("decider", "touch cost λ", "sensor", "network", "hypotheses", "fidelity")
 """Properties that differ from a scene's default; see :attr:`Configuration.varied`."""
 SHARES: Mapping[str, float] = MappingProxyType({"gel": 1.0, "coarse": 1.0, "paper": 0.6, "hard": 0.2, "many": 0.16})
 """Number of searches per target relative to ``gel``: fewer where they take longer."""
@@ -154,7 +153,6 @@ class Configuration:
         differs = {
             "network": not self.network.sensor,
             "hypotheses": self.num_hypotheses is not None,
-            "observation model": self.observation_model != SHIPPED,
             "sensor": self.network.sensor != self.scene,
             "fidelity": self.fidelity is not None,
             "touch cost λ": self.touch_cost != Configuration.touch_cost,
@@ -225,9 +223,6 @@ def _variants(base: Configuration, others: Sequence[Network]) -> list[list[Confi
     own, is_whole = SCENES[base.scene].scene.press_model, base.scene in _WHOLE
     # Force patches need a guarded move, and deformable pads take seconds per press.
     presses = [] if base.scene == "paper" else [name for name in FIDELITIES if name != "deformable"]
-    independent = [
-        replace(base, network=network) for network in others if network.sensor == base.scene + INDEPENDENT_SUFFIX
-    ]
     joint = replace(base, observation_model=JOINT, num_hypotheses=_USUAL_HYPOTHESES)
     not_varied = {"random_confirm", *NEED_FILES, *_TREES}
     fewer = max(1, base.episodes // 20)  # decisions of tree searches take hundreds of times as long
@@ -246,12 +241,6 @@ def _variants(base: Configuration, others: Sequence[Network]) -> list[list[Confi
         ],
         [replace(joint, num_hypotheses=number) for number in NUM_HYPOTHESES if base.network.knows_orientation],
         [replace(base, fidelity=name) for name in presses if type(FIDELITIES[name]) is not type(own)],
-        [
-            replace(some, observation_model=m)
-            for some in independent
-            for m in OBSERVATION_MODELS
-            if is_whole and m != FITTED
-        ],
         [replace(base, decider=decider) for decider in DECIDERS if is_whole and decider not in not_varied],
         [
             replace(base, decider=decider, simulations=simulations, episodes=fewer)

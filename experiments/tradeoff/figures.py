@@ -21,7 +21,6 @@ _STYLES = {  # colour, marker, and name in the legend, by what differs from the 
     "sensor": (PALETTE[2], "X", "another shipped sensor"),
     "decider": (PALETTE[3], "o", "decider"),
     "network": (PALETTE[4], "s", "network or resolution"),
-    "observation model": (PALETTE[5], "^", "observation model"),
     "fidelity": ("#777777", "D", "fidelity of the press"),
     _DEFAULT: (INK, "*", "the scene's default"),
 }

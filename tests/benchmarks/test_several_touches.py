@@ -13,6 +13,7 @@ from activetouch.sensor_files import MODELS, READER_FILE
 from belief.observation_model.rigid_body_evidence import RigidBodyEvidence
 from belief.statistics import wilson_interval
 from belief.touch_batch import TouchBatch
+from benchmarks.precision import in_precision
 from benchmarks.several_touches import (
     Entry,
     SeveralTouches,
@@ -26,7 +27,6 @@ from experiments.command_line.arguments import BadArgument
 from experiments.scene_choice import SceneChoice
 from experiments.sensor.belief_cost import belief_cost
 from experiments.sensor.collect import collect
-from experiments.sensor.precision import in_precision
 from experiments.sensor.scores import read_images
 
 
@@ -71,9 +71,10 @@ def test_the_time_of_a_reading_is_the_median(monkeypatch):
 
 
 def test_what_a_reader_makes_of_touches_keeps_their_order(rng):
-    images, poses = rng.integers(256, size=(300, 4, 4), dtype=np.uint8), rng.integers(6, size=300)
-    for name in ("coarse", "coarse-independent"):
+    poses = rng.integers(6, size=300)
+    for name in ("coarse", "paper-independent"):
         reader = TactileReader.load(MODELS / name / READER_FILE)
+        images = rng.integers(256, size=(300, *reader.card.image_shape), dtype=np.uint8)
         found = read_images(reader, images, poses, "reading")
         assert found.logits.shape[:2] == found.poses.shape == (1, 300)
         np.testing.assert_array_equal(found.poses[0], poses)
@@ -125,9 +126,9 @@ def test_only_many_touches_are_drawn_too(tmp_path):
 @pytest.mark.mujoco
 def test_more_touches_and_more_hypotheses_tell_more(tmp_path, capsys):
     data = tmp_path / "data"
-    collect(SceneChoice("coarse"), CollectionPlan(0, 6, 6, repeats=1), data, jobs=1)
-    readers = (MODELS / "coarse" / READER_FILE, MODELS / "coarse-independent" / READER_FILE)
-    SeveralTouches("coarse", readers, data, hypotheses=(2, 512), touches=(1, 4), out=tmp_path / "out").run()
+    collect(SceneChoice("paper"), CollectionPlan(0, 6, 6, repeats=1), data, jobs=1)
+    readers = (MODELS / "paper" / READER_FILE, MODELS / "paper-independent" / READER_FILE)
+    SeveralTouches("paper", readers, data, hypotheses=(2, 512), touches=(1, 4), out=tmp_path / "out").run()
     independent, few, many, of_shapes = json.loads((tmp_path / "out" / "several-touches.json").read_text())["entries"]
     assert [entry["hypotheses"] for entry in (independent, few, many, of_shapes)] == [0, 2, 512, 0]
     one, four = many["results"]

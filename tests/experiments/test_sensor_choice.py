@@ -57,6 +57,11 @@ REFUSED = {
         MissingPolicy,
         "touch-bank --scene hard",
     ),
+    "policies of another sensor": (
+        lambda out: Compare(setting=Setting(SceneChoice("paper")), deciders=("ppo",), out=out / "run").run(),
+        MissingPolicy,
+        "The sensor paper-independent has policies: add --sensor paper-independent",
+    ),
     "robustness": (
         lambda out: Robustness(SceneChoice(renderer="gelsight"), out=out / "run").run(),
         WrongScene,
@@ -170,7 +175,9 @@ def test_a_joint_model_has_as_many_hypotheses_as_asked_for(tmp_path):
     how = {"scene": "coarse", "data": data, "reader": COARSE / READER_FILE, "out": out, "hypotheses": 64}
     Calibrate(**how, observation_model=("rigid body",)).run()
     assert load_observation_model(out).num_hypotheses == 64
-    for refused in ({"observation_model": ("ratio",)}, {"reader": MODELS / "coarse-independent" / READER_FILE}):
+    collect(SceneChoice("paper"), CollectionPlan(0, 2, 1, repeats=2), tmp_path / "paper", jobs=1)
+    of_shapes = {"scene": "paper", "data": tmp_path / "paper", "reader": MODELS / "paper-independent" / READER_FILE}
+    for refused in ({"observation_model": ("ratio",)}, of_shapes):
         with pytest.raises(BadArgument, match="--hypotheses 64 is a setting of rigid body"):
             Calibrate(**{**how, **refused}).run()
 
@@ -242,7 +249,7 @@ def test_commands_for_a_sensor_make_it_for_that_scene(choice):
     first = tyro.cli(Collect, args=shlex.split(text.splitlines()[0])[2:])
     assert first.choice == choice
     assert text.count("activetouch ") == 4
-    pastes(policy_commands("hard", Path("some where")))
+    pastes(policy_commands("hard", Path("some where"), "paper"))
 
 
 _IN_NEED = "collect|train|calibrate|touch-bank|train-ppo|compare|merge"
@@ -262,7 +269,7 @@ def test_no_remedy_in_the_code_is_half_a_command():
 def test_a_joint_sensor_keeps_its_independent_model_and_compare_can_play_it(tmp_path):
     joint = MODELS / "coarse"
     assert [load_observation_model(joint, independent).name for independent in (False, True)] == ["rigid body", "ratio"]
-    assert load_observation_model(MODELS / "coarse-independent", independent=True).name == "ratio"  # it has no other
+    assert load_observation_model(MODELS / "paper-independent", independent=True).name == "ratio"  # it has no other
     own = Setting(SceneChoice("coarse"))
     independent = replace(own, observation_model="independent")
     assert (known_model(own)[0].name, known_model(independent)[0].name) == ("rigid body", "ratio")

@@ -82,9 +82,9 @@ def test_a_policy_that_learned_on_a_bank_plays(tmp_path):
     from activetouch.envs.sb3 import BankVecEnv
     from activetouch.sensor_files import MODELS, load_observation_model
 
-    model = load_observation_model(MODELS / "coarse-independent")
+    model = load_observation_model(MODELS / "paper-independent")
     for state in ("paper", "posterior"):
-        envs = BankVecEnv(bank_episodes("coarse", "cone", 2, state=state), seed=(0,))
+        envs = BankVecEnv(bank_episodes("paper", "cone", 2, state=state), seed=(0,))
         PPO("MlpPolicy", envs, seed=0, device="cpu").save(tmp_path / f"{state}.zip")
         decider = make_decider(f"sb3:{tmp_path / state}.zip", model.outcome_table())
         assert check_decider(decider, np.random.default_rng(0), model, num_searches=1)

@@ -37,7 +37,8 @@ EMBEDDING = "embedding"
 _NETWORK = "contacts"
 _AT_ONCE = 256  # contacts
 _DECIMALS = 7
-_FIXED = 1024  # hypotheses of each shape over which its logits are averaged
+HYPOTHESES = 1024
+"""Of each shape, over which its logits are averaged, and which a model of new objects has."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,17 +59,16 @@ class ContactHypotheses:
         """The same for the objects of a scene, in the state of the sensor that the scene describes."""
         return replace(self, scene=scene)
 
-    def embedded(self, scene: Scene, bodies: Bodies, pose: int, cell_of_one: int | None = None) -> Floats32:
+    def embedded(self, scene: Scene, bodies: Bodies, pose: int) -> Floats32:
         """Embeddings of N hypotheses of each of K shapes in one pose, ``(K, N, D)``.
 
         Args:
             scene: of the shapes and poses.
             bodies: orientations and sizes.
             pose: its index.
-            cell_of_one: number of hypotheses that cover all orientations; N by default.
         """
-        rotation, number = scene.rotations[scene.pose_labels[pose]], cell_of_one or len(bodies.rests)
-        cell, code = cell_of(number), told_world(self.imaging, scene).code()
+        rotation = scene.rotations[scene.pose_labels[pose]]
+        cell, code = cell_of(len(bodies.rests)), told_world(self.imaging, scene).code()
         window, aim = self.imaging.wide_window, scene.aim_offsets[pose]
 
         def embed_solid(solid: Shape, chosen: Bodies) -> Floats32:
@@ -132,11 +132,8 @@ class ContactHypotheses:
         """Hypotheses of each shape that take turns in the poses, ``(K, M, D)``."""
         if self.scene is None:
             raise ValueError("this reader reads any object and is about none yet; bound_to(scene) says which there are")
-        bodies, num_poses = bodies_of(self.scene, _FIXED), len(self.scene.poses)
-        parts = [
-            self.embedded(self.scene, bodies.take(slice(pose, None, num_poses)), pose, _FIXED)
-            for pose in range(min(num_poses, _FIXED))
-        ]
+        bodies, num_poses = bodies_of(self.scene, HYPOTHESES), len(self.scene.poses)
+        parts = [self.embedded(self.scene, bodies, pose)[:, pose::num_poses] for pose in range(num_poses)]
         return np.concatenate(parts, axis=1)
 
     @cached_property

@@ -24,7 +24,7 @@ import numpy as np
 from activetouch.distributions import Distribution
 from activetouch.errors import WrongScene
 from activetouch.hypotheses import sizes
-from activetouch.perception.card import OBJECTS
+from activetouch.perception.card import OBJECTS, ClassifierCard
 from activetouch.perception.contacts.imaging import BROKEN, LIMITS, SAMPLES, Imaging, World
 from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.press import Quasistatic
@@ -34,6 +34,7 @@ from activetouch.scene import Scene
 
 _KNOWN = (Blur, DeadTaxels, Gain, Hysteresis, Noise, Shift, StuckTaxels)
 _QUANTILES = 64
+_TOLD = 0.02  # of a number of the code
 _COARSER = 0.3  # share of worlds with wider taxels, of a sensor that has more than the reader sees
 
 
@@ -93,6 +94,13 @@ def told_world(imaging: Imaging, scene: Scene) -> World:
     found |= {name: np.clip(found[name], *limits) for name, limits in LIMITS.items()}
     shapes = {name: part.shape for name, part in World.nominal(1)._asdict().items()}
     return World(**{name: np.broadcast_to(part, shapes[name]).astype(np.float32) for name, part in found.items()})
+
+
+def is_told(card: ClassifierCard, scene: Scene) -> bool:
+    """Whether a scene says that the sensor is not as it was when a reader of any object was trained."""
+    if card.imaging is None or not isinstance(scene.renderer, PressureRenderer):
+        return False
+    return bool(np.abs(told_world(Imaging.from_fields(card.imaging), scene).code()).max() > _TOLD)
 
 
 def fields_read(imaging: Imaging, own: Mapping[str, Any], scene: Scene, here: Mapping[str, Any]) -> dict[str, Any]:

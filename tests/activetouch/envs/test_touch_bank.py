@@ -84,7 +84,7 @@ def assert_same_episodes(env, target, bank, model, state, **settings):
 @pytest.mark.torch
 @pytest.mark.mujoco
 def test_the_bank_gives_the_touches_that_live_episodes_of_the_same_seeds_feel():
-    touches = LiveTouches(TactileSensor.shipped("coarse-independent"))
+    touches = LiveTouches(TactileSensor.shipped("paper-independent"))
     recorder = ObjectTestEnv(touches=touches, target="cone", touch_limit=18)
     bank = recorded(recorder, num_objects=20, num_rounds=3)
     env = ObjectTestEnv(touches=touches, target="cone", touch_limit=14)

@@ -158,7 +158,7 @@ def test_images_of_another_size_are_averaged_down_or_repeated_up(sensor):
 
 
 def test_a_reader_that_tells_shapes_only_embeds_no_hypotheses():
-    reader = TactileReader.load(MODELS / "gel-independent" / READER_FILE)
+    reader = TactileReader.load(MODELS / "paper-independent" / READER_FILE)
     with pytest.raises(InvalidArgument, match="tells shapes only"):
         reader.embed(np.zeros(1, int), np.eye(3)[None], np.ones(1))
 
@@ -251,6 +251,6 @@ def test_logits_may_be_left_out_and_the_belief_of_one_body_is_the_same():
 
 
 def test_a_reader_of_shapes_gives_logits_in_any_case():
-    sensor = replace(TactileSensor.shipped("coarse-independent"), with_logits=False)
+    sensor = replace(TactileSensor.shipped("paper-independent"), with_logits=False)
     [touch] = sensor.read(np.zeros((1, *sensor.scene.image_shape), np.uint8), ["front"])
     assert touch.logits is not None

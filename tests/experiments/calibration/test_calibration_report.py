@@ -335,11 +335,12 @@ def collection(tmp_path_factory):
 @pytest.mark.slow
 @pytest.mark.mujoco
 @pytest.mark.torch
-def test_the_report_stands_alone_and_follows_from_its_seed(collection, tmp_path, monkeypatch):
+def test_the_report_stands_alone_and_follows_from_its_seed(tmp_path, monkeypatch):
     def run(jobs):
-        sensor = Path("coarse-independent")
-        CalibrationReport(data=collection, sensor=sensor, out=tmp_path / str(jobs), resamples=5, jobs=jobs).run()
+        names = "paper", tmp_path / "data", Path("paper-independent"), tmp_path / str(jobs)
+        CalibrationReport(*names, resamples=5, jobs=jobs).run()
 
+    collect(SceneChoice("paper"), CollectionPlan(train=0, calibration=4, test=3, repeats=2), tmp_path / "data", jobs=1)
     run(1)
     monkeypatch.setattr(Picture, "write", lambda *_: None)  # pictures are drawn from the numbers
     monkeypatch.setattr(Picture, "inline", lambda _: [])

@@ -224,6 +224,12 @@ def test_the_command_trains_every_target_and_keeps_the_best_seed(bank, sharp, tm
     assert (tmp_path / "out" / "curves.svg").stat().st_size > 1000
 
 
+@pytest.mark.parametrize(("is_joint", "names"), [(True, ["gains", "goal"]), (False, ["paper", "posterior"])])
+def test_recipes_follow_from_the_sensor_unless_they_are_named(is_joint, names):
+    assert list(TrainPPO()._recipes(is_joint)) == names
+    assert list(TrainPPO(recipes=("goal",))._recipes(is_joint)) == ["goal"]
+
+
 @pytest.mark.parametrize(
     ("changes", "error", "match"),
     [
@@ -232,7 +238,6 @@ def test_the_command_trains_every_target_and_keeps_the_best_seed(bank, sharp, tm
         ({"recipes": ("posterior", "posterior_masked")}, ImpossiblePPO, "one recipe a state"),
         ({"scene": "gell"}, UnknownName, "scene 'gell'"),
         ({"jobs": 0}, BadArgument, "--jobs"),
-        ({"recipes": ()}, ImpossiblePPO, "--recipes"),
         ({"change": PPOChanges(steps=0)}, BadArgument, r"--change\.steps must .* got 0"),
         ({"change": PPOChanges(learning_rate=np.inf)}, BadArgument, r"--change\.learning-rate must .* got inf"),
         ({"change": PPOChanges(entropy=np.nan)}, BadArgument, r"--change\.entropy must .* got nan"),

@@ -43,14 +43,14 @@ def test_what_is_hidden_follows_from_the_presentation(presentation, words):
     assert latent(scene) == words
     fixed = replace(scene, variation=replace(scene.variation, size=Constant(1.0)))
     assert latent(fixed) == [word for word in words if word != "size"]
-    text = belief_table("coarse", scene, []).markdown()
+    text = belief_table("coarse", scene, None).markdown()
     assert ("independent model is exact here" in text) == (not words)
     assert "No sensor with a joint model" in text
 
 
 def test_the_joint_belief_costs_more_than_the_independent_one_and_both_are_measured():
     scene = SCENES["coarse"].scene
-    table = belief_table("coarse", scene, [MODELS / "coarse-independent", MODELS / "coarse"])
+    table = belief_table("coarse", scene, MODELS / "coarse")
     joint, independent = (row[2:] for row in table.rows)
     assert (joint[0], independent[0]) == (2048, None)
     assert joint[1] > 12.5  # the table: 6 poses, 4 shapes, 2 048 hypotheses, 64 numbers of 4 bytes
@@ -93,5 +93,5 @@ def test_explain_compares_the_shapes_and_says_where_their_touches_land(monkeypat
 
 
 def test_a_sensor_without_an_independent_model_is_measured_alone():
-    table = belief_table("keyed", SCENES["keyed"].scene, [MODELS / "keyed"])
+    table = belief_table("keyed", SCENES["keyed"].scene, MODELS / "keyed")
     assert [row[0] for row in table.rows] == ["joint: one rigid body"]

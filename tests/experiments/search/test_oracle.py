@@ -1,6 +1,5 @@
 """What no decider exceeds."""
 
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -40,7 +39,7 @@ def test_where_planning_has_no_solution_there_is_no_bound():
 
 @pytest.mark.torch
 def test_twelve_shapes_have_a_bound_and_it_is_below_that_of_touches_which_reveal_the_shape():
-    setting = Setting(SceneChoice("many"), sensor=Path("many-independent"), num_objects=4)
+    setting = Setting(SceneChoice("many"), observation_model="independent", num_objects=4)
     bound = best_expected_return(setting, 0)
     assert 0.5 < bound < one_touch_bound(setting.problem, 0) - 0.005
     assert best_return_with_revealed_bodies(setting, 0) is None  # its touches are independent given the shape

@@ -76,7 +76,7 @@ def test_a_search_with_a_joint_belief_shows_the_bodies_it_believes_in(tmp_path):
             assert picture.width > 400
     for panel in _story(joint, "information_gain", episode, bodies).panels:
         assert (panel["body"] is None) == (panel["picture"] is None)
-    other = replace(COARSE, sensor=Path("coarse-independent"))
+    other = replace(joint, observation_model="independent")
     assert Bodies.of(load_sensor(other)) is None
     assert all(frame.evidence is None for frame in replay(other, play_episodes(other, "threshold", 0, 0, [0])[0][0]))
 

@@ -16,7 +16,6 @@ from activetouch.named_scenes import SCENES
 from activetouch.sensor_files import OBSERVATION_FILE
 from activetouch.world import touch_many
 from belief.errors import UnknownName
-from belief.observation_model.registry import OBSERVATION_MODELS
 from belief.statistics import wilson_interval
 from experiments.command_line.arguments import BadArgument
 from experiments.reporting.tables import Table
@@ -53,8 +52,9 @@ from planners.registry import NEED_FILES
 
 COARSE = Network("coarse", "coarse", "", "cnn 16 px", "ab" * 32, knows_orientation=True)
 GEL = Network("gel", "gel", "", "cnn 32 px", "cd" * 32, knows_orientation=True)
+PAPER = Network("paper", "paper", "", "cnn 32 px", "56" * 32, knows_orientation=True)
 HARD = Network("hard", "hard", "", "cnn 32 px", "12" * 32, knows_orientation=True)
-PLAIN = Network("gel", "gel-independent", "", "cnn 64 px", "34" * 32)
+PLAIN = Network("paper", "paper-independent", "", "atto 32 px", "34" * 32)
 SMALL = Network("gel", "", "runs/small.safetensors", "cnn 8 px", "ef" * 32)
 
 
@@ -93,16 +93,16 @@ def test_another_observation_model_of_a_shipped_sensor_is_another_key(tmp_path, 
 
 
 def test_a_sweep_names_every_decider_that_needs_no_training_and_nothing_twice():
-    found = sweep([COARSE, GEL, PLAIN, SMALL], ["coarse", "gel"], episodes=100, seed=0)
+    found = sweep([COARSE, GEL, PAPER, PLAIN, SMALL], ["coarse", "gel"], episodes=100, seed=0)
     assert len({c.key for c in found}) == len({c.name for c in found}) == len(found) >= 40
     wanted = {name for name in DECIDERS if name != "random_confirm" and name not in NEED_FILES}
     assert {c.decider for c in found if c.scene == "coarse"} == wanted
     assert {c.decider for c in found if c.network == PLAIN} == {"information_gain", "point_based"}
-    assert {c.observation_model for c in found if c.network == PLAIN} == {SHIPPED, *OBSERVATION_MODELS} - {FITTED}
+    assert {c.observation_model for c in found if c.network == PLAIN} == {SHIPPED}
     priced = {(c.decider, c.touch_cost) for c in found if c.scene == "coarse" and c.touch_cost != 0.02}
     assert priced == set(product(("point_based", "value_of_information"), (0.005, 0.05, 0.1)))
     assert {(c.simulations, c.episodes) for c in found if c.decider == "pouct"} == {(100, 5), (1000, 5)}
-    assert all(c.observation_model != SHIPPED for c in found if c.network == SMALL)
+    assert {c.observation_model for c in found if c.network == SMALL} == {FITTED}
     assert {c.fidelity for c in found} == {None, "quasistatic", "guarded_move"}
 
 
@@ -118,10 +118,11 @@ def test_the_default_sensor_is_measured_with_every_number_of_hypotheses():
 
 def test_the_shipped_sensors_of_a_scene_come_with_the_default_first():
     found = shipped_networks("coarse")
-    assert [network.sensor for network in found] == ["coarse", "coarse-independent"]
-    assert [network.knows_orientation for network in found] == [True, False]
-    assert [network.sensor for network in shipped_networks("gel")] == ["gel", "gel-independent"]
-    assert all(network.path.is_file() and not network.file for network in found)
+    assert [network.sensor for network in found] == ["coarse"]
+    of_paper = shipped_networks("paper")
+    assert [network.sensor for network in of_paper] == ["paper", "paper-independent"]
+    assert [network.knows_orientation for network in of_paper] == [True, False]
+    assert all(network.path.is_file() and not network.file for network in [*found, *of_paper])
 
 
 @pytest.mark.mujoco
@@ -142,7 +143,7 @@ def test_a_joint_model_of_few_hypotheses_is_fitted_and_plays(tmp_path, monkeypat
 
 
 def test_without_recorded_touches_no_observation_model_is_to_be_fitted():
-    found = sweep([COARSE, GEL, PLAIN, SMALL], ["coarse"], episodes=100, seed=0)
+    found = sweep([COARSE, GEL, SMALL], ["coarse"], episodes=100, seed=0)
     assert {c.observation_model for c in found if c.scene == "gel"} == {SHIPPED}
     assert SMALL not in {c.network for c in found}
 
@@ -160,8 +161,7 @@ def test_what_is_varied_has_a_word():
     words = {
         "nothing": {}, "decider": {"decider": "threshold"}, "touch cost λ": {"touch_cost": 0.1},
         "sensor": {"network": PLAIN}, "network": {"network": SMALL, "observation_model": "ratio"},
-        "hypotheses": {"observation_model": JOINT, "num_hypotheses": 64},
-        "observation model": {"network": PLAIN, "observation_model": "plda"}, "fidelity": {"fidelity": "quasistatic"},
+        "hypotheses": {"observation_model": JOINT, "num_hypotheses": 64}, "fidelity": {"fidelity": "quasistatic"},
     }  # fmt: skip
     assert {replace(base, **change).varied for change in words.values()} == set(words) == set(STYLES)
     assert all(replace(base, **change).varied == word for word, change in words.items())
