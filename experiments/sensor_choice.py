@@ -19,6 +19,7 @@ from activetouch.perception.card import ClassifierCard
 from activetouch.scene_description import in_words, scene_differences, scene_fields
 from activetouch.sensor import TactileSensor
 from activetouch.sensor_files import (
+    ANY_OBJECT_FILE,
     INDEPENDENT_SUFFIX,
     MODELS,
     POLICIES,
@@ -235,8 +236,9 @@ def tell_shift(shift: tuple[str, ...]) -> None:
 
 
 def _with_remedy(read: Callable[[], T], folder: Path, choice: SceneChoice, independent: bool = False) -> T:
+    reads_any = (folder / ANY_OBJECT_FILE).is_file()
     for path in (folder / READER_FILE, observation_file(folder, independent)):
-        if not path.is_file():
+        if not reads_any and not path.is_file():
             where = f"{folder} holds no sensor: there is no {path.name} in it"
             none = f"no sensor comes with the scene {choice.scene}; name one with --sensor"
             raise NoSensor(f"{where if folder.parent != MODELS else none}. {_remedy(choice)}")

@@ -17,6 +17,7 @@ from activetouch.mesh_source import MeshSource
 from activetouch.perception.card import read_card
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.sensor_files import (
+    ANY_OBJECT_FILE,
     POLICIES,
     load_observation_model,
     observation_file,
@@ -120,6 +121,12 @@ class Setting:
         return observation_file(self.sensor_folder, self.is_independent)
 
     @property
+    def sensor_files(self) -> list[Path]:
+        """The files that determine what is read: of a reader of any object, that alone."""
+        reader = reader_file(self.sensor_folder, self.scene)
+        return [reader] if reader.name == ANY_OBJECT_FILE else [reader, self.observation_file]
+
+    @property
     def is_independent(self) -> bool:
         """Whether the model that takes touches as independent was asked for."""
         return self.observation_model == "independent"
@@ -160,7 +167,7 @@ Stamps: TypeAlias = tuple[tuple[int, int] | None, ...]
 def stamps(setting: Setting) -> Stamps:
     """Stamps of the files of the setting's sensor."""
     found: list[tuple[int, int] | None] = []
-    for path in (reader_file(setting.sensor_folder, setting.scene), setting.observation_file):
+    for path in setting.sensor_files:
         try:
             status = path.stat()
             found.append((status.st_mtime_ns, status.st_size))

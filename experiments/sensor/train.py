@@ -17,7 +17,7 @@ from activetouch.perception.backbones import BACKBONES, ConvNeXt
 from activetouch.perception.card import CLASSIFIER_FILE
 from activetouch.perception.reader import resized
 from activetouch.perception.recipe import RECIPES, TrainingRecipe
-from activetouch.sensor_files import READER_FILE
+from activetouch.sensor_files import ANY_OBJECT_FILE, READER_FILE
 from belief.claims import claim_folder, ends_claims
 from experiments.command_line.arguments import (
     BadArgument,
@@ -207,8 +207,8 @@ class Train:
                 words = ", ".join(f"{name} {value:g}" for name, value in report.items())
                 progress.console.print(words, highlight=False)
         reader = export(trainer.network, imaging, scene, f"{trainer.step} steps of {recipe.groups * recipe.touches}")
-        reader.save(out / READER_FILE)
-        print(f"wrote {out / READER_FILE}; activetouch.TactileSensor reads any object with it")
+        reader.save(out / ANY_OBJECT_FILE)
+        print(f"wrote {out / ANY_OBJECT_FILE}; {out} is a sensor for any objects: compare --sensor {out}")
 
 
 def _split(data: Path, name: str, size: int) -> TouchSet:
