@@ -74,7 +74,7 @@ def test_a_sensor_that_reads_nothing_but_depth_is_exposed():
 def test_where_all_are_pressed_alike_the_exchange_changes_no_image_and_numbers_tell_nothing():
     for renderer in RENDERERS.values():
         scene = Scene(pad=PAD, press_model=OnlyGeometryTells(), renderer=renderer)
-        touched = exchange(scene, 3, KEY, np.asarray)
+        touched = exchange(scene, 5, KEY, np.asarray)
         np.testing.assert_array_equal(touched.plain, touched.lent)
         for share in shares_without_image(touched.numbers, touched.shapes, touched.object_ids).values():
             assert share.mean() == pytest.approx(0.25)
