@@ -1,9 +1,10 @@
 """Two sensors on the same touches of the same objects: what each states after some touches, and how often it is right.
 
-    python -m benchmarks.paired_sensors many gel many --objects 1000
+    python -m benchmarks.paired_sensors many many any:gel --objects 1000
     python -m benchmarks.paired_sensors gel gel --meshes mug.obj cup.obj --only
 
-The first argument is the scene, the others are sensors: names of shipped ones, or folders. Prints, after 1, 2, 3, 4 and
+The first argument is the scene, the others are sensors: names of shipped ones, or folders; any:NAME is the reader of any
+object of a shipped one, also where it has another for the objects of the scene. Prints, after 1, 2, 3, 4 and
 6 touches in poses in random order: accuracy with its 95 % Wilson interval, mean stated probability, and negative
 log-likelihood [nats]; for the second sensor also the mean difference of the latter, with its standard error.
 """
@@ -12,13 +13,15 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from shutil import copyfile
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_softmax
 
-from activetouch import TactileSensor
-from activetouch.sensor_files import MODELS
+from activetouch import Scene, TactileSensor
+from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
 from belief.statistics import wilson_interval
 from experiments.scene_choice import SceneChoice
 
@@ -45,6 +48,15 @@ def measured(
     return log_softmax(found, axis=3), truth
 
 
+def loaded(name: str, scene: Scene) -> TactileSensor:
+    """A sensor by name."""
+    if name.startswith("any:"):
+        with TemporaryDirectory() as folder:
+            copyfile(MODELS / name[4:] / ANY_OBJECT_FILE, Path(folder) / ANY_OBJECT_FILE)
+            return TactileSensor.load(folder, scene)
+    return TactileSensor.load(MODELS / name if (MODELS / name).is_dir() else Path(name), scene, anyway=True)
+
+
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -57,8 +69,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
     choice = SceneChoice(given.scene, meshes=tuple(given.meshes), only=given.only, poses=given.poses)
-    folders = [MODELS / name if (MODELS / name).is_dir() else Path(name) for name in given.sensors]
-    sensors = [TactileSensor.load(folder, choice.named.scene, anyway=True) for folder in folders]
+    sensors = [loaded(name, choice.named.scene) for name in given.sensors]
     logs, truth = measured(sensors, choice, given.objects, given.seed)
     own = np.take_along_axis(logs, truth[None, None, :, None], axis=3)[..., 0]
     print(f"scene {given.scene}, {len(choice.named.scene.shapes)} shapes, {given.objects} objects, seed {given.seed}")
