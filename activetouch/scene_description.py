@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
 SHIFTS = frozenset({"press_model", "faults", "variation", "presentation", "families"})
 """Fields of a scene whose change is a known shift of the same sensor."""
+OBJECTS = ("shapes", "families", "poses", "aims", "presentation")
+"""Fields of a scene that are about its objects, not about its sensor."""
 SURROUNDINGS = frozenset({"height", "finger", "parking", "robot"})
 """Fields of a scene that do not change touches."""
 _DECIMALS = 8  # of arrays; further decimals differ between processors

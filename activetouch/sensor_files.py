@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from activetouch.errors import LabelMismatch, NoIndependentModel
-from activetouch.perception.card import OBJECTS, ClassifierCard, read_card
+from activetouch.perception.card import ClassifierCard, read_card
 from activetouch.perception.contacts.imaging import Imaging
 from activetouch.scene import Scene
-from activetouch.scene_description import require_scene, scene_fields
+from activetouch.scene_description import OBJECTS, require_scene, scene_fields
 from belief.errors import CorruptFile
 from belief.files import require_regular_file, write_text
 from belief.observation_model import ArrayModel, read_observation_model, read_origin
@@ -186,7 +186,7 @@ def reader_file(folder: Path, scene: Scene, independent: bool = False) -> Path:
         return other
     from activetouch.perception.contacts.told import is_told  # which scenes of known objects do not need
 
-    return other if not independent and is_told(read_card(other), scene) else own
+    return other if not independent and is_told(read_card(other).imaging, scene) else own
 
 
 def is_of_objects(model_scene: Mapping[str, Any] | None, scene: Scene) -> bool:

@@ -12,6 +12,7 @@ import numpy as np
 from activetouch.errors import LabelMismatch, WrongScene
 from activetouch.perception.contacts.imaging import Imaging
 from activetouch.perception.sealed_tensors import read_fields
+from activetouch.scene_description import OBJECTS
 from belief.errors import CorruptFile
 
 CHECKPOINT = "activetouch-classifier-5"
@@ -22,8 +23,6 @@ HYPOTHESIS_NETWORK = "residual"
 """The network that embeds hypotheses, as files name it; those of earlier versions had another (decision 0063)."""
 CONTACT_NETWORK = "contacts"
 """The network of readers of any object, which embeds hypotheses by their predicted contacts."""
-OBJECTS = ("shapes", "families", "poses", "aims", "presentation")
-"""Fields of a scene that are about its objects, not about its sensor."""
 PRODUCTS = np.triu_indices(9)
 """The pairs of entries of a rotation matrix whose products a network of hypotheses reads, two arrays."""
 CLASSIFIER_FILE = "classifier.safetensors"

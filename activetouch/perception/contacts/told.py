@@ -25,13 +25,13 @@ import numpy as np
 from activetouch.distributions import Constant, Distribution, Uniform
 from activetouch.errors import WrongScene
 from activetouch.hypotheses import sizes
-from activetouch.perception.card import OBJECTS, ClassifierCard
 from activetouch.perception.contacts.imaging import BROKEN, LIMITS, SAMPLES, Imaging, World, regridded
 from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.press import Quasistatic
 from activetouch.rendering import Blur, DeadTaxels, Gain, Hysteresis, Noise, PressureRenderer, Shift, StuckTaxels
 from activetouch.rendering.faults import faults_of
 from activetouch.scene import Scene
+from activetouch.scene_description import OBJECTS
 
 _KNOWN = (Blur, DeadTaxels, Gain, Hysteresis, Noise, Shift, StuckTaxels)
 _OF_FAULTS = {"noise", "blur", "shift", "hysteresis"}
@@ -104,11 +104,11 @@ def _told(imaging: Imaging, scene: Scene) -> dict[str, Any]:
     }
 
 
-def is_told(card: ClassifierCard, scene: Scene) -> bool:
+def is_told(imaging: Mapping[str, Any] | None, scene: Scene) -> bool:
     """Whether a scene says that the sensor is not as it was when a reader of any object was trained."""
-    if card.imaging is None or not isinstance(scene.renderer, PressureRenderer):
+    if imaging is None or not isinstance(scene.renderer, PressureRenderer):
         return False
-    return bool(np.abs(told_world(Imaging.from_fields(card.imaging), scene).code()).max() > _TOLD)
+    return bool(np.abs(told_world(Imaging.from_fields(imaging), scene).code()).max() > _TOLD)
 
 
 def fields_read(imaging: Imaging, own: Mapping[str, Any], scene: Scene, here: Mapping[str, Any]) -> dict[str, Any]:

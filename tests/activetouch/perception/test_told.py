@@ -8,7 +8,6 @@ import pytest
 from activetouch import SCENES
 from activetouch.distributions import Constant, LogUniform, Uniform
 from activetouch.errors import WrongScene
-from activetouch.perception.card import ClassifierCard
 from activetouch.perception.contacts.imaging import BROKEN, LIMITS, WORLD, Imaging
 from activetouch.perception.contacts.told import fields_read, imaging_of, is_told, told_world
 from activetouch.pressing.pad import Pad
@@ -71,7 +70,7 @@ def test_a_change_of_the_sensor_is_told(what):
     scene, name, value = TOLD[what]
     world = told_world(IMAGING, scene)
     np.testing.assert_allclose(getattr(world, name)[0], value, rtol=1e-3)
-    assert is_told(ClassifierCard("contacts", 32, (), (), imaging=IMAGING.fields()), scene)
+    assert is_told(IMAGING.fields(), scene)
     assert untold(scene) == []
 
 
@@ -79,8 +78,8 @@ def test_a_change_of_the_sensor_is_told(what):
 def test_nothing_is_told_of_the_scene_that_a_reader_was_trained_in(scene):
     imaging = imaging_of(scene)
     assert not told_world(imaging, scene).code().any()
-    assert not is_told(ClassifierCard("contacts", imaging.pixels, (), (), imaging=imaging.fields()), scene)
-    assert not is_told(ClassifierCard("tiny", 32, (), ()), faulty(Blur(4.0)))
+    assert not is_told(imaging.fields(), scene)
+    assert not is_told(None, faulty(Blur(4.0)))
     assert untold(scene, scene) == []
 
 
