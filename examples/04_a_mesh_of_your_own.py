@@ -1,6 +1,6 @@
 """Search for an object from a mesh file, a cup, among the four built-in shapes. Nothing is trained.
 
-Run: python examples/04_a_mesh_of_your_own.py          (half a minute on two cores; writes to runs/cup)
+Run: python examples/04_a_mesh_of_your_own.py          (42 s of processor time; writes to runs/cup)
 
 The sensor of the scene gel has a reader of any object: it predicts from the mesh what touches of the cup look like.
 """
