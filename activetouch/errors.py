@@ -69,9 +69,5 @@ class TrainingDiverged(ActiveTouchError, ArithmeticError):
     """A gradient, a loss, a weight or an output of a training is not finite."""
 
 
-class UnknownLikelihood(ActiveTouchError, TypeError):
-    """The faults of a sensor have no likelihood in closed form."""
-
-
 class BadRecording(ActiveTouchError, ValueError):
     """Recorded touches cannot be read or used; the message says which file, line or touch, and what would work."""

@@ -35,7 +35,7 @@ from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs, run_tasks
 from experiments.reporting.tables import Table
 from experiments.scene_choice import SceneChoice
-from experiments.sensor.baseline import neighbour_accuracy
+from experiments.sensor.baseline import neighbour_guesses
 
 Floats = NDArray[np.float64]
 _PER_TASK = 25
@@ -234,7 +234,8 @@ def shape_accuracy(pressed: dict[str, Pressed], depth: str) -> float:
     shapes = np.concatenate([np.full(len(p.force), k) for k, p in enumerate(pressed.values())])
     good = np.isfinite(numbers).all(axis=1)
     numbers, shapes = numbers[good], shapes[good]
-    return neighbour_accuracy(numbers[::2], shapes[::2], numbers[1::2], shapes[1::2], num_neighbours=25)
+    guesses = neighbour_guesses(numbers[::2], shapes[::2], numbers[1::2], num_neighbours=25)
+    return float(np.mean(guesses == shapes[1::2]))
 
 
 def _table(title: str, rows: dict[str, Agreement]) -> Table:

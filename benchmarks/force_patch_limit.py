@@ -13,7 +13,7 @@ inequality, no reader of the image is better than the best reader of these numbe
 * Every number is replaced by its rank, so units do not matter.
 
 The accuracy of a vote is a lower bound. The single nearest neighbour gives an upper bound, given enough known touches
-(Cover and Hart 1967, :func:`experiments.bayes_error.learned.cover_hart_accuracy`). Images need not show all of these
+(Cover and Hart 1967, :func:`cover_hart_accuracy`). Images need not show all of these
 numbers, so a network on the pixels around the spot, at full resolution, gives a lower bound for readers of images.
 """
 
@@ -37,9 +37,8 @@ from activetouch.pressing.contact import Contact
 from activetouch.pressing.trace import Trace
 from activetouch.rendering import ForcePatchRenderer
 from activetouch.scene import Scene
-from experiments.bayes_error.estimator import Findings, LimitStudy, chunks, paired_difference, share, words
-from experiments.bayes_error.held_out import Stream, held_out_touch
-from experiments.bayes_error.learned import cover_hart_accuracy
+from benchmarks.bayes_error.findings import Findings, chunks, paired_difference, words
+from benchmarks.held_out import LimitStudy, Stream, held_out_touch, share
 from experiments.parallel import default_jobs, progress_bar, run_tasks
 from experiments.reporting.tables import Table
 from experiments.scene_choice import SceneChoice
@@ -201,6 +200,19 @@ def read_by_neighbours(known: PressNumbers, choice: PressNumbers, test: PressNum
     return Reader(NEIGHBOURS[best], guesses, cover_hart_accuracy(float((single == test.shapes).mean()), num_shapes))
 
 
+def cover_hart_accuracy(nearest: float, num_shapes: int) -> float:
+    """Largest accuracy that any reader can have, given that of the nearest of infinitely many known touches.
+
+    With K shapes, the error e of the nearest neighbour and the least possible error e* satisfy
+    e ≤ e* (2 - e* K / (K - 1)) (Cover and Hart 1967).
+
+    >>> cover_hart_accuracy(1.0, 4), cover_hart_accuracy(0.25, 4)
+    (1.0, 0.25)
+    """
+    share = (num_shapes - 1) / num_shapes
+    return 1.0 - share * (1.0 - float(np.sqrt(max(0.0, 1.0 - (1.0 - nearest) / share))))
+
+
 _TOUCHES_PER_TASK = 50
 
 
@@ -214,7 +226,7 @@ class NearestNeighbours:
     """Touches for the choice of the number of neighbours."""
 
     def measure(self, study: LimitStudy) -> Findings:
-        """See :class:`experiments.bayes_error.estimator.Estimator`."""
+        """Measure, and say what was found."""
         test, readings = _collect(study, Stream.TEST, study.touches)
         choice, _ = _collect(study, Stream.CHOICE, self.choice)
         known, _ = _collect(study, Stream.KNOWN, self.known)
@@ -427,7 +439,7 @@ class PixelReader:
     """Network and its training."""
 
     def measure(self, study: LimitStudy) -> Findings:
-        """See :class:`experiments.bayes_error.estimator.Estimator`."""
+        """Measure, and say what was found."""
         renderer = study.scene.renderer
         assert isinstance(renderer, ForcePatchRenderer), "the caller chose this scene for its renderer"
         manifest = read_manifest(self.collection)
@@ -507,14 +519,14 @@ class Main:
     seed: int = 0
     """Seed of all touches and intervals."""
     out: Path = Path("runs/limit-paper")
-    """Folder for limit.json, limit.md and figures."""
+    """Folder for limit.json and limit.md."""
     jobs: int = default_jobs()
     """Number of processes; the results do not depend on it."""
 
     def run(self) -> None:
         """Measure, print and write."""
         sensor = open_sensor(None, SceneChoice("paper"))
-        study = LimitStudy(sensor, self.touches, self.seed, self.jobs, self.out)
+        study = LimitStudy(sensor, self.touches, self.seed, self.jobs)
         estimator = (
             NearestNeighbours(self.known, self.choice) if self.learned_from is None else PixelReader(self.learned_from)
         )

@@ -51,7 +51,6 @@ COMMAND_GROUPS: dict[str, dict[str, Command]] = {
         "train": Command("sensor.train:Train", "train a classifier on a collection"),
         "calibrate": Command("sensor.calibrate:Calibrate", "fit the observation model; evaluate on unseen objects"),
         "rank-poses": Command("sensor.rank_poses:RankPoses", "find the best fixed order of poses"),
-        "several-touches": Command("sensor.several_touches:SeveralTouches", "accuracy after several touches of a body"),
     },
     "Train policies": {
         "touch-bank": Command("ppo.touch_bank:MakeTouchBank", "turn a collection into a touch bank for PPO training"),
@@ -61,8 +60,6 @@ COMMAND_GROUPS: dict[str, dict[str, Command]] = {
         "calibration-report": Command(
             "calibration.calibration_report:CalibrationReport", "test the calibration of stated probabilities"
         ),
-        "limit": Command("bayes_error.limit:Limit", "estimate the best possible accuracy of one touch"),
-        "leak": Command("press.leak:Leak", "measure what accuracy owes to anything but geometry"),
         "recorded": Command("recorded.recorded:Recorded", "search among real objects by recorded touches"),
         "robustness": Command("robustness.robustness:Robustness", "test faults, changed objects and unknown shapes"),
         "tradeoff": Command("tradeoff.tradeoff:Tradeoff", "measure accuracy against time; recommend configurations"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,34 +94,6 @@ def contact_at_depth(pad: Pad, gap: Floats, depth: float, stiffness: float = 1.0
     indentation = np.maximum(depth - gap, 0.0)
     pressure = (stiffness * pad.stiffness) * indentation
     return Contact(pad, gap, float(pressure.sum()) * pad.taxel_area, indentation, pressure)
-
-
-def with_numbers_of(lender: Contact, contact: Contact, stiffness: float = 1.0) -> Contact:
-    """A control for experiments: a contact with the force and depth of another contact.
-
-    The result is not physical, because this surface would need another force for that depth. The forces of a trace are
-    scaled; their points stay.
-
-    Args:
-        lender: gives force and depth.
-        contact: gives the gap, and the points of its trace.
-        stiffness: of the layer and the object's skin together, relative to the pad's, for this contact.
-
-    Raises:
-        ValueError: the lender is deeper than the contact's layer.
-    """
-    shown = contact_at_depth(contact.pad, contact.gap, lender.depth, stiffness)
-    trace, held = contact.trace, _held_force(contact)
-    if trace is not None and held > 0.0:
-        trace = replace(trace, force=trace.force * (_held_force(lender) / held))
-    return replace(shown, force=lender.force, trace=trace)
-
-
-def _held_force(contact: Contact) -> float:
-    """Magnitude of the force at the end of the pause [N]; it includes friction if there is a trace."""
-    if contact.trace is None:
-        return contact.force
-    return float(np.linalg.norm(contact.trace.force[contact.trace.end_of_pause - 1])) if contact.force else 0.0
 
 
 def surface_gap(pad: Pad, placement: Placement) -> Floats:

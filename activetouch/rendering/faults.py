@@ -16,7 +16,6 @@ from typing import ClassVar, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.errors import UnknownLikelihood
 from belief.errors import InvalidArgument
 
 Image = NDArray[np.floating]
@@ -263,44 +262,6 @@ def change_faults(
         change: replaces a fault of this kind.
     """
     return tuple(change(fault) if isinstance(fault, kind) else fault for fault in faults)
-
-
-def split_at_noise(faults: Sequence[Fault]) -> tuple[Sequence[Fault], Sequence[Fault]]:
-    """The faults before the first :class:`Noise`, and the rest, which is empty without noise."""
-    first = next((n for n, fault in enumerate(faults) if isinstance(fault, Noise)), len(faults))
-    return faults[:first], faults[first:]
-
-
-def gain_and_noise(faults: Sequence[Fault]) -> tuple[float, float, Sequence[Fault]]:
-    """The statistics of a sensor with at most one gain, followed by noise.
-
-    Returns:
-        Half range of the gain, 0 without one; standard deviation of the noise; and the faults after the noise.
-
-    Raises:
-        UnknownLikelihood: there is no noise, or something other than one gain before it.
-    """
-    before, after = split_at_noise(faults)
-    match before, after[:1]:
-        case [], [Noise(std=std)] if std > 0.0:
-            return 0.0, std, after[1:]
-        case [Gain(half_range=gain)], [Noise(std=std)] if std > 0.0:
-            return gain, std, after[1:]
-    raise UnknownLikelihood(f"the likelihood of a reading needs at most one Gain, then Noise; got {faults}")
-
-
-def live_taxels(faults: Sequence[Fault], edge: int) -> NDArray[np.bool_]:
-    """The taxels of an image of ``edge`` × ``edge`` taxels that work, ``(edge, edge)``.
-
-    Raises:
-        UnknownLikelihood: there are faults other than :class:`DeadTaxels`.
-    """
-    live = np.ones((edge, edge), bool)
-    for fault in faults:
-        if not isinstance(fault, DeadTaxels):
-            raise UnknownLikelihood(f"the likelihood of a reading needs DeadTaxels only after the noise; got {fault}")
-        live &= fault(np.ones((edge, edge)), np.random.default_rng(0)) > 0.0
-    return live
 
 
 def rescaled_noise(faults: Sequence[Fault], factor: float) -> tuple[Fault, ...]:

@@ -1,1 +1,1 @@
-"""``touch``, ``gallery``, ``record``, ``view``, ``explain``, ``leak``: single presses."""
+"""``touch``, ``gallery``, ``record``, ``view``, ``explain``: single presses."""

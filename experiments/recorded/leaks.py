@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
-from functools import partial
-from pathlib import Path
+from dataclasses import dataclass
 
 import numpy as np
 
-from activetouch.recorded import check_recorded, read_recorded, without_incomplete
 from activetouch.recorded.reader import Reading, num_tried, read
 from activetouch.recorded.splits import Split, by_session
 from activetouch.recorded.touches import TaskTouches
-from belief.files import write_text
-from experiments.command_line.console import plain_console
-from experiments.parallel import progress_bar
-from experiments.recorded.fold import main_splits
 from experiments.recorded.order import by_session as table_by_session
 from experiments.reporting.tables import Table, Value, interval
 from experiments.sensor.scores import accuracy_of_objects
@@ -123,52 +115,6 @@ def doubts(found: Sequence[Control]) -> list[str]:
         for one in others
         if one.split == touch.split and one.accuracy[0] >= touch.accuracy[1]
     ]
-
-
-def leaks_of(
-    data: Path, format: str, task: str, folds: int, num_random: int, leave_out: bool, seed: int, out: Path
-) -> None:
-    """Measure the leak controls of a recorded set alone; print them, and write leak.json and leak.md.
-
-    Args:
-        data: folder of the recordings, or a file.
-        format: of the recordings.
-        task: ``objects``, ``categories`` or ``shapes``.
-        folds: of objects for categories and shapes, at most.
-        num_random: random splits.
-        leave_out: whether objects with too few sessions of an action are left out.
-        seed: of random splits and intervals.
-        out: folder.
-    """
-    touches, notes = read_recorded(data, format)
-    if leave_out:
-        touches, left_out = without_incomplete(touches, task)
-        notes = (*notes, *left_out)
-    remarks = check_recorded(touches, task)
-    chosen = touches.for_task(task)
-    main, splits = main_splits(chosen, folds)
-    with progress_bar() as bar:
-        advance = partial(
-            bar.advance, bar.add_task("reading touches", total=num_steps(chosen, splits, seed, num_random))
-        )
-        readings = [read(chosen, split, advance=advance) for split in splits]
-        found = controls(chosen, splits, readings, main, seed, num_random, advance)
-    table, sentences = control_table(found, len(chosen.label_names)), doubts(found)
-    heading = (
-        f"{format}, {task}, seed {seed}: {len(chosen.rows)} touches of {len(set(chosen.objects.tolist()))} objects. "
-        f"Source: {touches.provenance}; licence: {touches.licence}."
-    )
-    remarks = (*notes, *remarks)
-    result = {"format": format, "task": task, "folds": folds, "random_splits": num_random, "seed": seed}
-    result["leave_out_incomplete"] = leave_out
-    result |= {"notes": list(remarks), "verdict": sentences, "controls": [asdict(one) for one in found]}
-    write_text(out / "leak.json", json.dumps(result, indent=1, ensure_ascii=False) + "\n")
-    listed = "\n".join(f"- {remark}" for remark in remarks)
-    write_text(
-        out / "leak.md", "\n\n".join([heading, *([listed] if listed else []), table.markdown(), *sentences]) + "\n"
-    )
-    plain_console().print(heading, *(f"- {remark}" for remark in remarks), table.rich(), *sentences, sep="\n")
-    print(f"wrote leak.json and leak.md into {out}")
 
 
 def _control(

@@ -287,14 +287,10 @@ def test_a_family_of_a_mesh_is_refused():
 
 
 def test_what_compares_solids_refuses_families():
-    from activetouch.errors import UnknownLikelihood
-    from experiments.bayes_error.congruent import CongruentContacts
     from experiments.press.alike import alike
 
     with pytest.raises(InvalidArgument, match="the proportions of cylinder vary"):
         alike(SCENE, num_objects=2)
-    with pytest.raises(UnknownLikelihood, match="the proportions of cylinder vary"):
-        CongruentContacts(SCENE)
 
 
 def test_a_changed_world_presses_the_same_objects_but_for_their_members():

@@ -23,14 +23,14 @@ from benchmarks.force_patch_limit import (
     Main,
     PressNumbers,
     close_ups,
+    cover_hart_accuracy,
     drawn_rows,
     neighbour_guesses,
     press_numbers,
     read_by_neighbours,
 )
 from benchmarks.force_patch_limit import levels as brightness_levels
-from experiments.bayes_error.held_out import Stream, held_out_touch
-from experiments.bayes_error.learned import cover_hart_accuracy
+from benchmarks.held_out import Stream, held_out_touch
 from experiments.scene_choice import SceneChoice
 from experiments.sensor.collect import collect
 

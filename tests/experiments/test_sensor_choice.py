@@ -16,15 +16,13 @@ from activetouch.envs.touch_bank import TouchBank
 from activetouch.errors import LabelMismatch, NoIndependentModel, SceneShift, WrongScene
 from activetouch.sensor import TactileSensor
 from activetouch.sensor_files import INDEPENDENT_FILE, MODELS, OBSERVATION_FILE, READER_FILE, load_observation_model
-from belief.errors import ActiveTouchError, CorruptFile
-from experiments.bayes_error.limit import Limit
+from belief.errors import CorruptFile
 from experiments.calibration.calibration_report import CalibrationReport
 from experiments.cli import commands
 from experiments.command_line.arguments import BadArgument
 from experiments.command_line.trust import Trust
 from experiments.ppo.touch_bank import MakeTouchBank
 from experiments.ppo.train_ppo import TrainPPO
-from experiments.press.leak import Leak
 from experiments.robustness.robustness import Robustness
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
@@ -71,7 +69,6 @@ REFUSED = {
         WrongScene,
         "GelSightRenderer",
     ),
-    "limit": (lambda out: Limit(SceneChoice("coarse"), sensor=GEL, out=out / "run").run(), WrongScene, "num_taxels"),
     "train without a collection": (
         lambda out: Train(scene="coarse", data=out / "none", out=out / "run").run(),
         NoCollection,
@@ -303,13 +300,6 @@ def test_no_remedy_in_the_code_is_half_a_command():
             lines = path.read_text(encoding="utf-8").splitlines()
             halves += [f"{path.name}:{n}: {line}" for n, line in enumerate(lines, 1) if re.search(HALF, line)]
     assert not halves
-
-
-@pytest.mark.torch
-def test_every_refusal_of_a_sensor_is_one_of_ours():
-    for run in (lambda: Leak(SceneChoice("coarse"), sensor=GEL, objects=2)._classifier(SCENES["coarse"].scene),):
-        with pytest.raises(ActiveTouchError):
-            run()
 
 
 def test_a_joint_sensor_keeps_its_independent_model_and_compare_can_play_it(tmp_path):

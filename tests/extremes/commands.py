@@ -9,12 +9,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from activetouch.errors import DuplicateShape, ImpossibleRecipe, UnknownLikelihood
+from activetouch.errors import DuplicateShape, ImpossibleRecipe
 from activetouch.perception.recipe import RECIPES
-from activetouch.rendering import Quantisation
 from belief.errors import CannotWrite, CorruptFile, UnknownName
 from belief.files import sealed_json
-from experiments.bayes_error.image_bank import SensorNoise
 from experiments.calibration.calibration_report import CalibrationReport
 from experiments.command_line.arguments import BadArgument
 from experiments.press.explain import Explain
@@ -32,7 +30,6 @@ from tests.extremes.cases import Case, answers, equal_to, in_folder, refuses
 _COARSE = Setting(SceneChoice("coarse"))
 _NAN_RATE = Changes(learning_rate=math.nan)
 _NO_COLLECTION = CalibrationReport(data=Path("nowhere"))
-_ROUNDED = (Quantisation(4),)
 
 
 def _compare(folder: Path, **how: Any) -> Compare:
@@ -136,8 +133,5 @@ CASES: tuple[Case, ...] = (
     refuses("train", "a missing collection", in_folder(_of_no_collection), CorruptFile, "activetouch collect|manifest"),
     refuses("train", "a rate of NaN", lambda: _NAN_RATE.of(RECIPES["paper"]), ImpossibleRecipe, "learning_rate"),
     refuses("calibration-report", "a missing collection", _NO_COLLECTION.run, CorruptFile, "nowhere"),
-    refuses(
-        "limit", "noise without likelihood", lambda: SensorNoise.of(_ROUNDED, 4), UnknownLikelihood, "Quantisation"
-    ),
 )
 """Cases of the commands."""

@@ -20,10 +20,8 @@ from activetouch.sensor_files import MODELS, READER_FILE
 from belief import Confirm, Probe, SearchProblem, Unsure
 from belief.errors import ActiveTouchError
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
-from experiments.bayes_error.limit import Limit
 from experiments.calibration.calibration_report import CalibrationReport
 from experiments.ppo.touch_bank import MakeTouchBank
-from experiments.press.leak import Leak
 from experiments.robustness.robustness import Robustness
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
@@ -80,8 +78,6 @@ def _sensors() -> list[Case]:
     pairs = [(scene, sensor) for scene in ("coarse", "gel", "hard") for sensor in ("coarse", "gel", "many", "paper")]
     coarse, gel = SceneChoice("coarse"), MODELS / "gel"
     commands: dict[str, Any] = {
-        "limit": Limit(coarse, sensor=gel),
-        "leak": Leak(coarse, sensor=gel),
         "robustness": Robustness(coarse, sensor=gel),
     }
     other = SceneChoice("coarse", renderer="gelsight").named.scene

@@ -124,7 +124,7 @@ def test_a_file_of_an_unknown_format_is_refused_before_anything_is_made(kind, na
         (["collect", "--jobs", "0"], ["--jobs", "0"]),
         (["train", "--change.seed", str(2**63)], ["--change.seed", str(2**63)]),
         (["reproduce", "--images.presses", "0"], ["--images.presses", "0"]),
-        (["leak", "--change.epochs", "0"], ["--change.epochs", "0"]),
+        (["train", "--change.epochs", "0"], ["--change.epochs", "0"]),
         (["record", "--cycles", "0"], ["--cycles", "0"]),
     ],
 )

@@ -4,7 +4,6 @@ import pytest
 
 from belief.errors import CannotWrite
 from benchmarks.fidelity import FidelityCommand
-from experiments.bayes_error.limit import Limit
 from experiments.ppo.train_ppo import TrainPPO
 from experiments.press.touch import Gallery, Record, TouchCommand
 from experiments.robustness.robustness import Robustness
@@ -18,7 +17,7 @@ PICTURES = (Replay, TouchCommand, Gallery)
 
 
 @pytest.mark.parametrize(
-    "command", [*PICTURES, Calibrate, Collect, Compare, FidelityCommand, Limit, Record, Robustness, Tradeoff, TrainPPO]
+    "command", [*PICTURES, Calibrate, Collect, Compare, FidelityCommand, Record, Robustness, Tradeoff, TrainPPO]
 )
 def test_a_place_below_a_file_is_refused_at_once(command, tmp_path):
     (tmp_path / "file").write_text("mine")

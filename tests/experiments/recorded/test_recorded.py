@@ -15,7 +15,6 @@ from activetouch.recorded.reader import read
 from activetouch.recorded.splits import by_object
 from belief.errors import UnknownName
 from experiments.command_line.arguments import BadArgument
-from experiments.press.leak import Leak, RecordedSet
 from experiments.recorded.figures import _shares
 from experiments.recorded.identifying import GAIN, RANDOM, Named
 from experiments.recorded.leaks import controls
@@ -187,7 +186,6 @@ def test_objects_that_lack_an_action_are_left_out_if_asked(own, tmp_path, capsys
     result = json.loads((tmp_path / "run" / "results.json").read_text())
     assert result["things"] == 4
     assert "thing1 (0 of rub); thing4 (0 of press)" in " ".join(capsys.readouterr().out.split())
-    Leak(recorded=RecordedSet(tmp_path, "csv", random_splits=1, leave_out_incomplete=True), out=tmp_path / "out").run()
 
 
 def test_the_searches_are_recorded_as_episodes(own):
@@ -273,22 +271,6 @@ def test_splits_without_searches_are_said(tmp_path, rng, capsys):
 def test_a_threshold_that_a_guess_reaches_is_refused(own, tmp_path):
     with pytest.raises(BadArgument, match=r"above 0\.167, the probability of each of the 6 objects .*got 0.1"):
         Recorded(own.parent, "csv", threshold=0.1, out=tmp_path).run()
-
-
-def test_leak_measures_the_controls_of_a_recorded_set(tmp_path):
-    rng = np.random.default_rng(0)
-    lines = ["object,session,x,y,untouched:x"]
-    for session in range(9):
-        for thing in range(4):
-            row = (4 * thing + rng.normal(), rng.normal(), rng.normal())
-            lines.append(f"thing{thing},{session}," + ",".join(map(str, row)))
-    (tmp_path / "touches.csv").write_text("\n".join(lines))
-    Leak(recorded=RecordedSet(tmp_path, "csv", random_splits=1), out=tmp_path / "out").run()
-    result = json.loads((tmp_path / "out" / "leak.json").read_text())
-    accuracy = {(one["split"], one["features"]): one["accuracy"][0] for one in result["controls"]}
-    assert accuracy["in order of recording", "all features"] > 0.8
-    assert accuracy["in order of recording", "features where nothing was touched"] < 0.6
-    assert "| random sessions | all features |" in (tmp_path / "out" / "leak.md").read_text()
 
 
 @pytest.mark.parametrize(("name", "task"), [("cy101", "categories"), ("sdh2", "shapes")])

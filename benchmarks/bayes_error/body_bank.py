@@ -1,7 +1,7 @@
 """Log evidence of touched objects for one shape, from a bank of simulated bodies of the shape.
 
 The probability of a touch given a body is the mean over offsets, forces and gains, which are drawn anew for each touch,
-of the closed form in :mod:`experiments.bayes_error.image_bank`. Bodies are drawn as the scene draws objects.
+of the closed form in :mod:`benchmarks.bayes_error.noise`. Bodies are drawn as the scene draws objects.
 """
 
 from __future__ import annotations
@@ -11,14 +11,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.errors import UnknownLikelihood, UnstablePress
+from activetouch.errors import UnstablePress
 from activetouch.scene import Scene
 from belief.seeding import keyed_rng
-from experiments.bayes_error.held_out import Stream
-from experiments.bayes_error.image_bank import SensorNoise
-from experiments.bayes_error.joint_evidence import Evidence, joint_log_likelihoods
-from experiments.bayes_error.press_draws import PressSampler, ideal_presses
-from experiments.bayes_error.touched_objects import TouchedObjects
+from benchmarks.bayes_error.evidence import Evidence, joint_log_likelihoods
+from benchmarks.bayes_error.noise import SensorNoise, UnknownLikelihood
+from benchmarks.bayes_error.press_draws import PressSampler, ideal_presses
+from benchmarks.bayes_error.touched_objects import TouchedObjects
+from benchmarks.held_out import Stream
 
 Floats = NDArray[np.float64]
 
@@ -62,7 +62,7 @@ class BodyBank:
         if not np.array_equal(first, second):
             raise UnknownLikelihood(
                 f"with {scene.presentation!r} the orientation in a touch does not follow from the pose, which a bank "
-                "of bodies does not model. Use limit without --touches-per-object"
+                "of bodies does not model"
             )
         ratios = (force_ratio(scene, shape, rng) for shape in range(len(scene.shapes)))
         return cls(scene, draws, tuple(ratios), seed, slice_size)

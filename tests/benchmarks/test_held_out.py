@@ -3,8 +3,7 @@ import pytest
 
 from activetouch.named_scenes import SCENES
 from activetouch.rendering import DeadTaxels, Gain, Noise
-from activetouch.rendering.faults import split_at_noise
-from experiments.bayes_error.held_out import Stream, held_out_touch
+from benchmarks.held_out import Stream, held_out_touch, split_at_noise
 
 pytestmark = pytest.mark.mujoco
 

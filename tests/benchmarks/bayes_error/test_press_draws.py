@@ -9,7 +9,7 @@ from activetouch.distributions import Constant
 from activetouch.named_scenes import SCENES
 from activetouch.pressing.press import Quasistatic
 from activetouch.scene import Variation
-from experiments.bayes_error.press_draws import PressDraws, PressSampler, ideal_presses
+from benchmarks.bayes_error.press_draws import PressDraws, PressSampler, ideal_presses
 
 SCENE = SCENES["coarse"].scene
 

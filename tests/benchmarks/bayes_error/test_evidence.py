@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
-from experiments.bayes_error.image_bank import log_posterior
-from experiments.bayes_error.joint_evidence import Evidence, joint_log_likelihoods
+from benchmarks.bayes_error.evidence import Evidence, joint_log_likelihoods, log_posterior
 
 
 def logs_and_orders(rng, objects=5, poses=6, shapes=3, bodies=20, spread=3.0):

@@ -2,8 +2,7 @@
 
 A body is an orientation at rest and a size. Given the body, touches are independent, so the joint evidence of the first
 n touches for a shape is the mean over its bodies of the product of n likelihoods. The independent evidence is the
-product of n means: it forgets that all touches are of one body. Both the simulated bank of bodies and a learned
-likelihood ratio use these functions.
+product of n means: it forgets that all touches are of one body.
 """
 
 from __future__ import annotations
@@ -70,3 +69,8 @@ def _log_mean(logs: Floats, axis: int = -1) -> NDArray[np.float64]:
     highest = np.where(np.isfinite(highest), highest, 0.0)
     with np.errstate(divide="ignore"):
         return np.asarray(np.log(np.exp(logs - highest).mean(axis=axis)) + highest.squeeze(axis), dtype=float)
+
+
+def log_posterior(log_likelihood: Floats) -> Floats:
+    """Log posteriors ``(..., K)`` under a uniform prior over shapes."""
+    return log_likelihood - np.logaddexp.reduce(log_likelihood, axis=-1, keepdims=True)

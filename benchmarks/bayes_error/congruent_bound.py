@@ -1,6 +1,6 @@
 """Estimator for several touches where images are fine: a lower bound on the loss, by congruent contacts.
 
-See :mod:`experiments.bayes_error.congruent` for the bound. It is compared with the sensor on the same touches, and with
+See :mod:`benchmarks.bayes_error.congruent` for the bound. It is compared with the sensor on the same touches, and with
 the loss of the same ideal reader if it multiplies its posteriors of single touches.
 """
 
@@ -17,18 +17,14 @@ from numpy.typing import NDArray
 from activetouch.data.dataset import TouchSet, read_split
 from activetouch.sensor import TactileSensor
 from belief.observation_model.selection import log_posteriors
-from belief.statistics import cluster_bootstrap
-from experiments.bayes_error.congruent import CongruentContacts
-from experiments.bayes_error.estimator import Findings, chunks, words
-from experiments.bayes_error.image_bank import log_posterior
-from experiments.bayes_error.joint_evidence import Evidence
-from experiments.bayes_error.joint_report import by_touches
-from experiments.bayes_error.simulation import log_loss
+from benchmarks.bayes_error.congruent import CongruentContacts
+from benchmarks.bayes_error.evidence import Evidence, log_posterior
+from benchmarks.bayes_error.findings import Findings, by_touches, chunks, log_loss, mean_of_objects, words
+from benchmarks.several_touches import first_round, in_random_orders
 from experiments.command_line.arguments import Count
 from experiments.parallel import run_tasks
 from experiments.reporting.tables import Table
 from experiments.sensor.scores import read_touches
-from experiments.sensor.several_touches import first_round, in_random_orders
 
 Floats = NDArray[np.float64]
 _OBJECTS_PER_TASK = 8
@@ -39,7 +35,7 @@ class CongruentBound:
     """Lower bound on the loss of any reader, from contacts that look the same on several shapes."""
 
     orders: Count = 6
-    """Random orders of the poses of each object, those of activetouch several-touches. Intervals are over objects."""
+    """Random orders of the poses of each object, those of benchmarks/several_touches.py. Intervals are over objects."""
 
     def measure(self, sensor: TactileSensor, data: Path, touches: tuple[int, ...], seed: int, jobs: int) -> Findings:
         """The bound, and the loss of the sensor, on the same touches.
@@ -88,7 +84,7 @@ class CongruentBound:
             "orders": self.orders,
             "touches": touches,
             "flat_faced": [scene.shape_labels[k] for k in contacts.shapes],
-            **{name: [_mean(some, objects, seed) for some in values.T] for name, values in measured.items()},
+            **{name: [mean_of_objects(some, objects, seed) for some in values.T] for name, values in measured.items()},
             "by_shape": {
                 scene.shape_labels[k]: {
                     name: values[shapes == k].mean(axis=0).tolist()
@@ -119,11 +115,6 @@ def _logs_of_interest(
         independent = log_posterior(evidence.independent(orders[place]))
         found[place] = np.stack([logs[..., true], logs.max(axis=2), independent[..., true]], axis=2)
     return some, found
-
-
-def _mean(values: NDArray[Any], objects: NDArray[np.int64], seed: int) -> dict[str, Any]:
-    mean, low, high = cluster_bootstrap(values.astype(float), objects, np.random.default_rng(seed))
-    return {"value": mean, "interval": (low, high)}
 
 
 def _sentences(numbers: dict[str, Any]) -> list[str]:

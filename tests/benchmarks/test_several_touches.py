@@ -13,21 +13,21 @@ from activetouch.sensor_files import MODELS, READER_FILE
 from belief.observation_model.rigid_body_evidence import RigidBodyEvidence
 from belief.statistics import wilson_interval
 from belief.touch_batch import TouchBatch
-from experiments.command_line.arguments import BadArgument
-from experiments.scene_choice import SceneChoice
-from experiments.sensor.after_touches import after_touches
-from experiments.sensor.belief_cost import belief_cost
-from experiments.sensor.collect import collect
-from experiments.sensor.precision import in_precision
-from experiments.sensor.scores import read_images
-from experiments.sensor.several_touches import (
+from benchmarks.precision import in_precision
+from benchmarks.several_touches import (
     Entry,
     SeveralTouches,
     _milliseconds,
+    after_touches,
     draw,
     first_round,
     in_random_orders,
 )
+from experiments.command_line.arguments import BadArgument
+from experiments.scene_choice import SceneChoice
+from experiments.sensor.belief_cost import belief_cost
+from experiments.sensor.collect import collect
+from experiments.sensor.scores import read_images
 
 
 def test_each_object_keeps_its_touches_in_orders_of_its_own():
@@ -66,7 +66,7 @@ def test_a_touch_costs_its_share_of_the_processor_time_and_the_arrays_of_its_mod
 
 def test_the_time_of_a_reading_is_the_median(monkeypatch):
     ticks = accumulate(chain([0.0], *((seconds, 1.0) for seconds in [0.002] * 16 + [9.0] * 14)))
-    monkeypatch.setattr("experiments.sensor.several_touches.time.thread_time", ticks.__next__)
+    monkeypatch.setattr("benchmarks.several_touches.time.thread_time", ticks.__next__)
     assert _milliseconds(lambda: None) == pytest.approx(2.0)
 
 

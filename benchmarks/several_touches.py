@@ -1,4 +1,6 @@
-"""``activetouch several-touches``: accuracy after several touches of one object, by reader and number of hypotheses.
+"""Accuracy after several touches of one object, by reader and number of hypotheses.
+
+python -m benchmarks.several_touches --scene coarse --hypotheses 64 512 4096
 
 The joint model of every reader, with every number of hypotheses, beside the model that takes touches as independent
 given the shape; a reader that tells shapes only has only the latter. Models are fitted to the calibration split; all
@@ -18,6 +20,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
+import tyro
 from numpy.typing import NDArray
 
 from activetouch.data.dataset import TouchSet, read_split
@@ -32,19 +35,73 @@ from belief.observation_model.likelihood_ratio import RatioModel
 from belief.observation_model.rigid_body import RigidBodyModel
 from belief.observation_model.selection import log_posteriors
 from belief.problem import Touch
+from belief.statistics import cluster_bootstrap, wilson_interval
 from belief.touch_batch import TouchBatch
+from benchmarks.precision import PRECISIONS, in_precision
 from experiments.command_line.arguments import BadArgument, Count, NotEmpty, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.reporting.tables import Table
 from experiments.scene_choice import named_scene, repeats_folder
-from experiments.sensor.after_touches import AfterTouches, after_touches
 from experiments.sensor.belief_cost import belief_cost
-from experiments.sensor.precision import PRECISIONS, in_precision
 from experiments.sensor.scores import read_touches
 from experiments.sensor_choice import open_collection, require_collection, sensor_folder
 
 _ROUNDS = 30
 """Of timing; the median counts."""
+
+
+@dataclass(frozen=True)
+class AfterTouches:
+    """How good a model is after some touches of an object, with 95 % intervals over objects.
+
+    Attributes:
+        touches: how many.
+        accuracy: share of sequences of touches whose likeliest shape is the true one.
+        accuracy_interval: Wilson, of as many answers as there are objects. It is too wide rather than too narrow where
+            objects have several sequences.
+        nll: mean negative log posterior of the true shape [nats].
+        nll_interval: bootstrap.
+        stated: mean posterior of the likeliest shape.
+        gap: stated minus accuracy.
+        gap_interval: bootstrap.
+    """
+
+    touches: int
+    accuracy: float
+    accuracy_interval: tuple[float, float]
+    nll: float
+    nll_interval: tuple[float, float]
+    stated: float
+    gap: float
+    gap_interval: tuple[float, float]
+
+
+def after_touches(
+    log_probs: NDArray[np.float64], shapes: NDArray[np.int64], objects: NDArray[np.int64], touches: int, seed: int
+) -> AfterTouches:
+    """How good posteriors are.
+
+    Args:
+        log_probs: log posteriors after S sequences of touches, ``(S, K)``.
+        shapes: true shape of each, ``(S,)``.
+        objects: which object each is of, ``(S,)``.
+        touches: of each sequence; only noted.
+        seed: of the bootstrap.
+    """
+    right, stated = log_probs.argmax(axis=1) == shapes, np.exp(log_probs.max(axis=1))
+    number, num_objects = np.arange(len(shapes)), len(np.unique(objects))
+    nll, *nll_interval = cluster_bootstrap(-log_probs[number, shapes], objects, np.random.default_rng(seed))
+    gap, *gap_interval = cluster_bootstrap(stated - right, objects, np.random.default_rng(seed))
+    return AfterTouches(
+        touches,
+        float(right.mean()),
+        wilson_interval(round(right.mean() * num_objects), num_objects),
+        nll,
+        (nll_interval[0], nll_interval[1]),
+        float(stated.mean()),
+        gap,
+        (gap_interval[0], gap_interval[1]),
+    )
 
 
 @dataclass(frozen=True)
@@ -93,10 +150,9 @@ class SeveralTouches:
 
     For example:
 
-        activetouch several-touches --scene hard
-        activetouch several-touches --scene paper --readers activetouch/models/paper{,-independent}/reader.safetensors
-        activetouch several-touches --scene gel --hypotheses 64 512 4096 --readers runs/train-8/reader.safetensors
-        activetouch several-touches --scene gel --precisions float32 int8
+        python -m benchmarks.several_touches --scene hard
+        python -m benchmarks.several_touches --scene gel --hypotheses 64 512 --readers runs/train-8/reader.safetensors
+        python -m benchmarks.several_touches --scene gel --precisions float32 int8
     """
 
     scene: str = "gel"
@@ -299,3 +355,7 @@ def _milliseconds(call: Callable[[], object]) -> float:
         call()
         times.append(1e3 * (time.thread_time() - started))
     return float(np.median(times))
+
+
+if __name__ == "__main__":
+    tyro.cli(SeveralTouches, config=(tyro.conf.OmitSubcommandPrefixes,)).run()

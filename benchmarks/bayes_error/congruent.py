@@ -27,13 +27,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.distributions import Distribution, Uniform
-from activetouch.errors import UnknownLikelihood
 from activetouch.orientations import Tumbled
 from activetouch.poses import to_matrices, to_matrix
 from activetouch.pressing.pad import Pad
 from activetouch.scene import Scene
 from activetouch.solids.mirror import symmetries_of_a_cube
 from activetouch.solids.straight import FlatFaced, crossings
+from benchmarks.bayes_error.noise import UnknownLikelihood
 
 Floats = NDArray[np.float64]
 

@@ -1,1 +1,0 @@
-"""``limit``: estimate the Bayes-optimal accuracy of one touch."""
