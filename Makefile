@@ -11,7 +11,7 @@ PIP_ARGS ?=
 
 export HF_HUB_OFFLINE := 1
 
-.PHONY: search test check types others docs environment development sensor places independent-sensor policies joint-policies figures reproduce clean
+.PHONY: search test check types others docs environment development sensor any-object places independent-sensor policies joint-policies figures reproduce clean
 
 search: environment
 	$(BIN)/activetouch compare --scene coarse --out runs/search $(ARGS)
@@ -91,6 +91,16 @@ sensor: development
 	$(BIN)/activetouch collect --scene $(SCENE) --plan.train 0 $(REPEATS.$(SCENE)) --out data/$(SCENE)-repeats
 	$(BIN)/activetouch calibrate --scene $(SCENE) --observation-model $(MODEL) --out activetouch/models/$(SCENE)
 	$(BIN)/activetouch rank-poses --scene $(SCENE) $(RANK.$(SCENE))
+
+# The reader of any object beside it: of random bodies, from nothing (two to three hours on two cores for gel).
+STEPS.gel := 7000
+STEPS.coarse := 4500
+ANY_OBJECT = runs/train-$(SCENE)-contacts
+any-object: development
+	$(BIN)/activetouch train --scene $(SCENE) --recipe contacts $(addprefix --steps ,$(STEPS.$(SCENE))) --out $(ANY_OBJECT)
+	mkdir -p activetouch/models/$(SCENE)
+	cp $(ANY_OBJECT)/any_object.safetensors activetouch/models/$(SCENE)/
+	cp $(ANY_OBJECT)/log.jsonl docs/records/perception/any_object_$(SCENE).jsonl
 
 # What choosing the place of a touch is worth among the 26 directions, in a scene whose sensor has six poses: its reader
 # calibrated for the directions, their best fixed order, and live searches; make places SCENE=coarse

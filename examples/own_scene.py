@@ -3,10 +3,10 @@
 Run in this folder:
 
     activetouch touch --scene own_scene:pressed_harder --shape cone --out cone.png
-    activetouch compare --scene "own_scene:pressed_harder(force=4.0)" --sensor gel --episodes 25
+    activetouch compare --scene "own_scene:pressed_harder(force=2.5)" --sensor gel --episodes 25
 
-The sensor of ``gel`` reads the images, and the report says how the scenes differ. A scene with other shapes, another
-pad or another renderer needs a sensor of its own: ``activetouch.make_sensor(scene, folder)``.
+The sensor of ``gel`` reads the images and is told of the forces. It reads other shapes, too. Another renderer needs a
+sensor of its own (``activetouch.make_sensor(scene, folder)``), another pad a training of ``--recipe contacts``.
 """
 
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Sensors and collections on the command line: checks that they fit a scene, and commands that make fitting ones."""
+"""Sensors and collections on the command line: checks that they fit a scene, and remedies where they do not."""
 
 from __future__ import annotations
 
@@ -6,14 +6,12 @@ import shlex
 import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
 from activetouch.data.manifest import Manifest, NoCollection, read_manifest
 from activetouch.errors import LabelMismatch, SceneShift, WrongScene
-from activetouch.mesh_source import mesh_labels
 from activetouch.named_scenes import SCENES
 from activetouch.perception.card import ClassifierCard
 from activetouch.scene_description import in_words, scene_differences, scene_fields
@@ -36,71 +34,16 @@ from experiments.scene_choice import (
     in_file_names,
     named_scene,
     repeats_folder,
-    training_folder,
 )
+from experiments.sensor_commands import REPEATS, command, sensor_commands
 from planners.ppo import BadPolicy, MissingPolicy, load_ppo_policy, policy_file
 from planners.registry import trained_state
 
-REPEATS = ("--plan.train", "0", "--plan.repeats", "6")
 T = TypeVar("T")
 
 
 class NoSensor(ActiveTouchError, FileNotFoundError):
     """A folder holds no sensor."""
-
-
-def command(name: str, *words: object, **options: object) -> str:
-    """A command line, such as ``command("train", scene="gel")``; options that are None are omitted."""
-    told = [str(word) for word in words]
-    for option, value in options.items():
-        if value is not None:
-            told += [f"--{option.replace('_', '-')}", str(value)]
-    return shlex.join(["activetouch", name, *told])
-
-
-def scene_words(choice: SceneChoice) -> list[str]:
-    """Command-line arguments that select a scene with its changes."""
-    words = ["--scene", choice.scene]
-    for field in fields(SceneChoice):
-        value = getattr(choice, field.name)
-        if field.name == "family":
-            words += [word for text in value for word in ("--family", text)]  # one by one
-        elif field.name != "scene" and value != field.default:
-            words.append(f"--{field.name.replace('_', '-')}")
-            if not isinstance(value, bool):
-                words += [str(part) for part in value] if isinstance(value, tuple) else [str(value)]
-    return words
-
-
-def choice_name(choice: SceneChoice) -> str:
-    """The name of a scene with its changes, as used in folder names."""
-    changes = [
-        choice.fidelity,
-        choice.renderer,
-        choice.presentation,
-        choice.poses,
-        "only" if choice.only else None,
-        *mesh_labels(*choice.meshes),
-        *choice.family,
-        None if choice.size_range is None else "-".join(f"{size:g}" for size in choice.size_range),
-    ]
-    return in_file_names("-".join([choice.scene, *(change for change in changes if change)]))
-
-
-def sensor_commands(choice: SceneChoice) -> str:
-    """The commands that make a sensor for a scene, one per line, and the flag that selects it."""
-    name = choice_name(choice)
-    data, repeats, trained = collection_folder(name), repeats_folder(name), training_folder(name)
-    sensor, scene = Path(f"runs/sensor-{name}"), scene_words(choice)
-    return "\n".join(
-        (
-            command("collect", *scene, out=data),
-            command("collect", *scene, *REPEATS, out=repeats),
-            command("train", scene=choice.scene, data=data, out=trained),
-            command("calibrate", scene=choice.scene, data=repeats, reader=trained / READER_FILE, out=sensor),
-            f"Then name its folder with --sensor {sensor}.",
-        )
-    )
 
 
 def policy_commands(scene: str, sensor: Path, state: str) -> str:
@@ -258,9 +201,25 @@ def _anyway(folder: Path, choice: SceneChoice, independent: bool) -> str:
 
 
 def _remedy(choice: SceneChoice) -> str:
-    if choice == SceneChoice(choice.scene) and (MODELS / choice.scene).is_dir():
-        return f"Leave out --sensor: a sensor comes with the scene {choice.scene}."
+    ready = _shipped_for(choice)
+    if ready == choice.scene:
+        return f"Leave out --sensor: the sensor that comes with the scene {ready} reads these objects."
+    if ready is not None:
+        return f"Add --sensor {ready}: it reads any objects with this pad."
     return f"Make a sensor for this scene:\n{sensor_commands(choice)}"
+
+
+def _shipped_for(choice: SceneChoice) -> str | None:
+    """Name of a shipped sensor that reads the objects of a scene with its pad; None if there is none."""
+    scene = choice.named.scene
+    for name in sorted(SCENES, key=lambda name: name != choice.scene):
+        if SCENES[name].scene.image_shape[0] >= scene.image_shape[0]:  # coarser taxels would waste its images
+            try:
+                sensor_shift(MODELS / name, scene)
+            except ActiveTouchError:
+                continue
+            return name
+    return None
 
 
 def open_collection(folder: Path, scene: str, repeats: bool) -> Manifest:

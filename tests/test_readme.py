@@ -9,9 +9,6 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-LONG = {
-    "04_a_mesh_of_your_own.py"
-}  # trains for minutes; tests/experiments/sensor/test_own_shape.py goes the same way in small
 
 
 def test_the_code_in_the_guide_to_calibration_prints_what_the_guide_says(capsys):
@@ -76,7 +73,7 @@ def test_the_readme_is_a_screen_and_a_half():
     assert len((ROOT / "README.md").read_text().splitlines()) <= 90
 
 
-@pytest.mark.parametrize("name", sorted({path.name for path in (ROOT / "examples").glob("[0-9]*.py")} - LONG))
+@pytest.mark.parametrize("name", sorted({path.name for path in (ROOT / "examples").glob("[0-9]*.py")}))
 def test_every_example_runs(name, capsys):
     runpy.run_path(str(ROOT / "examples" / name), run_name="__main__")
     assert capsys.readouterr().out.strip()

@@ -1,7 +1,7 @@
 """A shape of your own: a four-sided roof as a mesh, pressed against the pad in six poses.
 
-Any closed triangle mesh is a shape; `Mesh.from_file` reads STL, OBJ and others. A sensor that reads the new shape needs
-touches of it: `activetouch.make_sensor(scene, folder)` records them, trains a reader and fits the observation model.
+Any closed triangle mesh is a shape; `Mesh.from_file` reads STL, OBJ and others. The sensor of `gel` reads the new shape
+without training: `TactileSensor.shipped("gel", scene)` predicts its contacts and fits the observation model.
 
 Run: python examples/gallery/a_shape_of_your_own.py [FIGURE.png]
 """

@@ -25,7 +25,8 @@ from experiments.parallel import default_jobs, run_tasks
 from experiments.ppo.recipe import PPO_RECIPES, ImpossiblePPO, PPORecipe
 from experiments.ppo.touch_bank import TEST, TRAINING
 from experiments.scene_choice import bank_folder, in_file_names, named_scene
-from experiments.sensor_choice import command, load_quietly, sensor_folder, tell_shift
+from experiments.sensor_choice import load_quietly, sensor_folder, tell_shift
+from experiments.sensor_commands import command
 from planners.ppo import policy_file
 
 if TYPE_CHECKING:

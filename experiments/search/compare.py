@@ -29,7 +29,8 @@ from experiments.search.short_names import short_names
 from experiments.search.summary import Comparison
 from experiments.search.terminal import terminal_table
 from experiments.search.verdict import verdict_sentences
-from experiments.sensor_choice import command, require_policies, tell_shift
+from experiments.sensor_choice import require_policies, tell_shift
+from experiments.sensor_commands import command
 from planners.registry import DECIDERS, find_decider, summary_of
 
 _DECIDERS_HELP = (

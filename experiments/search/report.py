@@ -27,7 +27,8 @@ from experiments.search.short_names import short_names
 from experiments.search.summary import Comparison
 from experiments.search.tables import comparison_tables
 from experiments.search.verdict import verdict_sentences
-from experiments.sensor_choice import command, shift_sentences
+from experiments.sensor_choice import shift_sentences
+from experiments.sensor_commands import command
 from planners import Episode, Outcome
 
 _MOST_BYTES = 3_500_000  # of all displayed searches, to keep the page below 5 MB

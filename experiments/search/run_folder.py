@@ -37,7 +37,7 @@ from belief.files import (
     write_text,
 )
 from experiments.search.fingerprint import code_digests, commit_of_code, differing, versions
-from experiments.sensor_choice import command
+from experiments.sensor_commands import command
 from planners import Episode
 
 _FORMAT = 2  # in format 1, seals of shards did not name the run

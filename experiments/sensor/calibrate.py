@@ -36,7 +36,8 @@ from experiments.reporting.tables import Table
 from experiments.scene_choice import SceneChoice, in_file_names, named_scene, repeats_folder, training_folder
 from experiments.sensor.baseline import depth_and_force_accuracy
 from experiments.sensor.scores import accuracy_of_objects, read_touches
-from experiments.sensor_choice import NoSensor, command, open_collection, require_collection
+from experiments.sensor_choice import NoSensor, open_collection, require_collection
+from experiments.sensor_commands import command
 
 
 @dataclass(frozen=True)

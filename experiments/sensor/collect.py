@@ -24,7 +24,7 @@ from experiments.command_line.collection_arguments import PlanArguments
 from experiments.command_line.trust import Trust
 from experiments.parallel import default_jobs, run_tasks
 from experiments.scene_choice import SceneChoice, collection_folder
-from experiments.sensor_choice import choice_name
+from experiments.sensor_commands import choice_name
 
 _TIMED_SHAPES = 8
 _LONGEST_TIMING = 3.0  # of the presses that are timed, until the next shape [s]

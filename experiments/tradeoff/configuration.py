@@ -24,7 +24,7 @@ from activetouch.sensor_files import (
 from belief.files import require_regular_file
 from experiments.scene_choice import FIDELITIES, SceneChoice
 from experiments.search.setting import Setting
-from experiments.sensor_choice import command
+from experiments.sensor_commands import command
 from planners import DECIDERS
 from planners.registry import NEED_FILES
 

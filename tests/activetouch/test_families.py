@@ -23,7 +23,7 @@ from activetouch.shapes import Box, Cone, Cylinder, Family, Mesh, Prism, Torus
 from belief.errors import InvalidArgument, UnknownName
 from experiments.command_line.trust import Trust
 from experiments.scene_choice import SceneChoice
-from experiments.sensor_choice import choice_name, scene_words
+from experiments.sensor_commands import choice_name, scene_words
 
 ROD = Cylinder(radius=0.016, half_length=0.020)
 RODS = Family(ROD, half_length=Uniform(0.010, 0.040))

@@ -28,12 +28,14 @@ from experiments.ppo.train_ppo import TrainPPO
 from experiments.robustness.robustness import Robustness
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
+from experiments.search.objects import SceneObject
 from experiments.search.setting import Setting, known_model
 from experiments.search.shards import identity
 from experiments.sensor.calibrate import Calibrate, TooFewObjects
 from experiments.sensor.collect import Collect, collect
 from experiments.sensor.train import Train
-from experiments.sensor_choice import NoSensor, policy_commands, sensor_commands
+from experiments.sensor_choice import NoSensor, check_sensor, policy_commands
+from experiments.sensor_commands import sensor_commands
 from planners.ppo import MissingPolicy
 
 GEL, COARSE, PAPER, MANY, KEYED = (MODELS / name for name in ("gel", "coarse", "paper", "many", "keyed"))
@@ -242,20 +244,54 @@ def test_an_observation_model_in_which_one_digit_flipped_is_refused(tmp_path):
         load_observation_model(tmp_path / "sensor")
 
 
+MUG = (Path("a mug.stl"), Path("b.stl"))
+
+
 @pytest.mark.parametrize(
-    "choice",
+    ("choice", "contacts"),
     [
-        SceneChoice("coarse", fidelity="guarded_move", renderer="force_patch", presentation="upright"),
-        SceneChoice(meshes=(Path("a mug.stl"), Path("b.stl")), mesh_scale=0.001),
+        (SceneChoice("coarse", fidelity="guarded_move", renderer="force_patch", presentation="upright"), False),
+        (SceneChoice(meshes=MUG, mesh_scale=0.001), True),
+        (SceneObject.of(SCENES["hard"]), False),
     ],
 )
-def test_commands_for_a_sensor_make_it_for_that_scene(choice):
+def test_commands_for_a_sensor_make_it_for_that_scene(choice, contacts):
     text = sensor_commands(choice)
-    pastes(text)
-    first = tyro.cli(Collect, args=shlex.split(text.splitlines()[0])[2:])
-    assert first.choice == choice
-    assert text.count("activetouch ") == 4
+    if not isinstance(choice, SceneObject):  # which no command can name
+        pastes(text)
+    if contacts:  # a reader of any object comes first, and one command makes its sensor
+        any_object, told, alone, *own = text.splitlines()
+        train = tyro.cli(Train, args=shlex.split(any_object)[2:])
+        assert (train.recipe, train.scene) == ("contacts", choice.scene)
+        assert f"--sensor {train.out};" in told
+        assert "these objects alone" in alone
+    else:
+        own = text.splitlines()
+    first = tyro.cli(Collect, args=shlex.split(own[0])[2:])
+    assert first.choice == choice or isinstance(choice, SceneObject)
+    assert [line.split()[0] == "activetouch" for line in own] == [True] * 4 + [False]
     pastes(policy_commands("hard", Path("some where"), "paper"))
+
+
+@pytest.mark.parametrize(
+    ("choice", "given", "remedy"),
+    [
+        (SceneChoice("coarse", poses="directions26"), MODELS / "hard", "Leave out --sensor"),
+        (SceneChoice("many", poses="directions26"), MODELS / "many", "Add --sensor gel"),
+        (SceneObject.of(replace(SCENES["many"], scene=SCENES["gel"].scene)), MODELS / "hard", "Add --sensor gel"),
+        (
+            SceneChoice("hard", poses="directions26"),
+            MODELS / "hard",
+            "activetouch train --recipe contacts --scene hard",
+        ),
+        (SceneChoice(renderer="gelsight"), GEL, "activetouch collect"),
+    ],
+)
+def test_a_remedy_names_a_sensor_that_ships_or_the_commands_that_make_one(choice, given, remedy):
+    with pytest.raises((LabelMismatch, WrongScene)) as found:
+        check_sensor(given, choice)
+    assert re.search(rf"(\. |:\n){re.escape(remedy)}", str(found.value))
+    pastes(str(found.value))
 
 
 _IN_NEED = "collect|train|calibrate|touch-bank|train-ppo|compare|merge"
