@@ -3,9 +3,9 @@
     python -m benchmarks.paired_sensors many many any:gel --objects 1000
     python -m benchmarks.paired_sensors gel gel --meshes mug.obj cup.obj --only
 
-The first argument is the scene, the others are sensors: names of shipped ones, or folders; any:NAME is the reader of any
-object of a shipped one, also where it has another for the objects of the scene. Prints, after 1, 2, 3, 4 and
-6 touches in poses in random order: accuracy with its 95 % Wilson interval, mean stated probability, and negative
+The first argument is the scene, the others are sensors: names of shipped ones, or folders; any:NAME is the reader of
+any object of a shipped one, also where it has another for the objects of the scene. Prints, after 1, 2, 3, 4 and 6
+touches in poses in random order: accuracy with its 95 % Wilson interval, mean stated probability, and negative
 log-likelihood [nats]; for the second sensor also the mean difference of the latter, with its standard error.
 """
 

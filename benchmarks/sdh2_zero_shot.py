@@ -3,9 +3,10 @@
     python -m benchmarks.sdh2_zero_shot sdh2
 
 Each grasp gives one touch: the frame of the largest total pressure, and in it the pad of the largest sum, centred at
-its centroid and drawn at the size of the simulated pad; its forces are unknown, so it is scaled to the mean force of
-scene ``gel``. Hypotheses are spheres and boxes of half to 1.75 times the size of the scene's, and cylinders of 0.5 to 4 times
-the length. Nothing is fitted to real touches. Prints the share that is right and the stated probability, by object.
+its centroid and drawn at the size of the simulated pad. Its forces are unknown, so it is scaled to the mean force of
+scene ``gel``. Hypotheses are spheres and boxes of half to 1.75 times the size of the scene's, and cylinders of 0.5 to
+4 times the length. Nothing is fitted to real touches. Prints the share that is right and the stated probability, by
+object.
 """
 
 from __future__ import annotations
