@@ -25,7 +25,7 @@ from activetouch.scene_description import SURROUNDINGS, scene_fields
 from belief import Touch
 from belief.errors import CannotWrite, CorruptFile
 from belief.files import require_regular_file, write_text
-from belief.observation_model import RigidBodyModel, read_observation_model
+from belief.observation_model import RigidBodyModel, read_observation_model, read_origin
 from belief.observation_model.rigid_body import FittedRigidBody
 from belief.touch_batch import TouchBatch
 
@@ -51,21 +51,24 @@ def prepared(reader: TactileReader, scene: Scene, seed: int = 0) -> FittedRigidB
     digest = hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()
     path = cache_folder() / f"{digest}.json"
     try:
-        model = read_observation_model(require_regular_file(path).read_text(encoding="utf-8"))
-        if isinstance(model, FittedRigidBody):
-            return model
+        text = require_regular_file(path).read_text(encoding="utf-8")
+        model, alike = read_observation_model(text), (read_origin(text) or {}).get("alike", "")
     except (CorruptFile, OSError, ValueError):
-        pass
-    fitted = _fitted(reader, scene, np.random.default_rng([seed, 0xF17]))
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_text(path, fitted.to_json({}) + "\n")
-    except (CannotWrite, OSError):
-        pass
-    return fitted
+        model, alike = None, ""
+    if not isinstance(model, FittedRigidBody):
+        model, alike = _fitted(reader, scene, np.random.default_rng([seed, 0xF17]))
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_text(path, model.to_json({"alike": alike}) + "\n")
+        except (CannotWrite, OSError):
+            pass
+    if alike:
+        warnings.warn(alike, AlikeShapes, stacklevel=3)
+    return model
 
 
-def _fitted(reader: TactileReader, scene: Scene, rng: np.random.Generator) -> RigidBodyModel:
+def _fitted(reader: TactileReader, scene: Scene, rng: np.random.Generator) -> tuple[FittedRigidBody, str]:
+    """The model, and in words which shapes are mistaken for each other; nothing if they rarely are."""
     num_shapes, num_poses = len(scene.shapes), len(scene.poses)
     number = int(np.clip(_TOUCHES // (num_shapes * num_poses), _LEAST, _MOST))
     truth = np.repeat(np.arange(num_shapes), number)
@@ -83,20 +86,18 @@ def _fitted(reader: TactileReader, scene: Scene, rng: np.random.Generator) -> Ri
     order = np.array([rng.permutation(num_poses) for _ in truth]) + np.arange(len(truth))[:, None] * num_poses
     batch = TouchBatch(poses[order], read.logits[order], read.embeddings[order])
     found = model.log_likelihood_batch(batch).argmax(axis=1)
-    _tell_alike(scene, truth, found)
-    return model
+    return model, _alike(scene, truth, found)
 
 
-def _tell_alike(scene: Scene, truth: np.ndarray, found: np.ndarray) -> None:
+def _alike(scene: Scene, truth: np.ndarray, found: np.ndarray) -> str:
     right = float((found == truth).mean())
-    if right < _ENOUGH:
-        pairs, counts = np.unique(np.stack([truth, found])[:, found != truth], axis=1, return_counts=True)
-        labels = scene.shape_labels
-        worst = [f"{labels[pairs[0, i]]} for {labels[pairs[1, i]]}" for i in np.argsort(-counts)[:3]]
-        warnings.warn(
-            f"in simulation, a touch in each of {len(scene.poses)} poses names {right:.0%} of the objects rightly; "
-            f"most often mistaken: {', '.join(worst)}. activetouch.alike says which shapes this pad can tell apart, "
-            "and more poses (directions26) help",
-            AlikeShapes,
-            stacklevel=5,
-        )
+    if right >= _ENOUGH:
+        return ""
+    pairs, counts = np.unique(np.stack([truth, found])[:, found != truth], axis=1, return_counts=True)
+    labels = scene.shape_labels
+    worst = [f"{labels[pairs[0, i]]} for {labels[pairs[1, i]]}" for i in np.argsort(-counts)[:3]]
+    return (
+        f"in simulation, a touch in each of {len(scene.poses)} poses names {right:.0%} of the objects rightly; most "
+        f"often mistaken: {', '.join(worst)}. activetouch.alike says which shapes this pad can tell apart, and more "
+        "poses (directions26) help"
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, fields, replace
@@ -13,6 +14,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 import tyro
 
 from activetouch import Scene, TactileSensor, TouchWorld
+from activetouch.errors import AlikeShapes
 from activetouch.mesh_source import MeshSource
 from activetouch.perception.card import read_card
 from activetouch.perception.hypothesis_table import HypothesisTable
@@ -188,7 +190,9 @@ def load_sensor(setting: Setting) -> TactileSensor:
 
 @lru_cache(maxsize=2)
 def _load_sensor(setting: Setting, when: Stamps) -> TactileSensor:
-    return load_quietly(setting.sensor_folder, setting.scene, setting.anyway, setting.is_independent)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", AlikeShapes)  # which every worker would print
+        return load_quietly(setting.sensor_folder, setting.scene, setting.anyway, setting.is_independent)
 
 
 def known_model(setting: Setting) -> tuple[ObservationModel, OutcomeTable]:
@@ -208,7 +212,10 @@ def _known_model(setting: Setting, when: Stamps) -> tuple[ObservationModel, Outc
 
 def prepare(setting: Setting, jobs: int | None) -> None:
     """Compute what a reader of any object needs once, before several processes do; then it is in the cache."""
-    if read_card(setting.reader_file).imaging is None or not isinstance(load_sensor(setting).model, RigidBodyModel):
+    if read_card(setting.reader_file).imaging is None:
+        return
+    load_quietly(setting.sensor_folder, setting.scene, setting.anyway)  # warns of shapes that are alike
+    if not isinstance(load_sensor(setting).model, RigidBodyModel):
         return
     tasks = [partial(_embed, setting, pose) for pose in range(len(setting.scene.poses))]
     for _ in run_tasks(tasks, jobs, "predicting contacts"):

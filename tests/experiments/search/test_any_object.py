@@ -70,8 +70,16 @@ def test_what_several_processes_need_is_computed_once_before(meshes, monkeypatch
     assert len(stamps(setting)) == 1
 
 
-@pytest.mark.parametrize("scene", ["hard", "many", "paper", "keyed"])
-def test_a_scene_whose_sensor_reads_its_own_shapes_alone_says_what_to_do(scene, meshes):
-    with pytest.raises(ActiveTouchError, match="Make a sensor for this scene") as found:
+@pytest.mark.parametrize(
+    ("scene", "advice"),
+    [
+        ("hard", "train --scene hard --recipe contacts"),
+        ("many", "Add --sensor gel"),
+        ("paper", "Make a sensor for this scene"),
+        ("keyed", "Add --sensor gel"),
+    ],
+)
+def test_a_scene_whose_sensor_reads_its_own_shapes_alone_says_what_to_do(scene, advice, meshes):
+    with pytest.raises(ActiveTouchError, match=advice) as found:
         _ = Setting(SceneChoice(scene, meshes=(meshes[0],))).shift
     assert re.search(r"the reader knows the shapes .*'brick'", str(found.value))
