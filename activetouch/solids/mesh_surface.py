@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from activetouch.solids.raster import portions
 from activetouch.solids.solid import Floats
-from activetouch.solids.triangles import Ints, areas, edges, tetrahedra
+from activetouch.solids.triangles import Ints, areas, bodies_of_vertices, edges, tetrahedra
 
 MOST_INSIDE = 0.1
 """Largest share of the rays from outside that may first meet the inside of a surface, through its holes."""
@@ -86,7 +86,7 @@ def examined(vertices: Floats, faces: Ints) -> Examined:
     else:
         centre = weights @ corners / (4 * weights.sum())
     remarks = []
-    if (num_bodies := len(np.unique(_bodies(faces, len(vertices))[faces[felt, 0]]))) > 1:
+    if (num_bodies := len(np.unique(bodies_of_vertices(faces, len(vertices))[faces[felt, 0]]))) > 1:
         remarks.append(f"{num_bodies} separate surfaces, which are felt as their union")
     if num_shared:
         remarks.append(f"{num_shared} edges of more than two triangles, which touches do not show")
@@ -196,10 +196,3 @@ def _openness(faces: Ints, patch: Ints, num_patches: int) -> tuple[int, int, NDA
     balance = np.bincount(place, np.where(start < end, 1.0, -1.0))
     is_open = np.bincount(owner, balance[place] != 0.0, minlength=num_patches) > 0
     return int((sharing == 1).sum()), int((sharing > 2).sum()), is_open
-
-
-def _bodies(faces: Ints, num_vertices: int) -> Ints:
-    """The body of each vertex, ``(v,)``: vertices of one triangle belong to one body."""
-    links = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    graph = scipy.sparse.coo_array((np.ones(faces.size), links), (num_vertices, num_vertices))
-    return np.asarray(scipy.sparse.csgraph.connected_components(graph, directed=False)[1])

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from activetouch.solids.solid import Floats
-from activetouch.solids.triangles import Ints, is_star_shaped, normals
+from activetouch.solids.triangles import Ints, are_star_shaped, normals
 
 _MOST = 1 << 18  # rows, or pixels, written at a time; limits memory to about 100 MB
 _PORTION = 1 << 14  # pixels, or triangles, at a time, so that arrays stay in the processor's cache
@@ -34,8 +34,8 @@ class Surface:
     Attributes:
         vertices: ``(3, v)`` [m].
         faces: corners of the triangles, ``(3, f)``.
-        normals: that point outwards, of any length, ``(3, f)``, of a star-shaped body, of which no triangle that faces
-            away is met; None for others: a surface that crosses itself may show its inside.
+        normals: that point outwards, of any length, ``(3, f)``, of star-shaped bodies and their unions, of which no
+            triangle that faces away is met; None for others: a surface that crosses itself may show its inside.
     """
 
     vertices: Floats
@@ -46,7 +46,7 @@ class Surface:
     def of(cls, vertices: Floats, faces: Ints) -> Surface:
         """Of vertices ``(v, 3)`` [m] and triangles ``(f, 3)``, whichever way they face."""
         corners = np.ascontiguousarray(vertices.T), np.ascontiguousarray(faces.T)
-        if not is_star_shaped(vertices, faces):
+        if not are_star_shaped(vertices, faces):
             return cls(*corners, None)
         return cls(*corners, np.ascontiguousarray(normals(vertices, faces).T))
 

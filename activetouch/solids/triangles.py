@@ -59,6 +59,30 @@ def is_convex(vertices: Floats, faces: Ints) -> bool:
     return bool(np.allclose(found, (hull.area, hull.volume), rtol=_SAME, atol=0.0))
 
 
+def bodies_of_vertices(faces: Ints, num_vertices: int) -> Ints:
+    """The body of each vertex, ``(v,)``: vertices of one triangle belong to one body."""
+    links = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    graph = scipy.sparse.coo_array((np.ones(faces.size), links), (num_vertices, num_vertices))
+    return np.asarray(scipy.sparse.csgraph.connected_components(graph, directed=False)[1])
+
+
+def are_star_shaped(vertices: Floats, faces: Ints) -> bool:
+    """Whether every connected part of the triangles bounds a body as :func:`is_star_shaped` has it.
+
+    Their union is met from outside on triangles that face outwards only.
+
+    Args:
+        vertices: ``(v, 3)`` [m].
+        faces: ``(f, 3)``.
+    """
+    part = bodies_of_vertices(faces, len(vertices))[faces[:, 0]]
+    for number in np.unique(part):
+        used, corners = np.unique(faces[part == number], return_inverse=True)
+        if not is_star_shaped(vertices[used], corners.reshape(-1, 3)):
+            return False
+    return True
+
+
 def is_star_shaped(vertices: Floats, faces: Ints) -> bool:
     """Whether the triangles bound one body that is seen whole from its middle, and face outwards.
 

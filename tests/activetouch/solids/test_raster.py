@@ -18,6 +18,7 @@ CAVE = trimesh.util.concatenate([CUBE, trimesh.creation.box((0.01, 0.01, 0.01))]
 CAVE.faces[12:] = CAVE.faces[12:, ::-1]
 HOLED = trimesh.Trimesh(TORUS.vertices, TORUS.faces[::3], process=False)
 TWO = trimesh.util.concatenate([BALL, TORUS.copy().apply_translation((0.006, 0.004, 0.002))])
+BALLS = trimesh.util.concatenate([BALL, BALL.copy().apply_translation((0.006, 0.004, 0.002))])
 TURNED = trimesh.util.concatenate([BALL.copy().apply_translation((0.03, 0, 0)), BALL])
 TURNED.faces[len(BALL.faces) :] = TURNED.faces[len(BALL.faces) :, ::-1]  # one of two balls
 FLIPPED = trimesh.Trimesh(
@@ -45,6 +46,7 @@ def ray_heights(vertices, faces, turn, place, pixel=PIXEL, num=NUM):
         (TORUS, False),
         (CUBE, True),
         (TWO, False),
+        (BALLS, True),
         (CAVE, False),
         (HOLED, False),
         (TURNED, False),
@@ -55,7 +57,8 @@ def ray_heights(vertices, faces, turn, place, pixel=PIXEL, num=NUM):
         "ball",
         "torus",
         "cube",
-        "two bodies",
+        "a ball and a ring",
+        "two balls",
         "cavity",
         "holes",
         "a turned body",
