@@ -17,7 +17,7 @@ import numpy as np
 
 from activetouch.errors import AlikeShapes
 from activetouch.perception.cached_arrays import cache_folder
-from activetouch.perception.contacts.hypotheses import HYPOTHESES
+from activetouch.perception.contacts.hypotheses import num_hypotheses
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
 from activetouch.scene import Scene
@@ -47,7 +47,13 @@ def prepared(reader: TactileReader, scene: Scene, seed: int = 0) -> FittedRigidB
     """
     described = {name: value for name, value in scene_fields(scene).items() if name not in SURROUNDINGS}
     made_by = [reader.digest, reader.card.imaging, version("activetouch")]
-    key = {"reader": made_by, "scene": described, "hypotheses": HYPOTHESES, "touches": _TOUCHES, "seed": seed}
+    key = {
+        "reader": made_by,
+        "scene": described,
+        "hypotheses": num_hypotheses(scene),
+        "touches": _TOUCHES,
+        "seed": seed,
+    }
     digest = hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()
     path = cache_folder() / f"{digest}.json"
     try:
@@ -82,7 +88,7 @@ def _fitted(reader: TactileReader, scene: Scene, rng: np.random.Generator) -> tu
     ids = np.repeat(np.arange(len(truth)), num_poses)
     labels: Mapping[str, Any] = {"shape_labels": scene.shape_labels, "num_poses": num_poses}
     table = HypothesisTable(reader, scene)
-    model = RigidBodyModel.fit(touches, truth[ids], ids, embed=table, num_hypotheses=HYPOTHESES, **labels)
+    model = RigidBodyModel.fit(touches, truth[ids], ids, embed=table, num_hypotheses=num_hypotheses(scene), **labels)
     order = np.array([rng.permutation(num_poses) for _ in truth]) + np.arange(len(truth))[:, None] * num_poses
     batch = TouchBatch(poses[order], read.logits[order], read.embeddings[order])
     found = model.log_likelihood_batch(batch).argmax(axis=1)

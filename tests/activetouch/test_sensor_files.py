@@ -112,8 +112,8 @@ def test_a_sensor_beyond_its_training_is_told_to_be():
 @pytest.fixture
 def few(tmp_path, monkeypatch):
     monkeypatch.setenv("ACTIVETOUCH_CACHE", str(tmp_path / "cache"))
-    for module in (hypotheses, preparation):
-        monkeypatch.setattr(module, "HYPOTHESES", 24)
+    for name in ("FEWEST", "MOST"):
+        monkeypatch.setattr(hypotheses, name, 16)
     monkeypatch.setattr(preparation, "_TOUCHES", 10)
 
 

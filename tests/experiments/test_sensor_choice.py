@@ -197,8 +197,8 @@ def test_a_known_shift_warns_and_the_report_tells_it(tmp_path, capsys):
 @pytest.mark.torch
 @pytest.mark.filterwarnings("ignore::activetouch.errors.AlikeShapes")  # as its taxels are too wide for the reader
 def test_a_sensor_of_another_scene_is_used_anyway_when_asked_to(tmp_path, capsys, monkeypatch):
-    for module in (hypotheses, preparation):
-        monkeypatch.setattr(module, "HYPOTHESES", 64)
+    for name in ("FEWEST", "MOST"):
+        monkeypatch.setattr(hypotheses, name, 64)
     monkeypatch.setattr(preparation, "_TOUCHES", 300)
     setting = Setting(QUICK, sensor=GEL, anyway=True)
     with pytest.raises(WrongScene, match="num_taxels"):

@@ -38,8 +38,10 @@ _NETWORK = "contacts"
 _AT_ONCE = 256  # contacts
 _MOST_SCORES = 1 << 22  # of images and hypotheses at once, 32 MB
 _DECIMALS = 7
-HYPOTHESES = 1024
-"""Of each shape, over which its logits are averaged, and which a model of new objects has."""
+FEWEST, MOST = 1024, 4096
+"""Hypotheses of each shape, at least and at most, in a model of new objects."""
+CONTACTS_IN_ALL = 200_000
+"""Predicted contacts of all shapes in all poses, as many as fit: a minute and a half of one core."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +140,7 @@ class ContactHypotheses:
         """Hypotheses of each shape that take turns in the poses, ``(K, M, D)``."""
         if self.scene is None:
             raise ValueError("this reader reads any object and is about none yet; bound_to(scene) says which there are")
-        bodies, num_poses = bodies_of(self.scene, HYPOTHESES), len(self.scene.poses)
+        bodies, num_poses = bodies_of(self.scene, num_hypotheses(self.scene)), len(self.scene.poses)
         parts = [self.embedded(self.scene, bodies, pose)[:, pose::num_poses] for pose in range(num_poses)]
         return np.concatenate(parts, axis=1)
 
@@ -173,6 +175,17 @@ class ContactHypotheses:
             return cls(Imaging.from_fields(imaging), tensors[_NETWORK].tobytes())
         except TypeError as error:
             raise ValueError(f"its imaging is {imaging!r:.200}: {error}") from error
+
+
+def num_hypotheses(scene: Scene) -> int:
+    """How many hypotheses of each shape a model of new objects has: a power of two.
+
+    >>> from activetouch import SCENES
+    >>> [num_hypotheses(SCENES[name].scene) for name in ("gel", "many", "keyed")]
+    [4096, 2048, 1024]
+    """
+    fitting = CONTACTS_IN_ALL / (len(scene.shapes) * len(scene.poses))
+    return int(2 ** np.floor(np.log2(np.clip(fitting, FEWEST, MOST))))
 
 
 def cell_of(num_hypotheses: int) -> float:

@@ -50,8 +50,8 @@ def reader():
 def cache(tmp_path, monkeypatch):
     """An empty cache, few hypotheses and few touches."""
     monkeypatch.setenv("ACTIVETOUCH_CACHE", str(tmp_path / "cache"))
-    for module in (hypotheses, preparation):
-        monkeypatch.setattr(module, "HYPOTHESES", 32)
+    for name in ("FEWEST", "MOST"):
+        monkeypatch.setattr(hypotheses, name, 32)
     monkeypatch.setattr(preparation, "_TOUCHES", 10)
     return tmp_path / "cache"
 

@@ -26,8 +26,8 @@ pytestmark = pytest.mark.filterwarnings("ignore::activetouch.errors.AlikeShapes"
 def meshes(tmp_path, monkeypatch):
     """Two meshes as arguments of a command, an empty cache, few hypotheses and few touches."""
     monkeypatch.setenv("ACTIVETOUCH_CACHE", str(tmp_path / "cache"))
-    for module in (hypotheses, preparation):
-        monkeypatch.setattr(module, "HYPOTHESES", 32)
+    for name in ("FEWEST", "MOST"):
+        monkeypatch.setattr(hypotheses, name, 32)
     monkeypatch.setattr(preparation, "_TOUCHES", 10)
     for cached in (settings._load_sensor, settings._known_model):
         cached.cache_clear()
