@@ -93,7 +93,7 @@ sensor: development
 	$(BIN)/activetouch rank-poses --scene $(SCENE) $(RANK.$(SCENE))
 
 # The reader of any object beside it: of random bodies, from nothing (two to three hours on two cores for gel).
-STEPS.gel := 7000
+STEPS.gel := 6000
 STEPS.coarse := 4500
 ANY_OBJECT = runs/train-$(SCENE)-contacts
 any-object: development
