@@ -179,9 +179,13 @@ def reader_file(folder: Path, scene: Scene, independent: bool = False) -> Path:
     own, other = folder / READER_FILE, folder / ANY_OBJECT_FILE
     if not other.exists():
         return own
-    is_fitted = own.exists() and observation_file(folder, independent).exists()
-    fitted_to = fitted_model(folder, independent).scene if is_fitted else None
-    here = scene_fields(scene)
+    model = observation_file(folder, independent)
+    if not (own.exists() or model.exists()):
+        return other
+    for path in (own, model):
+        if not path.exists():
+            raise CorruptFile(f"{path} is missing; without it, the other files in {folder} are no sensor")
+    fitted_to, here = fitted_model(folder, independent).scene, scene_fields(scene)
     if fitted_to is None or any(fitted_to.get(part) != here.get(part) for part in OBJECTS if part != "presentation"):
         return other
     from activetouch.perception.contacts.told import is_told  # which scenes of known objects do not need

@@ -1,7 +1,7 @@
 """Bounds on the Bayes-optimal accuracy of one touch in the scene ``paper``.
 
-Run: python benchmarks/force_patch_limit.py                              (nearest neighbours in the numbers of a press)
-     python benchmarks/force_patch_limit.py --learned-from data/paper    (a network on every pixel)
+Run: python -m benchmarks.force_patch_limit                              (nearest neighbours in the numbers of a press)
+     python -m benchmarks.force_patch_limit --learned-from data/paper    (a network on every pixel)
 
 A force-patch image (paper §5.5) is a function of force and contact point in one short window. By the data-processing
 inequality, no reader of the image is better than the best reader of these numbers. Nearest neighbours read them:

@@ -15,7 +15,7 @@ from rich.progress import track
 from activetouch.errors import LabelMismatch, MissingRobot, NoIndependentModel, WrongScene
 from activetouch.named_scenes import NamedScene
 from activetouch.scene import Scene
-from activetouch.sensor_files import load_observation_model, sensor_shift
+from activetouch.sensor_files import READER_FILE, load_observation_model, reader_file, sensor_shift
 from belief import Composition
 from belief.observation_model import OutcomeTable
 from experiments.command_line.arguments import Count, Jobs, check_arguments
@@ -95,8 +95,10 @@ class Explain:
 
 
 def _fits(sensor: Path, scene: Scene) -> bool:
-    """Whether the sensor in a folder was made for a scene, or for one that differs by a known shift."""
+    """Whether the sensor in a folder was fitted to a scene, or to one that differs by a known shift."""
     try:
+        if reader_file(sensor, scene).name != READER_FILE:
+            return False
         sensor_shift(sensor, scene)
     except (LabelMismatch, WrongScene):
         return False

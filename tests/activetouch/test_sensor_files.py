@@ -117,10 +117,17 @@ def few(tmp_path, monkeypatch):
     monkeypatch.setattr(preparation, "_TOUCHES", 10)
 
 
-@pytest.mark.parametrize("others", [(), (OBSERVATION_FILE,), (OBSERVATION_FILE, INDEPENDENT_FILE)])
-def test_a_folder_with_the_reader_of_any_object_alone_is_a_sensor(others, few, tmp_path):
-    for name in (ANY_OBJECT_FILE, *others):
+@pytest.mark.parametrize("left", [READER_FILE, OBSERVATION_FILE])
+def test_a_sensor_that_lost_a_file_is_not_replaced_by_the_reader_of_any_object(left, tmp_path):
+    for name in (ANY_OBJECT_FILE, left):
         shutil.copy(FOLDER / name, tmp_path / name)
+    (missing,) = {READER_FILE, OBSERVATION_FILE} - {left}
+    with pytest.raises(CorruptFile, match=f"{missing} is missing"):
+        TactileSensor.load(tmp_path, COARSE)
+
+
+def test_a_folder_with_the_reader_of_any_object_alone_is_a_sensor(few, tmp_path):
+    shutil.copy(FOLDER / ANY_OBJECT_FILE, tmp_path / ANY_OBJECT_FILE)
     scene = replace(COARSE, shapes=BRICKS, poses={"front": COARSE.rotations["front"]}, press_model=Quasistatic())
     assert reader_file(tmp_path, COARSE).name == ANY_OBJECT_FILE
     with warnings.catch_warnings():

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from activetouch import Quasistatic, Scene, TactileSensor
 from activetouch.data.dataset import CollectionPlan, read_split, record_shard, shard_path, write_manifest
 from activetouch.data.manifest import read_manifest, seal
-from activetouch.errors import BadMesh, LabelMismatch
+from activetouch.errors import BadMesh, LabelMismatch, WrongScene
 from activetouch.named_scenes import SCENES
 from activetouch.pressing.pad import Pad
 from activetouch.sensor_files import MODELS, OBSERVATION_FILE, READER_FILE
@@ -57,7 +57,7 @@ _DAMAGES: dict[str, Damage] = {
 
 def _sensor(damage: Damage, name: str) -> Callable[[], object]:
     def load(folder: Path) -> object:
-        shutil.copytree(_SHIPPED, folder / "sensor")
+        shutil.copytree(_SHIPPED, folder / "sensor", ignore=shutil.ignore_patterns("policies"))
         damage(folder / "sensor" / name)
         try:
             return TactileSensor.load(folder / "sensor", SCENES["coarse"].scene)
@@ -109,8 +109,8 @@ def _of_sensors() -> list[Case]:
             load,
             "the sensor of another scene",
             lambda: TactileSensor.load(_SHIPPED, other),
-            LabelMismatch,
-            "reader of its own",
+            WrongScene,
+            "pad.half_width is 0.0075, not 0.015",
         ),
         refuses(load, "a missing folder", lambda: TactileSensor.load(Path("nowhere"), other), CorruptFile, "nowhere"),
         *refusals(
