@@ -319,7 +319,7 @@ def test_explain_lists_the_parameters():
     from experiments.press.inventory import inventory, leaner, richer
 
     assert latent(SCENE) == ["orientation", "size", "half_length of cylinder"]
-    assert "half_length of cylinder" in belief_table("gel", SCENE, ).markdown()
+    assert "half_length of cylinder" in belief_table("gel", SCENE, None).markdown()
     [item] = [item for item in inventory(SCENE) if item.part == "families"]
     assert item.why.endswith("cylinder (half_length 0.01 to 0.04)")
     scene, seen = SCENE, []
