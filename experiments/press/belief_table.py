@@ -56,5 +56,5 @@ def belief_table(name: str, scene: Scene, folder: Path | None) -> Table:
         "The cost of an update does not depend on the number of earlier touches. "
         + ("" if hidden else "Nothing is shared by the touches of an object, so the independent model is exact here. ")
         + ("A sensor that learned the nominal solids does not infer the proportions. " if scene.families else "")
-        + ("Not measured: no shipped sensor with a joint model was fitted to these objects." if rows[0][2] is None else ""),
+        + ("" if rows[0][2] is not None else "No shipped sensor with a joint model was fitted to these objects."),
     )

@@ -45,7 +45,7 @@ def test_what_is_hidden_follows_from_the_presentation(presentation, words):
     assert latent(fixed) == [word for word in words if word != "size"]
     text = belief_table("coarse", scene, None).markdown()
     assert ("independent model is exact here" in text) == (not words)
-    assert "no shipped sensor with a joint model" in text
+    assert "No shipped sensor with a joint model" in text
 
 
 def test_the_joint_belief_costs_more_than_the_independent_one_and_both_are_measured():
@@ -76,7 +76,7 @@ def test_explain_measures_only_sensors_that_fit_the_scene(change, fits, tmp_path
     Explain(SceneChoice("coarse", **change), presses=1, alike=False).run()
     text = " ".join(capsys.readouterr().out.split())
     assert ("lower bounds on the touches" in text) == fits
-    assert ("no shipped sensor with a joint model" in text) != fits
+    assert ("No shipped sensor with a joint model" in text) != fits
     assert "what a press costs" in text
     assert "layer bottoms out" in text
     assert "feel most alike" not in text
