@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from activetouch.errors import LabelMismatch, NoIndependentModel
 from activetouch.perception.card import ClassifierCard, read_card
 from activetouch.perception.contacts.imaging import Imaging
+from activetouch.perception.contacts.told import fields_read, is_told
 from activetouch.scene import Scene
 from activetouch.scene_description import OBJECTS, require_scene, scene_fields
 from belief.errors import CorruptFile
@@ -147,10 +148,6 @@ def shift_from(
     made_for = [("the reader", card.in_poses_of(here))]
     made_for += [] if fitted is None else [("the observation model", fitted.scene)]
     if card.imaging is not None:
-        from activetouch.perception.contacts.told import (
-            fields_read,
-        )  # which readers of the shapes of one scene do not need
-
         imaging = Imaging.from_fields(card.imaging)
         made_for = [(what, own and fields_read(imaging, own, scene, here)) for what, own in made_for]
     elif fitted is not None:
@@ -188,8 +185,6 @@ def reader_file(folder: Path, scene: Scene, independent: bool = False) -> Path:
     fitted_to, here = fitted_model(folder, independent).scene, scene_fields(scene)
     if fitted_to is None or any(fitted_to.get(part) != here.get(part) for part in OBJECTS if part != "presentation"):
         return other
-    from activetouch.perception.contacts.told import is_told  # which scenes of known objects do not need
-
     return other if not independent and is_told(read_card(other).imaging, scene) else own
 
 

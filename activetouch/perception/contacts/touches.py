@@ -6,7 +6,6 @@ predicts, and the width of the cell that the hypothesis stands for.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -101,12 +100,6 @@ class Batches:
             worlds.code(),
             np.repeat(np.arange(self.groups), self.touches),
         )
-
-    def __iter__(self) -> Iterator[Batch]:
-        number = 0
-        while True:
-            yield self(number)
-            number += 1
 
 
 def _maps(
