@@ -17,14 +17,14 @@ from activetouch.perception.reader import TactileReader
 from activetouch.scene import Scene
 from activetouch.scene_description import in_words
 from activetouch.sensor_files import (
+    ANY_OBJECT_FILE,
     INDEPENDENT_SUFFIX,
     MODELS,
-    READER_FILE,
     fitted_model,
     is_of_objects,
     reader_file,
     require_model,
-    sensor_shift,
+    shift_from,
 )
 from belief import Touch
 from belief.errors import InvalidArgument, UnknownName
@@ -84,10 +84,9 @@ class TactileSensor:
         if not isinstance(scene, Scene):
             raise InvalidArgument(f"the scene must be a Scene, such as SCENES['coarse'].scene; got {scene!r:.80}")
         path = reader_file(folder, scene, independent)
-        shift = sensor_shift(folder, scene, anyway, independent)
-        reader, fitted = TactileReader.load(path), None
-        if path.name == READER_FILE:
-            fitted = fitted_model(folder, independent)
+        fitted = None if path.name == ANY_OBJECT_FILE else fitted_model(folder, independent)
+        reader = TactileReader.load(path)
+        shift = shift_from(folder, reader.card, fitted, scene, anyway)
         if reader.card.imaging is not None:
             reader = reader.bound_to(scene)
         if fitted is None or (reader.card.imaging is not None and not is_of_objects(fitted.scene, scene)):

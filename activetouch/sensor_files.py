@@ -84,8 +84,6 @@ def sensor_shift(folder: Path, scene: Scene, anyway: bool = False, independent: 
     """
     path = reader_file(folder, scene, independent)
     fitted = None if path.name == ANY_OBJECT_FILE else fitted_model(folder, independent)
-    if fitted is None and independent:
-        raise NoIndependentModel(f"{path} reads these objects, and takes all touches of one as of one body")
     return shift_from(folder, read_card(path), fitted, scene, anyway)
 
 
@@ -172,20 +170,27 @@ def reader_file(folder: Path, scene: Scene, independent: bool = False) -> Path:
 
     Raises:
         CorruptFile: a file is damaged.
+        NoIndependentModel: only the reader of any object reads this scene, and touches are to be taken as independent.
     """
     own, other = folder / READER_FILE, folder / ANY_OBJECT_FILE
     if not other.exists():
         return own
     model = observation_file(folder, independent)
     if not (own.exists() or model.exists()):
-        return other
+        return _joint(other, independent)
     for path in (own, model):
         if not path.exists():
             raise CorruptFile(f"{path} is missing; without it, the other files in {folder} are no sensor")
     fitted_to, here = fitted_model(folder, independent).scene, scene_fields(scene)
     if fitted_to is None or any(fitted_to.get(part) != here.get(part) for part in OBJECTS if part != "presentation"):
-        return other
+        return _joint(other, independent)
     return other if not independent and is_told(read_card(other).imaging, scene) else own
+
+
+def _joint(path: Path, independent: bool) -> Path:
+    if independent:
+        raise NoIndependentModel(f"{path} reads these objects, and takes all touches of one as of one body")
+    return path
 
 
 def is_of_objects(model_scene: Mapping[str, Any] | None, scene: Scene) -> bool:
