@@ -27,6 +27,7 @@ from experiments.scene_choice import SceneChoice, collection_folder
 from experiments.sensor_commands import choice_name
 
 _TIMED_SHAPES = 8
+_TEMPORARY = ("*/.?????.npz.*.npz", "*/.?????.seal.json.*.json", ".manifest.json.*.json")  # of atomic_path
 _LONGEST_TIMING = 3.0  # of the presses that are timed, until the next shape [s]
 
 
@@ -121,7 +122,7 @@ def record(
         NotReproduced: a lost shard of a complete collection came out with other bytes than it had.
     """
     # A killed run leaves temporary files of atomic_path behind; those that appear later are another process's.
-    litter = list(folder.glob("*/.?????.npz.*.npz"))
+    litter = [path for pattern in _TEMPORARY for path in folder.glob(pattern)]
     manifest = write_manifest(folder, scene, plan, choice)
     here = {shard: shard_path(folder, *shard[:2]).exists() for shard in manifest.shards()}
     if unknown := [s for s, is_here in here.items() if is_here and manifest.digest(folder, *s[:2]) is None]:

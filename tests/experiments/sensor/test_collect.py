@@ -127,6 +127,15 @@ def test_a_collection_is_not_compared_with_itself(folder):
         Collect(from_manifest=folder / "manifest.json", out=folder / "train" / "..", jobs=1).run()
 
 
+@pytest.mark.parametrize(
+    "left", ["train/.00000.npz.abc.npz", "train/.00001.seal.json.abc.json", ".manifest.json.abc.json"]
+)
+def test_what_a_killed_run_was_writing_is_removed(folder, left, original):
+    (folder / left).write_bytes(b"half a file")
+    collect(COARSE, PLAN.plan, folder, jobs=1)
+    assert contents(folder) == contents(original)
+
+
 KILLED = """
 from pathlib import Path
 from experiments.sensor.collect import Collect, PlanArguments, SceneChoice
