@@ -69,6 +69,6 @@ def test_a_target_or_an_option_that_the_pages_name_exists(line):
 
 def test_the_scripts_of_all_records_are_among_the_code_that_must_be_committed_before_a_record():
     named = re.search(r"^CODE = \((.*)\)$", (ROOT / "docs/generate/run_record.py").read_text(), re.M)[1]
-    records = [path.read_text() for path in (ROOT / "docs/records").rglob("*.txt")]
+    records = [path.read_text() for path in (ROOT / "records").rglob("*.txt")]
     scripts = {found[1] for text in records if (found := re.match(r"command: python (?:-m )?(\w+)", text))}
     assert {"benchmarks", "examples"} <= scripts <= set(re.findall(r'"(\w+)"', named))

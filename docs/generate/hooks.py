@@ -1,6 +1,6 @@
 """Hooks of the site: pages that are generated, and links of pages that leave the folder of the site.
 
-Links to files that are no pages become plain text, because the site has no place for them.
+Links to files that are no pages lead to the repository.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ NAV: dict[str, list[str]] = {
     ],
     "Check": ["results.md", "reproduction.md", "tradeoff.md", "benchmarks.md", "robustness.md", "limits.md"],
 }
+REPOSITORY = "https://github.com/activetouch/activetouch/blob/main"
 _LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s#]*)(#[^)\s]*)?\)")
 
 
@@ -87,9 +88,10 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
         mark, words, target, section = found.groups()
         if not target or "://" in target or target.startswith("mailto:"):
             return found[0]
-        inside = _page_of(normpath(str(PurePosixPath(origin).parent / target)), files)
+        path = normpath(str(PurePosixPath(origin).parent / target))
+        inside = _page_of(path, files)
         if inside is None:
-            return words
+            return f"{mark}[{words}]({REPOSITORY}/{path}{section or ''})"
         return f"{mark}[{words}]({relpath(inside, str(PurePosixPath(place).parent))}{section or ''})"
 
     parts = re.split(r"(^```.*?^```)", markdown, flags=re.S | re.M)  # code stays as it is
