@@ -11,7 +11,7 @@ PIP_ARGS ?=
 
 export HF_HUB_OFFLINE := 1
 
-.PHONY: search test check types others docs environment development sensor any-object places independent-sensor policies joint-policies figures reproduce clean
+.PHONY: search test quick check types others docs environment development sensor any-object places independent-sensor policies joint-policies figures reproduce clean
 
 search: environment
 	$(BIN)/activetouch compare --scene coarse --out runs/search $(ARGS)
@@ -19,6 +19,10 @@ search: environment
 # Two processes of tests share the processors, so each computes on one thread.
 test: check
 	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
+
+# Beliefs and planners alone, without physics and networks: under a minute.
+quick: development
+	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 -m "not slow and not mujoco and not torch" tests/belief tests/planners tests/extremes
 
 # Types take as long as all other checks together, so these run beside them.
 check: development
