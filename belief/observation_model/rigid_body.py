@@ -43,7 +43,7 @@ from belief.observation_model.embedded_hypotheses import (
     require_table,
 )
 from belief.observation_model.log_weights import log_means
-from belief.observation_model.model import ArrayModel, Embeds
+from belief.observation_model.model import ArrayModel, Embeds, Reads
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import smoothed, tabulate
 from belief.observation_model.reference_outcomes import ReferenceOutcomes
@@ -87,6 +87,7 @@ class FittedRigidBody(ArrayModel):
     """
 
     name: ClassVar[str] = "rigid body"
+    reads: ClassVar[Reads] = "embeddings"
     shape_labels: tuple[str, ...]
     num_hypotheses: int
     temperature: float

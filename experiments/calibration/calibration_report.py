@@ -20,7 +20,7 @@ from belief.claims import claim_folder, ends_claims
 from belief.errors import ActiveTouchError
 from belief.files import write_text
 from belief.observation_model import RatioModel
-from belief.observation_model.registry import JOINT_MODELS, OBSERVATION_MODELS, Fit
+from belief.observation_model.registry import Fit, fits
 from belief.observation_model.rigid_body import RigidBodyModel
 from belief.seeding import keyed_rng
 from experiments.calibration.measurements import Measurements
@@ -104,10 +104,10 @@ class CalibrationReport:
         reader = self._reader(data, manifest)
         require_enough(manifest, data)
         scene = scene_of(manifest, Trust(data, [self.scene], self.trust))
-        fits = candidate_models({}, reader, scene)
-        hypotheses = HypothesisTable(reader, scene) if JOINT_MODELS.keys() & fits.keys() and scene else None
+        candidates = candidate_models({}, reader, scene)
+        hypotheses = HypothesisTable(reader, scene) if fits("embeddings").keys() & candidates.keys() and scene else None
         calibration, test = self._read(reader, data, manifest)
-        found = self.measure(manifest, calibration, test, fits, hypotheses)
+        found = self.measure(manifest, calibration, test, candidates, hypotheses)
         report = sections(found)
         write(folder, found, report)
         console = plain_console()
@@ -139,7 +139,7 @@ class CalibrationReport:
         manifest: Manifest,
         calibration: Rounds,
         test: Rounds,
-        fits: Mapping[str, Fit] = OBSERVATION_MODELS,
+        candidates: Mapping[str, Fit],
         hypotheses: HypothesisTable | None = None,
     ) -> Measurements:
         """All numbers of the report.
@@ -148,7 +148,7 @@ class CalibrationReport:
             manifest: manifest of the collection.
             calibration: touches of the calibration split.
             test: touches of the test split.
-            fits: functions that fit the observation models, by name.
+            candidates: functions that fit the observation models, by name.
             hypotheses: those of the joint model, to test its posterior of orientations and sizes.
         """
         known, unseen = calibration.singles(), test.singles()
@@ -160,9 +160,12 @@ class CalibrationReport:
             ],
             "single touches",
         )
-        tasks = [partial(fit_model, name, fit, known, manifest.shape_labels, num_poses) for name, fit in fits.items()]
-        fitted = self._in_order([t for t in tasks if t.args[0] not in JOINT_MODELS], "fitting observation models")
-        fitted += [task() for task in tasks if task.args[0] in JOINT_MODELS]  # which embed their hypotheses once, here
+        tasks = [
+            partial(fit_model, name, fit, known, manifest.shape_labels, num_poses) for name, fit in candidates.items()
+        ]
+        joint = fits("embeddings")
+        fitted = self._in_order([t for t in tasks if t.args[0] not in joint], "fitting observation models")
+        fitted += [task() for task in tasks if task.args[0] in joint]  # which embed their hypotheses once, here
         choices = {choice.name: choice for choice in fitted}
         ratio = choices["ratio"].model
         assert isinstance(ratio, RatioModel), "as registered"

@@ -18,7 +18,6 @@ from activetouch.sensor_files import fitted_model
 from belief.claims import claim_folder, ends_claims
 from belief.errors import CorruptFile, UnknownName
 from belief.files import atomic_path, in_file_name, write_text
-from belief.observation_model.registry import JOINT_MODELS
 from belief.policy_state import GOAL, WITH_GAINS
 from experiments.command_line.arguments import Count, Jobs, NotNegative, Positive, Within, check_arguments
 from experiments.parallel import default_jobs, run_tasks
@@ -179,8 +178,8 @@ class TrainPPO:
         folder = self.bank if self.bank is not None else bank_folder(self.scene)
         sensor = sensor_folder(self.sensor, self.scene)
         model, fitted_to = fitted_model(sensor)
-        recipes = self._recipes(model.name in JOINT_MODELS)
-        if model.name in JOINT_MODELS:  # its reader embeds the hypotheses
+        recipes = self._recipes(model.reads == "embeddings")
+        if model.reads == "embeddings":  # its reader embeds the hypotheses
             model = load_quietly(sensor, named_scene(self.scene).scene, anyway=True).model
         remedy = "Make it again with: " + command("touch-bank", scene=self.scene, sensor=sensor, out=folder)
         try:

@@ -30,7 +30,8 @@ from belief import (
     validation,
 )
 from belief.observation_model import selection, tabular
-from belief.observation_model.baselines.variance_components import Components
+from belief.observation_model.logit_embedding import LogitEmbedding
+from belief.observation_model.variance_components import Components
 from belief.touch_batch import TouchBatch
 
 pytestmark = pytest.mark.filterwarnings("ignore:logits has no negative number:UserWarning")
@@ -61,7 +62,7 @@ def rng():
 
 
 def embedding():
-    return observation_model.LogitEmbedding(np.full(3, -9.0), np.full(3, 9.0))
+    return LogitEmbedding(np.full(3, -9.0), np.full(3, 9.0))
 
 
 def world(probs):
@@ -204,7 +205,7 @@ CALLS = {
     "ConfusionModel": lambda a: (likelihood(observation_model.ConfusionModel)(a), world(a).log_likelihood(touches(a))),
     "GaussianModel": lambda a: (
         likelihood(observation_model.GaussianModel)(a),
-        observation_model.GaussianModel(LABELS, embedding(), a[None, :3, :2], np.stack([a[:2, :2]] * 3)).log_likelihood(
+        observation_model.GaussianModel(LABELS, embedding(), a[None, :3, :2], a[:2, :2]).log_likelihood(
             [Touch(0, np.zeros(3))]
         ),
     ),
@@ -214,7 +215,7 @@ CALLS = {
             LABELS,
             embedding(),
             a[None, :3, :2],
-            Components(*[np.stack([part] * 3) for part in (a[:2, :2], a[2:, :2], np.eye(2))]),
+            Components(a[:2, :2], a[2:, :2], np.eye(2)),
         ).log_likelihood([Touch(0, np.zeros(3))] * 3),
     ),
     "FixedHypotheses": lambda a: observation_model.FixedHypotheses(a[None, None])(4),
@@ -230,21 +231,10 @@ CALLS = {
             LABELS, calibration.TemperatureScaling(), a[0], float(a[1, 0]), a[None]
         ).log_likelihood([Touch(0, np.zeros(3))] * 3),
     ),
-    "SignatureModel": lambda a: (
-        likelihood(observation_model.SignatureModel)(a),
-        observation_model.SignatureModel(world(a), float(a[3, 0])).log_likelihood(touches(np.eye(3)) * 2),
-    ),
     "OutcomeTable": lambda a: (
         observation_model.OutcomeTable(a[None]).information(),
         observation_model.OutcomeTable(a[None]).merged(2).probs,
     ),
-    "LogitEmbedding": lambda a: (
-        observation_model.LogitEmbedding.fit(TouchBatch.of([touches(a)]))(TouchBatch.of([touches(a)])),
-        observation_model.LogitEmbedding(a[0], a[1], float(a[2, 0]))(TouchBatch.of([touches(np.eye(3))])),
-    ),
-    "FeatureEmbedding": lambda a: observation_model.FeatureEmbedding.fit(
-        TouchBatch(np.zeros((1, 4), int), np.eye(4, 3)[None], a[None]), 2
-    )(TouchBatch(np.zeros((1, 4), int), np.eye(4, 3)[None], a[None])),
     "information_of_touch": lambda a: observation_model.information_of_touch(world(a), rng(), num_samples=9),
     "read_observation_model": lambda a: observation_model.read_observation_model(str(a.tolist())),
     "read_origin": lambda a: observation_model.read_origin(str(a.tolist())),
@@ -389,10 +379,8 @@ ORDINARY = {
     "Belief": np.stack([np.full(3, 1 / 3), np.log(np.full(3, 1 / 3))]),
     "Counts": np.array([[2, 1, 0]]),
     "GaussianModel": np.eye(4, 3),
-    "LogitEmbedding": np.arange(1.0, 13.0).reshape(4, 3),
     "PLDAModel": np.vstack([np.eye(2, 3), np.eye(2, 3)]),
     "RatioModel": np.full((4, 3), 1 / 3),
-    "SignatureModel": np.full((4, 3), 1 / 3),
     "clopper_pearson_interval": np.array([[3, 5, 0.95]]),
     "mcnemar_test": np.eye(4, 3),
     "normalise_log_probs": np.log(np.full((4, 3), 1 / 3)),

@@ -45,7 +45,8 @@ from belief.observation_model import (
     read_observation_model,
     read_origin,
 )
-from belief.observation_model.selection import OBSERVATION_MODELS, choose_observation_model
+from belief.observation_model.registry import fits
+from belief.observation_model.selection import choose_observation_model
 from belief.out_of_distribution import auroc, energy_score
 from belief.statistics import (
     clopper_pearson_interval,
@@ -194,7 +195,7 @@ def _touches(
 
 
 def _model(name: str, num_objects: int = 30, repeats: int = 2, scale: float = 1.0) -> object:
-    return OBSERVATION_MODELS[name](*_touches(num_objects, repeats, scale), shape_labels=("a", "b", "c"), num_poses=2)
+    return fits()[name](*_touches(num_objects, repeats, scale), shape_labels=("a", "b", "c"), num_poses=2)
 
 
 _SOUND = such_that("finite differences, the same in any order of touches", lambda found: bool(found))
@@ -263,8 +264,8 @@ def _of_rigid_bodies() -> list[Case]:
 def _observation_models() -> list[Case]:
     extreme = [[1e308, 0.0, -1e308], [0.0, 0.0, 0.0], [1e4, -1e4, 0.0]]
     cases: list[Case] = []
-    for name in OBSERVATION_MODELS:
-        entry = f"OBSERVATION_MODELS[{name!r}]"
+    for name in fits():
+        entry = f"fits()[{name!r}]"
         cases += [
             answers(
                 entry, "touches with logits of ±1e308 and ±1e4", lambda name=name: _sound(name, 1.0, extreme), _SOUND

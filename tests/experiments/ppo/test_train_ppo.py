@@ -15,8 +15,8 @@ from activetouch.envs.touch_source import SampledTouches
 from activetouch.envs.wrappers import PosteriorState
 from activetouch.errors import TrainingDiverged
 from activetouch.perception.sealed_tensors import write_tensors
+from belief.calibration import TemperatureScaling
 from belief.errors import CorruptFile, MissingPackage, UnknownName
-from belief.observation_model import SignatureModel
 from belief.synthetic import random_model
 from experiments.command_line.arguments import BadArgument
 from experiments.ppo import state as ppo_state
@@ -105,12 +105,8 @@ KINDS = {
 
 
 @pytest.mark.parametrize("name", KINDS)
-@pytest.mark.parametrize("signature", [False, True])
-def test_a_training_killed_and_started_again_ends_as_one_left_alone(
-    name, signature, bank, sharp, tmp_path, monkeypatch
-):
-    model = SignatureModel(sharp, 0.4) if signature else sharp
-    whole, parts = (training(bank, model, tmp_path / folder, KINDS[name]) for folder in ("whole", "parts"))
+def test_a_training_killed_and_started_again_ends_as_one_left_alone(name, bank, sharp, tmp_path, monkeypatch):
+    whole, parts = (training(bank, sharp, tmp_path / folder, KINDS[name]) for folder in ("whole", "parts"))
     curve = whole.run()
     for after in (1, 1, 2):  # before the first update; then after one and three; each in what is left
         np.random.seed(after)  # noqa: NPY002  another process has another past
@@ -168,7 +164,7 @@ def test_a_folder_of_another_training_is_refused(bank, sharp, tmp_path):
     with pytest.raises(OtherTraining, match=r"other settings \(recipe\)"):
         training(bank, sharp, tmp_path, PPORecipe(steps=1024, num_envs=16, rollout=8, batch_size=64)).run()
     with pytest.raises(OtherTraining, match=r"\(observation model\)"):
-        training(bank, SignatureModel(sharp, 0.4), tmp_path).run()
+        training(bank, replace(sharp, calibration=TemperatureScaling(2.0, "ok")), tmp_path).run()
     other = replace(bank, logits=bank.logits + np.float32(1.0))
     with pytest.raises(OtherTraining, match=r"\(bank, test bank\)"):
         training(other, sharp, tmp_path).run()
