@@ -2,10 +2,7 @@
 
 Run: python docs/generate/tables.py
 
-They are filled from records: docs/robustness/*.json, docs/perception/several-touches-*.json, hypotheses-coarse.json
-and frontier.json, docs/tradeoff/networks.json and tradeoff.csv, docs/table1/table1.json, docs/reproduction/table2.json,
-docs/real_touch/*.json, and docs/records/calibration/coarse.txt and paper_independent.txt, as the commands wrote them.
-A test checks that the pages hold what this writes.
+They are filled from the files in records/ that the commands wrote. A test checks that the pages hold what this writes.
 """
 
 from __future__ import annotations
@@ -22,6 +19,7 @@ from experiments.tradeoff.configuration import NUM_HYPOTHESES
 from experiments.tradeoff.picks import TASKS
 
 DOCS = Path(__file__).parent.parent
+RECORDS = DOCS.parent / "records"
 SHIFTED = ("gel", "coarse", "paper", "hard", "many")
 TOUCHED = ("paper", "coarse", "gel", "hard", "many")
 CALIBRATED = {
@@ -91,8 +89,8 @@ def calibration(page: str) -> str:
     """The page with its tables of two sensors."""
     single, sequences = [], []
     for sensor, (record, models) in CALIBRATED.items():
-        name = f"records/calibration/{record}.txt"
-        tables, link = dict(_markdown((DOCS / name).read_text())), f"[`{sensor}`]({name})"
+        name = f"calibration/{record}.txt"
+        tables, link = dict(_markdown((RECORDS / name).read_text())), f"[`{sensor}`](../records/{name})"
         before, *others = next(rows for title, rows in tables.items() if title.startswith("Single touches"))
         after = next(row for row in others if row["calibration"].endswith(_CHOSEN))
         chosen = after["calibration"].removesuffix(_CHOSEN).replace("_", " ")
@@ -185,7 +183,7 @@ _PAPER_PPO = ("0.46", "0.13", "0.15", "0.20", "0.235", "", "", "")
 
 def _table1(mark: str) -> list[str]:
     """Rows of the paper's Table 1 beside ours, with the accuracies between marks."""
-    record = _record("table1/table1")
+    record = _record("reproduction/table1")
     columns = [record["splits"][split][read] for split in ("by image", "by object") for read in _READ]
     rows = [
         _row(shape, *(_precision(found) for found in (record["paper"][shape], *(c["shapes"][shape] for c in columns))))
@@ -221,7 +219,7 @@ def _hypotheses(cells: Callable[[Mapping[int, Any]], Iterable[str]]) -> list[str
 
 def _searched() -> Iterator[list[str]]:
     """Rows of the trade-off, rounded; differences are quoted in the file so that no program adds them up."""
-    with (DOCS / "tradeoff" / "tradeoff.csv").open(encoding="utf-8", newline="") as file:
+    with (RECORDS / "tradeoff" / "tradeoff.csv").open(encoding="utf-8", newline="") as file:
         _, *rows = csv.reader(file)
     for cells in rows:
         marked = zip(cells, _SEARCHED, strict=True)
@@ -250,7 +248,7 @@ def _by_score(results: Mapping[int, Any], numbers: tuple[int, ...] = (2, 3)) -> 
 
 
 def _record(name: str) -> Any:
-    return json.loads((DOCS / f"{name}.json").read_text())
+    return json.loads((RECORDS / f"{name}.json").read_text())
 
 
 def _row(*cells: str) -> str:
