@@ -154,7 +154,7 @@ joint-policies: development
 figures: development
 	$(BIN)/activetouch compare --scene coarse --deciders information_gain --targets cone --episodes 49 --seed 1 --out runs/figure
 	$(BIN)/activetouch replay --folder runs/figure --target cone --number 48 --out docs/search.png
-	$(BIN)/activetouch gallery --out docs/gallery.png
+	$(BIN)/activetouch touch --all --seed 4 --out docs/gallery.png
 	$(BIN)/python docs/generate/gallery.py
 
 # The paper's tables and figures beside ours; make reproduce ARGS="--parts table2 figure3", or ARGS=--from-nothing.

@@ -180,7 +180,8 @@ sensor = TactileSensor.shipped("{name}")
 
 {figure}
 
-`activetouch gallery --out docs/gallery.png` draws it. [All scenes](../scenes.md), [results](../results.md).
+`activetouch touch --all --seed 4 --out docs/gallery.png` draws it.
+[All scenes](../scenes.md), [results](../results.md).
 """
 
 
