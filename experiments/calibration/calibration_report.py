@@ -21,7 +21,7 @@ from belief.errors import ActiveTouchError
 from belief.files import write_text
 from belief.observation_model import RatioModel
 from belief.observation_model.registry import Fit, fits
-from belief.observation_model.rigid_body import RigidBodyModel
+from belief.observation_model.rigid_body import RigidBodyModel, joint_model
 from belief.seeding import keyed_rng
 from experiments.calibration.measurements import Measurements
 from experiments.calibration.models import UNDISCOUNTED, fit_model, free_weights, score_model
@@ -163,9 +163,9 @@ class CalibrationReport:
         tasks = [
             partial(fit_model, name, fit, known, manifest.shape_labels, num_poses) for name, fit in candidates.items()
         ]
-        joint = fits("embeddings")
-        fitted = self._in_order([t for t in tasks if t.args[0] not in joint], "fitting observation models")
-        fitted += [task() for task in tasks if task.args[0] in joint]  # which embed their hypotheses once, here
+        with_bodies = fits("embeddings")
+        fitted = self._in_order([t for t in tasks if t.args[0] not in with_bodies], "fitting observation models")
+        fitted += [task() for task in tasks if task.args[0] in with_bodies]  # which embed their hypotheses once, here
         choices = {choice.name: choice for choice in fitted}
         ratio = choices["ratio"].model
         assert isinstance(ratio, RatioModel), "as registered"
@@ -195,8 +195,8 @@ class CalibrationReport:
             orientation=[
                 test_of_shape
                 for choice in choices.values()
-                if isinstance(choice.model, RigidBodyModel) and hypotheses is not None
-                for test_of_shape in self._rank_tests(choice.model, hypotheses, [calibration, test])
+                if (joint := joint_model(choice.model)) is not None and hypotheses is not None
+                for test_of_shape in self._rank_tests(joint, hypotheses, [calibration, test])
             ],
             orientation_hypotheses=self.orientation_hypotheses,
         )

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from belief.conflict import log_conflict
 from belief.observation_model import ArrayModel
+from belief.observation_model.rigid_body import joint_model
 from belief.observation_model.rigid_body_evidence import RigidBodyEvidence
 from belief.out_of_distribution import auroc_interval
 from belief.statistics import clopper_pearson_interval
@@ -35,9 +36,10 @@ def tested(model: ArrayModel, touches: TouchBatch) -> tuple[Floats, Floats] | No
     Returns:
         Log wealth of each strategy, ``(S, n, J)``, and the misfit of all touches so far, ``(S, n)``.
     """
-    begin = model.start()
-    if not isinstance(begin, RigidBodyEvidence) or begin.conflict is None:
+    joint = joint_model(model)
+    if joint is None or joint.conflict is None:
         return None
+    begin = joint.start()
     wealth, misfits = [], []
     for row in range(len(touches)):
         _, *after = accumulate(touches.sequence(row), RigidBodyEvidence.update, initial=begin)

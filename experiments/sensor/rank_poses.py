@@ -9,7 +9,7 @@ import numpy as np
 
 from activetouch.data.dataset import read_split
 from belief.claims import claim_folder, ends_claims
-from belief.observation_model.rigid_body import RigidBodyModel
+from belief.observation_model.rigid_body import joint_model
 from experiments.command_line.arguments import BadArgument, Count, check_arguments
 from experiments.scene_choice import SceneChoice, repeats_folder
 from experiments.sensor.scores import read_touches
@@ -50,7 +50,8 @@ class RankPoses:
         check_arguments(self)
         choice = SceneChoice(self.scene, poses=self.poses)
         sensor = open_sensor(self.sensor, choice)
-        if not isinstance(sensor.model, RigidBodyModel):
+        model = joint_model(sensor.model)
+        if model is None:
             raise BadArgument(f"--sensor must have a joint observation model to rank by, got {sensor.model.name!r}")
         data = self.data if self.data is not None else repeats_folder(self.scene)
         manifest = open_collection(data, self.scene, repeats=True)
@@ -58,7 +59,7 @@ class RankPoses:
         folder = sensor_folder(self.sensor, self.scene)
         claim_folder(folder)
         touches = read_split(data, "calibration")
-        number, model = len(sensor.scene.poses), sensor.model
+        number = len(sensor.scene.poses)
         in_round = np.arange(len(touches.poses)) % manifest.touches_per_object < number  # the first round of poses
         touches = touches.select(in_round & (touches.object_ids < self.objects))
         read = read_touches(sensor.reader, touches, "reading calibration touches")

@@ -164,7 +164,6 @@ CALLS = {
     "object_folds": lambda a: cross_validation.object_folds(as_labels(a[:, 0]), a[:, 1], 2),
     "layers": lambda a: len(multisets.layers(tuple(as_labels(a[0]).clip(0).tolist()), 2)),
     # calibration
-    "BetaCalibration": about_logits(calibration.BetaCalibration),
     "DirichletCalibration": about_logits(calibration.DirichletCalibration),
     "StructuredMatrixScaling": about_logits(calibration.StructuredMatrixScaling),
     "TemperatureScaling": about_logits(calibration.TemperatureScaling),
@@ -179,13 +178,11 @@ CALLS = {
     "bias_corrected_interval": lambda a: metrics.bias_corrected_interval(
         a, SHAPES, metrics.brier_score, rng(), num_resamples=3
     ),
-    "brier_decomposition": lambda a: metrics.brier_decomposition(a, SHAPES),
     "brier_score": lambda a: metrics.brier_score(a, SHAPES),
     "calibration_report": lambda a: metrics.calibration_report(a, SHAPES, num_resamples=2),
     "calibration_at_stop": lambda a: metrics.calibration_at_stop(a[:, 0], a[:, 1] > 0.5, np.arange(4)),
     "classwise_calibration_error": lambda a: metrics.classwise_calibration_error(a, SHAPES),
     "confusion_matrix": lambda a: metrics.confusion_matrix(a, SHAPES),
-    "debiased_calibration_error": lambda a: metrics.debiased_calibration_error(a, SHAPES),
     "expected_calibration_error": lambda a: metrics.expected_calibration_error(a, SHAPES),
     "negative_log_likelihood": lambda a: metrics.negative_log_likelihood(a, SHAPES),
     "null_quantile": lambda a: metrics.null_quantile(a, metrics.brier_score, rng(), num_resamples=3),
@@ -239,6 +236,13 @@ CALLS = {
     "read_observation_model": lambda a: observation_model.read_observation_model(str(a.tolist())),
     "read_origin": lambda a: observation_model.read_origin(str(a.tolist())),
     # rows, selection, synthetic, tabular
+    "checked_outcomes": lambda a: validation.checked_outcomes("a", a[:, 0]).astype(float),
+    "checked_pair": lambda a: validation.checked_pair(a, SHAPES)[0],
+    "checked_probs": validation.checked_probs,
+    "checked_values": lambda a: validation.checked_values("a", a),
+    "finite_logits": validation.finite_logits,
+    "labelled_logits": lambda a: validation.labelled_logits(a, SHAPES)[0],
+    "require_fraction": lambda a: validation.require_fraction("a", float(a[0, 0])),
     "unmasked": lambda a: validation.unmasked(a, "a").shape,
     "as_logs": lambda a: (validation.as_logs("a", -a, "b", None), validation.as_logs("a", None, "b", a)),
     "as_real": lambda a: validation.as_real(a, "a").dtype.itemsize,
@@ -276,13 +280,13 @@ CALLS = {
     "paired_bootstrap": lambda a: statistics.paired_bootstrap(a[0], a[1], rng(), num_resamples=3),
     "pareto_front": lambda a: statistics.pareto_front(a[0], a[1]),
     "pareto_probabilities": lambda a: statistics.pareto_probabilities(a, a),
-    "stratified_bootstrap": lambda a: statistics.stratified_bootstrap(a[:, 0], a[:, 1], rng(), num_resamples=3),
     "wilson_interval": lambda a: statistics.wilson_interval(a[0, 0], a[0, 1], a[0, 2]),
 }
 NO_NUMBERS = {
     "check_observation_model": "of a model",
     "SceneView": "of a scene",
     "at": "an index",
+    "pose_count": "indices",
     "require_count": "one integer",
     "require_index": "one integer",
     "require_number": "one number",
@@ -381,6 +385,7 @@ ORDINARY = {
     "GaussianModel": np.eye(4, 3),
     "PLDAModel": np.vstack([np.eye(2, 3), np.eye(2, 3)]),
     "RatioModel": np.full((4, 3), 1 / 3),
+    "checked_outcomes": np.eye(4, 3),
     "clopper_pearson_interval": np.array([[3, 5, 0.95]]),
     "mcnemar_test": np.eye(4, 3),
     "normalise_log_probs": np.log(np.full((4, 3), 1 / 3)),
