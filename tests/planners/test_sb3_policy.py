@@ -77,13 +77,13 @@ def test_a_file_that_cannot_play_says_why(name, said, saved, model):
 def test_a_policy_that_learned_on_a_bank_plays(tmp_path):
     from stable_baselines3 import PPO
 
-    from activetouch.envs.make import bank_episodes
+    from activetouch.envs.batched_episodes import BankEpisodes
     from activetouch.envs.sb3 import BankVecEnv
     from activetouch.sensor_files import MODELS, load_observation_model
 
     model = load_observation_model(MODELS / "paper-independent")
     for state in ("paper", "posterior"):
-        envs = BankVecEnv(bank_episodes("paper", "cone", 2, state=state), seed=(0,))
+        envs = BankVecEnv(BankEpisodes.shipped("paper", "cone", 2, state=state), seed=(0,))
         PPO("MlpPolicy", envs, seed=0, device="cpu").save(tmp_path / f"{state}.zip")
         decider = make_decider(f"sb3:{tmp_path / state}.zip", model.outcome_table())
         assert check_decider(decider, np.random.default_rng(0), model, num_searches=1)

@@ -12,7 +12,6 @@ from activetouch.envs.batched_episodes import BankEpisodes
 from activetouch.envs.object_test import ObjectTestEnv
 from activetouch.envs.touch_bank import TouchBank
 from activetouch.envs.touch_source import SampledTouches
-from activetouch.envs.wrappers import PosteriorState
 from activetouch.errors import TrainingDiverged
 from activetouch.perception.sealed_tensors import write_tensors
 from belief.errors import CorruptFile, MissingPackage, UnknownName
@@ -325,8 +324,8 @@ def test_common_learners_train_on_the_environment(name, sharp):
 
     kind = getattr(stable_baselines3, name, None) or getattr(sb3_contrib, name)
     policy = "MlpLstmPolicy" if name == "RecurrentPPO" else "MlpPolicy"
-    for wrapper in (lambda env: env, PosteriorState):
-        env = wrapper(ObjectTestEnv(touches=SampledTouches(sharp, POSES), target="shape_0"))
+    for state in ("paper", "posterior"):
+        env = ObjectTestEnv(touches=SampledTouches(sharp, POSES), target="shape_0", state=state)
         settings = {"learning_starts": 100} if name == "DQN" else {"n_steps": 128, "n_epochs": 2}
         learner = kind(policy, env, seed=0, device="cpu", **settings)
         learner.set_logger(Logger(folder=None, output_formats=[]))  # its own makes a folder among temporary files
