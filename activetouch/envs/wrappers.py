@@ -54,7 +54,7 @@ class RawImage(gymnasium.ObservationWrapper, RecordConstructorArgs):
         shape = (height * self._repeat, width * self._repeat, *(channels or [1]))
         if own.state != "paper" or env.observation_space != own.observation_space:
             raise NoImage("RawImage replaces the observation of the state 'paper'; put it inside of other wrappers")
-        self._num_shapes, size = own.problem.num_shapes, own.observation_space.shape[0]
+        self._num_shapes, size = own.problem.num_shapes, cast(spaces.Box, own.observation_space).shape[0]
         self.observation_space = spaces.Dict(
             image=spaces.Box(0, 255, shape, np.uint8),
             state=spaces.Box(0.0, 1.0, (size - self._num_shapes,), np.float32),
