@@ -33,7 +33,7 @@ from experiments.command_line.console import plain_console
 from experiments.command_line.trust import Trust
 from experiments.parallel import default_jobs, run_tasks
 from experiments.scene_choice import in_file_names, named_scene, repeats_folder
-from experiments.sensor.calibrate import again, candidate_models, require_enough, scene_of
+from experiments.sensor.calibrate import candidate_models, how_to_record, require_enough, scene_of
 from experiments.sensor.scores import read_touches
 from experiments.sensor_choice import open_collection, require_collection, sensor_folder
 
@@ -99,7 +99,7 @@ class CalibrationReport:
         if manifest.plan.repeats < 2:
             raise NoRepeats(
                 f"{data} touches every object once per pose, so the dependence of repeated touches cannot be measured. "
-                f"Record several rounds{again(manifest, data)}"
+                f"Record several rounds{how_to_record(manifest, data)}"
             )
         reader = self._reader(data, manifest)
         require_enough(manifest, data)
