@@ -20,7 +20,7 @@ from experiments.parallel import default_jobs
 from experiments.scene_choice import as_named, named_scene
 from experiments.sensor.calibrate import calibrate, require_enough
 from experiments.sensor.collect import record
-from experiments.sensor.train import require_input_size, train_reader
+from experiments.sensor.train import in_safe_precision, require_input_size, train_reader
 
 
 def make_sensor(
@@ -70,7 +70,7 @@ def make_sensor(
     touches, repeated, trained = folder / "touches", folder / "repeats", folder / "training"
     plan = CollectionPlan(train=train, calibration=calibration, test=0, seed=seed)
     repeated_plan = CollectionPlan(train=0, calibration=calibration, test=test, seed=seed, repeats=repeats)
-    recipe = replace(RECIPES["large"], **{"seed": seed, **change})
+    recipe = in_safe_precision(replace(RECIPES["large"], **{"seed": seed, **change}), named.input_size)
     network: dict[str, Any] = {"backbone": named.backbone, "input_size": named.input_size}
     require_input_size(named.input_size, named.scene.image_shape[0], named.backbone)
     require_enough(Manifest.of(named.scene, repeated_plan), repeated)

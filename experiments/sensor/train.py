@@ -166,6 +166,7 @@ def train_reader(
 
     manifest = read_manifest(data)
     require_input_size(input_size, manifest.image_shape[0], backbone)
+    recipe = in_safe_precision(recipe, input_size)
     torch.set_num_threads(jobs)
     train, calibration = (_split(data, name, input_size) for name in ("train", "calibration"))
     labels = (manifest.shape_labels, manifest.pose_labels)
@@ -189,6 +190,11 @@ def train_reader(
     kept = trainer.best_epoch if recipe.patience is not None else trainer.epochs_done
     print(f"kept epoch {kept}, wrote {out / READER_FILE}")
     return reader
+
+
+def in_safe_precision(recipe: TrainingRecipe, input_size: int) -> TrainingRecipe:
+    """The recipe, in single precision for images for which bfloat16 is too coarse."""
+    return replace(recipe, bf16=recipe.bf16 and input_size > 8)
 
 
 def train_any_object(
