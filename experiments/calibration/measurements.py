@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import TypeVar
 
-from experiments.calibration.models import ModelScores, Weight
+import numpy as np
+
+from belief.files import write_text
+from experiments.calibration.models import ModelScores
 from experiments.calibration.orientation import RankTest
 from experiments.calibration.touches import RAW, TouchScores
 
@@ -25,8 +30,6 @@ class Measurements:
         num_rounds: number of rounds of all poses in which every object was touched.
         touches: scores by calibration, the raw softmax first.
         models: scores in the order of the registry of models, the model without a discount last.
-        correlation: ρ of the ratio model.
-        weights: weights of touches in one pose, by split.
         orientation: tests of the joint model's posterior of orientation and size; none without such a model.
         orientation_hypotheses: number of hypotheses of each shape in these tests; None for those of the model.
     """
@@ -38,10 +41,32 @@ class Measurements:
     num_rounds: int
     touches: Sequence[TouchScores]
     models: Sequence[ModelScores]
-    correlation: float
-    weights: Mapping[str, Sequence[Weight]]
     orientation: Sequence[RankTest] = ()
     orientation_hypotheses: int | None = None
+
+    def __str__(self) -> str:
+        """The verdict, and the measured targets as tables."""
+        from experiments.calibration.sections import verdict_section
+
+        section = verdict_section(self)
+        return "\n\n".join([*section.sentences, *(table.markdown() for table in section.tables)])
+
+    def save(self, folder: Path) -> None:
+        """Write ``report.html``, ``numbers.json``, ``tables.md`` and the figures into a folder.
+
+        Raises:
+            CannotWrite: The disk is full, or the folder is not writable.
+        """
+        from experiments.calibration.sections import sections  # loads matplotlib
+        from experiments.reporting.page import write_page  # loads jinja2
+
+        report = sections(self)
+        write_page(folder / "report.html", f"Calibration in the scene “{self.scene}”", report)
+        write_text(folder / "numbers.json", json.dumps(asdict(self), indent=1, default=np.ndarray.tolist) + "\n")
+        tables = [table.markdown() for section in report for table in section.tables]
+        write_text(folder / "tables.md", "\n\n".join(tables) + "\n")
+        for picture in (picture for section in report for picture in section.pictures):
+            picture.write(folder)
 
     @property
     def calibration(self) -> TouchScores:
