@@ -22,9 +22,9 @@ from belief.observation_model import RatioModel
 from belief.observation_model.registry import JOINT_MODELS
 from belief.observation_model.selection import choose_observation_model
 from belief.seeding import keyed_rng
-from experiments.calibration.measurements import Measurements
 from experiments.calibration.models import UNDISCOUNTED, score_model
 from experiments.calibration.orientation import RankTest, rank_tests
+from experiments.calibration.report import Measurements
 from experiments.calibration.sequences import KINDS, Rounds
 from experiments.calibration.touches import CALIBRATION_FITS, score_touches
 from experiments.command_line.arguments import Count, Jobs, Seed, check_arguments
@@ -164,8 +164,8 @@ def calibration_report(
         "single touches",
     )
     labels: dict[str, Any] = {"shape_labels": manifest.shape_labels, "num_poses": len(manifest.pose_labels)}
-    touches = (known.batch.reshaped((1, -1)).sequence(0), known.shapes, known.object_ids)
-    choosing = {n: partial(choose_observation_model, *touches, **labels, candidates={n: fits[n]}) for n in fits}
+    fitted_to = (known.batch.reshaped((1, -1)).sequence(0), known.shapes, known.object_ids)
+    choosing = {n: partial(choose_observation_model, *fitted_to, **labels, candidates={n: fits[n]}) for n in fits}
     separate = {n: task for n, task in choosing.items() if n not in JOINT_MODELS}
     chosen = _results(separate, jobs, "fitting observation models")
     chosen |= {n: choosing[n]() for n in choosing if n in JOINT_MODELS}  # which embed their hypotheses once, here

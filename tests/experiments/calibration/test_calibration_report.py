@@ -17,8 +17,8 @@ from belief.metrics import CalibrationError, StopScore, calibration_at_stop
 from belief.observation_model import RatioModel
 from belief.touch_batch import TouchBatch
 from experiments.calibration.calibration_report import CalibrationReport, NoRepeats, calibration_report
-from experiments.calibration.measurements import Measurements
 from experiments.calibration.models import Fused, ModelScores, StopScores, score_model
+from experiments.calibration.report import Measurements
 from experiments.calibration.sequences import KINDS, Rounds, stops
 from experiments.calibration.targets import judge_model, judge_touches, verdict
 from experiments.calibration.touches import CALIBRATION_FITS, RAW, score_touches

@@ -1,16 +1,88 @@
-"""Sections of the calibration report: sentences, tables and figures."""
+"""Measurements of a calibration report, and the report: sentences, tables and figures."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from belief.files import write_text
 from belief.metrics import CalibrationError
-from experiments.calibration.figures import claims, fused_error, reliability
-from experiments.calibration.measurements import Measurements
 from experiments.calibration.models import UNDISCOUNTED, ModelScores
-from experiments.calibration.orientation import LEAST_P, QUANTITIES
+from experiments.calibration.orientation import LEAST_P, QUANTITIES, RankTest
 from experiments.calibration.targets import judge_model, judge_touches, verdict
-from experiments.calibration.touches import TouchScores
+from experiments.calibration.touches import RAW, TouchScores
 from experiments.reporting.page import Section
 from experiments.reporting.tables import Table
+
+Scores = TypeVar("Scores", TouchScores, ModelScores)
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """All numbers of a calibration report.
+
+    Attributes:
+        scene: name of the scene.
+        seed: seed of all random numbers.
+        confidence: posterior at which searches stop.
+        num_objects: number of objects by split.
+        num_rounds: number of rounds of all poses in which every object was touched.
+        touches: scores by calibration, the raw softmax first.
+        models: scores in the order of the registry of models, the model without a discount last.
+        orientation: tests of the joint model's posterior of orientation and size; none without such a model.
+        orientation_hypotheses: number of hypotheses of each shape in these tests; None for those of the model.
+    """
+
+    scene: str
+    seed: int
+    confidence: float
+    num_objects: Mapping[str, int]
+    num_rounds: int
+    touches: Sequence[TouchScores]
+    models: Sequence[ModelScores]
+    orientation: Sequence[RankTest] = ()
+    orientation_hypotheses: int | None = None
+
+    def __str__(self) -> str:
+        """The verdict, and the measured targets as tables."""
+        section = verdict_section(self)
+        return "\n\n".join([*section.sentences, *(table.markdown() for table in section.tables)])
+
+    def save(self, folder: Path) -> None:
+        """Write ``report.html``, ``numbers.json``, ``tables.md`` and the figures into a folder.
+
+        Raises:
+            CannotWrite: The disk is full, or the folder is not writable.
+        """
+        from experiments.reporting.page import write_page  # loads jinja2
+
+        report = sections(self)
+        write_page(folder / "report.html", f"Calibration in the scene “{self.scene}”", report)
+        write_text(folder / "numbers.json", json.dumps(asdict(self), indent=1, default=np.ndarray.tolist) + "\n")
+        tables = [table.markdown() for section in report for table in section.tables]
+        write_text(folder / "tables.md", "\n\n".join(tables) + "\n")
+        for picture in (picture for section in report for picture in section.pictures):
+            picture.write(folder)
+
+    @property
+    def calibration(self) -> TouchScores:
+        """The calibration with the lowest cross-validated NLL."""
+        return _best(self.touches)
+
+    @property
+    def model(self) -> ModelScores:
+        """The observation model with the lowest cross-validated NLL."""
+        return _best(self.models)
+
+    @property
+    def raw(self) -> TouchScores:
+        """The scores of the raw softmax."""
+        return next(scores for scores in self.touches if scores.name == RAW)
 
 
 def sections(found: Measurements) -> list[Section]:
@@ -78,6 +150,8 @@ def _what_was_measured(found: Measurements) -> str:
 
 
 def _touches(found: Measurements) -> Section:
+    from experiments.calibration.figures import reliability  # loads matplotlib
+
     raw, calibrated = found.raw, found.calibration
     grid = Table(
         f"Single touches of the test split, {raw.report.num_rows} (in brackets: chance, or the 95 % interval)",
@@ -110,6 +184,8 @@ def _touch_row(found: Measurements, scores: TouchScores) -> tuple[str, ...]:
 
 
 def _fusion(found: Measurements) -> Section:
+    from experiments.calibration.figures import fused_error  # loads matplotlib
+
     tables = []
     for kind, of_chosen in found.model.fused.items():
         headings = ("model", "NLL, cross-validated", *(f"error after {fused.num_touches}" for fused in of_chosen))
@@ -132,6 +208,8 @@ def _fusion(found: Measurements) -> Section:
 
 
 def _stops(found: Measurements) -> Section:
+    from experiments.calibration.figures import claims  # loads matplotlib
+
     headings = ("model", "stops", "touches", "confidence", "accuracy", "Clopper-Pearson ≥", "objects resampled")
     tables = []
     for kind in found.model.stops:
@@ -204,3 +282,8 @@ def _loss(scores: TouchScores | ModelScores) -> str:
 
 def _error(error: CalibrationError) -> str:
     return f"{error.value:.4f} ({error.null_quantile:.4f})"
+
+
+def _best(candidates: Sequence[Scores]) -> Scores:
+    """The candidate with the lowest cross-validated NLL, among those that have one."""
+    return min((c for c in candidates if c.cross_validated_nll is not None), key=lambda c: c.cross_validated_nll or 0.0)
