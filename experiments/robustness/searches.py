@@ -46,8 +46,8 @@ def confidence_at_stops(stated: ArrayLike, correct: ArrayLike, num_touches: Arra
         return None
     return {
         "number": len(right),
-        "touches": float(np.mean(num_touches)),
-        "stated": float(np.mean(stated)),
+        "touches": float(np.asarray(num_touches, np.float64).mean()),
+        "stated": float(np.asarray(stated, np.float64).mean()),
         "achieved": float(right.mean()),
         "interval": clopper_pearson_interval(int(right.sum()), len(right)),
     }

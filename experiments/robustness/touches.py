@@ -115,14 +115,15 @@ def measure_touches(
     for group in groups.values():
         first, faults = scenes[group[0]], {name: scenes[name].faults for name in group}
         numbers = range(num_objects * len(first.shapes))
-        parts = (numbers[start : start + _PER_TASK] for start in numbers[::_PER_TASK])
-        tasks += [partial(_press_some, first, faults, part, seed) for part in parts]
+        batches = (numbers[start : start + _PER_TASK] for start in numbers[::_PER_TASK])
+        tasks += [partial(_press_some, first, faults, part, seed) for part in batches]
     found: dict[str, list[tuple[Any, ...]]] = {name: [] for name in scenes}
     for pressed, images in run_tasks(tasks, jobs, "touching objects"):
         for name, seen in images.items():
             if pressed:
-                logits, _, *rest = sensor.reader.read(seen.reshape(-1, *seen.shape[2:]))  # as many as one task has
-                found[name].append((pressed, *(read.reshape(*seen.shape[:2], -1) for read in (logits, *rest))))
+                reading = sensor.reader.read(seen.reshape(-1, *seen.shape[2:]))  # as many as one task has
+                parts = reading.logits, reading.embeddings
+                found[name].append((pressed, *(part.reshape(*seen.shape[:2], -1) for part in parts)))
     outputs = {}
     for name, of_condition in found.items():
         if not of_condition:
