@@ -12,13 +12,10 @@ from belief import Belief
 from belief.errors import InvalidArgument
 from belief.problem import Floats
 from belief.validation import SUM_TOLERANCE, as_real, require_index
-from planners.bounds.object import object_bound
-from planners.bounds.search import search_bound
 from planners.pomdp.alpha_vectors import AlphaVectors
 from planners.pomdp.problem import SearchTouchProblem, TouchProblem
 from planners.pomdp.stages import StagedProblem, stage_belief, staged
-
-_BLOCK = 256  # beliefs whose values under all alpha vectors fit in a processor's cache
+from planners.pomdp.upper_bound import upper_bound
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,24 +39,16 @@ class TouchPolicy:
         Raises:
             InvalidArgument: a belief is not a distribution over the shapes.
         """
-        return np.asarray((checked_beliefs(belief, self.problem.num_shapes) @ self._transposed).max(axis=-1))
+        return np.asarray((checked_beliefs(belief, self.problem.num_shapes) @ self.vectors.alphas.T).max(axis=-1))
 
     def action(self, belief: ArrayLike | Belief) -> NDArray[np.int64]:
         """The best action at beliefs ``(..., K)``; ``(...)``.
-
-        If the values of two actions are equal to seven digits, a batch and a single belief may get different ones.
 
         Raises:
             InvalidArgument: a belief is not a distribution over the shapes.
         """
         beliefs = checked_beliefs(belief, self.problem.num_shapes)
-        if beliefs.ndim == 1:
-            return self.vectors.actions[(beliefs @ self._transposed).argmax()]
-        rows = beliefs.reshape(-1, self.problem.num_shapes).astype(np.float32)
-        best = np.empty(len(rows), np.int64)
-        for i in range(0, len(rows), _BLOCK):
-            (rows[i : i + _BLOCK] @ self._transposed_float32).argmax(axis=1, out=best[i : i + _BLOCK])
-        return self.vectors.actions[best].reshape(beliefs.shape[:-1])
+        return self.vectors.actions[(beliefs @ self.vectors.alphas.T).argmax(axis=-1)]
 
     def q_values(self, belief: ArrayLike | Belief) -> Floats:
         """Value of each action at beliefs ``(..., K)`` if the policy is followed after it, ``(..., P + 2)``.
@@ -70,18 +59,9 @@ class TouchPolicy:
         b = checked_beliefs(belief, self.problem.num_shapes)
         confirm = 2.0 * b[..., self.problem.target] - b.sum(axis=-1)
         joint = b[..., None, :, None] * self.problem.outcome_probs  # (..., P, K, M)
-        after = (np.moveaxis(joint, -2, -1) @ self._transposed).max(axis=-1).sum(axis=-1)
+        after = (np.moveaxis(joint, -2, -1) @ self.vectors.alphas.T).max(axis=-1).sum(axis=-1)
         probes = self.problem.discount * after - self.problem.touch_cost
         return np.concatenate([probes, confirm[..., None], -confirm[..., None]], axis=-1)
-
-    @cached_property
-    def _transposed(self) -> Floats:
-        return np.ascontiguousarray(self.vectors.alphas.T)
-
-    @cached_property
-    def _transposed_float32(self) -> NDArray[np.float32]:
-        """For the choice of an action only; values are computed in float64."""
-        return self._transposed.astype(np.float32)
 
     @property
     def lower_bound(self) -> float:
@@ -91,7 +71,7 @@ class TouchPolicy:
     @cached_property
     def upper_bound(self) -> float:
         """Upper bound on the optimal value at the prior; computed when first asked for, in some seconds."""
-        return max(object_bound(self.problem, np.random.default_rng(0)), self.lower_bound)
+        return max(upper_bound(self.problem), self.lower_bound)
 
     def __str__(self) -> str:
         return _summary("policy for one object", len(self.vectors.alphas), self.lower_bound, self.upper_bound)
@@ -192,7 +172,7 @@ class SearchPolicy:
         """
         if isinstance(self.problem, StagedProblem):
             raise InvalidArgument("an upper bound needs a SearchTouchProblem; this policy was solved for stages")
-        return max(search_bound(self.problem, np.random.default_rng(0)), self.lower_bound)
+        return max(upper_bound(self.problem), self.lower_bound)
 
     def _stage(self, object_index: int, belief: ArrayLike, num_touches: int) -> tuple[AlphaVectors, Floats]:
         """The alpha vectors for an object, and a belief about its hidden state as one row."""
@@ -219,26 +199,15 @@ def checked_beliefs(belief: ArrayLike | Belief, num_states: int) -> Floats:
     ...
     belief.errors.InvalidArgument: a belief must be 2 probabilities that sum to one, got [0.7, 0.7]
     """
-    if isinstance(belief, Belief):
-        if len(belief.probs) == num_states:
-            return belief.probs
-        raise InvalidArgument(f"a belief must be {num_states} probabilities that sum to one, got {belief}")
-    if type(belief) is np.ndarray and belief.dtype == np.float64:
-        beliefs = belief
-    else:
-        try:
-            beliefs = np.asarray(as_real(belief, "a belief"), np.float64)
-        except ValueError as error:
-            raise InvalidArgument(f"a belief must be {num_states} probabilities that sum to one: {error}") from error
-    if beliefs.shape[-1:] == (num_states,):
-        if beliefs.ndim == 1:  # Python's sum is quicker than numpy's for few numbers
-            row = beliefs.tolist()
-            good = abs(sum(row) - 1.0) <= SUM_TOLERANCE and min(row) >= 0.0  # NaN fails
-        else:
-            good = bool((beliefs >= 0.0).all() and (np.abs(beliefs.sum(axis=-1) - 1.0) <= SUM_TOLERANCE).all())
-        if good:
-            return beliefs
-    raise InvalidArgument(f"a belief must be {num_states} probabilities that sum to one, got {belief!r}")
+    given = belief.probs if isinstance(belief, Belief) else belief
+    try:
+        beliefs = np.asarray(as_real(given, "a belief"), np.float64)
+    except ValueError as error:
+        raise InvalidArgument(f"a belief must be {num_states} probabilities that sum to one: {error}") from error
+    is_fit = beliefs.shape[-1:] == (num_states,) and (beliefs >= 0.0).all()  # NaN fails
+    if not (is_fit and (np.abs(beliefs.sum(axis=-1) - 1.0) <= SUM_TOLERANCE).all()):
+        raise InvalidArgument(f"a belief must be {num_states} probabilities that sum to one, got {belief!r}")
+    return beliefs
 
 
 def _summary(what: str, num_vectors: int, low: float, high: float | None) -> str:

@@ -20,12 +20,11 @@ from belief.errors import InvalidArgument
 from belief.problem import Floats
 from belief.validation import as_real
 from planners.pomdp.finite_horizon import finite_horizon_value
+from planners.pomdp.policy import SearchPolicy, TouchPolicy
 from planners.pomdp.problem import SearchTouchProblem, TouchProblem, require_rounds
 from planners.pomdp.repeat_aware import repeat_aware_vectors
 from planners.pomdp.solver import point_based_value_iteration
 from planners.pomdp.stages import StagedProblem, staged
-from planners.solve.policy import SearchPolicy, TouchPolicy
-from planners.solve.policy_files import load_policy, save_policy
 
 __all__ = [
     "SearchPolicy",
@@ -34,8 +33,6 @@ __all__ = [
     "TouchPolicy",
     "TouchProblem",
     "finite_horizon_value",
-    "load_policy",
-    "save_policy",
     "solve",
 ]
 
@@ -91,5 +88,5 @@ def solve(
     search = problem if isinstance(problem, StagedProblem) else staged(problem)
     vectors = point_based_value_iteration(search, rng, SEARCH_ROUNDS if rounds is None else rounds)
     if weights is None:
-        return SearchPolicy(problem, tuple((some,) for some in vectors))
+        return SearchPolicy(problem, tuple((of_stage,) for of_stage in vectors))
     return SearchPolicy(problem, repeat_aware_vectors(search, vectors, weights, rng))
