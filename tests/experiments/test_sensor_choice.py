@@ -66,9 +66,9 @@ REFUSED = {
         "The sensor paper-independent has policies: add --sensor paper-independent",
     ),
     "robustness": (
-        lambda out: Robustness(SceneChoice(renderer="gelsight"), out=out / "run").run(),
+        lambda out: Robustness("coarse", sensor=Path("gel"), out=out / "run").run(),
         WrongScene,
-        "GelSightRenderer",
+        "num_taxels",
     ),
     "train without a collection": (
         lambda out: Train(scene="coarse", data=out / "none", out=out / "run").run(),

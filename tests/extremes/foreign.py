@@ -76,9 +76,9 @@ def _with_gel(command: Callable[[Path, Path], Any]) -> Callable[[], object]:
 
 def _sensors() -> list[Case]:
     pairs = [(scene, sensor) for scene in ("coarse", "gel", "hard") for sensor in ("coarse", "gel", "many", "paper")]
-    coarse, gel = SceneChoice("coarse"), MODELS / "gel"
+    gel = MODELS / "gel"
     commands: dict[str, Any] = {
-        "robustness": Robustness(coarse, sensor=gel),
+        "robustness": Robustness("coarse", sensor=gel),
     }
     other = SceneChoice("coarse", renderer="gelsight").named.scene
     return [
