@@ -21,7 +21,7 @@ from belief import Confirm, Probe, SearchProblem, Unsure
 from belief.errors import ActiveTouchError
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
 from experiments.calibration.calibration_report import CalibrationReport
-from experiments.ppo.touch_bank import MakeTouchBank
+from experiments.ppo.train_ppo import TrainPPO
 from experiments.robustness.robustness import Robustness
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
@@ -106,7 +106,7 @@ def _collections() -> list[Case]:
     commands: dict[str, Callable[[Path, Path], Any]] = {
         "calibrate": lambda data, out: Calibrate("coarse", reader, data, out),
         "calibration-report": lambda data, out: CalibrationReport("coarse", data, out=out, jobs=1),
-        "touch-bank": lambda data, out: MakeTouchBank("coarse", data, out=out),
+        "train-ppo": lambda data, out: TrainPPO("coarse", data, out=out, jobs=1),
     }
     return [
         refuses(name, "--scene coarse and a collection of gel", _with_gel(command), ActiveTouchError, pattern)
