@@ -42,7 +42,7 @@ class RecordedReport:
         measured = self.measured
         sentences = self._touches_to_name()
         if len(self.facts["actions"]) == 1:
-            sentences.append(f"There is one action, so that deciders have nothing to choose.")
+            sentences.append("There is one action, so that deciders have nothing to choose.")
         else:
             gain = measured.named_by(GAIN)
             saved = {name: interval(*saving(gain, measured.named_by(name)), spec=".1%") for name in (RANDOM, FIXED)}
