@@ -29,10 +29,10 @@ from activetouch.sensor_files import (
     require_model,
     shift_from,
 )
-from belief import Touch
 from belief.errors import InvalidArgument, UnknownName
 from belief.naming import Name, few, index_of, one_line
-from belief.observation_model import ArrayModel
+from belief.observation_model.model import ArrayModel
+from belief.problem import Touch
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,13 +15,12 @@ from functools import cached_property
 
 import numpy as np
 
-from belief import Probe
 from belief.bayes import expected_information_gain
 from belief.errors import InvalidArgument
 from belief.frozen import frozen
-from belief.observation_model import OutcomeTable
-from belief.problem import Floats
-from belief.validation import as_real, require_count, require_number
+from belief.observation_model.outcome_table import OutcomeTable
+from belief.problem import Probe
+from belief.validation import Floats, as_real, require_count, require_number
 from planners.decider import Decision, InformationState, require_fit
 from planners.pomdp.alpha_vectors import AlphaVectors
 from planners.pomdp.solver import backup, different

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from belief.observation_model import ArrayModel
+from belief.observation_model.model import ArrayModel
 from belief.touch_batch import TouchBatch
 
 Floats = NDArray[np.float64]

@@ -20,8 +20,9 @@ from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import sampled_table
 from belief.observation_model.variance_components import covariance
-from belief.problem import Floats, Touch
+from belief.problem import Touch
 from belief.touch_batch import TouchBatch
+from belief.validation import Floats
 
 _MEAN_POOLING = 30.0  # weight of a shape's mean over all poses in its mean in each pose, in touches
 

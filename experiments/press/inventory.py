@@ -14,7 +14,7 @@ from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.press import Quasistatic
 from activetouch.pressing.robot import ROBOTS
 from activetouch.scene import Scene
-from belief import Composition
+from belief.composition import Composition
 
 if TYPE_CHECKING:
     import mujoco

@@ -14,10 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from belief import Composition, SearchProblem
-from belief.observation_model import ObservationModel
+from belief.composition import Composition
+from belief.observation_model.model import ObservationModel
 from belief.observation_model.rigid_body import joint_model
-from belief.problem import Floats
+from belief.problem import Floats, SearchProblem
 from experiments.search.setting import Setting, load_sensor
 from planners.bounds.search import revealing_touch_bound, search_bound
 from planners.repeats import repeat_discount, weights_in_turn

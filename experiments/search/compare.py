@@ -12,9 +12,10 @@ from typing import Annotated, Any, Literal
 import tyro
 from rich.console import Console
 
-from belief import Composition, SearchProblem
+from belief.composition import Composition
 from belief.errors import ActiveTouchError, UnknownName
 from belief.files import require_regular_file, require_writable, unsealed_json
+from belief.problem import SearchProblem
 from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments, require_types
 from experiments.command_line.console import plain_console
 from experiments.command_line.trust import Trust

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import tyro
 
-from belief import Composition
+from belief.composition import Composition
 from belief.errors import InvalidArgument, UnknownName
 from belief.files import write_text
 from experiments.command_line.arguments import BadArgument, Within, check_arguments

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.scene import WorldObject
-from belief import Probe, Reject, SearchProblem
 from belief.observation_model.rigid_body_evidence import RigidBodyEvidence, joint_evidence
-from belief.problem import Action
+from belief.problem import Action, Probe, Reject, SearchProblem
 from belief.seeding import touch_rng
 from experiments.search.setting import Setting, load_sensor, make_world
 from planners import Episode, Step

@@ -9,7 +9,7 @@ from itertools import chain
 
 import numpy as np
 
-from belief import SearchProblem
+from belief.problem import SearchProblem
 from experiments.search.bound import RevealedBody
 from experiments.search.run_folder import (
     BOUND,

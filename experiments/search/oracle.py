@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from activetouch import TactileSensor, TouchWorld
 from activetouch.perception.reader import Reading
-from belief import SceneBelief
+from belief.scene_belief import SceneBelief
 from belief.touch_batch import TouchBatch
 from experiments.search.setting import Setting, episode_seed, load_sensor, make_world
 from experiments.search.touch_memo import TouchMemo

@@ -10,9 +10,9 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from belief import Confirm, Reject
 from belief.errors import ActiveTouchError
 from belief.files import write_text
+from belief.problem import Confirm, Reject
 from belief.statistics import wilson_interval
 from experiments.command_line.arguments import Within, check_arguments
 from experiments.command_line.console import plain_console

@@ -26,10 +26,12 @@ from activetouch.sensor_files import (
     reader_file,
 )
 from activetouch.world import TouchTime, touch_many
-from belief import Composition, SearchProblem, Touch
+from belief.composition import Composition
 from belief.errors import CorruptFile
-from belief.observation_model import ArrayModel, ObservationModel, OutcomeTable
+from belief.observation_model.model import ArrayModel, ObservationModel
+from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.rigid_body import joint_model
+from belief.problem import SearchProblem, Touch
 from belief.seeding import arrangement_rng
 from belief.synthetic import sample_arrangement
 from experiments.command_line.arguments import BadArgument, Count, NotNegative, Within, check_arguments, require_types

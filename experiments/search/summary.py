@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from belief import SearchProblem
 from belief.metrics import CalibrationAtStop
+from belief.problem import SearchProblem
 from belief.statistics import wilson_interval
 from experiments.search.bound import RevealedBody
 from experiments.search.episode_statistics import Place, by_position, calibration_of_confirmations, gap, regret

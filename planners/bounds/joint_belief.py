@@ -22,8 +22,8 @@ from itertools import combinations, product
 
 import numpy as np
 
-from belief import Composition
-from belief.problem import Floats
+from belief.composition import Composition
+from belief.validation import Floats
 from planners.bounds.belief_grid import BeliefGrid
 from planners.bounds.object import look_ahead
 from planners.bounds.simplex import SimplexGrid

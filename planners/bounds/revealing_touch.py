@@ -23,9 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from belief.errors import InvalidArgument
-from belief.observation_model import OutcomeTable
-from belief.problem import Floats
-from belief.validation import as_real, normalise_probs, require_count
+from belief.observation_model.outcome_table import OutcomeTable
+from belief.validation import Floats, as_real, normalise_probs, require_count
 from planners.bounds.rival import INTERVALS, pair_steps, pair_values
 from planners.pomdp.touch_costs import TouchCosts
 

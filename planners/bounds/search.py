@@ -7,9 +7,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from belief import Composition
+from belief.composition import Composition
 from belief.errors import InvalidArgument
-from belief.problem import Floats
+from belief.validation import Floats
 from planners.bounds.clairvoyant import clairvoyant_bound
 from planners.bounds.joint_belief import JointBeliefBound, is_small
 from planners.bounds.object import ObjectBound

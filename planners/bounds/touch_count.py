@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import rel_entr
 
-from belief.observation_model import OutcomeTable
-from belief.problem import Floats
+from belief.observation_model.outcome_table import OutcomeTable
+from belief.validation import Floats
 
 _SAME = 1e-12  # nats of divergence below which rounding makes all the difference
 _EXPONENTS = np.linspace(0.0, 1.0, 201)
