@@ -62,6 +62,13 @@ class PoseMeansModel(ArrayModel):
     Attributes:
         embedding: from touches to vectors.
         means: mean vector of each shape in each pose, ``(P, K, D)``.
+
+    Example:
+        >>> touches = [Touch(0, row) for row in np.random.default_rng(0).normal(size=(50, 2))]
+        >>> model: PoseMeansModel = GaussianModel.fit(touches, np.arange(50) % 2)
+        >>> statistics = model.statistics_with(model.statistics_with(None, touches[0]), touches[1])
+        >>> bool(np.allclose(model.log_likelihood_of(statistics), model.log_likelihood(touches[:2])))
+        True
     """
 
     embedding: LogitEmbedding
