@@ -93,7 +93,6 @@ def search_columns(
                 seed,
                 setting,
                 out=folder / in_file_names(scene),
-                bound=False,
                 jobs=jobs,
             )
             comparison = compare.play()

@@ -12,7 +12,7 @@ from belief import Composition
 from belief.errors import InvalidArgument, UnknownName
 from belief.files import write_text
 from experiments.command_line.arguments import BadArgument, Within, check_arguments
-from experiments.search.setting import Setting, known_model, require_abstain
+from experiments.search.setting import Setting
 from planners.export import to_pomdp
 from planners.point_based import PointBased
 from planners.repeats import repeat_discount
@@ -54,14 +54,14 @@ class Export:
         check_arguments(self)
         if self.setting.abstain is not None:
             raise BadArgument("--abstain is for compare; export writes a search without the answer UNSURE")
-        require_abstain(self.setting)
         if self.format == "npz" and self.discount != 1.0:
             raise BadArgument(f"--discount {self.discount} is for .pomdp files; the policy of point_based has none")
         problem = self.setting.problem
         if self.target not in problem.shape_labels:
             raise UnknownName("target", self.target, list(problem.shape_labels))
         target = problem.shape_labels.index(self.target)
-        model, table = known_model(self.setting)
+        model = self.setting.open_sensor().model
+        table = model.outcome_table()
         try:
             if self.format == "npz":
                 policy = PointBased(table, repeat_discount(model)).policy(problem, target)

@@ -24,7 +24,7 @@ from belief import Touch
 from belief.files import atomic_path, require_regular_file, write_text
 from experiments.command_line.workers import in_own_process
 from experiments.search.fingerprint import made_with
-from experiments.search.setting import episode_seed, make_world
+from experiments.search.play import episode_seed, make_world
 from experiments.tradeoff.configuration import SHIPPED, Configuration, Network
 from experiments.tradeoff.models import observation_model
 from planners import Episode, make_decider, search_lockstep
@@ -117,8 +117,7 @@ def finished(folder: Path, seed: int) -> list[tuple[SearchResult, TouchCost]]:
 
 
 def _search(configuration: Configuration, cache: Path) -> SearchResult:
-    setting = configuration.setting
-    problem = setting.problem
+    problem = configuration.setting.problem
     sensor = _sensor(configuration)
     if configuration.observation_model != SHIPPED:
         sensor = replace(sensor, model=observation_model(configuration, cache))
@@ -144,7 +143,7 @@ def _search(configuration: Configuration, cache: Path) -> SearchResult:
         thinking = 0.0
         for first in range(0, len(seeds), _TOGETHER):
             some = seeds[first : first + _TOGETHER]
-            worlds, targets = [make_world(setting, sensor, seed) for seed in some], [seed[1] for seed in some]
+            worlds, targets = [make_world(problem, sensor, seed) for seed in some], [seed[1] for seed in some]
             started = time.thread_time() - touching
             episodes += search_lockstep(worlds, decider, problem, targets, sensor.model, some, touch_and_time)
             thinking += time.thread_time() - touching - started
