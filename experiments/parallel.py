@@ -65,7 +65,7 @@ class Shared(Generic[T]):
         if self._file is None:
             from joblib.externals import cloudpickle
 
-            handle, self._file = tempfile.mkstemp(prefix="activetouch-", suffix=".pickle")
+            handle, self._file = tempfile.mkstemp(".pickle", "activetouch-", os.environ.get("JOBLIB_TEMP_FOLDER"))
             weakref.finalize(self, _remove, self._file)
             with os.fdopen(handle, "wb") as file:
                 cloudpickle.dump(self.value, file)

@@ -17,7 +17,6 @@ from experiments.command_line.arguments import (
     InFile,
     Jobs,
     Seed,
-    check_arguments,
     require_types,
 )
 from experiments.command_line.console import plain_console
@@ -143,7 +142,6 @@ class Compare:
         return compared(self._played(), self.reference)
 
     def _played(self, part: tuple[int, int] = (0, 1)) -> Run:
-        check_arguments(self)
         run = prepared(
             self.setting,
             self.deciders,

@@ -277,7 +277,7 @@ def prepared(
     arguments = {
         "deciders": list(players),
         "reference": reference,
-        "targets": chosen,
+        "targets": [targets] if isinstance(targets, str) else list(targets),
         "episodes": episodes,
         "seed": seed,
         "setting": setting.to_dict() if named is None and own_sensor is None else None,

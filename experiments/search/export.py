@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
-
-import tyro
 
 from belief import Composition
 from belief.errors import InvalidArgument, UnknownName
 from belief.files import write_text
-from experiments.command_line.arguments import BadArgument, Within, check_arguments
+from experiments.command_line.arguments import BadArgument, Count, NotNegative, Within, check_arguments
+from experiments.scene_choice import SceneChoice
 from experiments.search.setting import Setting
 from planners.export import to_pomdp
 from planners.point_based import PointBased
@@ -40,8 +39,14 @@ class Export:
     discount: Annotated[float, Within(0.0, 1.0, open_low=True)] = 1.0
     """Discount of a .pomdp file, for each touch and each rejection. Searches have 1; SARSOP and others need less, such
     as 0.999."""
-    setting: Annotated[Setting, tyro.conf.arg(name="")] = field(default_factory=Setting)
-    """Setting of the search."""
+    scene: str = "gel"
+    """Scene of the search."""
+    sensor: Path | None = None
+    """Folder of a sensor, or name of a shipped one; that of the scene by default."""
+    num_objects: Count | None = None
+    """Objects in a search; that of the scene by default."""
+    touch_cost: NotNegative = 0.02
+    """Cost λ of one touch, in units of a success."""
 
     def run(self) -> None:
         """Write the file.
@@ -52,15 +57,16 @@ class Export:
             InvalidArgument: The search is too large; use fewer objects.
         """
         check_arguments(self)
-        if self.setting.abstain is not None:
-            raise BadArgument("--abstain is for compare; export writes a search without the answer UNSURE")
         if self.format == "npz" and self.discount != 1.0:
             raise BadArgument(f"--discount {self.discount} is for .pomdp files; the policy of point_based has none")
-        problem = self.setting.problem
+        setting = Setting(
+            SceneChoice(self.scene), sensor=self.sensor, num_objects=self.num_objects, touch_cost=self.touch_cost
+        )
+        problem = setting.problem
         if self.target not in problem.shape_labels:
             raise UnknownName("target", self.target, list(problem.shape_labels))
         target = problem.shape_labels.index(self.target)
-        model = self.setting.open_sensor().model
+        model = setting.open_sensor().model
         table = model.outcome_table()
         try:
             if self.format == "npz":
@@ -69,7 +75,7 @@ class Export:
                 print(f"{self.out}: policy with a return of at least {policy.lower_bound:.4f}")
             else:
                 if not isinstance(problem.composition, Composition):
-                    raise InvalidArgument("a .pomdp file needs --composition distinct or independent")
+                    raise InvalidArgument("a .pomdp file needs a scene whose objects are distinct or independent")
                 search = SearchTouchProblem(
                     table.probs,
                     problem.num_objects,

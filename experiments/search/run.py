@@ -189,15 +189,12 @@ def _divided(task: Task, pieces: int) -> Iterator[Task]:
         yield Task(task.shared, task.target, task.number, some)
 
 
-def merge(sources: Sequence[Path], out: Path) -> dict[str, Any]:
-    """Copy the finished searches of several run folders into one.
+def merge(sources: Sequence[Path], out: Path) -> None:
+    """Copy the finished searches of several run folders into one, whose ``run.json`` asks for all of them.
 
     Args:
         sources: run folders of the same seed, scene, sensor and versions; they do not change.
         out: folder to write; may hold a part of the same run.
-
-    Returns:
-        Arguments of the union: all deciders and targets, and the largest number of episodes.
 
     Raises:
         FileNotFoundError: A folder holds no run.
@@ -211,13 +208,13 @@ def merge(sources: Sequence[Path], out: Path) -> dict[str, Any]:
         if other := differing(runs[0]["identity"], run["identity"]):
             raise RunMismatch(f"{folder.path} holds another run than {sources[0]}: other {other}")
     arguments = [run["arguments"] for run in runs]
+    targets = list(dict.fromkeys(chain.from_iterable(one["targets"] for one in arguments)))
     together = {
-        name: list(dict.fromkeys(chain.from_iterable(one[name] for one in arguments)))
-        for name in ("deciders", "targets")
+        "deciders": list(dict.fromkeys(chain.from_iterable(one["deciders"] for one in arguments))),
+        "targets": targets if all(one["targets"] for one in arguments) else [],  # none named: all
+        "episodes": max(one["episodes"] for one in arguments),
     }
-    union.start(
-        runs[0]["identity"], {**arguments[0], **together, "episodes": max(one["episodes"] for one in arguments)}
-    )
+    union.start(runs[0]["identity"], {**arguments[0], **together})
     for folder in folders:
         for cell in folder.cells():
             for stored in folder.batches(cell):
@@ -229,4 +226,3 @@ def merge(sources: Sequence[Path], out: Path) -> dict[str, Any]:
                         f"{folder.path} and {out} hold different episodes of {cell[0]} for {cell[1]}, batch "
                         f"{stored.number}, probably because different kinds of processors played them; delete one"
                     )
-    return union.read_run()["arguments"]

@@ -1,7 +1,5 @@
 """``activetouch export`` writes files that read back as the search and the policy of ``point_based``."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -9,7 +7,7 @@ from belief.errors import InvalidArgument, UnknownName
 from experiments.command_line.arguments import BadArgument
 from experiments.scene_choice import SceneChoice
 from experiments.search.export import Export
-from experiments.search.setting import Setting, known_model
+from experiments.search.setting import Setting
 from planners.export import as_pomdp, read_pomdp
 from planners.point_based import PointBased
 from planners.repeats import repeat_discount
@@ -19,9 +17,9 @@ COARSE = Setting(SceneChoice("coarse"))
 
 
 def test_an_exported_search_is_the_one_that_compare_plays(tmp_path):
-    Export(target="cone", out=tmp_path / "cone.pomdp", setting=COARSE).run()
+    Export(target="cone", out=tmp_path / "cone.pomdp", scene="coarse").run()
     read = read_pomdp((tmp_path / "cone.pomdp").read_text())
-    problem, table = COARSE.problem, known_model(COARSE)[1]
+    problem, table = COARSE.problem, COARSE.open_sensor().model.outcome_table()
     target = problem.shape_labels.index("cone")
     search = SearchTouchProblem(table.probs, problem.num_objects, "distinct", target, problem.touch_cost)
     expected = as_pomdp(search, problem.shape_labels, problem.pose_labels)
@@ -32,17 +30,18 @@ def test_an_exported_search_is_the_one_that_compare_plays(tmp_path):
 
 def test_a_discount_below_one_is_written_and_one_of_one_is_told(tmp_path, capsys):
     for discount, told in ((1.0, True), (0.999, False)):
-        Export(target="cone", out=tmp_path / "cone.pomdp", discount=discount, setting=COARSE).run()
+        Export(target="cone", out=tmp_path / "cone.pomdp", discount=discount, scene="coarse").run()
         assert read_pomdp((tmp_path / "cone.pomdp").read_text()).discount == discount
         assert ("--discount 0.999" in capsys.readouterr().out) == told
     for arguments, message in (({"discount": 1.5}, "--discount"), ({"format": "npz", "discount": 0.9}, "--discount")):
         with pytest.raises(BadArgument, match=message):
-            Export(target="cone", out=tmp_path / "x", setting=COARSE, **arguments).run()
+            Export(target="cone", out=tmp_path / "x", scene="coarse", **arguments).run()
 
 
 def test_an_exported_policy_is_the_one_that_the_default_planner_follows(tmp_path):
-    Export(target="cone", format="npz", out=tmp_path / "cone.npz", setting=COARSE).run()
-    model, table = known_model(COARSE)
+    Export(target="cone", format="npz", out=tmp_path / "cone.npz", scene="coarse").run()
+    model = COARSE.open_sensor().model
+    table = model.outcome_table()
     policy = load_policy(tmp_path / "cone.npz", table.probs)
     assert isinstance(policy, SearchPolicy)
     problem = COARSE.problem
@@ -56,19 +55,10 @@ def test_an_exported_policy_is_the_one_that_the_default_planner_follows(tmp_path
             assert policy.action(number, belief, touches) == followed.action(number, belief, touches)
 
 
-def test_an_exported_search_does_not_pretend_to_have_the_answer_unsure(tmp_path):
-    with pytest.raises(BadArgument, match="--abstain is for compare"):
-        Export(target="cone", out=tmp_path / "x", setting=replace(COARSE, abstain=0.02)).run()
-    with pytest.raises(BadArgument, match="--promise does nothing"):
-        Export(target="cone", out=tmp_path / "x", setting=replace(COARSE, promise=0.9)).run()
-    assert not list(tmp_path.iterdir())
-
-
 def test_an_unknown_target_and_a_search_that_is_too_large_are_refused(tmp_path):
     with pytest.raises(UnknownName, match="cone"):
-        Export(target="coen", out=tmp_path / "x", setting=COARSE).run()
-    many = Setting(SceneChoice("many"))
+        Export(target="coen", out=tmp_path / "x", scene="coarse").run()
     for form in ("pomdp", "npz"):
         with pytest.raises(InvalidArgument, match="--num-objects 1"):
-            Export(target="cone", format=form, out=tmp_path / "x", setting=many).run()
+            Export(target="cone", format=form, out=tmp_path / "x", scene="many").run()
     assert not list(tmp_path.iterdir())
