@@ -63,12 +63,12 @@ class Shared(Generic[T]):
     def __reduce__(self) -> tuple[Any, ...]:
         """Write the file when the first task is sent; it is removed with this object."""
         if self._file is None:
-            from joblib.externals import cloudpickle
+            from joblib.externals.loky.backend.reduction import dump  # that of cloudpickle
 
             handle, self._file = tempfile.mkstemp(".pickle", "activetouch-", os.environ.get("JOBLIB_TEMP_FOLDER"))
             weakref.finalize(self, _remove, self._file)
             with os.fdopen(handle, "wb") as file:
-                cloudpickle.dump(self.value, file)
+                dump(self.value, file)
         return _received, (self._file, os.getcwd())
 
 
