@@ -126,8 +126,8 @@ class Explain:
     For example:
 
         activetouch explain
-        activetouch explain --scene paper --robot panda_allegro
-        activetouch explain --meshes mug.obj bowl.stl --mesh-scale 0.001
+        activetouch explain --scene "paper(robot='panda_allegro')"
+        activetouch explain --meshes mug.obj@0.001 bowl.stl
     """
 
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)

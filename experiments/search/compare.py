@@ -91,8 +91,9 @@ class Compare:
         try:
             given: dict[str, Any] = dict(unsealed_json(file.read_text(encoding="utf-8"))["arguments"])
             setting = Setting.from_dict(given["setting"], Trust(path, everything=True))  # run() checks what it names
-            lists = {name: tuple(given[name]) for name in ("deciders", "targets")}
-            found = cls(**{**given, **lists, "setting": setting, "out": file.parent, "config": path})
+            searches = {name: given[name] for name in ("reference", "episodes", "seed")}
+            deciders, targets = tuple(given["deciders"]), tuple(given["targets"])
+            found = cls(deciders, targets=targets, setting=setting, out=file.parent, config=path, **searches)
             require_types(found)
             return found
         except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:

@@ -245,7 +245,8 @@ def prepared(
         check_value(f"--{name}", value, kind)
     for name in ("promise", "unsure_reward"):
         if setting.abstain is None and (value := getattr(setting, name)) != getattr(Setting, name):
-            raise BadArgument(f"{name} does nothing without abstain, got {value}; add abstain=0.02")
+            flag = name.replace("_", "-")
+            raise BadArgument(f"--{flag} does nothing without --abstain, got {value}")
     players = _players(deciders)
     if reference is not None and reference not in players:
         raise UnknownName("reference among --deciders", reference, list(players))

@@ -50,10 +50,10 @@ def test_a_mesh_adds_a_shape_called_like_its_file(mesh):
 
 def test_two_shapes_of_one_name_are_refused(mesh):
     with pytest.raises(DuplicateShape, match="must have other names"):
-        _ = SceneChoice(meshes=(mesh, mesh)).named
+        _ = SceneChoice(meshes=(Path(f"{mesh}@0.001"),) * 2).named
     cone = mesh.rename(mesh.with_name("cone.off"))
     with pytest.raises(DuplicateShape, match="sphere, cube, cylinder, cone"):
-        _ = SceneChoice(meshes=(cone,)).named
+        _ = SceneChoice(meshes=(Path(f"{cone}@0.001"),)).named
 
 
 def test_an_unknown_scene_suggests_the_nearest():
@@ -114,8 +114,8 @@ def test_a_choice_that_makes_no_scene_is_refused(changes, words):
 def test_a_file_called_like_a_shape_is_told_how_to_be_called_otherwise(mesh):
     cube = mesh.rename(mesh.with_name("cube.off"))
     with pytest.raises(DuplicateShape, match=r"my_cube=cube\.obj, or leave the scene's own shapes out with --only"):
-        _ = SceneChoice(meshes=(cube,)).named
-    assert SceneChoice(meshes=(cube,), only=True).named.scene.shape_labels == ("cube",)
+        _ = SceneChoice(meshes=(Path(f"{cube}@0.001"),)).named
+    assert SceneChoice(meshes=(Path(f"{cube}@0.001"),), only=True).named.scene.shape_labels == ("cube",)
     assert "my_cube" in SceneChoice(meshes=(Path(f"my_cube={cube}@0.001"),)).named.scene.shape_labels
 
 

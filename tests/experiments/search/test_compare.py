@@ -201,7 +201,7 @@ def test_a_composition_makes_room_for_more_objects_than_shapes():
         ({"setting": Setting(abstain=0.0)}, r"--abstain must be in \(0.0, 1.0\), got 0.0"),
         ({"setting": Setting(abstain=0.02, promise=1.5)}, r"--promise must be in \[0.0, 1.0\], got 1.5"),
         ({"setting": Setting(abstain=0.02, unsure_reward=1.0)}, r"--unsure-reward must be in .* got 1.0"),
-        ({"setting": Setting(promise=0.9)}, "promise does nothing without abstain"),
+        ({"setting": Setting(promise=0.9)}, "--promise does nothing without --abstain"),
         ({"episodes": -3}, r"--episodes must be in \[1, .*got -3"),
         ({"jobs": 0}, r"--jobs must be in \[1, .*got 0"),
         ({"seed": -1}, r"--seed must be in \[0, .*got -1"),
