@@ -18,7 +18,7 @@ from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.sensor_files import POLICIES
 from belief.errors import UnknownName
 from belief.files import require_writable
-from belief.observation_model.rigid_body import RigidBodyModel
+from belief.observation_model.rigid_body import joint_model
 from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments, check_value
 from experiments.command_line.console import plain_console
 from experiments.parallel import Shared, run_tasks
@@ -306,8 +306,8 @@ def _players(deciders: Mapping[str, Decider | str] | Sequence[str] | str) -> dic
 
 def _predict_contacts(sensor: TactileSensor, jobs: int | None) -> None:
     """Fill the cache of predicted contacts of a reader of any object, before several processes need them."""
-    model = sensor.model
-    if sensor.reader.card.imaging is not None and isinstance(model, RigidBodyModel):
+    model = joint_model(sensor.model)
+    if sensor.reader.card.imaging is not None and model is not None:
         shared = Shared(HypothesisTable(sensor.reader, sensor.scene))
         tasks = [partial(_predict, shared, model.num_hypotheses, pose) for pose in range(len(sensor.scene.poses))]
         for _ in run_tasks(tasks, jobs, "predicting contacts"):
