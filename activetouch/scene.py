@@ -1,7 +1,7 @@
 """A scene: which shapes, poses and pad there are, how a press is made, and what is left to chance.
 
 A :class:`Scene` is a complete, frozen description; ``scene.press(object, pose, rng)`` is one touch of it.
-The default is the leanest world in which the search makes sense: a pad and one object, no robot.
+The default is the leanest world in which the search makes sense: a pad and one object.
 
     >>> import numpy as np
     >>> rng = np.random.default_rng(0)
@@ -34,7 +34,6 @@ from activetouch.pressing.contact import Contact
 from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Press, Quasistatic
-from activetouch.pressing.robot import ROBOTS, Robot
 from activetouch.pressing.setup import Setup
 from activetouch.rendering import Fault, Gain, Noise, PressureRenderer, TactileRenderer, read_out
 from activetouch.rendering.faults import require_faults
@@ -99,7 +98,6 @@ class Scene:
         height: of the pad above the floor [m].
         finger: whether to model the finger that carries the pad.
         parking: whether to load all objects at once, and park those that are not pressed.
-        robot: that stands behind the pad, by name or in detail; none by default.
         aims: where a pose brings the object's centre, from the approach axis along y and z [m], by label of the pose;
             to the axis where nothing is said. The offset of the variation is added. :func:`activetouch.poses.aimed`
             makes poses and aims.
@@ -119,7 +117,6 @@ class Scene:
     height: float = 0.0
     finger: bool = False
     parking: bool = False
-    robot: Robot | str | None = None
     aims: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -162,10 +159,6 @@ class Scene:
             for label, solid in self.solids.items():
                 _require_hash(label, solid)
         warn_of_twins(self.solids, self.variation.size.support)
-        if isinstance(self.robot, str):
-            if self.robot not in ROBOTS:
-                raise UnknownName("robot", self.robot, list(ROBOTS))
-            object.__setattr__(self, "robot", ROBOTS[self.robot])
 
     def __eq__(self, other: object) -> bool:
         """Whether all parts are equal, with shapes and poses in the same order."""
@@ -187,7 +180,7 @@ class Scene:
     def setup(self) -> Setup:
         """The surroundings of a press."""
         loaded = tuple(self.solids.values()) if self.parking else ()
-        return Setup(self.pad, self.height, self.finger, loaded, cast(Robot | None, self.robot))
+        return Setup(self.pad, self.height, self.finger, loaded)
 
     @property
     def solids(self) -> Mapping[str, Shape]:

@@ -37,7 +37,7 @@ SHIFTS = frozenset({"press_model", "faults", "variation", "presentation", "famil
 OBJECTS = ("shapes", "families", "poses", "aims", "presentation")
 """Fields of a scene that are about its objects, not about its sensor."""
 SURROUNDINGS = frozenset({"height", "finger", "parking", "robot"})
-"""Fields of a scene that do not change touches."""
+"""Fields of a scene that do not change touches; files say that there is no robot, as earlier versions could model."""
 _DECIMALS = 8  # of arrays; further decimals differ between processors
 _LARGEST = 64  # size of the largest array that is not replaced by its digest
 _DEEPEST = 20  # level of nesting
@@ -78,7 +78,7 @@ def scene_fields(scene: Scene) -> dict[str, Any]:
     told = {name: _described(scene.solids if name == "shapes" else getattr(scene, name)) for name in names}
     families = getattr(scene, "families", {})
     parts = {f"{label}.{name}": given for label, family in families.items() for name, given in family.parameters}
-    return told | ({"families": _described(parts)} if parts else {})
+    return told | {"robot": None} | ({"families": _described(parts)} if parts else {})
 
 
 def scene_differences(

@@ -23,7 +23,6 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-from activetouch.errors import WrongPress
 from activetouch.pressing.contact import Contact, contact_at_depth
 from activetouch.rendering import read_out
 from activetouch.scene import Scene
@@ -141,15 +140,7 @@ def exchange(
         key: seed and stream of the generators.
         read: from images ``(n, ...)`` to n rows.
         jobs: number of processes that press.
-
-    Raises:
-        WrongPress: geometry and depth do not determine the imprints of the scene.
     """
-    if scene.press_model.deforms:
-        raise WrongPress(
-            "geometry and depth do not determine the imprint on a deformable pad; choose --fidelity quasistatic, "
-            "dynamic or guarded_move"
-        )
     touches = np.arange(num_objects * len(scene.shapes) * len(scene.poses))
     lenders = keyed_rng([*key, _KEY], is_fixed_length=True).permutation(len(touches))
     tasks = [

@@ -21,7 +21,6 @@ from activetouch.errors import DuplicateShape
 from activetouch.mesh_source import read_meshes
 from activetouch.named_scenes import SCENES, NamedScene
 from activetouch.orientations import Inexact, Presentation, Resampled, Tumbled, Upright
-from activetouch.pressing.deformable import Deformable
 from activetouch.pressing.guarded_move import GuardedMove
 from activetouch.pressing.press import Press
 from activetouch.rendering import RENDERERS, TactileRenderer
@@ -38,7 +37,6 @@ FIDELITIES: Mapping[str, Press] = {
     "quasistatic": Quasistatic(),
     "dynamic": Dynamic(),
     "guarded_move": GuardedMove(),
-    "deformable": Deformable(),
 }
 PRESENTATIONS: Mapping[str, Presentation] = {
     "tumbled": Tumbled(),
@@ -201,8 +199,6 @@ class SceneChoice:
     """A shape whose objects differ in their proportions, as SHAPE:PARAMETER=LOW..HIGH with factors on the nominal
     number, such as cylinder:half_length=0.5..2. Several parameters are separated by commas; repeat the option for
     other shapes."""
-    robot: Literal["panda_allegro"] | None = None
-    """Robot to model behind the pad; its models are read from $MENAGERIE_ROOT."""
 
     @cached_property
     def named(self) -> NamedScene:
@@ -226,8 +222,6 @@ class SceneChoice:
             changes["presentation"] = PRESENTATIONS[self.presentation]
         if self.poses is not None:
             changes |= {"poses": self.poses, "aims": {}}
-        if self.robot is not None:
-            changes["robot"] = self.robot
         if self.only and not self.meshes:
             raise InvalidArgument("--only leaves out the scene's own shapes; give others with --meshes")
         own = {} if self.only else named.scene.shapes
@@ -275,8 +269,9 @@ class SceneChoice:
         given = {**fields, "meshes": tuple(Path(path) for path in fields["meshes"])}
         if not given["meshes"]:
             given.pop("mesh_scale", None)
-        if given.get("randomised") is False:
-            given.pop("randomised")  # of files from before training in a wider world was removed
+        for name, without in (("randomised", False), ("robot", None)):  # of files of earlier versions
+            if name in given and given[name] is without:
+                given.pop(name)
         if given.get("size_range") is not None:
             given["size_range"] = tuple(given["size_range"])
         if "family" in given:

@@ -17,7 +17,6 @@ from activetouch.errors import WrongMujoco
 from activetouch.placement import Placement
 from activetouch.poses import Quaternion
 from activetouch.pressing.clock import stop_clock
-from activetouch.pressing.robot import attach_robot
 from activetouch.pressing.setup import Setup
 from activetouch.pressing.trace import Phase, Trace
 from activetouch.shapes import Geom, Shape
@@ -88,17 +87,8 @@ def build_spec(
     guide = world.add_body(name="guide", pos=[0.0, 0.0, setup.height])
     guide.add_joint(name="guide", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1.0, 0.0, 0.0])
     body = guide.add_body(name="object")  # its own body, so that its orientation does not turn the guide
-    contact = {} if setup.robot is not None and setup.robot.collisions else _NO_CONTACT
-    add_solid(
-        spec,
-        body,
-        "object",
-        shape.geom if facing is None else facing,
-        largest_scale,
-        mass=_MASS,
-        rgba=_ORANGE,
-        **contact,
-    )
+    geom = shape.geom if facing is None else facing
+    add_solid(spec, body, "object", geom, largest_scale, mass=_MASS, rgba=_ORANGE, **_NO_CONTACT)
     softness = [pad.contact_time, pad.damping_ratio]
     spec.add_pair(name="touch", geomname1="pad", geomname2="object", solref=softness, solimp=_PAD_SOLIMP)
     actuator = spec.add_actuator(name="guide", target="guide", trntype=mujoco.mjtTrn.mjTRN_JOINT)
@@ -111,8 +101,6 @@ def build_spec(
         kind, geom = mujoco.mjtSensor.mjSENS_CONTACT, mujoco.mjtObj.mjOBJ_GEOM
         sensor = spec.add_sensor(name="touch", type=kind, objtype=geom, objname="pad")
         sensor.intprm[:3] = [_FORCE_AND_POSITION, _NET_FORCE, 1]
-    if setup.robot is not None:
-        attach_robot(spec, setup.robot, (0.0, 0.0, setup.height))
     return spec
 
 
@@ -171,8 +159,6 @@ class Rig:
         self.command = self.data.ctrl[actuator.id :]
         """Its first number is the position to which the guide is commanded [m]."""
         self._lag = -float(actuator.biasprm[2] / actuator.gainprm[0])  # of the servo behind its command [s]
-        servos = self.model.actuator_trnid[1:, 0]  # of a robot's joints
-        self._stance = self.model.qpos0[self.model.jnt_qposadr[servos]]
         size, centre = self.model.geom_size[self._geom], self.model.geom_pos[self._geom]
         # MuJoCo places a mesh relative to the centre of mass of its body, so this is scaled too.
         self._largest = size.copy(), centre.copy(), self.model.body_ipos[self._body].copy(), self._vertices.copy()
@@ -203,7 +189,6 @@ class Rig:
         model.body_pos[self._body, 1:] = placement.offset
         self.turn(placement.orientation)
         self._position[0] = self.command[0] = position
-        self.command[1:] = self._stance
 
     def turn(self, orientation: Quaternion) -> None:
         """Set the orientation of the object."""

@@ -12,7 +12,7 @@ from typing import Annotated
 import tyro
 from rich.progress import track
 
-from activetouch.errors import LabelMismatch, MissingRobot, NoIndependentModel, WrongScene
+from activetouch.errors import LabelMismatch, NoIndependentModel, WrongScene
 from activetouch.named_scenes import NamedScene
 from activetouch.scene import Scene
 from activetouch.sensor_files import READER_FILE, load_observation_model, reader_file, sensor_shift
@@ -46,7 +46,7 @@ class Explain:
     For example:
 
         activetouch explain
-        activetouch explain --scene paper --robot panda_allegro
+        activetouch explain --scene paper
         activetouch explain --meshes mug.obj bowl.stl --mesh-scale 0.001
     """
 
@@ -87,10 +87,7 @@ class Explain:
                 variants.insert(position, (relation, *found))
         rows = []
         for relation, change, variant in track(variants, "measuring", console=console, transient=True):
-            try:
-                rows.append((relation, change, press_cost(variant, self.presses)))
-            except MissingRobot:
-                console.print(f"not measured: {change} (no Menagerie checkout; set MENAGERIE_ROOT)")
+            rows.append((relation, change, press_cost(variant, self.presses)))
         console.print(_cost_table(rows).rich())
 
 

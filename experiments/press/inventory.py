@@ -5,12 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from activetouch.pressing.deformable import Deformable
 from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.press import Quasistatic
-from activetouch.pressing.robot import ROBOTS
 from activetouch.scene import Scene
 from activetouch.shapes import Family
 
@@ -47,7 +43,7 @@ def inventory(scene: Scene) -> list[InventoryItem]:
     entries.append(InventoryItem(len(scene.shapes), "surfaces", _surfaces(scene)))
     model = scene.press_model.compiled(scene.setup, next(iter(scene.solids.values())))
     if model is not None:
-        entries += _soft_bodies(model) if model.nflex else _rigid_bodies(model)
+        entries += _rigid_bodies(model)
     return [entry for entry in entries if entry.number]
 
 
@@ -63,9 +59,7 @@ def _surfaces(scene: Scene) -> str:
     if not scene.press_model.moves:
         return f"{shown}, and it is what is pressed"
     hollow = {kind: [k for k, v in scene.solids.items() if v.geom.presses == kind] for kind in ("surface", "hull")}
-    what = "the convex hull of what lies in front of the pad" + (
-        "" if scene.press_model.deforms else ", which has the same first touch"
-    )
+    what = "the convex hull of what lies in front of the pad, which has the same first touch"
     parts = [f"of {', '.join(hollow['surface'])}, {what}"] if hollow["surface"] else []
     parts += [f"of {', '.join(hollow['hull'])}, the convex hull, so force and image may disagree"] * bool(
         hollow["hull"]
@@ -75,18 +69,13 @@ def _surfaces(scene: Scene) -> str:
 
 def _rigid_bodies(model: mujoco.MjModel) -> list[InventoryItem]:
     names = [model.geom(index).name for index in range(model.ngeom)]
-    robot = np.array([name.startswith("robot_") for name in names])
-    meeting = int(np.count_nonzero(robot & ((model.geom_contype | model.geom_conaffinity) != 0)))
     return [
         InventoryItem(
             2, "moving bodies", "the guide, and on it the object, so that turning it does not turn the guide"
         ),
         InventoryItem(1, "slide joint", "the guide's, along x"),
-        InventoryItem(model.njnt - 1, "hinge joints", "of the robot"),
         InventoryItem(1, "actuator", "the servo that moves the guide"),
-        InventoryItem(model.nu - 1, "servos", "that hold the robot"),
         InventoryItem(model.npair, "contact pair", "pad and pressed object; nothing else can touch"),
-        InventoryItem(meeting, "parts in the way", "of the robot: what an object that misses the pad can bump into"),
         InventoryItem(model.nsensor, "sensor", "force vector and contact point in every step"),
         InventoryItem(
             sum(name.startswith("finger") for name in names), "finger segments", "carry the pad, as in the paper"
@@ -94,25 +83,12 @@ def _rigid_bodies(model: mujoco.MjModel) -> list[InventoryItem]:
         InventoryItem(
             sum(name.startswith("parked") for name in names), "parked objects", "fixed to the world, no contact"
         ),
-        InventoryItem(int(np.count_nonzero(robot)), "robot parts", "to be seen and bumped into; they stand still"),
-    ]
-
-
-def _soft_bodies(model: mujoco.MjModel) -> list[InventoryItem]:
-    return [
-        InventoryItem(model.nflexvert, "flex nodes", "of the soft pad, which deforms where it is touched"),
-        InventoryItem(model.nflexelem, "flex elements", "of the soft pad"),
-        InventoryItem(model.nv, "degrees of freedom", "of the nodes and the guide"),
     ]
 
 
 def leaner(scene: Scene) -> tuple[str, Scene] | None:
     """The next simpler scene, and the difference; None for the simplest."""
     press = scene.press_model
-    if scene.robot is not None:
-        return "without the robot", replace(scene, robot=None)
-    if press.deforms:
-        return "a rigid pad, with the force law for its imprint", replace(scene, press_model=Dynamic())
     if scene.parking or scene.finger:
         return "without finger and parked objects", replace(scene, parking=False, finger=False)
     if press.traced:
@@ -123,8 +99,6 @@ def leaner(scene: Scene) -> tuple[str, Scene] | None:
 def richer(scene: Scene) -> tuple[str, Scene] | None:
     """The next richer scene, and the difference; None for the richest."""
     press = scene.press_model
-    if press.deforms:
-        return None
     if not press.moves:
         return "stepped motion", replace(scene, press_model=Dynamic())
     if not press.traced:
@@ -133,6 +107,4 @@ def richer(scene: Scene) -> tuple[str, Scene] | None:
         parks = not scene.families
         change = "the finger, and all objects loaded" if parks else "the finger"
         return change, replace(scene, parking=parks, finger=True)
-    if scene.robot is None:
-        return "a robot behind the pad", replace(scene, robot=ROBOTS["panda_allegro"])
-    return "a soft pad", replace(scene, press_model=Deformable(), robot=None)
+    return None

@@ -43,7 +43,7 @@ class TouchCommand:
     For example:
 
         activetouch touch --shape cone --pose corner --out cone.png
-        activetouch touch --scene paper --robot panda_allegro --seed 3
+        activetouch touch --scene paper --seed 3
     """
 
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)

@@ -74,7 +74,7 @@ class Robustness:
         activetouch robustness --scene gel --objects 100
         activetouch robustness --scene coarse --searches 100
         activetouch robustness --scene coarse --conditions "noise × 2" "size ± 25 %"
-        activetouch robustness --scene coarse --sensor runs/sensor-coarse --deformable 5
+        activetouch robustness --scene coarse --sensor runs/sensor-coarse
     """
 
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
@@ -85,8 +85,6 @@ class Robustness:
     """Number of objects of every shape, at least two; each is touched once in every pose, under every condition."""
     conditions: tuple[str, ...] = ()
     """Conditions to measure, such as "noise × 2"; all by default."""
-    deformable: CountOrNone = 0
-    """Number of objects of every shape to press into the soft pad too, which takes seconds per press."""
     searches: CountOrNone = 0
     """Number of live searches for every target, by information gain with each observation model, under every
     condition, and among objects of unseen shapes."""
@@ -114,7 +112,7 @@ class Robustness:
         out = self.out if self.out is not None else Path(f"runs/robustness-{in_file_names(name)}")
         claim_folder(out)
         sensor = open_sensor(self.sensor, self.choice, self.anyway)
-        shifted, left_out = applicable_conditions(scene, self.objects, self.deformable)
+        shifted, left_out = applicable_conditions(scene, self.objects)
         for condition in self.conditions:
             if condition not in CONDITIONS:
                 raise UnknownName("condition", condition, list(CONDITIONS))

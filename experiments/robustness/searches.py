@@ -105,7 +105,6 @@ def search_scores(
         partial(_search_all, (condition, name), replace(sensor, scene=scene, model=models[name]), problem, episodes,
                 seed, rate, folder)
         for condition, scene in scenes.items()
-        if not scene.press_model.is_slow
         for name, rate in kinds
     ]  # fmt: skip
     found: dict[tuple[str, str], dict[str, Any]] = {task.args[0]: {} for task in tasks}

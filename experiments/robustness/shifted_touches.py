@@ -75,15 +75,12 @@ class ClassifierOutputs:
         return all_poses.reshaped((-1, 1))
 
 
-def applicable_conditions(
-    scene: Scene, num_objects: int, num_deformable: int = 0
-) -> tuple[dict[str, ShiftedScene], dict[str, str]]:
+def applicable_conditions(scene: Scene, num_objects: int) -> tuple[dict[str, ShiftedScene], dict[str, str]]:
     """The conditions that apply to a scene, the unchanged scene first, and why the others do not.
 
     Args:
         scene: in which the sensor was trained.
         num_objects: of every shape.
-        num_deformable: of every shape, on the soft pad; 0 leaves that condition out.
     """
     shifted, left_out = {AS_TRAINED: ShiftedScene(scene, num_objects)}, {}
     for name, change in CONDITIONS.items():
@@ -92,13 +89,10 @@ def applicable_conditions(
         except DoesNotApply as reason:
             left_out[name] = str(reason)
             continue
-        is_slow = changed.press_model.is_slow and not scene.press_model.is_slow
         if ShiftedScene(changed, 0).presses == ShiftedScene(scene, 0).presses and changed.faults == scene.faults:
             left_out[name] = "the sensor was trained under this condition"
-        elif is_slow and not num_deformable:
-            left_out[name] = "a press takes seconds; set the number of objects with --deformable"
         else:
-            shifted[name] = ShiftedScene(changed, min(num_deformable, num_objects) if is_slow else num_objects)
+            shifted[name] = ShiftedScene(changed, num_objects)
     return shifted, left_out
 
 

@@ -12,12 +12,11 @@ from activetouch.distributions import Constant, LogUniform, Normal, Uniform
 from activetouch.errors import BadMesh
 from activetouch.orientations import Inexact, Resampled, Tumbled, Upright
 from activetouch.poses import aimed, to_matrix, turn
-from activetouch.pressing.robot import ROBOTS
 from activetouch.pressing.setup import Setup
 from activetouch.rendering import DeadTaxels, GelSightRenderer
 from activetouch.scene import Symmetry, Variation
 from activetouch.shapes import Box, ConvexPolyhedron, Cut, Cylinder, Mesh, Pyramid, Union
-from belief.errors import InvalidArgument, UnknownName
+from belief.errors import InvalidArgument
 
 STILL = Scene(press_model=Quasistatic())
 
@@ -192,15 +191,10 @@ def test_a_path_stands_for_the_mesh_in_the_file(tmp_path):
         Scene(shapes={"mine": path})
 
 
-def test_an_unknown_robot_suggests_the_nearest():
-    with pytest.raises(UnknownName, match="Did you mean 'panda_allegro'"):
-        Scene(robot="panda_alegro")
-
-
-def test_all_shapes_are_in_the_model_only_where_they_are_parked_and_a_robot_is_known_by_its_name():
+def test_all_shapes_are_in_the_model_only_where_they_are_parked():
     assert STILL.setup == Setup(STILL.pad)
-    parked = replace(STILL, parking=True, height=0.07, finger=True, robot="panda_allegro")
-    assert parked.setup == Setup(STILL.pad, 0.07, True, tuple(SHAPES.values()), ROBOTS["panda_allegro"])
+    parked = replace(STILL, parking=True, height=0.07, finger=True)
+    assert parked.setup == Setup(STILL.pad, 0.07, True, tuple(SHAPES.values()))
 
 
 @pytest.mark.parametrize("part", [{"press_model": Quasistatic}, {"press_model": "dynamic"}, {"presentation": Upright}])

@@ -14,7 +14,6 @@ from activetouch.distributions import Normal
 from activetouch.errors import UnstablePress
 from activetouch.placement import Placement
 from activetouch.pressing.contact import Contact, contact_at_depth, surface_gap
-from activetouch.pressing.deformable import Deformable
 from activetouch.pressing.guarded_move import GuardedMove
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Press
@@ -130,18 +129,6 @@ def _of_physics() -> list[Case]:
         ),
         refuses(
             "guarded_move press", "a force of NaN", lambda: press_once(GuardedMove(), force=_NAN), ValueError, "force"
-        ),
-        answers(
-            "deformable press",
-            "a soft block",
-            lambda: press_once(Deformable(nodes=9, layers=2)),
-            such_that("2 N within 5 %", lambda c: abs(c.force - 2.0) < 0.1),
-        ),
-        answers(
-            "deformable press",
-            "an object beside the pad",
-            lambda: press_once(Deformable(nodes=9, layers=2), offset=(0.2, 0.0)),
-            MISS,
         ),
     ]
 

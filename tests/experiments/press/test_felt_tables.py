@@ -8,7 +8,6 @@ import pytest
 
 from activetouch import SCENES
 from activetouch.distributions import Uniform
-from activetouch.pressing.deformable import Deformable
 from activetouch.pressing.press import Quasistatic
 from activetouch.shapes import EXTENDED_SHAPES, Box, Cone, Sphere, Union
 from experiments.press.alike import Alike, Likeness
@@ -76,7 +75,6 @@ CROSS = Union((Box((0.02, 0.006, 0.006)), Box((0.006, 0.006, 0.02))))
             "of cross, the convex hull of what lies in front of the pad, which has the same first",
         ),
         ({"torus": EXTENDED_SHAPES["torus"]}, None, "of torus, the convex hull, so force and image may disagree"),
-        ({"cross": CROSS}, Deformable(), "of cross, the convex hull of what lies in front of the pad"),
         ({"cross": CROSS, "torus": EXTENDED_SHAPES["torus"]}, Quasistatic(), "it is what is pressed"),
     ],
 )

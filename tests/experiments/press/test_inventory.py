@@ -3,7 +3,6 @@
 import pytest
 
 from activetouch import SCENES, Quasistatic, Scene
-from activetouch.pressing.deformable import Deformable
 from activetouch.pressing.rig import build_spec
 from activetouch.pressing.setup import Setup
 from experiments.press.inventory import inventory, leaner, richer
@@ -20,7 +19,7 @@ def test_the_default_scene_models_a_pad_an_object_and_nothing_else():
     modelled = numbers(Scene())
     assert modelled["moving bodies"] == 2
     assert modelled["slide joint"] == modelled["contact pair"] == modelled["actuator"] == 1
-    assert not modelled.keys() & {"sensor", "finger segments", "parked objects", "robot parts", "servos"}
+    assert not modelled.keys() & {"sensor", "finger segments", "parked objects"}
 
 
 def test_the_paper_scene_adds_finger_parking_and_a_sensor_but_no_contact_pair():
@@ -33,13 +32,7 @@ def test_without_time_stepping_there_are_no_bodies():
     assert "moving bodies" not in numbers(Scene(press_model=Quasistatic()))
 
 
-def test_a_soft_pad_is_made_of_nodes_and_elements():
-    modelled = numbers(Scene(press_model=Deformable(nodes=5, layers=2)))
-    assert modelled["flex nodes"] == 5 * 5 * 3
-    assert modelled["degrees of freedom"] == 5 * 5 * 2 * 3 + 1
-
-
-def test_leaner_and_leaner_ends_without_physics_and_richer_and_richer_with_a_soft_pad():
+def test_leaner_and_leaner_ends_without_physics_and_richer_and_richer_with_all_objects():
     scene, changes = SCENES["paper"].scene, []
     while (found := leaner(scene)) is not None:
         changes.append(found[0])
@@ -49,7 +42,8 @@ def test_leaner_and_leaner_ends_without_physics_and_richer_and_richer_with_a_sof
     assert len(changes) == 3
     while (found := richer(scene)) is not None:
         scene = found[1]
-    assert isinstance(scene.press_model, Deformable)
+    assert scene.press_model.traced
+    assert scene.parking
 
 
 def test_parked_objects_and_the_finger_add_no_motion_and_no_contact():
