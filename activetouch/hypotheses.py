@@ -10,10 +10,15 @@ True
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.distributions import Distribution
+
+if TYPE_CHECKING:
+    from activetouch.scene import Scene
 
 Floats = NDArray[np.float64]
 
@@ -91,3 +96,32 @@ def quantiles(distribution: Distribution, shares: Floats) -> Floats:
     """
     rng = np.random.default_rng(0)
     return np.asarray(np.quantile([distribution.sample(rng) for _ in range(_DRAWN)], shares))
+
+
+class Bodies(NamedTuple):
+    """N hypotheses about an object, whatever its shape.
+
+    Attributes:
+        rests: orientations at rest, unit quaternions ``wxyz``, ``(N, 4)``.
+        sizes: relative to the nominal size, ``(N,)``.
+        shares: where they are in a family of solids (:func:`member_shares`), ``(N,)``.
+    """
+
+    rests: Floats
+    sizes: Floats
+    shares: Floats
+
+    def take(self, some: slice | NDArray[np.int64]) -> Bodies:
+        """Some of the hypotheses."""
+        return Bodies(*(part[some] for part in self))
+
+
+def bodies_of(scene: Scene, num_hypotheses: int) -> Bodies:
+    """Hypotheses that cover the orientations and sizes of a scene's objects evenly, the same for all shapes.
+
+    Args:
+        scene: of the objects.
+        num_hypotheses: N.
+    """
+    rests = scene.presentation.rests(num_hypotheses)
+    return Bodies(rests, sizes(scene.variation.size, num_hypotheses), member_shares(num_hypotheses))

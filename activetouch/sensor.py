@@ -87,8 +87,7 @@ class TactileSensor:
         fitted = None if path.name == ANY_OBJECT_FILE else fitted_model(folder, independent)
         reader = TactileReader.load(path)
         shift = shift_from(folder, reader.card, fitted, scene, anyway)
-        if reader.card.imaging is not None:
-            reader = reader.bound_to(scene)
+        reader = reader.bound_to(scene)
         if fitted is None or (reader.card.imaging is not None and not is_of_objects(fitted.scene, scene)):
             from activetouch.perception.preparation import prepared  # which sensors of known objects do not need
 

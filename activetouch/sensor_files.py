@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from activetouch.errors import LabelMismatch, NoIndependentModel
 from activetouch.perception.card import ClassifierCard, read_card
 from activetouch.perception.contacts.imaging import Imaging
-from activetouch.perception.contacts.told import fields_read, is_told
+from activetouch.perception.contacts.sensor_state import differs_from_training, fields_read
 from activetouch.scene import Scene
 from activetouch.scene_description import OBJECTS, require_scene, scene_fields
 from belief.errors import CorruptFile
@@ -184,7 +184,7 @@ def reader_file(folder: Path, scene: Scene, independent: bool = False) -> Path:
     fitted_to, here = fitted_model(folder, independent).scene, scene_fields(scene)
     if fitted_to is None or any(fitted_to.get(part) != here.get(part) for part in OBJECTS if part != "presentation"):
         return _joint(other, independent)
-    return other if not independent and is_told(read_card(other).imaging, scene) else own
+    return other if not independent and differs_from_training(read_card(other).imaging, scene) else own
 
 
 def _joint(path: Path, independent: bool) -> Path:

@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 
-from activetouch.data.solver_settings import solver_settings
 from activetouch.errors import LabelMismatch
 from activetouch.scene import Scene, Symmetry
 from activetouch.scene_description import in_words, scene_differences, scene_fields
@@ -287,6 +286,30 @@ def _versions() -> dict[str, str]:
         "mujoco": mujoco.__version__,
         "numpy": np.__version__,
         "python": platform.python_version(),
+    }
+
+
+def solver_settings(scene: Scene) -> dict[str, Any]:
+    """What MuJoCo computes the pad's contacts with, read from the compiled model; empty for a press without MuJoCo."""
+    model = scene.press_model.compiled(scene.setup, next(iter(scene.solids.values())))
+    if model is None:
+        return {}
+    import mujoco
+
+    option, pad = model.opt, model.pair("touch").id
+    return {
+        "solver": mujoco.mjtSolver(option.solver).name,
+        "cone": mujoco.mjtCone(option.cone).name,
+        "integrator": mujoco.mjtIntegrator(option.integrator).name,
+        "impratio": float(option.impratio),
+        "timestep": float(option.timestep),
+        "iterations": int(option.iterations),
+        "tolerance": float(option.tolerance),
+        "disableflags": int(option.disableflags),
+        "enableflags": int(option.enableflags),
+        "pad condim": int(model.pair_dim[pad]),
+        **{f"pad {name}": getattr(model, f"pair_{name}")[pad].tolist() for name in ("solref", "solimp")},
+        **{f"pad {name}": float(getattr(model, f"pair_{name}")[pad]) for name in ("margin", "gap")},
     }
 
 

@@ -12,8 +12,8 @@ import scipy  # whose parts load at first use
 from numpy.typing import NDArray
 
 from activetouch.errors import WrongScene
+from activetouch.hypotheses import Bodies, bodies_of
 from activetouch.orientations import LyingAnyhow
-from activetouch.perception.hypothesis_bodies import Bodies, bodies_of
 from activetouch.perception.reader import TactileReader
 from activetouch.poses import multiply, turned
 from activetouch.scene import Scene

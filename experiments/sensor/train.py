@@ -192,7 +192,7 @@ class Train:
         import torch
 
         from activetouch.perception.contact_training import ContactRecipe, ContactTrainer, export
-        from activetouch.perception.contacts.told import imaging_of
+        from activetouch.perception.contacts.sensor_state import imaging_of
 
         scene = named_scene(self.scene).scene
         out = self.out if self.out is not None else training_folder(f"{self.scene}-contacts")

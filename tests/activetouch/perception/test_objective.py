@@ -94,7 +94,7 @@ def test_training_by_contrast_learns_shape_and_orientation_and_goes_on_where_it_
     assert (reading.labels == train.shapes).mean() > 0.95
     bars = np.flatnonzero(train.shapes == 0)
     rotations = to_matrices(ANGLES)
-    known = reader.embed(np.zeros(3, np.int64), rotations, np.ones(3))
+    known = reader.hypotheses.embed(np.zeros(3, np.int64), rotations, np.ones(3))
     found = (reading.embeddings[bars] @ known.T).argmax(axis=1)
     alike = [np.abs(train.orientations[bars] @ some.T) for some in (ANGLES, multiply(HALF_TURN, ANGLES.T).T)]
     assert (found == np.maximum(*alike).argmax(axis=1)).mean() > 0.95
@@ -113,7 +113,7 @@ def test_orientations_related_by_a_symmetry_get_equal_ratios(tmp_path):
     twins = multiply(HALF_TURN, ANGLES.T).T
     bars = reader.read(train.images[train.shapes == 0]).embeddings
     ratios, of_twins = (
-        bars @ reader.embed(np.zeros(3, np.int64), to_matrices(q), np.ones(3)).T for q in (ANGLES, twins)
+        bars @ reader.hypotheses.embed(np.zeros(3, np.int64), to_matrices(q), np.ones(3)).T for q in (ANGLES, twins)
     )
     spread = ratios.std()
     assert np.abs(ratios - of_twins).mean() < 0.15 * spread

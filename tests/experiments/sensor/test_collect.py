@@ -17,8 +17,7 @@ import tyro
 
 from activetouch import Quasistatic
 from activetouch.data.dataset import read_manifest, read_split, record_shard
-from activetouch.data.manifest import Manifest, write_manifest
-from activetouch.data.solver_settings import solver_settings
+from activetouch.data.manifest import Manifest, solver_settings, write_manifest
 from activetouch.errors import LabelMismatch, UnstablePress
 from activetouch.pressing.contact import elastic_contact, surface_gap
 from activetouch.rendering import Noise

@@ -132,10 +132,10 @@ def test_a_training_writes_the_reader_of_its_network_beside_the_checkpoint(data,
 
 
 def test_a_checkpoint_of_another_backbone_is_refused(data, tmp_path):
-    card = card_for(read_split(data, "test"), "femto", 16, ("a", "b", "c", "d"), ("p",))
+    card = card_for(read_split(data, "test"), "atto", 16, ("a", "b", "c", "d"), ("p",))
     trained(data, tmp_path, change=Changes(epochs=1))
     checkpoint = tmp_path / CLASSIFIER_FILE
-    with pytest.raises(MissingWeights, match="wanted is femto for 1"):
+    with pytest.raises(MissingWeights, match="wanted is atto for 1"):
         new_classifier(card, 0, str(checkpoint))
 
 
