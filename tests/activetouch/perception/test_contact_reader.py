@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from activetouch.perception.hypothesis_bodies import bodies_of
 from scipy.special import logsumexp
 
 from activetouch import SCENES, Quasistatic, TactileSensor
 from activetouch.distributions import Uniform
 from activetouch.errors import AlikeShapes
+from activetouch.hypotheses import bodies_of
 from activetouch.perception import preparation
 from activetouch.perception.card import READER
 from activetouch.perception.contacts import hypotheses
