@@ -16,8 +16,6 @@ import numpy as np
 
 from belief.errors import InvalidArgument
 
-_NARROW = 0.1  # limit below which rejection is from a uniform distribution: few normal deviates are that small
-
 
 class Distribution(Protocol):
     """The distribution of a real random number."""
@@ -50,9 +48,7 @@ class Constant:
 
 
 @dataclass(frozen=True)
-class Uniform:
-    """The uniform distribution between ``low`` and ``high``."""
-
+class _Range:
     low: float
     high: float
 
@@ -66,27 +62,24 @@ class Uniform:
         """See :class:`Distribution`."""
         return self.low, self.high
 
+
+@dataclass(frozen=True)
+class Uniform(_Range):
+    """The uniform distribution between ``low`` and ``high``."""
+
     def sample(self, rng: np.random.Generator) -> float:
         """See :class:`Distribution`."""
         return float(rng.uniform(self.low, self.high))
 
 
 @dataclass(frozen=True)
-class LogUniform:
+class LogUniform(_Range):
     """The log-uniform distribution between ``low`` and ``high``, both positive."""
 
-    low: float
-    high: float
-
     def __post_init__(self) -> None:
-        _require_finite(self, self.low, self.high)
-        if not 0.0 < self.low <= self.high:
-            raise ValueError(f"0 < low ≤ high must hold, got {self}")
-
-    @property
-    def support(self) -> tuple[float, float]:
-        """See :class:`Distribution`."""
-        return self.low, self.high
+        super().__post_init__()
+        if self.low <= 0.0:
+            raise ValueError(f"low must be above zero, got {self}")
 
     def sample(self, rng: np.random.Generator) -> float:
         """See :class:`Distribution`."""
@@ -113,15 +106,9 @@ class Normal:
 
     def sample(self, rng: np.random.Generator) -> float:
         """See :class:`Distribution`."""
-        while True:
-            if self.limit < _NARROW:
-                deviate = rng.uniform(-self.limit, self.limit)
-                is_drawn = rng.random() < np.exp(-0.5 * deviate**2)
-            else:
-                deviate = rng.standard_normal()
-                is_drawn = abs(deviate) <= self.limit
-            if is_drawn:
-                return float(self.mean + self.std * deviate)
+        while abs(deviate := rng.standard_normal()) > self.limit:
+            pass
+        return float(self.mean + self.std * deviate)
 
 
 def require_distribution(name: str, given: object) -> None:

@@ -7,7 +7,9 @@ orientation and offset in place, so that MuJoCo's bounding volumes remain valid.
 
 from __future__ import annotations
 
-from functools import lru_cache
+import ctypes
+from functools import cache, lru_cache
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -16,7 +18,6 @@ from numpy.typing import NDArray
 from activetouch.errors import WrongMujoco
 from activetouch.placement import Placement
 from activetouch.poses import Quaternion
-from activetouch.pressing.clock import stop_clock
 from activetouch.pressing.setup import Setup
 from activetouch.pressing.trace import Phase, Trace
 from activetouch.shapes import Geom, Shape
@@ -29,7 +30,6 @@ if tuple(int(part) for part in mujoco.__version__.split(".")[:3]) < _OLDEST:
         "pip uninstall -y mujoco mujoco-core && pip install 'mujoco-core>=4.0.1,<5'"
     )
 
-stop_clock()
 _MASS = 0.5  # of object and guide together [kg]; with the pad's contact it gives 1.5-2.4 mm at 2 N
 _SERVO_STIFFNESS = 20_000.0  # of the guide's position servo [N/m]
 _PAD_SOLIMP = (0.7, 0.9, 0.003, 0.5, 2.0)  # impedance from 0.7 to 0.9 over 3 mm
@@ -116,6 +116,22 @@ def add_solid(
         body.add_geom(name=name, type=kind, size=np.asarray(geom.size) * scale, **properties)
 
 
+@cache
+def stop_clock() -> None:
+    """Let MuJoCo measure no times of its own, in this process, which takes a fifth of a press.
+
+    ``mjData.timer`` then reads 0. The Python package gives MuJoCo a clock, which every step reads some thirty times. It
+    is taken away where the library is found beside the package; elsewhere nothing changes. ``mujoco.set_mjcb_time`` sets
+    another.
+    """
+    for path in Path(mujoco.__file__).parent.glob("*mujoco.*"):
+        try:
+            clock = ctypes.c_void_p.in_dll(ctypes.CDLL(str(path)), "mjcb_time")
+        except (OSError, ValueError):  # not the library, or one without this variable
+            continue
+        clock.value = None
+
+
 class Rig:
     """A compiled model of a setup and one object, which can be placed and pressed many times.
 
@@ -138,6 +154,7 @@ class Rig:
         largest_scale: float = LARGEST_SCALE,
         facing: Geom | None = None,
     ) -> None:
+        stop_clock()
         self.model = build_spec(setup, shape, timestep, traced, largest_scale, facing).compile()
         self._largest_scale = largest_scale
         self.data = mujoco.MjData(self.model)

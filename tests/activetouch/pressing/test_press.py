@@ -4,6 +4,7 @@ import pickle
 import re
 from itertools import pairwise
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -271,3 +272,10 @@ def test_a_controlled_press_is_not_carried_beyond_its_force_at_any_speed(speed, 
         for shape in SHAPES.values():
             contact = Dynamic(speed=speed).press(SETUP, Placement(shape, 1.0, random_orientation(rng)), target_force)
             assert contact.force <= 1.101 * target_force
+
+
+def test_steps_measure_no_time():
+    rig = Rig(Setup(), SHAPES["cube"], 0.002)
+    mujoco.mj_step(rig.model, rig.data)
+    assert rig.data.timer[mujoco.mjtTimer.mjTIMER_STEP].number == 1
+    assert rig.data.timer[mujoco.mjtTimer.mjTIMER_STEP].duration == 0.0
