@@ -79,7 +79,7 @@ class LogUniform(_Range):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.low <= 0.0:
-            raise ValueError(f"low must be above zero, got {self}")
+            raise ValueError(f"0 < low ≤ high must hold, got {self}")
 
     def sample(self, rng: np.random.Generator) -> float:
         """See :class:`Distribution`."""

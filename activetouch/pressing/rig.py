@@ -121,8 +121,7 @@ def stop_clock() -> None:
     """Let MuJoCo measure no times of its own, in this process, which takes a fifth of a press.
 
     ``mjData.timer`` then reads 0. The Python package gives MuJoCo a clock, which every step reads some thirty times. It
-    is taken away where the library is found beside the package; elsewhere nothing changes. ``mujoco.set_mjcb_time`` sets
-    another.
+    is taken away where the library is found beside the package. ``mujoco.set_mjcb_time`` sets another.
     """
     for path in Path(mujoco.__file__).parent.glob("*mujoco.*"):
         try:
