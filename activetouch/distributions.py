@@ -17,6 +17,9 @@ import numpy as np
 from belief.errors import InvalidArgument
 
 
+_NARROW = 0.1  # limit below which rejection is from a uniform distribution: few normal deviates are that small
+
+
 class Distribution(Protocol):
     """The distribution of a real random number."""
 
@@ -106,9 +109,15 @@ class Normal:
 
     def sample(self, rng: np.random.Generator) -> float:
         """See :class:`Distribution`."""
-        while abs(deviate := rng.standard_normal()) > self.limit:
-            pass
-        return float(self.mean + self.std * deviate)
+        while True:
+            if self.limit < _NARROW:
+                deviate = rng.uniform(-self.limit, self.limit)
+                is_drawn = rng.random() < np.exp(-0.5 * deviate**2)
+            else:
+                deviate = rng.standard_normal()
+                is_drawn = abs(deviate) <= self.limit
+            if is_drawn:
+                return float(self.mean + self.std * deviate)
 
 
 def require_distribution(name: str, given: object) -> None:
