@@ -16,7 +16,6 @@ import numpy as np
 
 from belief.errors import InvalidArgument
 
-
 _NARROW = 0.1  # limit below which rejection is from a uniform distribution: few normal deviates are that small
 
 
