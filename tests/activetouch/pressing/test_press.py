@@ -1,6 +1,5 @@
 """Real presses in MuJoCo: every shape in every pose, misses, extremes."""
 
-import pickle
 import re
 from itertools import pairwise
 
@@ -137,15 +136,6 @@ def test_a_pause_of_no_steps_is_refused():
 def test_an_absurd_size_is_refused():
     with pytest.raises(ValueError, match="scale must be in"):
         Dynamic().press(SETUP, Placement(SHAPES["cube"], 50.0, UPRIGHT), 2.0)
-
-
-def test_a_dynamic_press_survives_pickling_without_its_models(rng):
-    press = Dynamic(speed=0.05)
-    orientation = random_orientation(rng)
-    before = press.press(SETUP, Placement(SHAPES["cylinder"], 1.0, orientation), 2.0).force
-    copy = pickle.loads(pickle.dumps(press))
-    assert copy == press
-    assert copy.press(SETUP, Placement(SHAPES["cylinder"], 1.0, orientation), 2.0).force == before
 
 
 @pytest.mark.parametrize("press", [Dynamic(), Quasistatic()], ids=["dynamic", "quasistatic"])
