@@ -69,21 +69,15 @@ def test_a_reader_comes_back_from_its_file(reader, cache, tmp_path):
 
 FOREIGN = {
     "no imaging": lambda card: card | {"imaging": {}},
-    "a text": lambda card: card | {"imaging": "pressure"},
     "a number": lambda card: card | {"imaging": 3},
     "another field": lambda card: card | {"imaging": card["imaging"] | {"colour": 1}},
     "a field less": lambda card: card | {"imaging": {k: v for k, v in card["imaging"].items() if k != "pixels"}},
-    "a text for a number": lambda card: card | {"imaging": card["imaging"] | {"noise": "much"}},
-    "no pixels": lambda card: card | {"imaging": card["imaging"] | {"pixels": 0}},
     "pixels that do not divide": lambda card: card | {"imaging": card["imaging"] | {"pixels": 3}},
-    "half a taxel": lambda card: card | {"imaging": card["imaging"] | {"taxels": 4.5}},
     "three forces": lambda card: card | {"imaging": card["imaging"] | {"force": [1, 2, 3]}},
     "a pad of no size": lambda card: (
         card | {"imaging": card["imaging"] | {"pad": card["imaging"]["pad"] | {"half_width": 0.0}}}
     ),
-    "a pad that is none": lambda card: card | {"imaging": card["imaging"] | {"pad": [1]}},
     "dead taxels of another sensor": lambda card: card | {"imaging": card["imaging"] | {"dead": [[1, 0], [0, 1]]}},
-    "dead taxels in a row": lambda card: card | {"imaging": card["imaging"] | {"dead": [[1, 0], [0]]}},
     "another network": lambda card: card | {"hypothesis_network": "residual"},
 }
 

@@ -158,11 +158,6 @@ def test_images_of_another_size_are_averaged_down_or_repeated_up(sensor):
             sensor.reader.read(np.zeros(shape, np.uint8))
 
 
-@pytest.mark.parametrize("name", SCENES)
-def test_a_shipped_reader_is_small(name):
-    assert (MODELS / name / READER_FILE).stat().st_size < 10e6
-
-
 def test_a_truncated_reader_is_a_clear_error(tmp_path):
     path = tmp_path / "half.safetensors"
     path.write_bytes(SHIPPED.read_bytes()[:100_000])
