@@ -100,7 +100,7 @@ any-object: development
 	$(BIN)/activetouch train --scene $(SCENE) --recipe contacts $(addprefix --steps ,$(STEPS.$(SCENE))) --out $(ANY_OBJECT)
 	mkdir -p activetouch/models/$(SCENE)
 	cp $(ANY_OBJECT)/any_object.safetensors activetouch/models/$(SCENE)/
-	cp $(ANY_OBJECT)/log.jsonl docs/records/perception/any_object_$(SCENE).jsonl
+	cp $(ANY_OBJECT)/log.jsonl records/perception/any_object_$(SCENE).jsonl
 
 # What choosing the place of a touch is worth among the 26 directions, in a scene whose sensor has six poses: its reader
 # calibrated for the directions, their best fixed order, and live searches; make places SCENE=coarse
@@ -154,7 +154,7 @@ joint-policies: development
 figures: development
 	$(BIN)/activetouch compare --scene coarse --deciders information_gain --targets cone --episodes 49 --seed 1 --out runs/figure
 	$(BIN)/activetouch replay --folder runs/figure --target cone --number 48 --out docs/search.png
-	$(BIN)/activetouch gallery --out docs/gallery.png
+	$(BIN)/activetouch touch --all --seed 4 --out docs/gallery.png
 	$(BIN)/python docs/generate/gallery.py
 
 # The paper's tables and figures beside ours; make reproduce ARGS="--parts table2 figure3", or ARGS=--from-nothing.

@@ -8,15 +8,11 @@ package ``experiments`` (decision 0034), are loaded at first use.
 from __future__ import annotations
 
 import importlib
-import sys
 from typing import TYPE_CHECKING, Any
 
-from activetouch.own_packages import make_way, require_own_packages
+from activetouch.own_packages import require_own_packages
 
-if sys.argv[:1] == ["-m"]:  # while Python looks for the module that `python -m activetouch` runs
-    make_way()
-else:
-    require_own_packages("belief")
+require_own_packages("belief")
 
 from activetouch import envs
 from activetouch.named_scenes import SCENES
@@ -63,7 +59,7 @@ def __getattr__(name: str) -> Any:
     """What is loaded at first use, and the version."""
     if name in _LATER:
         if _LATER[name].startswith("experiments."):
-            require_own_packages()
+            require_own_packages("planners", "experiments")
         return getattr(importlib.import_module(_LATER[name]), name)
     if name == "__version__":
         from importlib.metadata import version

@@ -4,7 +4,8 @@
     mine:TwoLooks(touches=4)        the result of calling its class or function ``TwoLooks``
     point_based(rounds=[200, 400])  an entry of a registry, with settings
 
-The module is searched in the working folder first, then among installed modules. Settings are Python literals.
+The module is searched among installed modules first, then in the working folder, whose files therefore hide nothing
+that is installed. Settings are Python literals.
 """
 
 from __future__ import annotations
@@ -15,15 +16,11 @@ import inspect
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from importlib.machinery import PathFinder
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
 from belief.errors import ActiveTouchError, UnknownName
-
-_ROOT = Path(__file__).resolve().parent.parent
-_PACKAGES = ("activetouch", "belief", "experiments", "planners")
 
 
 class BadReference(ActiveTouchError, ValueError):
@@ -87,7 +84,6 @@ class Reference:
         module_name, _, attribute = self.name.rpartition(":")
         here = str(Path.cwd())
         look_in(here)
-        _require_own_packages(here)
         try:
             found: Any = importlib.import_module(module_name)
         except ModuleNotFoundError as error:
@@ -99,6 +95,9 @@ class Reference:
             ) from error
         except Exception as error:
             raise BadReference(f"{self.name}: importing {module_name} failed: {error!r}") from error
+        own, used = Path(here, *module_name.split(".")).with_suffix(".py"), getattr(found, "__file__", None)
+        if own.exists() and (used is None or Path(used).resolve() != own.resolve()):
+            raise BadReference(f"{self.name}: {own} is hidden by {used or 'a module of Python'}: rename it")
         for part in attribute.split("."):
             if not hasattr(found, part):
                 raise UnknownName(f"attribute of {module_name}", part, [n for n in dir(found) if not n.startswith("_")])
@@ -115,29 +114,15 @@ class Reference:
 
 
 def look_in(folder: str) -> None:
-    """Put a folder first in the module search path.
+    """Put a folder last in the module search path, where it hides no installed module.
 
     >>> look_in(str(Path.cwd()))
     >>> str(Path.cwd()) in sys.path
     True
     """
     if folder not in sys.path:
-        sys.path.insert(0, folder)
+        sys.path.append(folder)
     importlib.invalidate_caches()
-
-
-def _require_own_packages(folder: str) -> None:
-    """Raise BadReference if a folder hides packages of this installation; worker processes look there too."""
-    for name in _PACKAGES:
-        spec = PathFinder.find_spec(name)
-        places = (
-            [] if spec is None else [*(spec.submodule_search_locations or []), *([spec.origin] if spec.origin else [])]
-        )
-        if places and not any(Path(place).resolve().is_relative_to(_ROOT) for place in places):
-            raise BadReference(
-                f"{places[0]} has the name of a package of activetouch, which worker processes need: rename it, or "
-                f"keep parts of your own in another folder than {folder}"
-            )
 
 
 def build(

@@ -180,7 +180,7 @@ def compare(names: Iterable[str], measure: Callable[[str], tuple[float, float]],
     print(f"{'median over rounds':<42}{'before':>10}{'now':>10}{'now / before':>20}")
     for name in names:
         times = []
-        for round_ in range(rounds + 1):  # the first round compiles and warms up, and writes bytecode and plans
+        for round_ in range(rounds + 1):  # the first round compiles and warms up, and writes bytecode
             times.append(measure(name))
             if unit == "s":
                 print(f"    round {round_}: {times[-1][0]:.1f} {unit}, {times[-1][1]:.1f} {unit}", flush=True)
@@ -192,7 +192,7 @@ def compare(names: Iterable[str], measure: Callable[[str], tuple[float, float]],
         )
 
 
-def _seconds(folder: Path, arguments: str, plans: Path) -> float:
+def _seconds(folder: Path, arguments: str) -> float:
     """Processor seconds of a command and its workers."""
     with tempfile.TemporaryDirectory() as out:
         command = [
@@ -210,7 +210,7 @@ def _seconds(folder: Path, arguments: str, plans: Path) -> float:
             cwd=out,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
-            env={**environment(folder), "ACTIVETOUCH_PLANS": str(plans)},
+            env=environment(folder),
         )
         ended = resource.getrusage(resource.RUSAGE_CHILDREN)
     return ended.ru_utime + ended.ru_stime - started.ru_utime - started.ru_stime
@@ -248,12 +248,11 @@ def main() -> None:
         for version in (earlier, this):
             version.end()
         return
-    with tempfile.TemporaryDirectory() as plans:
 
-        def seconds(name: str) -> tuple[float, float]:
-            return tuple(_seconds(folder, COMMANDS[name], Path(plans)) for folder in (arguments.before, HERE))
+    def seconds(name: str) -> tuple[float, float]:
+        return tuple(_seconds(folder, COMMANDS[name]) for folder in (arguments.before, HERE))
 
-        compare(chosen(COMMANDS), seconds, arguments.rounds, "s")
+    compare(chosen(COMMANDS), seconds, arguments.rounds, "s")
 
 
 if __name__ == "__main__":

@@ -40,10 +40,7 @@ COMMAND_GROUPS: dict[str, dict[str, Command]] = {
         "overprobing": Command("search.overprobing:OverprobingCommand", "count the touches made after certainty"),
     },
     "Look at touches": {
-        "touch": Command("press.touch:TouchCommand", "draw one press"),
-        "gallery": Command("press.touch:Gallery", "draw every shape, pose and renderer"),
-        "view": Command("press.touch:View", "watch a press in MuJoCo's window"),
-        "record": Command("press.touch:Record", "write presses as time series, one CSV file per object"),
+        "touch": Command("press.touch:TouchCommand", "draw presses, watch one, or write them as time series"),
         "explain": Command("press.explain:Explain", "list what a scene models, and measure its cost"),
     },
     "Make a sensor": {

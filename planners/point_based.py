@@ -33,8 +33,7 @@ from planners.decider import Decision, InformationState, are_touches_used, requi
 from planners.next_touch import HYPOTHESES, OUTCOMES
 from planners.pomdp.problem import require_rounds
 from planners.repeats import LeastUsedFirst, RepeatDiscount, weights_in_turn
-from planners.solve import SearchPolicy, SearchTouchProblem, StagedProblem
-from planners.solve.plan_cache import solve_once
+from planners.solve import SearchPolicy, SearchTouchProblem, StagedProblem, solve
 from planners.target_abstraction import belief_by_target, stages_by_target
 
 MAX_STATES = 200
@@ -72,7 +71,7 @@ class PointBased:
         object.__setattr__(self, "rounds", require_rounds(self.rounds))
 
     def policy(self, problem: SearchProblem, target: int) -> SearchPolicy:
-        """The policy for a search, solved once and then kept in a folder (:mod:`planners.solve.plan_cache`).
+        """The policy for a search, solved once in each process.
 
         Raises:
             TableMismatch: the table has other numbers of poses or shapes than the search.
@@ -80,7 +79,8 @@ class PointBased:
         require_fit(self.table, problem)
         key = (*self._identity, repr(problem), target)
         if key not in _POLICIES:
-            _POLICIES[key] = solve_once(self._touch_problem(problem, target), self.rounds, self._weights)
+            touch_problem = self._touch_problem(problem, target)
+            _POLICIES[key] = solve(touch_problem, rounds=self.rounds, repeat_weights=self._weights)
         return _POLICIES[key]
 
     @cached_property

@@ -69,6 +69,19 @@ def test_a_target_or_an_option_that_the_pages_name_exists(line):
 
 def test_the_scripts_of_all_records_are_among_the_code_that_must_be_committed_before_a_record():
     named = re.search(r"^CODE = \((.*)\)$", (ROOT / "docs/generate/run_record.py").read_text(), re.M)[1]
-    records = [path.read_text() for path in (ROOT / "docs/records").rglob("*.txt")]
+    records = [path.read_text() for path in (ROOT / "records").rglob("*.txt")]
     scripts = {found[1] for text in records if (found := re.match(r"command: python (?:-m )?(\w+)", text))}
     assert {"benchmarks", "examples"} <= scripts <= set(re.findall(r'"(\w+)"', named))
+
+
+def test_every_decision_has_a_record_or_a_line_on_the_page_of_what_was_tried():
+    records = {path.name[:4] for path in (ROOT / "docs/decisions").glob("0*.md")}
+    lines = re.findall(r"^\| (\d{4}) \|", (ROOT / "docs/what_was_tried.md").read_text(), re.M)
+    assert records.isdisjoint(lines)
+    never_used = {"0051", "0052", "0055", "0056"}
+    assert records.union(lines) == {f"{number:04d}" for number in range(1, 83)} - never_used
+    code = [
+        path for name in ("activetouch", "belief", "planners", "experiments") for path in (ROOT / name).rglob("*.py")
+    ]
+    named = {number for path in code for number in re.findall(r"decisions? (\d{4})", path.read_text())}
+    assert named <= records.union(lines)

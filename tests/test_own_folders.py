@@ -23,31 +23,32 @@ def folder(tmp_path):
     return tmp_path
 
 
-@pytest.mark.mujoco
-def test_the_command_runs_beside_own_folders_and_names_them(folder):
-    short = ("--scene", "coarse", "--fidelity", "quasistatic", "--episodes", "1", "--deciders", "threshold")
-    short += ("--targets", "cone", "--jobs", "2")
-    done = run(folder, "-m", "activetouch", "compare", *short)
-    assert done.returncode == 0, done.stderr
-    assert f"{folder / 'planners'} and {folder / 'experiments'}: not used" in done.stderr
-    assert (folder / "runs" / "compare-coarse" / "report.html").exists()
-
-
-def test_functions_that_need_a_hidden_package_name_the_folder(folder):
-    done = run(folder, "-c", "import activetouch; activetouch.compare")
+@pytest.mark.parametrize("words", [("-m", "activetouch", "compare"), ("-c", "import activetouch; activetouch.compare")])
+def test_what_needs_a_hidden_package_names_the_folder(folder, words):
+    done = run(folder, *words)
+    assert done.returncode == 1
     assert f"{folder / 'planners'} hides the package 'planners'" in done.stderr
     assert "rename it" in done.stderr
 
 
-def test_an_own_folder_belief_is_named_at_import(tmp_path):
+@pytest.mark.parametrize("code", ["import activetouch", "from planners import search"])
+def test_an_own_file_belief_is_named_at_import(tmp_path, code):
     (tmp_path / "belief.py").write_text("")
-    done = run(tmp_path, "-c", "import activetouch")
+    done = run(tmp_path, "-c", code)
     assert f"{tmp_path / 'belief.py'} hides the package 'belief'" in done.stderr
 
 
-def test_own_parts_beside_own_folders_are_refused_with_the_folder(folder):
+def test_own_parts_are_found_beside_own_folders_that_have_names_of_packages(folder):
     (folder / "mine.py").write_text("x = 1")
     code = f"import sys; sys.path[:] = [{str(ROOT)!r}, *sys.path[1:]]; from belief.references import Reference\n"
-    done = run(folder, "-c", code + "Reference.parse('mine:x').load()")
-    assert "BadReference" in done.stderr
-    assert f"{folder / 'experiments'} has the name of a package of activetouch" in done.stderr
+    done = run(
+        folder, "-c", code + "print(Reference.parse('mine:x').load()); import planners; print(planners.__file__)"
+    )
+    assert done.stdout.split() == ["1", str(ROOT / "planners" / "__init__.py")]
+
+
+def test_an_own_file_with_the_name_of_an_installed_module_is_refused(tmp_path):
+    (tmp_path / "numpy.py").write_text("x = 1")
+    code = f"import sys; sys.path[:] = [{str(ROOT)!r}, *sys.path[1:]]; from belief.references import Reference\n"
+    done = run(tmp_path, "-c", code + "Reference.parse('numpy:x').load()")
+    assert f"{tmp_path / 'numpy.py'} is hidden by" in done.stderr

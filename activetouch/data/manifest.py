@@ -86,7 +86,7 @@ class Manifest:
         symmetry: of its images.
         image_shape: of one image, ``(H, W)`` or ``(H, W, 3)``; all are uint8.
         versions: of activetouch, mujoco, numpy and python that recorded it, as far as it is known.
-        contact_model: what MuJoCo's contacts were computed with (:mod:`activetouch.data.solver_settings`).
+        contact_model: what MuJoCo's contacts were computed with (:func:`solver_settings`).
         sha256: of every shard, by its path in the folder; None until all are there.
         redrawn: objects that took the place of one with a press that did not settle; None until all shards are there.
     """

@@ -1,4 +1,4 @@
-"""Draw the figures of the trade-off and of the paper's searches again, from the numbers that docs/ holds.
+"""Draw the figures of the trade-off and of the paper's searches again, from the numbers that records/ holds.
 
 Run: python docs/generate/figures.py
 """
@@ -19,6 +19,7 @@ from experiments.tradeoff.figures import front_picture
 from experiments.tradeoff.picks import TASKS, Front
 
 DOCS = Path(__file__).parent.parent
+RECORDS = DOCS.parent / "records"
 
 
 def point(stored: dict[str, Any]) -> Any:
@@ -38,13 +39,13 @@ def main() -> None:
     ]
     front_picture(fronts).write(DOCS / "tradeoff")
     (DOCS / "tradeoff" / "tradeoff.png").unlink()
-    confusion = _record("table1/table1")["splits"]["by image"]["held out"]["confusion"]
+    confusion = _record("reproduction/table1")["splits"]["by image"]["held out"]["confusion"]
     columns = [Column(**stored) for stored in _record("reproduction/table2")]
     draw_figure3(confusion, columns, DOCS / "reproduction" / "figure3.svg")
 
 
 def _record(name: str) -> Any:
-    return json.loads((DOCS / f"{name}.json").read_text())
+    return json.loads((RECORDS / f"{name}.json").read_text())
 
 
 if __name__ == "__main__":

@@ -180,7 +180,8 @@ sensor = TactileSensor.shipped("{name}")
 
 {figure}
 
-`activetouch gallery --out docs/gallery.png` draws it. [All scenes](../scenes.md), [results](../results.md).
+`activetouch touch --all --seed 4 --out docs/gallery.png` draws it.
+[All scenes](../scenes.md), [results](../results.md).
 """
 
 
@@ -234,4 +235,5 @@ def _decisions() -> str:
     for path in sorted((ROOT / "docs/decisions").glob("0*.md")):
         title = path.read_text(encoding="utf-8").partition("\n")[0].lstrip("# ")
         rows.append((path.name[:4], f"[{re.sub(r'^[0-9]{4}[.:]? *', '', title)}]({path.name})"))
-    return f"# Decisions\n\nWhat was chosen and why, half a page each.\n\n{table(('', ''), rows)}\n"
+    words = "What was chosen and why. [What was tried](../what_was_tried.md) has a line for each of the others."
+    return f"# Decisions\n\n{words}\n\n{table(('', ''), rows)}\n"

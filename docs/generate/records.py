@@ -20,7 +20,7 @@ from typing import Any
 from belief.statistics import wilson_interval
 from experiments.search.compare import Compare
 
-RECORDS = Path(__file__).parent.parent / "results" / "searches.json"
+RECORDS = Path(__file__).parent.parent.parent / "records" / "results" / "searches.json"
 IN_COMMAND = {"scene", "sensor", "deciders", "episodes", "seed"}
 FREE = IN_COMMAND | {"reference", "out", "bound", "jobs", "backend", "scheduler", "part"}
 """Arguments that a record may have in any form: its command has them, or they change no result."""

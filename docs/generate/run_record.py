@@ -3,7 +3,7 @@
 Run: python docs/generate/run_record.py planners/outcomes -- python benchmarks/outcomes.py
      python docs/generate/run_record.py world/fidelity build/f.json -- python -m benchmarks.fidelity --out build/f.json
 
-The first writes docs/records/planners/outcomes.txt, the second also keeps a file that the command writes. The command
+The first writes records/planners/outcomes.txt, the second also keeps a file that the command writes. The command
 runs on one thread, from the root of the repository. Nothing is kept if it fails, or if the code differs from the
 commit. A test compares the pages with the records.
 """
@@ -24,7 +24,7 @@ from pathlib import Path
 from experiments.search.fingerprint import versions
 
 ROOT = Path(__file__).parent.parent.parent
-RECORDS = ROOT / "docs" / "records"
+RECORDS = ROOT / "records"
 CODE = ("activetouch", "belief", "planners", "experiments", "benchmarks", "examples")
 PROGRAMS = {"python": [sys.executable], "activetouch": [sys.executable, "-m", "experiments.cli"]}
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")

@@ -19,7 +19,6 @@ from experiments.search.run_folder import RunFolder
 from experiments.search.setting import Setting
 from experiments.tradeoff.measure import finished
 from planners.sb3_policy import _model
-from planners.solve.policy_files import load_policy
 
 pytestmark = [pytest.mark.torch, pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="makes a pipe")]
 
@@ -38,7 +37,6 @@ READERS = {
     "replay": ("run.json", lambda path: Replay(path.parent, out=path.parent / "out.png").run()),
     "a collection": ("manifest.json", lambda path: read_manifest(path.parent)),
     "a touch bank": ("manifest.json", lambda path: TouchBank.open(path.parent)),
-    "a policy": ("policy.npz", load_policy),
     "a policy of SB3": ("model.zip", lambda path: _model(path, (0, 0))),
     "a digest": ("any", lambda path: files_digest([path])),
     "results of tradeoff": ("results/x.json", lambda path: finished(path.parent.parent, 0)),

@@ -14,7 +14,7 @@ from benchmarks.fidelity import FidelityCommand
 from experiments.cli import commands, main
 from experiments.command_line.arguments import BadArgument, Within, arguments
 from experiments.paper.reproduce import Reproduce
-from experiments.press.touch import Gallery, TouchCommand
+from experiments.press.touch import TouchCommand
 from experiments.recorded.recorded import Recorded
 from experiments.search.export import Export
 from experiments.search.merge import Merge
@@ -109,7 +109,7 @@ def test_zero_is_refused_wherever_it_is_out_of_range():
 
 @pytest.mark.parametrize(
     ("kind", "name"),
-    [(TouchCommand, "x.docx"), (Gallery, "x"), (Replay, "x.mp4"), (Replay, "x.bmp"), (FidelityCommand, "x.csv")],
+    [(TouchCommand, "x.docx"), (Replay, "x.mp4"), (Replay, "x.bmp"), (FidelityCommand, "x.csv")],
 )
 def test_a_file_of_an_unknown_format_is_refused_before_anything_is_made(kind, name, tmp_path):
     with pytest.raises(BadArgument, match=rf"--out must end in .*\.(png|json).*, got .*{name}"):
@@ -125,7 +125,6 @@ def test_a_file_of_an_unknown_format_is_refused_before_anything_is_made(kind, na
         (["train", "--change.seed", str(2**63)], ["--change.seed", str(2**63)]),
         (["reproduce", "--images.presses", "0"], ["--images.presses", "0"]),
         (["train", "--change.epochs", "0"], ["--change.epochs", "0"]),
-        (["record", "--cycles", "0"], ["--cycles", "0"]),
     ],
 )
 def test_the_command_line_ends_in_one_message(arguments, words, monkeypatch, capsys):

@@ -182,11 +182,11 @@ def test_killed_twice_it_loses_no_finished_work(tmp_path):
 def test_the_tables_of_the_documentation_are_those_that_were_made():
     docs = ROOT / "docs"
     page = (docs / "reproduction.md").read_text()
-    entries = json.loads((docs / "reproduction" / "table2.json").read_text())
+    entries = json.loads((ROOT / "records" / "reproduction" / "table2.json").read_text())
     columns = [Column(**{**entry, "oracle": tuple(entry["oracle"])}) for entry in entries]
     assert len(columns) == 5
     assert table(columns).markdown() in page
-    splits = json.loads((docs / "table1" / "table1.json").read_text())["splits"]
+    splits = json.loads((ROOT / "records" / "reproduction" / "table1.json").read_text())["splits"]
     results = {
         split: {what: Result(**{field.name: one[field.name] for field in fields(Result)}) for what, one in row.items()}
         for split, row in splits.items()

@@ -462,7 +462,7 @@ def test_robots_seek_all_targets_from_the_start(sensor, monkeypatch):
     assert all(len(set(some)) > 1 for some in targets)
 
 
-RECORDS = Path(__file__).parents[3] / "docs" / "robustness"
+RECORDS = Path(__file__).parents[3] / "records" / "robustness"
 
 
 @pytest.mark.parametrize("name", ["coarse", "hard", "paper"])

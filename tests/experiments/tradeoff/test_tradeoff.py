@@ -389,9 +389,9 @@ def test_a_result_is_read_from_its_shard_not_searched_again(tmp_path):
 
 
 def test_the_figures_of_the_documentation_are_those_of_its_table():
-    folder = Path(__file__).parents[3] / "docs" / "tradeoff"
+    folder = Path(__file__).parents[3] / "records" / "tradeoff"
     numbers = json.loads((folder / "tradeoff.json").read_text())
-    page = (folder.parent / "tradeoff.md").read_text()
+    page = (Path(__file__).parents[3] / "docs" / "tradeoff.md").read_text()
     assert len(numbers["points"]) >= 40
     assert {p["configuration"]["network"]["scene"] for p in numbers["points"]} == set(SHARES)
     with (folder / "tradeoff.csv").open(newline="") as file:
