@@ -25,6 +25,7 @@ from typing import NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from activetouch.distributions import Variation
 from activetouch.errors import BadMesh, UnstablePress
 from activetouch.mesh_source import MeshSource
 from activetouch.orientations import Presentation, Tumbled
@@ -42,7 +43,6 @@ from activetouch.shapes import SHAPES, Shape
 from activetouch.solids.family import Family
 from activetouch.solids.mirror import is_own_mirror_image
 from activetouch.solids.twins import warn_of_twins
-from activetouch.variation import Variation
 from belief.errors import InvalidArgument, UnknownName
 from belief.naming import Name, few, index_of, one_line
 from belief.validation import require_count
