@@ -6,8 +6,8 @@ The default is the leanest world in which the search makes sense: a pad and one 
     >>> import numpy as np
     >>> rng = np.random.default_rng(0)
     >>> scene = Scene(press_model=Quasistatic())
-    >>> thing = scene.sample_object("cone", rng)        # a cone, unknown size and orientation
-    >>> pressed = scene.press(thing, "front", rng)
+    >>> obj = scene.sample_object("cone", rng)        # a cone, unknown size and orientation
+    >>> pressed = scene.press(obj, "front", rng)
     >>> pressed.image.shape, pressed.image.dtype, round(pressed.contact.force, 1)
     ((128, 128), dtype('uint8'), 2.6)
 """
@@ -293,15 +293,15 @@ class Scene:
             return self.families[label].bodies(shares)
         return (self.solids[label],), np.zeros(len(shares), np.int64)
 
-    def place(self, thing: WorldObject, pose: Name, rng: np.random.Generator) -> Placement:
+    def place(self, obj: WorldObject, pose: Name, rng: np.random.Generator) -> Placement:
         """Put an object in front of the pad, in a pose, by its label or index."""
         label = self.pose_labels[index_of("pose", self.pose_labels, pose)]
         offset = self.variation.sample_offset(rng)
         if label in self.aims:
             offset += self.aims[label]
-        shown = self.presentation.shown(thing.orientation, self.rotations[label], rng)
-        solid = self.solids[self.shape_labels[thing.shape_index]] if thing.member is None else thing.member
-        return Placement(solid, thing.scale, shown, offset, thing.friction, thing.stiffness)
+        shown = self.presentation.shown(obj.orientation, self.rotations[label], rng)
+        solid = self.solids[self.shape_labels[obj.shape_index]] if obj.member is None else obj.member
+        return Placement(solid, obj.scale, shown, offset, obj.friction, obj.stiffness)
 
     def contact(self, placement: Placement, rng: np.random.Generator) -> Contact:
         """Press what is placed, with a random force.
@@ -313,7 +313,7 @@ class Scene:
 
     def press(
         self,
-        thing: WorldObject,
+        obj: WorldObject,
         pose: Name,
         rng: np.random.Generator,
         force_rng: np.random.Generator | None = None,
@@ -324,7 +324,7 @@ class Scene:
         A press that does not settle is repeated with another offset and force from the same generators (decision 0020).
 
         Args:
-            thing: the object.
+            obj: the object.
             pose: label or index of the pose.
             rng: of the offset, the shown orientation and the sensor's faults, and of the force unless it has its own.
             force_rng: of the force.
@@ -336,7 +336,7 @@ class Scene:
         """
         require_count("attempts", attempts)
         for num_unsettled in range(attempts):
-            placement = self.place(thing, pose, rng)
+            placement = self.place(obj, pose, rng)
             try:
                 contact = self.contact(placement, rng if force_rng is None else force_rng)
             except UnstablePress as error:

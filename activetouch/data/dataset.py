@@ -183,9 +183,9 @@ def _touch_object(scene: Scene, plan: CollectionPlan, split: str, number: int) -
     shape = number % len(scene.shapes)
     for draw in range(_MOST_DRAWS):
         rng = object_rng(plan, split, number, draw)
-        thing = scene.sample_object(shape, rng)
+        obj = scene.sample_object(shape, rng)
         try:
-            return draw, [_touch(scene, thing, number, pose, rng) for pose in poses]
+            return draw, [_touch(scene, obj, number, pose, rng) for pose in poses]
         except UnstablePress as error:
             last = error
     raise UnstablePress(
@@ -194,12 +194,12 @@ def _touch_object(scene: Scene, plan: CollectionPlan, split: str, number: int) -
     ) from last
 
 
-def _touch(scene: Scene, thing: WorldObject, number: int, pose: int, rng: np.random.Generator) -> tuple[object, ...]:
+def _touch(scene: Scene, obj: WorldObject, number: int, pose: int, rng: np.random.Generator) -> tuple[object, ...]:
     """One touch as a row of a shard, without the contact, so that its large arrays can be used again."""
-    pressed = scene.press(thing, pose, rng, attempts=1)
+    pressed = scene.press(obj, pose, rng, attempts=1)
     contact, placed = pressed.contact, pressed.placement
-    felt = (pressed.image, thing.shape_index, number, pose, contact.force, contact.depth)
-    return *felt, thing.orientation, placed.orientation, placed.scale, placed.offset, placed.friction, placed.stiffness
+    felt = (pressed.image, obj.shape_index, number, pose, contact.force, contact.depth)
+    return *felt, obj.orientation, placed.orientation, placed.scale, placed.offset, placed.friction, placed.stiffness
 
 
 def read_shard(folder: Path, manifest: Manifest, split: str, shard: int, objects: range) -> tuple[TouchSet, str]:

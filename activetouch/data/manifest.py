@@ -140,8 +140,8 @@ class Manifest:
     @property
     def decisive(self) -> dict[str, Any]:
         """All that decides which touches are recorded, by name."""
-        told = {**asdict(self), "MuJoCo": self.mujoco_version}
-        return {name: told[name] for name in _DECISIVE}
+        known = {**asdict(self), "MuJoCo": self.mujoco_version}
+        return {name: known[name] for name in _DECISIVE}
 
     def digest(self, folder: Path, split: str, shard: int) -> str | None:
         """SHA-256 recorded for a shard in the manifest, or before the collection is complete in the seal of the shard.
@@ -189,12 +189,12 @@ class Manifest:
     def differences(self, other: Manifest) -> str:
         """How versions and contact model of ``other`` differ, in words; they decide bytes beyond scene and plan."""
         mine, others = ({**manifest.versions, **manifest.contact_model} for manifest in (self, other))
-        told = [
+        differing = [
             f"{key} {mine.get(key, 'unknown')} there, {others.get(key, 'unknown')} here"
             for key in sorted({*mine, *others})
             if mine.get(key) != others.get(key)
         ]
-        return "; ".join(told) or (
+        return "; ".join(differing) or (
             "the versions are the same. Another kind of processor rounds differently in the last bit (decision 0007), "
             "or the code has changed"
         )
@@ -205,9 +205,9 @@ class Manifest:
 
     def to_json(self) -> str:
         """The content of ``manifest.json``, with a digest of its own."""
-        told = asdict(self)
-        shards = told.pop("sha256")
-        return sealed_json({"format": FORMAT, **told, "shards": shards}, 2) + "\n"
+        content = asdict(self)
+        shards = content.pop("sha256")
+        return sealed_json({"format": FORMAT, **content, "shards": shards}, 2) + "\n"
 
 
 class NoCollection(CorruptFile):
@@ -265,12 +265,12 @@ def _require_same(folder: Path, first: Manifest, wanted: Manifest) -> None:
     if differing := [key for key in _DECISIVE if mine[key] != asked[key]]:
         key = differing[0]
         if key == "scene":
-            told = in_words(map(str, scene_differences(first.scene, wanted.scene, surroundings=True)))
+            difference = in_words(map(str, scene_differences(first.scene, wanted.scene, surroundings=True)))
         else:
-            told = f"{mine[key]} there, {asked[key]} here"
+            difference = f"{mine[key]} there, {asked[key]} here"
         raise LabelMismatch(
-            f"{folder} holds a collection with other {', '.join(differing)} ({key}: {told}). Choose another folder, or "
-            "delete this one to record it anew."
+            f"{folder} holds a collection with other {', '.join(differing)} ({key}: {difference}). Choose another "
+            "folder, or delete this one to record it anew."
         )
 
 
@@ -317,17 +317,17 @@ def _parse(found: Mapping[str, Any], path: Path) -> Manifest:
     if isinstance(found.get("format"), int) and found["format"] > FORMAT:
         raise CorruptFile(f"{path} has format {found['format']}, this version reads {FORMAT}; a newer activetouch does")
     try:
-        told = {field.name: found[field.name] for field in fields(Manifest) if field.name != "sha256"}
-        told["sha256"] = digests = found["shards"]
+        values = {field.name: found[field.name] for field in fields(Manifest) if field.name != "sha256"}
+        values["sha256"] = digests = found["shards"]
         for name in ("shape_labels", "pose_labels", "image_shape"):
-            told[name] = tuple(told[name])
-        told["plan"], told["symmetry"] = CollectionPlan(**told["plan"]), Symmetry(told["symmetry"])
-        manifest = Manifest(**told)
+            values[name] = tuple(values[name])
+        values["plan"], values["symmetry"] = CollectionPlan(**values["plan"]), Symmetry(values["symmetry"])
+        manifest = Manifest(**values)
         if type(found["format"]) is not int:
             raise TypeError(f"format is {found['format']!r}")
         for name in ("scene", "versions", "contact_model"):
-            if not isinstance(told[name], Mapping):
-                raise TypeError(f"{name} is {told[name]!r}")
+            if not isinstance(values[name], Mapping):
+                raise TypeError(f"{name} is {values[name]!r}")
         if not all(isinstance(label, str) for label in (*manifest.shape_labels, *manifest.pose_labels)):
             raise TypeError("a label that is no text")
         _ = manifest.mujoco_version

@@ -83,8 +83,8 @@ def _fitted(reader: TactileReader, scene: Scene, rng: np.random.Generator) -> tu
     truth = np.repeat(np.arange(num_shapes), number)
     images = []
     for shape in truth.tolist():
-        thing = scene.sample_object(shape, rng)
-        images += [scene.press(thing, pose, rng).image for pose in range(num_poses)]
+        obj = scene.sample_object(shape, rng)
+        images += [scene.press(obj, pose, rng).image for pose in range(num_poses)]
     read = reader.read(np.stack(images))
     poses = np.tile(np.arange(num_poses), len(truth))
     touches = [Touch(*touch) for touch in zip(poses.tolist(), read.logits, read.embeddings, strict=True)]

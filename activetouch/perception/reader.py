@@ -193,9 +193,9 @@ class TactileReader:
         except Exception as error:  # the errors of ONNX Runtime have no class in common
             raise ValueError(f"its network is no ONNX graph: {error}") from error
         width = self.card.embedding or len(self.card.shape_labels)
-        found = [(thing.name, tuple(thing.shape[1:])) for thing in (*inputs, *outputs[:1])]
+        found = [(part.name, tuple(part.shape[1:])) for part in (*inputs, *outputs[:1])]
         wanted = [(INPUT, self.card.image_shape), (OUTPUTS[0], (width,))]
-        if found != wanted or [thing.name for thing in outputs] != list(OUTPUTS):
+        if found != wanted or [part.name for part in outputs] != list(OUTPUTS):
             raise ValueError(f"its network is {found}, not {wanted}")
 
     def __getstate__(self) -> dict[str, Any]:

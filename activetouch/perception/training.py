@@ -132,7 +132,7 @@ class Trainer:
         return peak * 0.5 * (1 + math.cos(math.pi * (epoch - warmup) / (epochs - warmup)))
 
     def run_epoch(self, tick: Callable[[int], None] = lambda _: None) -> EpochReport:
-        """One pass over the training split; ``tick`` is told how many images each step took.
+        """One pass over the training split; ``tick`` is called with how many images each step took.
 
         Raises:
             LabelMismatch: another training has written the state file meanwhile; it stays.
@@ -206,5 +206,7 @@ def _differences(there: Any, here: Mapping[str, Any]) -> str:
     if not isinstance(there, dict):
         return ""
     values = {name: (there.get(name), here.get(name)) for name in {**here, **there}}
-    told = {name: f"{one} there, {other} here" for name, (one, other) in values.items() if one != other}
-    return ", with other " + "; ".join(f"{name} ({text})" if len(text) < 60 else name for name, text in told.items())
+    differing = {name: f"{one} there, {other} here" for name, (one, other) in values.items() if one != other}
+    return ", with other " + "; ".join(
+        f"{name} ({text})" if len(text) < 60 else name for name, text in differing.items()
+    )

@@ -35,9 +35,7 @@ def classifier(backbone, input_size, channels=1, num_shapes=4):
     [
         ("cnn", 64, (128, 128)),
         ("cnn", 16, (4, 4)),
-        ("cnn", 32, (32, 32)),
         ("grid_cnn", 32, (128, 128)),
-        ("grid_cnn", 64, (64, 64)),
         ("atto", 32, (64, 64, 3)),
     ],
 )
