@@ -9,7 +9,7 @@ import pytest
 from activetouch import SHAPES, Quasistatic, Scene
 from activetouch.placement import Placement
 from activetouch.poses import random_orientation
-from activetouch.pressing.contact import contact_at_depth, elastic_contact, surface_gap
+from activetouch.pressing.contact import elastic_contact, surface_gap
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Press
 from activetouch.pressing.trace import Phase, Trace
@@ -19,6 +19,7 @@ from benchmarks.leak import (
     REMOVED,
     SHUFFLED,
     Leak,
+    contact_at_depth,
     cross_fitted_guesses,
     exchange,
     judged,

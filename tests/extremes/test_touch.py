@@ -13,7 +13,7 @@ from activetouch import Dynamic, Quasistatic, Scene
 from activetouch.distributions import Normal
 from activetouch.errors import UnstablePress
 from activetouch.placement import Placement
-from activetouch.pressing.contact import Contact, contact_at_depth, surface_gap
+from activetouch.pressing.contact import Contact, surface_gap
 from activetouch.pressing.guarded_move import GuardedMove
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Press
@@ -162,14 +162,6 @@ def _pads_and_shapes() -> list[Case]:
             )
             for name, shape in EXTENDED_SHAPES.items()
         ),
-        refuses(
-            "contact_at_depth",
-            "deeper than the layer",
-            lambda: contact_at_depth(pad, gap, 1.0),
-            ValueError,
-            "depth must be in",
-        ),
-        answers("contact_at_depth", "no depth", lambda: contact_at_depth(pad, gap, 0.0), MISS),
         answers("Normal", "no deviation", lambda: Normal(2.0, 0.0).sample(np.random.default_rng(0)), equal_to(2.0)),
     ]
 
