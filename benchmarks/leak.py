@@ -199,7 +199,7 @@ def with_numbers_of(lender: Contact, contact: Contact, stiffness: float = 1.0) -
 
 
 def contact_at_depth(pad: Pad, gap: Floats, depth: float, stiffness: float = 1.0) -> Contact:
-    """The inverse of :func:`activetouch.pressing.contact.elastic_contact`: the contact whose deepest taxel is indented by ``depth``.
+    """The contact whose deepest taxel is indented by ``depth``, the inverse of :func:`elastic_contact`.
 
     Args:
         pad: the pad.

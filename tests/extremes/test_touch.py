@@ -12,8 +12,7 @@ import pytest
 from activetouch import Dynamic, Quasistatic, Scene
 from activetouch.distributions import Normal
 from activetouch.errors import UnstablePress
-from activetouch.placement import Placement
-from activetouch.pressing.contact import Contact, surface_gap
+from activetouch.pressing.contact import Contact
 from activetouch.pressing.guarded_move import GuardedMove
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Press
@@ -27,7 +26,7 @@ from activetouch.rendering import (
     Quantisation,
     read_out,
 )
-from activetouch.shapes import EXTENDED_SHAPES, SHAPES, Shape
+from activetouch.shapes import EXTENDED_SHAPES, Shape
 from tests.extremes.cases import (
     Case,
     Expectation,
@@ -39,7 +38,7 @@ from tests.extremes.cases import (
     refuses,
     such_that,
 )
-from tests.extremes.touch import MISS, SOUND, UPRIGHT, is_sound, press_once
+from tests.extremes.touch import MISS, SOUND, is_sound, press_once
 
 _MOVING: dict[str, Press] = {"dynamic": Dynamic(), "guarded_move": GuardedMove()}
 _NAN = math.nan
@@ -150,8 +149,6 @@ def _smallest_depth(shape: Shape) -> bool:
 
 
 def _pads_and_shapes() -> list[Case]:
-    gap = surface_gap(Pad(num_taxels=32), Placement(SHAPES["sphere"], 1.0, UPRIGHT))
-    pad = Pad(num_taxels=32)
     return [
         *(
             answers(
