@@ -136,7 +136,7 @@ def require_distribution(name: str, given: object) -> None:
         )
 
 
-def _require_finite(distribution: Distribution, *values: float) -> None:
+def _require_finite(distribution: object, *values: float) -> None:
     if not np.isfinite(values).all():
         raise ValueError(f"the parameters of a distribution must be finite, got {distribution}")
 

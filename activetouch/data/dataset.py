@@ -55,7 +55,7 @@ __all__ = [
 
 _BODY = ("rests", "orientations", "sizes", "offsets", "frictions", "stiffnesses")
 _WIDTHS = {"rests": (4,), "orientations": (4,), "offsets": (2,), "aims": (2,)}  # of a column's rows; else one number
-_NUMBERS = dict.fromkeys(("shapes", "object_ids", "poses"), np.dtype(np.int64))
+_NUMBERS: dict[str, np.dtype[Any]] = dict.fromkeys(("shapes", "object_ids", "poses"), np.dtype(np.int64))
 _NUMBERS |= dict.fromkeys(("forces", "depths", *_BODY), np.dtype(np.float64))
 _HEADERS = 2**16  # of all arrays of a shard together, at most [bytes]
 _MOST_DRAWS = 10  # of objects for one place; one fails in a few hundred where this was met at all
