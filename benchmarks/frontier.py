@@ -28,12 +28,12 @@ from activetouch.extras import require_extra
 from activetouch.perception.reader import ImageReader
 from belief.claims import claim_folder, ends_claims
 from belief.files import write_text
+from benchmarks.reader_scores import Scores, draw_errors, scores
 from experiments.command_line.arguments import BadArgument, Count, Jobs, NotEmpty, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import progress_bar
 from experiments.reporting.tables import Table
 from experiments.scene_choice import collection_folder
-from experiments.sensor.scores import Scores, scores
 from experiments.sensor_choice import open_collection, require_collection
 
 if TYPE_CHECKING:
@@ -264,7 +264,6 @@ def draw_frontier(entries: Sequence[Entry], scene: str, path: Path) -> None:
     from matplotlib.ticker import LogLocator, StrMethodFormatter
 
     from experiments.reporting.style import PALETTE, figure
-    from experiments.sensor.figures import draw_errors
 
     with figure((7.0, 4.2), path) as drawn:
         batch = min(entries[0].milliseconds)

@@ -43,15 +43,11 @@ COMMAND_GROUPS: dict[str, dict[str, Command]] = {
         "touch": Command("press.touch:TouchCommand", "draw presses, watch one, or write them as time series"),
         "explain": Command("press.explain:Explain", "list what a scene models, and measure its cost"),
     },
-    "Make a sensor": {
+    "Make a sensor or a policy": {
         "collect": Command("sensor.collect:Collect", "record touches of thousands of objects"),
         "train": Command("sensor.train:Train", "train a classifier on a collection"),
         "calibrate": Command("sensor.calibrate:Calibrate", "fit the observation model; evaluate on unseen objects"),
-        "rank-poses": Command("sensor.rank_poses:RankPoses", "find the best fixed order of poses"),
-    },
-    "Train policies": {
-        "touch-bank": Command("ppo.touch_bank:MakeTouchBank", "turn a collection into a touch bank for PPO training"),
-        "train-ppo": Command("ppo.train_ppo:TrainPPO", "train PPO policies, one per target"),
+        "train-ppo": Command("ppo.train_ppo:TrainPPO", "train PPO policies on a collection"),
     },
     "Evaluate": {
         "calibration-report": Command(

@@ -122,11 +122,6 @@ def repeats_folder(scene: str) -> Path:
     return Path("data") / f"{in_file_names(scene)}-repeats"
 
 
-def bank_folder(scene: str) -> Path:
-    """Default folder of a scene's touch bank."""
-    return Path("data") / f"{in_file_names(scene)}-bank"
-
-
 def training_folder(scene: str) -> Path:
     """Default folder of a scene's classifier training."""
     return Path(f"runs/train-{in_file_names(scene)}")

@@ -29,7 +29,6 @@ from belief.errors import ActiveTouchError
 from belief.policy_state import WITH_GAINS
 from experiments.scene_choice import (
     SceneChoice,
-    bank_folder,
     collection_folder,
     in_file_names,
     named_scene,
@@ -52,16 +51,13 @@ def policy_commands(scene: str, sensor: Path, state: str) -> str:
     Args:
         scene: name of the scene.
         sensor: folder of the sensor.
-        state: of the policies; those of :data:`belief.policy_state.WITH_GAINS` have a bank of their own.
+        state: state of the policies; those of :data:`belief.policy_state.WITH_GAINS` have a folder of their own.
     """
-    repeats, bank, out = repeats_folder(scene), bank_folder(scene), Path(f"runs/ppo-{scene}")
-    if state in WITH_GAINS:
-        bank, out = (path.with_name(f"{path.name}-joint") for path in (bank, out))
+    repeats, out = repeats_folder(scene), Path(f"runs/ppo-{scene}{'-joint' if state in WITH_GAINS else ''}")
     return "\n".join(
         (
             command("collect", "--scene", scene, *REPEATS, out=repeats),
-            command("touch-bank", scene=scene, data=repeats, sensor=sensor, out=bank),
-            command("train-ppo", scene=scene, bank=bank, sensor=sensor, recipes=state, out=out),
+            command("train-ppo", scene=scene, data=repeats, sensor=sensor, recipes=state, out=out),
             shlex.join(["cp", "-r", str(out / POLICIES), str(sensor)]),
         )
     )

@@ -44,8 +44,7 @@ class WeighedTouches:
             found = "without" if bank.features is None else "with"
             raise NoGains(
                 "the gain of each pose needs a sensor whose belief is about one rigid body, and a bank with features "
-                f"that its reader wrote; got a {type(model).__name__} and a bank {found} features. Make one with: "
-                "activetouch touch-bank --sensor SENSOR"
+                f"that its reader wrote; got a {type(model).__name__} and a bank {found} features"
             )
         self.model, self._features, self._num_rounds = model, bank.features, bank.num_rounds
         num_shapes, number = len(model.shape_labels), model.num_hypotheses

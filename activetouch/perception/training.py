@@ -25,10 +25,7 @@ from activetouch.scene import Symmetry
 from belief.errors import CorruptFile
 from belief.files import array_digest
 
-_ADVICE = (
-    "Train with a lower --change.learning-rate, or, if that does not help, in single precision (--change.bf16 False): "
-    "bfloat16 fails on the smallest images"
-)
+_ADVICE = "Train with a lower --change.learning-rate"
 
 
 @dataclass(frozen=True)

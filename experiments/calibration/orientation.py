@@ -31,8 +31,6 @@ NUM_TOUCHES = (1, 2, 3, 6)
 """Numbers of touches in different poses after which the posterior is tested."""
 LEAST_P = 0.01
 """Smallest p-value, corrected for the number of quantities, of a posterior that passes."""
-BINS = 20
-"""Bins of a histogram of ranks."""
 _AT_ONCE = 1 << 24  # weights of hypotheses
 
 QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
@@ -57,20 +55,17 @@ class Ranks:
         mean: 0.5 for uniform ranks; of a distance to the likeliest, above 0.5 if the posterior is too narrow.
         spread: standard deviation relative to that of uniform ranks; above 1 the posterior is too narrow, below 1 too
             wide.
-        counts: number of ranks in each of :data:`BINS` equal parts of [0, 1].
     """
 
     p_value: float
     mean: float
     spread: float
-    counts: tuple[int, ...]
 
     @classmethod
     def of(cls, ranks: Floats) -> Ranks:
         """The summary of ranks ``(n,)`` in [0, 1]."""
-        counts, _ = np.histogram(ranks, BINS, (0.0, 1.0))
-        test = kstest(ranks, "uniform")
-        return cls(float(test.pvalue), float(ranks.mean()), float(ranks.std() * np.sqrt(12.0)), tuple(counts.tolist()))
+        p_value = float(kstest(ranks, "uniform").pvalue)
+        return cls(p_value, float(ranks.mean()), float(ranks.std() * np.sqrt(12.0)))
 
 
 @dataclass(frozen=True)

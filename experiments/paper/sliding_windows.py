@@ -27,7 +27,6 @@ from activetouch.scene_description import scene_fields
 from belief.errors import CorruptFile
 from belief.files import atomic_path, read_npz, require_regular_file
 from belief.seeding import keyed_rng
-from experiments.command_line.arguments import Count, Seed, check_arguments
 from experiments.parallel import run_tasks
 
 
@@ -35,13 +34,13 @@ from experiments.parallel import run_tasks
 class WindowPlan:
     """Size of the data set; the default has 700 images of each shape, about as many as the paper."""
 
-    objects: Count = 35
+    objects: int = 35
     """Number of objects of each shape, of different sizes."""
-    presses: Count = 2
+    presses: int = 2
     """Number of presses of each object, each in a new random orientation."""
-    images: Count = 10
+    images: int = 10
     """Number of images of each press, evenly spread over the time of contact."""
-    seed: Seed = 0
+    seed: int = 0
     """Seed of all random numbers."""
 
 
@@ -57,11 +56,7 @@ def record_windows(scene: Scene, plan: WindowPlan, stream: int, jobs: int) -> To
     Returns:
         Images ordered by object, shapes in turn; ``poses`` numbers the presses of an object. An object that misses the
         pad has no images.
-
-    Raises:
-        BadArgument: a number of the plan is out of its range.
     """
-    check_arguments(plan, "images.")
     scene = replace(scene, presentation=Resampled())
     tasks = [partial(_press, scene, plan, stream, number) for number in range(plan.objects * len(scene.shapes))]
     parts = [part for part in run_tasks(tasks, jobs, "sliding windows over presses") if len(part.images)]
@@ -72,8 +67,7 @@ def kept_windows(scene: Scene, plan: WindowPlan, stream: int, jobs: int, folder:
     """:func:`record_windows` with a cache: a file of the folder is read if it exists, and written otherwise.
 
     Raises:
-        CorruptFile: the file is damaged.
-        BadArgument: a number of the plan is out of its range.
+        CorruptFile: The file is damaged.
     """
     key = hashlib.sha256(json.dumps([scene_fields(scene), asdict(plan)]).encode()).hexdigest()[:16]
     path = folder / f"windows-{stream}-{key}.npz"

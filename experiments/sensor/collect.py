@@ -66,7 +66,7 @@ class Collect:
         """Record all missing shards, and check all."""
         check_arguments(self)
         if self.from_manifest is not None:
-            self._again(self.from_manifest)
+            self._make_again(self.from_manifest)
         else:
             name = choice_name(self.choice) if self.choice.meshes or self.choice.family else self.choice.scene
             folder = self.out if self.out is not None else collection_folder(name)
@@ -75,7 +75,7 @@ class Collect:
             if manifest.redrawn:
                 print(f"{manifest.redrawn} objects were drawn anew, because a press of the first did not settle")
 
-    def _again(self, source: Path) -> None:
+    def _make_again(self, source: Path) -> None:
         """Make the collection of a manifest in another folder, and compare."""
         if self.choice != SceneChoice() or self.plan != PlanArguments():
             raise NotReproduced("--from-manifest says scene and plan; leave out --scene, --plan and the like")
@@ -93,7 +93,7 @@ class Collect:
         if differing := [name for name, digest in recorded.sha256.items() if again.sha256[name] != digest]:
             raise NotReproduced(
                 f"{len(differing)} of {len(recorded.sha256)} shards in {self.out} differ from those of {source}: "
-                f"{_some(differing)}. {_sentence(recorded.differences(again))}."
+                f"{_first_names(differing)}. {_sentence(recorded.differences(again))}."
             )
         print(f"{len(recorded.sha256)} shards identical")
 
@@ -127,7 +127,7 @@ def record(
     here = {shard: shard_path(folder, *shard[:2]).exists() for shard in manifest.shards()}
     if unknown := [s for s, is_here in here.items() if is_here and manifest.digest(folder, *s[:2]) is None]:
         names = [shard_path(Path(), *shard[:2]).as_posix() for shard in unknown]
-        print(f"{folder}: {_some(names)} do not say which collection they belong to; they are recorded again")
+        print(f"{folder}: {_first_names(names)} do not say which collection they belong to; they are recorded again")
         here |= dict.fromkeys(unknown, False)
     missing = [partial(_record, folder, scene, manifest, *shard) for shard, is_here in here.items() if not is_here]
     checks = [partial(_check, folder, manifest, *shard) for shard, is_here in here.items() if is_here]
@@ -185,8 +185,8 @@ def _require_recorded(folder: Path, manifest: Manifest, here: Manifest, sha256: 
     if differing:
         raise NotReproduced(
             f"{len(differing)} lost shards of {folder} came out with other bytes than they had: "
-            f"{_some(sorted(differing))}. {_sentence(manifest.differences(here))}. Restore them from a copy, or record "
-            "all in another folder."
+            f"{_first_names(sorted(differing))}. {_sentence(manifest.differences(here))}. Restore them from a copy, or "
+            "record all in another folder."
         )
 
 
@@ -213,7 +213,7 @@ def _choice(recorded: Manifest, trust: Trust) -> SceneChoice:
     return choice
 
 
-def _some(names: list[str]) -> str:
+def _first_names(names: list[str]) -> str:
     """Names in a row, the first ten at most."""
     return ", ".join(names[:10]) + (f" and {len(names) - 10} more" if len(names) > 10 else "")
 

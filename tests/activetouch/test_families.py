@@ -284,10 +284,10 @@ def test_what_compares_solids_refuses_families():
 
 
 def test_a_changed_world_presses_the_same_objects_but_for_their_members():
-    from experiments.robustness.shifted_touches import _press_some
+    from experiments.robustness.touches import _press_some
 
     numbers = range(4)
-    (kept, some), (also, others) = (_press_some(scene, {"clean": ()}, numbers, (0, 0)) for scene in (SCENE, GEL))
+    (kept, some), (also, others) = (_press_some(scene, {"clean": ()}, numbers, 0) for scene in (SCENE, GEL))
     assert kept == also == list(numbers)
     same = (some["clean"] == others["clean"]).reshape(4, -1).all(axis=1)
     assert same.tolist() == [label != "cylinder" for label in GEL.shape_labels]

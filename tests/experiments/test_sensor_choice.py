@@ -12,7 +12,6 @@ import tyro
 from activetouch import SCENES
 from activetouch.data.dataset import CollectionPlan
 from activetouch.data.manifest import NoCollection, read_manifest
-from activetouch.envs.touch_bank import TouchBank
 from activetouch.errors import LabelMismatch, NoIndependentModel, SceneShift, WrongScene
 from activetouch.perception import preparation
 from activetouch.perception.contacts import hypotheses
@@ -23,7 +22,7 @@ from experiments.calibration.calibration_report import CalibrationReport
 from experiments.cli import commands
 from experiments.command_line.arguments import BadArgument
 from experiments.command_line.trust import Trust
-from experiments.ppo.touch_bank import MakeTouchBank
+from experiments.ppo.touch_bank import kept_bank
 from experiments.ppo.train_ppo import TrainPPO
 from experiments.robustness.robustness import Robustness
 from experiments.scene_choice import SceneChoice
@@ -59,7 +58,7 @@ REFUSED = {
     "no policies": (
         lambda out: Compare(setting=Setting(SceneChoice("hard")), deciders=("ppo",), out=out / "run").run(),
         MissingPolicy,
-        "touch-bank --scene hard",
+        "train-ppo --scene hard",
     ),
     "policies of another sensor": (
         lambda out: Compare(setting=Setting(SceneChoice("paper")), deciders=("ppo",), out=out / "run").run(),
@@ -67,9 +66,9 @@ REFUSED = {
         "The sensor paper-independent has policies: add --sensor paper-independent",
     ),
     "robustness": (
-        lambda out: Robustness(SceneChoice(renderer="gelsight"), out=out / "run").run(),
+        lambda out: Robustness("coarse", sensor=Path("gel"), out=out / "run").run(),
         WrongScene,
-        "GelSightRenderer",
+        "num_taxels",
     ),
     "train without a collection": (
         lambda out: Train(scene="coarse", data=out / "none", out=out / "run").run(),
@@ -81,10 +80,10 @@ REFUSED = {
         NoCollection,
         "collect --scene coarse --plan.train 0 --plan.repeats 6 --out",
     ),
-    "train-ppo without a bank": (
-        lambda out: TrainPPO(scene="coarse", bank=out / "none", out=out / "run").run(),
-        CorruptFile,
-        "touch-bank --scene coarse",
+    "train-ppo without a collection": (
+        lambda out: TrainPPO(scene="coarse", data=out / "none", out=out / "run").run(),
+        NoCollection,
+        "collect --scene coarse --plan.train 0 --plan.repeats 6 --out",
     ),
 }
 
@@ -115,7 +114,7 @@ def quick(tmp_path_factory):
 
 
 @pytest.mark.torch
-@pytest.mark.parametrize("command", [CalibrationReport, MakeTouchBank])
+@pytest.mark.parametrize("command", [CalibrationReport, TrainPPO])
 def test_a_collection_of_another_scene_than_the_sensors_is_refused(command, quick, tmp_path):
     with pytest.raises(WrongScene, match=r"pad\.num_taxels is 32, not 128") as found:
         command(scene="gel", data=quick, out=tmp_path / "out").run()
@@ -165,11 +164,11 @@ def test_a_sensor_remembers_the_scene_it_was_calibrated_in(tmp_path):
     with pytest.warns(SceneShift, match="press_model is Quasistatic, not Dynamic"):
         sensor = TactileSensor.load(out, QUICK.named.scene)
     assert sensor.shift == ("press_model is Quasistatic, not Dynamic",)
-    MakeTouchBank(scene="coarse", data=data, sensor=out, out=tmp_path / "bank").run()
-    assert TouchBank.open(tmp_path / "bank" / "test").scene == read_manifest(data).scene
-    with pytest.raises(WrongScene, match=r"num_taxels.*touch-bank --scene gel") as found:
-        TrainPPO(scene="gel", bank=tmp_path / "bank", out=tmp_path / "ppo").run()
-    pastes(str(found.value))
+    bank = kept_bank(sensor.reader, data, "test", tmp_path / "bank")
+    assert bank.scene == read_manifest(data).scene
+    before = [path.stat().st_mtime_ns for path in (tmp_path / "bank").iterdir()]
+    kept_bank(sensor.reader, data, "test", tmp_path / "bank")
+    assert [path.stat().st_mtime_ns for path in (tmp_path / "bank").iterdir()] == before
 
 
 @pytest.mark.torch
@@ -294,7 +293,7 @@ def test_a_remedy_names_a_sensor_that_ships_or_the_commands_that_make_one(choice
     pastes(str(found.value))
 
 
-_IN_NEED = "collect|train|calibrate|touch-bank|train-ppo|compare|merge"
+_IN_NEED = "collect|train|calibrate|train-ppo|compare|merge"
 HALF = rf"(with|run|calibrate|scene|again)[:,]? `?activetouch ({_IN_NEED})\b(?! \{{)"
 
 

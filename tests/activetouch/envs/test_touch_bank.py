@@ -152,7 +152,7 @@ def test_a_drawn_target_is_every_shape_and_has_the_prior(body, rng):
 
 
 def test_gains_without_a_joint_model_and_a_target_that_nobody_sees_are_refused(bank, model):
-    with pytest.raises(NoGains, match="touch-bank --sensor"):
+    with pytest.raises(NoGains, match="a bank with features"):
         BankEpisodes(bank, model, "shape_0", 2, "gains")
     for target, state in ((None, "posterior"), ("shape_0", "goal")):
         with pytest.raises(BadOption, match="goes with target=None"):

@@ -123,7 +123,7 @@ def test_a_file_of_an_unknown_format_is_refused_before_anything_is_made(kind, na
         (["collect", "--plan.train", "-1"], ["--plan.train", "-1"]),
         (["collect", "--jobs", "0"], ["--jobs", "0"]),
         (["train", "--change.seed", str(2**63)], ["--change.seed", str(2**63)]),
-        (["reproduce", "--images.presses", "0"], ["--images.presses", "0"]),
+        (["reproduce", "--episodes", "0"], ["--episodes", "0"]),
         (["train", "--change.epochs", "0"], ["--change.epochs", "0"]),
     ],
 )
@@ -139,16 +139,8 @@ def test_the_command_line_ends_in_one_message(arguments, words, monkeypatch, cap
 
 @pytest.mark.parametrize(
     ("command", "flag"),
-    [(Tradeoff(scenes=()), "--scenes"), (Reproduce(deciders=()), "--deciders")],
+    [(Tradeoff(scenes=()), "--scenes"), (Reproduce(parts=()), "--parts")],
 )
 def test_an_empty_list_of_things_to_do_is_refused(command, flag):
     with pytest.raises(BadArgument, match=f"{flag} must name at least one"):
         command.run()
-
-
-@pytest.mark.parametrize("number", [1, 2])
-def test_too_few_objects_to_split_are_refused(number, tmp_path):
-    command = Reproduce(parts=("table1",), out=tmp_path / "out")
-    with pytest.raises(BadArgument, match=f"--images.objects must be at least 3 .*got {number}"):
-        _changed(command, ("images", "objects"), number).run()
-    assert not (tmp_path / "out").exists()

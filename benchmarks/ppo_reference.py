@@ -1,4 +1,8 @@
-"""Reference returns for a learned policy: upper bound, best posterior thresholds, and free touches.
+"""Reference returns for learned policies: upper bound, best posterior thresholds, and free touches.
+
+    python -m benchmarks.ppo_reference runs/ppo-paper paper-independent
+
+The first argument is the output folder of ``activetouch train-ppo``, the second a shipped sensor.
 
 The upper bound is certified for the discretised sensor model with discounted repeats. The return of the best pair of
 posterior thresholds, with the least used pose next, is attainable. The return with free touches, in all poses in turn,
@@ -7,9 +11,12 @@ shows how much information touches contain.
 
 from __future__ import annotations
 
+import json
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +24,10 @@ from numpy.typing import NDArray
 from activetouch.envs.batched_episodes import BankEpisodes
 from activetouch.envs.priors import ObjectPriors
 from activetouch.envs.touch_bank import TouchBank
+from activetouch.sensor_files import MODELS, load_observation_model
 from belief.observation_model import ArrayModel
-from experiments.ppo.recipe import PPORecipe
+from experiments.ppo.recipe import PPO_RECIPES, PPORecipe
+from experiments.ppo.touch_bank import TEST, TRAINING
 from experiments.ppo.training import Score, play
 from planners.bounds.object import object_bound
 from planners.repeats import repeat_discount, weights_in_turn
@@ -81,3 +90,22 @@ def thresholds(confirm: float, reject: float) -> Callable[[BankEpisodes], NDArra
         return np.where((prob >= confirm) | (has_to & (prob >= 0.5)), episodes.num_poses, actions)
 
     return choose
+
+
+def main(out: Path, sensor: str) -> None:
+    """Print the references of all policies of a training that are for one target."""
+    bank, test_bank = (TouchBank.open(out / "bank" / split) for split in (TRAINING, TEST))
+    model = load_observation_model(MODELS / sensor)
+    for state, targets in json.loads((out / "curves.json").read_text()).items():
+        for target in targets:
+            found = reference(bank, test_bank, model, target, PPO_RECIPES[state])
+            returns = ", ".join(f"{curve[-1][1]:.3f}" for curve in targets[target])
+            print(
+                f"{state} {target}: returns of the seeds {returns}; {found.score.mean_return:.3f} of the best "
+                f"thresholds {found.thresholds}; upper bound {found.optimum:.3f} for the table of outcomes; with "
+                f"free touches {found.free:.3f}"
+            )
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), sys.argv[2])

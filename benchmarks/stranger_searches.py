@@ -3,23 +3,24 @@
 The bag holds one object of every known shape and as many strangers, each of a random unknown shape. A search draws its
 objects from it, so the target may be absent, and confirming nothing is right then. The same searches are made with a
 belief that knows of strangers and with one that does not.
+
+Run: python -m benchmarks.stranger_searches [SCENE] [SEARCHES]      (50 for every target by default; some minutes)
 """
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch import Scene, TactileSensor, TouchWorld
+from activetouch import SCENES, Scene, TactileSensor, TouchWorld
 from activetouch.named_scenes import NamedScene
 from activetouch.scene import WorldObject
-from activetouch.scene_description import scene_fields
 from activetouch.shapes import EXTENDED_SHAPES
 from activetouch.world import TouchTime
 from belief import Composition, Counts, SearchProblem
@@ -27,10 +28,9 @@ from belief.observation_model import ObservationModel
 from belief.observation_model.strangers import StrangerModel
 from belief.seeding import arrangement_rng
 from belief.synthetic import sample_arrangement
-from experiments.parallel import run_tasks
-from experiments.robustness.kept import kept
+from experiments.parallel import default_jobs, run_tasks
+from experiments.reporting.tables import Table, interval
 from experiments.robustness.searches import played_together, success_scores
-from experiments.search.fingerprint import fingerprint
 from planners import Outcome, make_decider
 
 KNOWS, IGNORES = "knows of strangers", "knows known shapes only"
@@ -62,7 +62,7 @@ class WorldWithStrangers(TouchWorld):
 
 
 def stranger_searches(
-    sensor: TactileSensor, named: NamedScene, episodes: int, seed: int, jobs: int, folder: Path | None = None
+    sensor: TactileSensor, named: NamedScene, episodes: int, seed: int, jobs: int
 ) -> dict[str, dict[str, Any]]:
     """Success of searches among strangers, for a belief that knows of them and for one that does not.
 
@@ -72,27 +72,19 @@ def stranger_searches(
         episodes: for every target.
         seed: of the episodes.
         jobs: number of processes.
-        folder: of finished results, which are read and not played again; none are kept by default.
 
     Returns:
-        By kind of belief ``number``, ``success`` with its ``interval``, ``wrong``: fraction of searches that confirmed
-        a wrong object, with its interval; ``taken``: fraction that confirmed a stranger; ``touches``; and
-        ``no_touch``: success of the better of confirming the first object and rejecting all.
+        By kind of belief :func:`~experiments.robustness.searches.success_scores`; ``taken``: fraction that confirmed a
+        stranger; and ``no_touch``: success of the better of confirming the first object and rejecting all.
     """
-    tasks = [partial(_search_all, belief, sensor, named, episodes, seed, folder) for belief in (KNOWS, IGNORES)]
+    tasks = [partial(_scores, belief, sensor, named, episodes, seed) for belief in (KNOWS, IGNORES)]
     found = dict(run_tasks(tasks, jobs, "searching among strangers"))
     return {belief: found[belief] for belief in (KNOWS, IGNORES)}
 
 
-def _search_all(
-    belief: str, sensor: TactileSensor, named: NamedScene, number: int, seed: int, folder: Path | None
+def _scores(
+    belief: str, sensor: TactileSensor, named: NamedScene, number: int, seed: int
 ) -> tuple[str, dict[str, Any]]:
-    rules = [named.num_objects, named.touches_per_object]
-    words = [belief, scene_fields(sensor.scene), fingerprint(sensor.scene), rules, number, seed]
-    return belief, kept(folder, words, partial(_scores, belief == KNOWS, sensor, named, number, seed))
-
-
-def _scores(knows: bool, sensor: TactileSensor, named: NamedScene, number: int, seed: int) -> dict[str, Any]:
     known, aware = sensor.scene.shape_labels, StrangerModel(sensor.model)
     novel = [label for label in EXTENDED_SHAPES if label not in known]
     wide = replace(sensor.scene, shapes={**sensor.scene.shapes, **{label: EXTENDED_SHAPES[label] for label in novel}})
@@ -109,15 +101,39 @@ def _scores(knows: bool, sensor: TactileSensor, named: NamedScene, number: int, 
         worlds.append(WorldWithStrangers(sensor, wide, [wide.sample_object(k, rng) for k in shapes]))
     present = problem.num_objects / bag.total
     used: ObservationModel = aware
-    if not knows:
+    if belief == IGNORES:
         used, problem = sensor.model, replace(problem, shape_labels=known, composition=Composition.INDEPENDENT)
     decider = make_decider(_DECIDER, used.outcome_table(), used)
-
     targets = [target for _, target, _ in seeds]
     played = played_together(sensor, worlds, decider, problem, targets, used, seeds)
     confirmed = [episode.confirmed_shape for episode in played if episode.outcome is Outcome.CONFIRMED]
-    return {
+    return belief, {
         **success_scores(played),
         "taken": sum(shape == len(known) for shape in confirmed) / len(played),
         "no_touch": max(1.0 / bag.total, 1.0 - present),
     }
+
+
+def table(name: str, searched: dict[str, dict[str, Any]]) -> Table:
+    """The results of :func:`stranger_searches` in a scene as a table."""
+    rows = [
+        (
+            belief,
+            interval(found["success"], *found["interval"]),
+            interval(*found["wrong"]),
+            *(found[key] for key in ("taken", "touches", "no_touch")),
+        )
+        for belief, found in searched.items()
+    ]
+    columns = ("belief", "success", "wrong", ("confirmed a stranger", ".3f"), ("touches", ".2f"), ("no touch", ".3f"))
+    return Table(f"{name}: {searched[KNOWS]['number']} live searches for a known shape among strangers", columns, rows)
+
+
+def main(name: str = "gel", episodes: str = "50") -> None:
+    """Search, and print the table."""
+    sensor = TactileSensor.shipped(name)
+    print(table(name, stranger_searches(sensor, SCENES[name], int(episodes), 7, default_jobs())).markdown())
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

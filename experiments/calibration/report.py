@@ -1,26 +1,103 @@
-"""Sections of the calibration report: sentences, tables and figures."""
+"""Measurements of a calibration report, and the report: sentences, tables and figures."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TypeVar
 
+import numpy as np
+
+from belief.files import write_text
 from belief.metrics import CalibrationError
-from experiments.calibration.figures import claims, discount, fused_error, fused_nll, orientation_ranks, reliability
-from experiments.calibration.measurements import Measurements
-from experiments.calibration.models import UNDISCOUNTED, Fused
-from experiments.calibration.orientation import LEAST_P, QUANTITIES
+from experiments.calibration.models import UNDISCOUNTED, ModelScores
+from experiments.calibration.orientation import LEAST_P, QUANTITIES, RankTest
 from experiments.calibration.targets import judge_model, judge_touches, verdict
-from experiments.calibration.touches import GroupScores, TouchScores
+from experiments.calibration.touches import RAW, TouchScores
 from experiments.reporting.page import Section
-from experiments.reporting.tables import Table, interval
+from experiments.reporting.tables import Table
+
+Scores = TypeVar("Scores", TouchScores, ModelScores)
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """All numbers of a calibration report.
+
+    Attributes:
+        scene: name of the scene.
+        seed: seed of all random numbers.
+        confidence: posterior at which searches stop.
+        num_objects: number of objects by split.
+        num_rounds: number of rounds of all poses in which every object was touched.
+        touches: scores by calibration, the raw softmax first.
+        models: scores in the order of the registry of models, the model without a discount last.
+        orientation: tests of the joint model's posterior of orientation and size; none without such a model.
+        orientation_hypotheses: number of hypotheses of each shape in these tests; None for those of the model.
+    """
+
+    scene: str
+    seed: int
+    confidence: float
+    num_objects: Mapping[str, int]
+    num_rounds: int
+    touches: Sequence[TouchScores]
+    models: Sequence[ModelScores]
+    orientation: Sequence[RankTest] = ()
+    orientation_hypotheses: int | None = None
+
+    def __str__(self) -> str:
+        """The verdict, and the measured targets as tables."""
+        section = verdict_section(self)
+        return "\n\n".join([*section.sentences, *(table.markdown() for table in section.tables)])
+
+    def save(self, folder: Path) -> None:
+        """Write ``report.html``, ``numbers.json``, ``tables.md`` and the figures into a folder.
+
+        Raises:
+            CannotWrite: The disk is full, or the folder is not writable.
+        """
+        from experiments.reporting.page import write_page  # loads jinja2
+
+        report = sections(self)
+        write_page(folder / "report.html", f"Calibration in the scene “{self.scene}”", report)
+        write_text(folder / "numbers.json", json.dumps(asdict(self), indent=1, default=np.ndarray.tolist) + "\n")
+        tables = [table.markdown() for section in report for table in section.tables]
+        write_text(folder / "tables.md", "\n\n".join(tables) + "\n")
+        for picture in (picture for section in report for picture in section.pictures):
+            picture.write(folder)
+
+    @property
+    def calibration(self) -> TouchScores:
+        """The calibration with the lowest cross-validated NLL."""
+        return _best(self.touches)
+
+    @property
+    def model(self) -> ModelScores:
+        """The observation model with the lowest cross-validated NLL."""
+        return _best(self.models)
+
+    @property
+    def raw(self) -> TouchScores:
+        """The scores of the raw softmax."""
+        return next(scores for scores in self.touches if scores.name == RAW)
 
 
 def sections(found: Measurements) -> list[Section]:
     """All sections of the report, the verdict first."""
-    return [_verdict(found), _touches(found), _models(found), _fusion(found), _stops(found), *_orientation(found)]
+    return [
+        verdict_section(found),
+        _touches(found),
+        _fusion(found),
+        _stops(found),
+        *_orientation(found),
+    ]
 
 
-def _verdict(found: Measurements) -> Section:
+def verdict_section(found: Measurements) -> Section:
+    """The verdict, what was measured, and the outcome of every target."""
     checks = {scores.name: judge_model(scores, found.confidence) for scores in found.models}
     touches = judge_touches(found.calibration)
     kinds = list(found.model.fused)
@@ -73,6 +150,8 @@ def _what_was_measured(found: Measurements) -> str:
 
 
 def _touches(found: Measurements) -> Section:
+    from experiments.calibration.figures import reliability  # loads matplotlib
+
     raw, calibrated = found.raw, found.calibration
     grid = Table(
         f"Single touches of the test split, {raw.report.num_rows} (in brackets: chance, or the 95 % interval)",
@@ -82,41 +161,20 @@ def _touches(found: Measurements) -> Section:
         ),
         [_touch_row(found, scores) for scores in found.touches],
     )
-
-    def parts(title: str, parts_of: Callable[[TouchScores], Mapping[str, GroupScores]], error: str) -> Table:
-        headings = (title, "accuracy", "NLL, raw", "NLL, calibrated", f"{error}, raw", f"{error}, calibrated")
-        before, after = parts_of(raw), parts_of(calibrated)
-        rows = [
-            (
-                label,
-                f"{after[label].accuracy:.3f}",
-                f"{part.nll:.4f}",
-                f"{after[label].nll:.4f}",
-                _error(part.ece),
-                _error(after[label].ece),
-            )
-            for label, part in before.items()
-        ]
-        return Table(f"By {title}: {raw.name} and {calibrated.name}", headings, rows, is_long=True)
-
     sentence = (
         f"Calibrated by {calibrated.name}, which has the lowest cross-validated NLL, a touch has an NLL of "
         f"{calibrated.report.negative_log_likelihood:.4f} instead of {raw.report.negative_log_likelihood:.4f}, and a "
         f"calibration error of {calibrated.report.ece_width.value:.4f} instead of {raw.report.ece_width.value:.4f}."
     )
     curves = {scores.name: scores.report.curve for scores in (raw, calibrated)}
-    more = [
-        parts("pose", lambda scores: scores.poses, "ECE"),
-        parts("shape", lambda scores: scores.shapes, "error of its probability"),
-    ]
-    return Section("A single touch", [sentence], [grid, *more], [reliability(curves)])
+    return Section("A single touch", [sentence], [grid], [reliability(curves)])
 
 
 def _touch_row(found: Measurements, scores: TouchScores) -> tuple[str, ...]:
     report, (estimate, low, high) = scores.report, scores.classwise
     return (
         _named(found, scores.name),
-        "" if scores.cross_validated_nll is None else f"{scores.cross_validated_nll:.4f}",
+        _loss(scores),
         f"{report.negative_log_likelihood:.4f}",
         f"{report.brier.score:.4f}",
         f"{report.accuracy:.4f}",
@@ -125,103 +183,55 @@ def _touch_row(found: Measurements, scores: TouchScores) -> tuple[str, ...]:
     )
 
 
-def _models(found: Measurements) -> Section:
-    ranked = sorted(
-        (scores for scores in found.models if scores.cross_validated_nll is not None),
-        key=lambda scores: scores.cross_validated_nll or 0.0,
+def _fusion(found: Measurements) -> Section:
+    from experiments.calibration.figures import fused_error  # loads matplotlib
+
+    tables = []
+    for kind, of_chosen in found.model.fused.items():
+        headings = ("model", "NLL, cross-validated", *(f"error after {fused.num_touches}" for fused in of_chosen))
+        rows = [
+            (_named(found, s.name), _loss(s), *(_error(fused.ece) for fused in s.fused[kind])) for s in found.models
+        ]
+        tables.append(Table(f"Calibration error by number of touches (chance), {kind}", headings, rows))
+    last = "; ".join(
+        f"{kind} after {fused[-1].num_touches} touch{'es' * (fused[-1].num_touches > 1)}: accuracy "
+        f"{fused[-1].accuracy:.3f}, NLL {fused[-1].nll:.3f}, error {fused[-1].ece.value:.4f}"
+        for kind, fused in found.model.fused.items()
     )
-    rows = [(_named(found, scores.name), f"{scores.cross_validated_nll:.4f}") for scores in ranked]
-    widest = {split: max(abs(w.free - w.discounted) for w in weights) for split, weights in found.weights.items()}
-    least = "at least" if any(w.low is None for weights in found.weights.values() for w in weights) else "at most"
-    splits = list(found.weights)
-    laws = [
-        (
-            str(some[0].num_touches),
-            f"{some[0].discounted:.3f}",
-            *(weight.words for weight in some),
-        )
-        for some in zip(*found.weights.values(), strict=True)
-    ]
     sentences = [
         f"Cross-validation on whole objects of the calibration split chose {found.model.name}: the loss is the mean "
         "negative log posterior of the true shape after one touch, two, and so on; half of the sequences have touches "
         "in the order in which they were recorded, half stay in one pose.",
-        f"The ratio model's discount has one number, ρ = {found.correlation:.3f}. The weight of n touches in one pose, "
-        f"fitted freely, differs from n / (1 + (n - 1) ρ) by {least} "
-        + ", ".join(f"{value:.3f} on the {split} split" for split, value in widest.items())
-        + ".",
+        f"{found.model.name}: {last}.",
     ]
-    grids = [
-        Table("Sequence NLL out of fold [nats]", ("model", "loss"), rows),
-        Table(
-            "Weight of n touches in one pose, in touches",
-            ("n", "n / (1 + (n - 1) ρ)", *(f"best on the {split} split" for split in splits)),
-            laws,
-        ),
-    ]
-    return Section("Choice of the observation model", sentences, grids, [discount(found.weights, found.correlation)])
-
-
-def _fusion(found: Measurements) -> Section:
-    kinds = list(found.model.fused)
-
-    def by_number(kind: str, title: str, words: Callable[[Fused], str], *, is_long: bool) -> Table:
-        numbers = [str(some.num_touches) for some in found.model.fused[kind]]
-        rows = [(_named(found, scores.name), *map(words, scores.fused[kind])) for scores in found.models]
-        return Table(f"{title}, {kind}", ("model, after touches", *numbers), rows, is_long=is_long)
-
-    last = [(kind, found.model.fused[kind][-1]) for kind in kinds]
-    sentence = "; ".join(
-        f"{kind} after {some.num_touches} touch{'es' * (some.num_touches > 1)}: accuracy {some.accuracy:.3f}, "
-        f"NLL {some.nll:.3f}, error {some.ece.value:.4f}"
-        for kind, some in last
-    )
-    return Section(
-        "Touches fused",
-        [f"{found.model.name}: {sentence}."],
-        [
-            by_number(kind, title, words, is_long=is_long)
-            for title, words, is_long in (
-                ("Calibration error (chance)", lambda some: _error(some.ece), False),
-                ("NLL [nats]", lambda some: f"{some.nll:.4f}", True),
-                ("Accuracy", lambda some: f"{some.accuracy:.3f}", True),
-                ("Classwise error (chance)", lambda some: _error(some.classwise), True),
-            )
-            for kind in kinds
-        ],
-        [fused_error(found.models, found.model.name), fused_nll(found.models, found.model.name)],
-    )
+    return Section("Touches fused", sentences, tables, [fused_error(found.models, found.model.name)])
 
 
 def _stops(found: Measurements) -> Section:
-    shown = list(dict.fromkeys([UNDISCOUNTED, "ratio", found.model.name]))
+    from experiments.calibration.figures import claims  # loads matplotlib
+
     headings = ("model", "stops", "touches", "confidence", "accuracy", "Clopper-Pearson ≥", "objects resampled")
-    columns = ("model", "touches", "stops", "confidence", "accuracy [Clopper-Pearson]")
-    overall, by_touches = [], []
+    tables = []
     for kind in found.model.stops:
-        rows, numbered = [], []
+        rows = []
         for scores in found.models:
             stopped, name = scores.stops[kind], _named(found, scores.name)
             if stopped.claims is None or stopped.right is None:
                 rows.append((name, "0", *[""] * 5))
                 continue
-            every, (_, low, high), parts = stopped.claims.overall, stopped.right, stopped.claims.by_num_touches
-            mean = sum(part.count * (part.num_touches or 0) for part in parts) / every.count
+            every, (_, low, high) = stopped.claims.overall, stopped.right
+            mean = sum(part.count * (part.num_touches or 0) for part in stopped.claims.by_num_touches) / every.count
             stops = (f"{every.count} of {stopped.num_sequences}", f"{mean:.2f}")
             rates = (f"{every.mean_stated:.4f}", f"{every.share_right:.4f}", f"{every.low:.4f}")
             rows.append((name, *stops, *rates, f"[{low:.4f}, {high:.4f}]"))
-            for part in parts:
-                rate = interval(part.share_right, part.low, part.high)
-                numbered.append((name, str(part.num_touches), str(part.count), f"{part.mean_stated:.3f}", rate))
-        overall.append(Table(f"Stops at {found.confidence:g}, {kind}", headings, rows))
-        by_touches.append(Table(f"By touches at stopping, {kind}", columns, numbered, is_long=True))
+        tables.append(Table(f"Stops at {found.confidence:g}, {kind}", headings, rows))
     sentence = (
         f"A search that touches until a shape has a posterior of {found.confidence:g} stops where favourable noise and "
         "the model's confidence in it are greatest. The stated confidence must be right after few touches and after "
         "many, not only on average."
     )
-    picture = claims(found.models, shown, found.confidence)
-    return Section("Stopping", [sentence], [*overall, *by_touches], [picture])
+    shown = list(dict.fromkeys([UNDISCOUNTED, "ratio", found.model.name]))
+    return Section("Stopping", [sentence], tables, [claims(found.models, shown, found.confidence)])
 
 
 def _orientation(found: Measurements) -> list[Section]:
@@ -239,12 +249,7 @@ def _orientation(found: Measurements) -> list[Section]:
         )
         for test in found.orientation
     ]
-    every = [
-        (test.shape, str(test.num_touches), *(f"{ranks.p_value:.2g}" for ranks in test.ranks.values()))
-        for test in found.orientation
-    ]
     passed = sum(test.passes for test in found.orientation)
-    worst = min(found.orientation, key=lambda test: test.p_value)
     temperature = (
         "the one temperature of the model was fitted to the calibration split"
         if found.orientation_hypotheses is None
@@ -263,18 +268,22 @@ def _orientation(found: Measurements) -> list[Section]:
         *("shape", "touches", "objects", "p, corrected"),
         *("quantity with the smallest p", "its mean rank", "its spread", "largest spread"),
     )
-    tables = [
-        Table("Uniformity of the ranks of the true orientation and size", headings, rows),
-        Table("p-value by quantity", ("shape", "touches", *QUANTITIES), every, is_long=True),
-    ]
-    return [
-        Section("Orientation and size", sentences, tables, [orientation_ranks(found.orientation, worst.shape)]),
-    ]
+    table = Table("Uniformity of the ranks of the true orientation and size", headings, rows)
+    return [Section("Orientation and size", sentences, [table])]
 
 
 def _named(found: Measurements, name: str) -> str:
     return f"{name} (chosen)" if name in (found.model.name, found.calibration.name) else name
 
 
+def _loss(scores: TouchScores | ModelScores) -> str:
+    return "" if scores.cross_validated_nll is None else f"{scores.cross_validated_nll:.4f}"
+
+
 def _error(error: CalibrationError) -> str:
     return f"{error.value:.4f} ({error.null_quantile:.4f})"
+
+
+def _best(candidates: Sequence[Scores]) -> Scores:
+    """The candidate with the lowest cross-validated NLL, among those that have one."""
+    return min((c for c in candidates if c.cross_validated_nll is not None), key=lambda c: c.cross_validated_nll or 0.0)

@@ -5,29 +5,15 @@ import pytest
 
 from activetouch import TactileSensor
 from activetouch.named_scenes import SCENES
+from benchmarks.stranger_searches import IGNORES, KNOWS, stranger_searches, table
 from experiments.robustness.searches import played_together
-from experiments.robustness.stranger_searches import IGNORES, KNOWS, stranger_searches
 
 GIVEN = {"sensor": TactileSensor.shipped("coarse"), "named": SCENES["coarse"], "episodes": 5, "seed": 0, "jobs": 1}
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("searches")
-
-
-@pytest.fixture(scope="module")
-def found(folder):
-    return stranger_searches(**GIVEN, folder=folder)
-
-
-def test_finished_searches_are_kept_and_their_order_is_that_of_the_beliefs(found, folder, monkeypatch):
-    monkeypatch.setattr("experiments.robustness.stranger_searches._scores", lambda *given: {"played": "again"})
-    monkeypatch.setattr(
-        "experiments.robustness.stranger_searches.run_tasks", lambda tasks, *_: (task() for task in reversed(tasks))
-    )
-    assert list(stranger_searches(**GIVEN, folder=folder).items()) == list(found.items())
-    assert stranger_searches(**{**GIVEN, "seed": 1}, folder=folder)[KNOWS] == {"played": "again"}
+def found():
+    return stranger_searches(**GIVEN)
 
 
 def test_a_belief_that_knows_of_strangers_takes_fewer_of_them(found):
@@ -38,7 +24,7 @@ def test_a_belief_that_knows_of_strangers_takes_fewer_of_them(found):
 
 
 def test_a_search_draws_from_a_bag_of_known_shapes_and_as_many_strangers(monkeypatch):
-    asked, path = [], "experiments.robustness.stranger_searches.played_together"
+    asked, path = [], "benchmarks.stranger_searches.played_together"
 
     def play(sensor, worlds, decider, problem, targets, used, seeds):
         asked.append((worlds, problem, targets, used))
@@ -65,3 +51,4 @@ def test_the_numbers_of_a_search_fit_together(found):
         assert numbers["taken"] <= numbers["wrong"][0] <= 1.0 - numbers["success"]
         assert numbers["no_touch"] == 0.5
         assert np.isfinite(numbers["touches"])
+    assert "20 live searches" in table("coarse", found).title
