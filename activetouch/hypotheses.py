@@ -10,15 +10,12 @@ True
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.distributions import Distribution
-
-if TYPE_CHECKING:
-    from activetouch.scene import Scene
 
 Floats = NDArray[np.float64]
 
@@ -114,14 +111,3 @@ class Bodies(NamedTuple):
     def take(self, some: slice | NDArray[np.int64]) -> Bodies:
         """Some of the hypotheses."""
         return Bodies(*(part[some] for part in self))
-
-
-def bodies_of(scene: Scene, num_hypotheses: int) -> Bodies:
-    """Hypotheses that cover the orientations and sizes of a scene's objects evenly, the same for all shapes.
-
-    Args:
-        scene: of the objects.
-        num_hypotheses: N.
-    """
-    rests = scene.presentation.rests(num_hypotheses)
-    return Bodies(rests, sizes(scene.variation.size, num_hypotheses), member_shares(num_hypotheses))

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from activetouch.distributions import Variation
 from activetouch.errors import BadMesh, UnstablePress
+from activetouch.hypotheses import Bodies, member_shares, sizes
 from activetouch.mesh_source import MeshSource
 from activetouch.orientations import Presentation, Tumbled
 from activetouch.placement import Placement, WorldObject
@@ -292,6 +293,13 @@ class Scene:
         if label in self.families:
             return self.families[label].bodies(shares)
         return (self.solids[label],), np.zeros(len(shares), np.int64)
+
+    def hypotheses(self, num: int) -> Bodies:
+        """Hypotheses about an object, as many as asked for, the same for all shapes.
+
+        They cover the orientations and sizes of objects evenly.
+        """
+        return Bodies(self.presentation.rests(num), sizes(self.variation.size, num), member_shares(num))
 
     def place(self, obj: WorldObject, pose: Name, rng: np.random.Generator) -> Placement:
         """Put an object in front of the pad, in a pose, by its label or index."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from activetouch.hypotheses import Bodies, bodies_of
+from activetouch.hypotheses import Bodies
 from activetouch.perception.cached_arrays import cached_array
 from activetouch.perception.contacts.imaging import Floats32, Imaging, encoded
 from activetouch.perception.contacts.sensor_state import sensor_state
@@ -134,7 +134,7 @@ class ContactHypotheses:
         """Hypotheses of each shape that take turns in the poses, ``(K, M, D)``."""
         if self.scene is None:
             raise ValueError("this reader reads any object and is about none yet; bound_to(scene) says which there are")
-        bodies, num_poses = bodies_of(self.scene, num_hypotheses(self.scene)), len(self.scene.poses)
+        bodies, num_poses = self.scene.hypotheses(num_hypotheses(self.scene)), len(self.scene.poses)
         parts = [self.embedded(self.scene, bodies, pose)[:, pose::num_poses] for pose in range(num_poses)]
         return np.concatenate(parts, axis=1)
 

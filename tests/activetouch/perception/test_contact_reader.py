@@ -14,7 +14,6 @@ from scipy.special import logsumexp
 from activetouch import SCENES, Quasistatic, TactileSensor
 from activetouch.distributions import Uniform
 from activetouch.errors import AlikeShapes
-from activetouch.hypotheses import bodies_of
 from activetouch.perception import preparation
 from activetouch.perception.card import READER
 from activetouch.perception.contacts import hypotheses
@@ -153,7 +152,7 @@ def test_hypotheses_of_a_family_are_of_its_members_in_their_order(reader, cache)
     rod = Cylinder(0.01, 0.01)
     family = Family(rod, half_length=Uniform(0.005, 0.03))
     scene = replace(SCENE, shapes={"rod": family})
-    bodies = bodies_of(scene, 32)
+    bodies = scene.hypotheses(32)
     found = reader.hypotheses.embedded(scene, bodies, 0)[0]
     solids, members = scene.bodies("rod", bodies.shares)
     cell = cell_of(32)
