@@ -75,7 +75,11 @@ def deciders(table: OutcomeTable, episodes: int, trees: Sequence[int]) -> list[t
 
 def with_random_rollouts(table: OutcomeTable) -> Decider:
     """Tree search with pomdp-py's own rollouts."""
-    from planners.pomdp_py_adapter import Pouct, RandomRollout  # pomdp-py may not be installed
+    from planners.pomdp_py_adapter import InformedRollout, Pouct  # pomdp-py may not be installed
+
+    class RandomRollout(InformedRollout):
+        def rollout(self, state: object, history: tuple[object, ...]) -> object:
+            return self.sample(state)
 
     return Pouct(table, 1000, RandomRollout)
 

@@ -31,12 +31,12 @@ from belief.claims import claim_folder, ends_claims
 from belief.files import write_text
 from belief.seeding import keyed_rng
 from belief.statistics import paired_bootstrap
+from benchmarks.neighbours import neighbour_guesses
 from experiments.command_line.arguments import Jobs, Seed, Within, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs, run_tasks
 from experiments.reporting.tables import Table, interval
 from experiments.scene_choice import SceneChoice, in_file_names
-from experiments.sensor.baseline import neighbour_guesses
 from experiments.sensor.scores import accuracy_of_objects
 from experiments.sensor_choice import open_sensor
 

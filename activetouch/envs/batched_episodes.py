@@ -12,6 +12,7 @@ from activetouch.envs.joint_evidence import JointBankEvidence, weighed_touches
 from activetouch.envs.priors import ObjectPriors, TargetProb
 from activetouch.envs.running_evidence import BankEvidence, evidence_of
 from activetouch.envs.touch_bank import TouchBank
+from activetouch.sensor_files import INDEPENDENT_SUFFIX, MODELS, load_observation_model
 from belief import Composition, SearchProblem
 from belief.bayes import update
 from belief.errors import UnknownName
@@ -123,6 +124,23 @@ class BankEpisodes:
         self._num_touches = np.zeros(num_envs, np.int64)
         self._potential = self._potential_of(np.arange(num_envs))
         self._ask_gains(np.arange(num_envs))
+
+    @classmethod
+    def shipped(cls, scene: str, target: str | None, num_envs: int, **settings: Any) -> BankEpisodes:
+        """Episodes on the recorded touches of a scene that come with the package.
+
+        Args:
+            scene: name of a scene with a bank.
+            target: label of the target shape.
+            num_envs: number of parallel episodes.
+            settings: further arguments of the class.
+
+        Raises:
+            UnknownName: the scene has no bank, or the target is unknown.
+        """
+        bank = TouchBank.shipped(scene)
+        model = load_observation_model(MODELS / f"{scene}{INDEPENDENT_SUFFIX}")
+        return cls(bank, model, target, num_envs, **settings)
 
     @property
     def num_touches(self) -> Ints:

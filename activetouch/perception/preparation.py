@@ -24,7 +24,7 @@ from activetouch.scene_description import SURROUNDINGS, scene_fields
 from belief import Touch
 from belief.errors import CorruptFile
 from belief.files import require_regular_file, write_text
-from belief.observation_model import RigidBodyModel, read_observation_model, read_origin
+from belief.observation_model import ArrayModel, RigidBodyModel, read_observation_model, read_origin
 from belief.observation_model.rigid_body import FittedRigidBody
 from belief.touch_batch import TouchBatch
 
@@ -33,7 +33,7 @@ _LEAST, _MOST = 12, 48  # objects of each shape
 _ENOUGH = 0.9  # of the objects named rightly after a touch in every pose
 
 
-def prepared(reader: TactileReader, scene: Scene, seed: int = 0) -> FittedRigidBody:
+def prepared(reader: TactileReader, scene: Scene, seed: int = 0) -> ArrayModel:
     """The observation model of a reader for the objects of a scene, from simulated touches.
 
     Args:
@@ -54,7 +54,7 @@ def prepared(reader: TactileReader, scene: Scene, seed: int = 0) -> FittedRigidB
         "seed": seed,
     }
 
-    def make() -> tuple[FittedRigidBody, str]:
+    def make() -> tuple[ArrayModel, str]:
         return _fitted(reader, scene, np.random.default_rng([seed, 0xF17]))
 
     model, alike = cached(key, ".json", make, _read, _write)
@@ -63,15 +63,15 @@ def prepared(reader: TactileReader, scene: Scene, seed: int = 0) -> FittedRigidB
     return model
 
 
-def _read(path: Path) -> tuple[FittedRigidBody, str]:
+def _read(path: Path) -> tuple[ArrayModel, str]:
     text = require_regular_file(path).read_text(encoding="utf-8")
     model = read_observation_model(text)
-    if not isinstance(model, FittedRigidBody):
+    if model.reads != "embeddings":
         raise CorruptFile(f"{path} holds another model")
     return model, (read_origin(text) or {}).get("alike", "")
 
 
-def _write(path: Path, fitted: tuple[FittedRigidBody, str]) -> None:
+def _write(path: Path, fitted: tuple[ArrayModel, str]) -> None:
     model, alike = fitted
     write_text(path, model.to_json({"alike": alike}) + "\n")
 

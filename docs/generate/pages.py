@@ -11,7 +11,7 @@ from pathlib import Path
 
 import shelves
 
-from activetouch.envs import IDS, MOST_STEPS, VECTOR_IDS
+from activetouch.envs import IDS, MOST_STEPS
 from activetouch.named_scenes import SCENES
 from activetouch.sensor_files import MODELS, POLICIES
 from experiments.cli import COMMAND_GROUPS, commands
@@ -29,8 +29,7 @@ API = {
                     "activetouch.named_scenes"),
     "rendering": ("activetouch.rendering",),
     "environments": ("activetouch.envs.object_test", "activetouch.envs.object_goal", "activetouch.envs.object_search",
-                     "activetouch.envs.wrappers", "activetouch.envs.make", "activetouch.envs.touch_bank",
-                     "activetouch.envs.vector"),
+                     "activetouch.envs.wrappers", "activetouch.envs.batched_episodes", "activetouch.envs.touch_bank"),
 }  # fmt: skip
 """Modules of the API reference, by page."""
 _GIVEN = ("table", "model", "policies")
@@ -199,10 +198,9 @@ def _environments() -> str:
     for name, place in IDS.items():
         module, _, kind = place.partition(":")
         text = _plain(inspect.cleandoc(getattr(import_module(module), kind).__doc__ or ""))
-        many = "recorded touches that come with the package" if name in VECTOR_IDS else "one after the other"
-        rows.append((f"`{name}`", text.partition("\n")[0], many))
+        rows.append((f"`{name}`", text.partition("\n")[0]))
         lines += [f"## {name.partition('/')[2]}", "", re.sub(r"^##", "###", text, flags=re.M), ""]
-    first = table(("id", "task", "`make_vec` plays"), rows)
+    first = table(("id", "task"), rows)
     words = f"`max_episode_steps` is {MOST_STEPS}; episodes end by their own touch limit. [More](../environments.md)."
     return "\n".join(["# Environments, from the code", "", first, "", words, "", *lines])
 

@@ -17,7 +17,6 @@ from experiments.search.fingerprint import files_digest
 from experiments.search.replay import Replay
 from experiments.search.run_folder import RunFolder
 from experiments.search.setting import Setting
-from experiments.tradeoff.measure import finished
 from planners.sb3_policy import _model
 
 pytestmark = [pytest.mark.torch, pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="makes a pipe")]
@@ -39,7 +38,6 @@ READERS = {
     "a touch bank": ("manifest.json", lambda path: TouchBank.open(path.parent)),
     "a policy of SB3": ("model.zip", lambda path: _model(path, (0, 0))),
     "a digest": ("any", lambda path: files_digest([path])),
-    "results of tradeoff": ("results/x.json", lambda path: finished(path.parent.parent, 0)),
     "--sensor, the reader": ("reader.safetensors", compare_with_sensor),
     "--sensor, the model": ("observation_model.json", compare_with_sensor),
 }

@@ -227,13 +227,6 @@ def test_what_is_no_problem_is_refused_by_name(change, message):
         TouchProblem(**arguments | change)
 
 
-@pytest.mark.parametrize("belief", [[0.5, np.nan], [0.7, 0.7], [0.5, 0.25, 0.25], [-0.1, 1.1]])
-def test_what_is_no_belief_is_refused(belief):
-    policy = solve(uniform(NINE_OF_TEN))
-    with pytest.raises(ValueError, match="belief"):
-        policy.value(belief)
-
-
 # Searches
 
 
