@@ -233,9 +233,9 @@ def _belief_words(scene: Scene, folder: Path | None) -> str:
     costs = [belief_cost(sensor.model, width)]
     with suppress(NoIndependentModel):
         costs.append(belief_cost(TactileSensor.load(folder, scene, anyway=True, independent=True).model, width))
-    told = [f"{cost.memory:.1f} MB and {cost.update:.2f} ms a touch" for cost in costs]
-    plain = f"; {told[1]} where touches count as independent" if len(told) > 1 else ""
-    return f"{words}: {model.num_hypotheses} hypotheses for each shape, {told[0]}{plain}."
+    measured = [f"{cost.memory:.1f} MB and {cost.update:.2f} ms a touch" for cost in costs]
+    plain = f"; {measured[1]} where touches count as independent" if len(measured) > 1 else ""
+    return f"{words}: {model.num_hypotheses} hypotheses for each shape, {measured[0]}{plain}."
 
 
 def _fits(sensor: Path, scene: Scene) -> bool:

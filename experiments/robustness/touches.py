@@ -180,7 +180,7 @@ def _press_some(
         except UnstablePress:
             continue
         pressed.append(number)
-        for name, some in faults.items():
-            seen = [read_out(image, some, rng(Quantity.FAULTS, pose)) for pose, image in enumerate(ideal)]
+        for name, own in faults.items():
+            seen = [read_out(image, own, rng(Quantity.FAULTS, pose)) for pose, image in enumerate(ideal)]
             images[name].append(np.stack(seen))
-    return pressed, {name: np.stack(some) if some else np.empty(0, np.uint8) for name, some in images.items()}
+    return pressed, {name: np.stack(seen) if seen else np.empty(0, np.uint8) for name, seen in images.items()}
