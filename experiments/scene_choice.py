@@ -22,7 +22,6 @@ from activetouch.errors import DuplicateShape
 from activetouch.mesh_source import read_meshes
 from activetouch.named_scenes import SCENES, NamedScene
 from activetouch.orientations import Inexact, Presentation, Resampled, Tumbled, Upright
-from activetouch.pressing.deformable import Deformable
 from activetouch.pressing.guarded_move import GuardedMove
 from activetouch.pressing.press import Press
 from activetouch.rendering import RENDERERS, TactileRenderer
@@ -39,7 +38,6 @@ FIDELITIES: Mapping[str, Press] = {
     "quasistatic": Quasistatic(),
     "dynamic": Dynamic(),
     "guarded_move": GuardedMove(),
-    "deformable": Deformable(),
 }
 PRESENTATIONS: Mapping[str, Presentation] = {
     "tumbled": Tumbled(),
@@ -61,28 +59,17 @@ def named_scene(name: str) -> NamedScene:
 
     Args:
         name: key of :data:`SCENES`, registered name, or ``module:attribute`` of a ``Scene``, a ``NamedScene`` or a
-            function that returns one. Fields of a scene in the registry can be changed in brackets, such as
-            ``paper(robot='panda_allegro')``.
+            function that returns one.
 
     Raises:
         UnknownName: There is no such name; the message suggests the nearest.
         BadReference: The name cannot be parsed, or is not the name of a scene.
     """
     found, reference = find("scene", name, SCENES, "activetouch.scenes")
-    if reference.name in SCENES:
-        return _changed(name, SCENES[reference.name], reference.settings)
     made = build(reference.name, found, reference.settings, {}, reference.is_called)
     if not isinstance(made, Scene | NamedScene):
         raise BadReference(f"{name} is not a scene: it is {made!r:.80}, not an activetouch.Scene or NamedScene")
     return made if isinstance(made, NamedScene) else as_named(made)
-
-
-def _changed(name: str, named: NamedScene, changes: Mapping[str, Any]) -> NamedScene:
-    """A scene with other values of its fields."""
-    try:
-        return replace(named, scene=replace(named.scene, **changes)) if changes else named
-    except TypeError as error:
-        raise BadReference(f"{name} cannot be made: {error}") from error
 
 
 def as_named(scene: Scene) -> NamedScene:

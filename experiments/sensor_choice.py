@@ -107,8 +107,7 @@ def sensor_folder(given: Path | None, scene: str) -> Path:
         scene: name of the scene in which it is used.
     """
     if given is None:
-        named = scene.partition("(")[0]  # without changes of a named scene
-        return MODELS / (named if named in SCENES else in_file_names(scene))
+        return MODELS / in_file_names(scene)
     shipped = MODELS / given
     return shipped if len(given.parts) == 1 and not given.exists() and shipped.is_dir() else given
 

@@ -42,7 +42,7 @@ DECIDERS = {
         "As `random_poses`; if the first pose is a poor one, every object is first touched there.",
     ),
     "best_order": Said(
-        f"Posterior thresholds with the poses in the order that was best on calibration objects (`rank-poses`). {_THRESHOLDS}",
+        f"Posterior thresholds with the poses in the order that was best on calibration objects (that `calibrate` finds). {_THRESHOLDS}",
         _TARGET,
         "Scenes in which the next touch depends on what was felt. It is there to measure what choosing poses is worth.",
     ),

@@ -91,14 +91,6 @@ def test_options_of_earlier_versions_that_had_no_effect_are_read():
     assert SceneChoice.from_dict(earlier, Trust(Path("run.json"))) == SceneChoice()
 
 
-def test_a_scene_takes_other_values_of_its_fields_in_brackets():
-    named = SceneChoice("paper(robot='panda_allegro')").named
-    assert named.scene.robot is not None
-    assert named.num_objects == SCENES["paper"].num_objects
-    with pytest.raises(BadReference, match="cannot be made"):
-        _ = SceneChoice("paper(robto=3)").named
-
-
 @pytest.mark.parametrize(
     ("changes", "words"),
     [

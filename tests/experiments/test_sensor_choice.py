@@ -218,7 +218,7 @@ def test_anyway_is_not_offered_where_the_network_cannot_read_the_images():
 @pytest.mark.parametrize("name", list(SCENES))
 def test_a_shipped_sensor_belongs_to_its_scene(name):
     assert Setting(SceneChoice(name)).open_sensor().shift == ()
-    assert Setting(SceneChoice(name, fidelity="deformable")).open_sensor().shift != ()
+    assert Setting(SceneChoice(name, presentation="upright")).open_sensor().shift != ()
 
 
 @pytest.mark.parametrize("file", [READER_FILE, OBSERVATION_FILE])
