@@ -10,11 +10,11 @@ from matplotlib.axes import Axes
 
 from belief.observation_model.action_kernel import Law
 from belief.problem import Floats
-from experiments.recorded.identifying import FIXED, GAIN, PLAN, RANDOM, Named
+from experiments.recorded.identifying import FIXED, GAIN, RANDOM, Named
 from experiments.recorded.results import SHOWN, Part, stated_bins
 from experiments.reporting.style import INK, PALETTE, Picture
 
-_COLOURS = {RANDOM: PALETTE[4], FIXED: PALETTE[2], GAIN: PALETTE[0], PLAN: PALETTE[3]}
+_COLOURS = {RANDOM: PALETTE[4], FIXED: PALETTE[2], GAIN: PALETTE[0]}
 _OF_LAW: Mapping[Law, str] = {"none": PALETTE[1], "kernel": PALETTE[0]}
 _FEWEST = 10  # stops of a point
 _MOST_NUMBERS = 12  # actions, for numbers in the picture of a kernel

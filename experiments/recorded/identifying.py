@@ -17,15 +17,13 @@ from experiments.recorded.fold import Fold
 from experiments.recorded.order import by_session, fused
 from planners.decider import ProbeSelector
 from planners.identification import Identification, identify
-from planners.naming_plan import NamingPlan
 from planners.probing import GivenOrder, RandomOrder, ShapeInformationGain
 
-RANDOM, FIXED, GAIN, PLAN = "random order", "best fixed order", "information gain", "point-based"
+RANDOM, FIXED, GAIN = "random order", "best fixed order", "information gain"
 NUMBERS = (1, 2, 3, 6, 10)
 """Numbers of touches after which the belief is judged."""
 _MOST_ACTIONS = 10  # of which all subsets are tried
 _ROUNDS = 5
-_OUTCOMES_OF_PLAN = 64
 
 
 @dataclass(frozen=True)
@@ -48,7 +46,7 @@ class Named:
 def identify_all(
     fold: Fold, seed: Sequence[int], threshold: float, max_touches: int, rounds: int, laws: Sequence[Law]
 ) -> list[Named]:
-    """Identify every test object with all deciders: the best fixed order and the plan by the last law only.
+    """Identify every test object with all deciders: the best fixed order by the last law only.
 
     Args:
         fold: the split.
@@ -70,9 +68,6 @@ def identify_all(
         }
         if law == laws[-1]:
             selectors[FIXED] = GivenOrder(fold.order)
-            if model.num_poses > 1:
-                table = model.outcome_table(_OUTCOMES_OF_PLAN)
-                selectors[PLAN] = NamingPlan(table, model.kernel, fold.bank.repeats, threshold, limit)
         for name, selector in selectors.items():
             for thing in np.unique(fold.bank.objects).tolist():
                 for number in range(1 if is_one_session and name != RANDOM else rounds):

@@ -14,7 +14,7 @@ from belief.problem import Floats
 from belief.statistics import cluster_bootstrap
 from experiments.recorded.finding import ORACLE, Found
 from experiments.recorded.fold import LAWS, Fold
-from experiments.recorded.identifying import FIXED, GAIN, NUMBERS, PLAN, RANDOM, AfterTouches, Named
+from experiments.recorded.identifying import FIXED, GAIN, NUMBERS, RANDOM, AfterTouches, Named
 from experiments.recorded.leaks import Control, control_table
 from experiments.reporting.tables import Table, Value, interval
 from experiments.sensor.scores import accuracy_of_objects
@@ -145,7 +145,7 @@ def identification_table(parts: Sequence[Part], threshold: float) -> Table:
     """Touches until an object is named, by decider and split."""
     rows: list[Sequence[Value]] = []
     for part in parts:
-        for decider in (RANDOM, FIXED, GAIN, PLAN):
+        for decider in (RANDOM, FIXED, GAIN):
             chosen = [one for one in part.named if one.decider == decider and one.law == "kernel"]
             if not chosen:
                 continue
