@@ -15,7 +15,6 @@ from activetouch.scene_description import OBJECTS, require_scene, scene_fields
 from belief.errors import CorruptFile
 from belief.files import require_regular_file, write_text
 from belief.observation_model import ArrayModel, read_observation_model, read_origin
-from belief.observation_model.registry import JOINT_MODELS
 
 MODELS = Path(__file__).parent / "models"
 ANY_OBJECT_FILE = "any_object.safetensors"  # a reader that knows the sensor, for objects that the other does not know
@@ -121,7 +120,7 @@ def fitted_model(folder: Path, independent: bool = False) -> FittedModel:
         raise CorruptFile(f"{path} cannot be read: {error.strerror}") from error
     except ValueError as error:
         raise CorruptFile(f"{path} is no observation model: {error}") from error
-    if independent and model.name in JOINT_MODELS:
+    if independent and model.reads == "embeddings":
         raise NoIndependentModel(
             f"{folder} holds only the joint observation model {model.name!r}, and no {INDEPENDENT_FILE} beside it. "
             "The command calibrate writes both files"

@@ -21,12 +21,10 @@ import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike
 from scipy.special import expit
 
-from belief.calibration.inputs import finite_logits
 from belief.frozen import FrozenArrays
 from belief.problem import Floats
-from belief.statistics.inputs import checked_values, normal_quantile, require_fraction
-from belief.statistics.proportion import exact_interval
-from belief.validation import as_real, require_number, unmasked
+from belief.statistics.proportion import exact_interval, normal_quantile
+from belief.validation import as_real, checked_values, finite_logits, require_fraction, require_number, unmasked
 
 _ROUNDING = 1e-20  # largest variance of an AUROC that is taken as zero
 _LEAST_SHRINKAGE = 1e-6  # few samples can make the estimate zero and the covariance singular

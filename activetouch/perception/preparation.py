@@ -25,7 +25,7 @@ from activetouch.scene_description import SURROUNDINGS, scene_fields
 from belief import Touch
 from belief.errors import CannotWrite, CorruptFile
 from belief.files import require_regular_file, write_text
-from belief.observation_model import RigidBodyModel, read_observation_model, read_origin
+from belief.observation_model import ArrayModel, RigidBodyModel, read_observation_model, read_origin
 from belief.observation_model.rigid_body import FittedRigidBody
 from belief.touch_batch import TouchBatch
 
@@ -34,7 +34,7 @@ _LEAST, _MOST = 12, 48  # objects of each shape
 _ENOUGH = 0.9  # of the objects named rightly after a touch in every pose
 
 
-def prepared(reader: TactileReader, scene: Scene, seed: int = 0) -> FittedRigidBody:
+def prepared(reader: TactileReader, scene: Scene, seed: int = 0) -> ArrayModel:
     """The observation model of a reader for the objects of a scene, from simulated touches.
 
     Args:
@@ -61,7 +61,7 @@ def prepared(reader: TactileReader, scene: Scene, seed: int = 0) -> FittedRigidB
         model, alike = read_observation_model(text), (read_origin(text) or {}).get("alike", "")
     except (CorruptFile, OSError, ValueError):
         model, alike = None, ""
-    if not isinstance(model, FittedRigidBody):
+    if model is None or model.reads != "embeddings":
         model, alike = _fitted(reader, scene, np.random.default_rng([seed, 0xF17]))
         try:
             path.parent.mkdir(parents=True, exist_ok=True)

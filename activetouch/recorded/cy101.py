@@ -14,6 +14,7 @@ import numpy as np
 
 from activetouch.errors import BadRecording
 from activetouch.recorded.bounded import lines_of, require_bounded, require_folder
+from activetouch.recorded.named_columns import SCALARS, touches_of_columns
 from activetouch.recorded.touches import RecordedTouches, scalar_features
 from belief.files import plain_number
 from belief.problem import Floats
@@ -62,25 +63,26 @@ def read_cy101(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
         notes.append(f"{_NOTHING}, behaviours in the air, is no object and is left out")
     if not names:
         raise BadRecording(f"no object in {folder} has all behaviours in all trials {sessions}")
-    order = [(thing, session, action) for thing in range(len(names)) for session, action in wanted]
-    parts = {m: np.array([rows[names[thing], s, a, m] for thing, s, a in order]) for m in _WIDTHS}
-    features = np.concatenate(list(parts.values()), axis=1)
-    things, trials, actions = (np.array(column) for column in zip(*order, strict=True))
-    touches = RecordedTouches(
-        features,
-        actions,
-        things,
-        trials,
-        BEHAVIOURS,
-        tuple(names),
-        {"categories": tuple(name.split("_")[0] for name in names)},
+    order = [(name, session, action) for name in names for session, action in wanted]
+    parts = {m: np.array([rows[(*key, m)] for key in order]) for m in _WIDTHS}
+    objects, trials, actions = (np.array(column) for column in zip(*order, strict=True))
+    touches = touches_of_columns(
+        np.concatenate(list(parts.values()), axis=1),
         {
-            "scalar features only": np.concatenate([scalar_features(part) for part in parts.values()], axis=1),
+            "object": objects,
+            "action": np.array(BEHAVIOURS)[actions],
+            "session": trials,
+            "category": np.array([name.split("_")[0] for name in objects.tolist()]),
+        },
+        str(folder),
+        action_names=BEHAVIOURS,
+        controls={
+            SCALARS: np.concatenate([scalar_features(part) for part in parts.values()], axis=1),
             "first tenth of a behaviour": np.concatenate([parts[m][:, :w] for m, w in _FIRST.items()], axis=1),
         },
-        "CY101 features in keke-220/predicate-learning, data/cy101/sensorimotor_features",
-        "none stated: not redistributed",
-        tuple(f"{modality} {number}" for modality, width in _WIDTHS.items() for number in range(1, width + 1)),
+        feature_names=[f"{m} {number}" for m, width in _WIDTHS.items() for number in range(1, width + 1)],
+        provenance="CY101 features in keke-220/predicate-learning, data/cy101/sensorimotor_features",
+        licence="none stated: not redistributed",
     )
     return touches, tuple(notes)
 

@@ -14,9 +14,9 @@ import numpy as np
 from activetouch.errors import BadRecording
 from activetouch.recorded.bounded import require_bounded, require_folder
 from activetouch.recorded.dsa import read_dsa
+from activetouch.recorded.named_columns import SCALARS, touches_of_columns
 from activetouch.recorded.pressure_features import before_contact, grasp_features, pressure_scalars
 from activetouch.recorded.touches import RecordedTouches
-from belief.observation_model.kernel_fit import numbered_sessions
 
 _MOST_FILES = 100_000
 _FIRST_FRAME = re.compile(r"_([0-9]+)-[0-9]+\.dsa$")
@@ -66,24 +66,19 @@ def read_sdh2(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
         scalars.append(pressure_scalars(film))
         before.append(before_contact(film))
         require_bounded(len(paths), len(paths) * len(features[0]), str(top))
-    names = sorted({path.parent.name for path in paths})
-    objects = np.array([names.index(path.parent.name) for path in paths])
-    actions = np.zeros(len(paths), np.int64)
+    names = [path.parent.name for path in paths]
     shape_of = {name: shape for shape, members in SHAPES.items() for name in members}
-    touches = RecordedTouches(
+    touches = touches_of_columns(
         np.array(features),
-        actions,
-        objects,
-        numbered_sessions(objects, actions),
-        ("grasp",),
-        tuple(names),
-        {"shapes": tuple(shape_of.get(name, "") for name in names)},
         {
-            "scalar features only": np.array(scalars),
-            "first frames, before contact": np.array(before),
+            "object": np.array(names),
+            "action": np.full(len(names), "grasp"),
+            "shape": np.array([shape_of.get(name, "") for name in names]),
         },
-        "peter-kiechle/tactile-sensors, training_grasp_profiles_thesis; joint angles left out",
-        "GPL-3.0: not redistributed",
+        str(top),
+        controls={SCALARS: np.array(scalars), "first frames, before contact": np.array(before)},
+        provenance="peter-kiechle/tactile-sensors, training_grasp_profiles_thesis; joint angles left out",
+        licence="GPL-3.0: not redistributed",
     )
     return touches, ()
 

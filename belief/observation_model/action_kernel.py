@@ -24,7 +24,7 @@ from belief.errors import InvalidArgument
 from belief.frozen import frozen
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.kernel_fit import fit_kernel
-from belief.observation_model.model import ArrayModel
+from belief.observation_model.model import ArrayModel, Reads
 from belief.observation_model.outcome_mixture import OutcomeMixture, with_nothing_new
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import drawn, smoothed, tabulate
@@ -78,6 +78,7 @@ class ActionKernelModel(ArrayModel):
     """
 
     name: ClassVar[str] = "action kernel"
+    reads: ClassVar[Reads] = "log ratios"
 
     shape_labels: tuple[str, ...]
     kernel: Floats

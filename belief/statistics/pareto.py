@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.problem import Floats
-from belief.statistics.inputs import checked_values
+from belief.validation import checked_values
 
 
 def pareto_front(costs: ArrayLike, qualities: ArrayLike) -> NDArray[np.bool_]:

@@ -18,8 +18,8 @@ from activetouch.scene import Scene
 from activetouch.sensor_files import READER_FILE
 from belief.claims import claim_folder, ends_claims
 from belief.errors import ActiveTouchError
-from belief.observation_model import RatioModel
-from belief.observation_model.registry import JOINT_MODELS
+from belief.observation_model import registry
+from belief.observation_model.rigid_body import joint_model
 from belief.observation_model.selection import choose_observation_model
 from belief.seeding import keyed_rng
 from experiments.calibration.models import UNDISCOUNTED, score_model
@@ -166,12 +166,13 @@ def calibration_report(
     labels: dict[str, Any] = {"shape_labels": manifest.shape_labels, "num_poses": len(manifest.pose_labels)}
     fitted_to = (known.batch.reshaped((1, -1)).sequence(0), known.shapes, known.object_ids)
     choosing = {n: partial(choose_observation_model, *fitted_to, **labels, candidates={n: fits[n]}) for n in fits}
-    separate = {n: task for n, task in choosing.items() if n not in JOINT_MODELS}
+    embeds = registry.fits("embeddings")
+    separate = {n: task for n, task in choosing.items() if n not in embeds}
     chosen = _results(separate, jobs, "fitting observation models")
-    chosen |= {n: choosing[n]() for n in choosing if n in JOINT_MODELS}  # which embed their hypotheses once, here
+    chosen |= {n: choosing[n]() for n in choosing if n in embeds}  # which embed their hypotheses once, here
     models = {n: (choice.model, choice.losses[n]) for n, choice in chosen.items()}
-    ratio, joint = models["ratio"][0], [model for n, (model, _) in models.items() if n in JOINT_MODELS]
-    assert isinstance(ratio, RatioModel), "as registered"
+    ratio: Any = models["ratio"][0]
+    joint = [found for model, _ in models.values() if (found := joint_model(model)) is not None]
     sequences = {kind: gather(test, generator(1, index)) for index, (kind, gather) in enumerate(KINDS.items())}
     scoring = {
         n: partial(score_model, n, *fit, sequences, confidence, generator(2, index))

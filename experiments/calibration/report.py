@@ -176,7 +176,7 @@ def _touch_row(found: Measurements, scores: TouchScores) -> tuple[str, ...]:
         _named(found, scores.name),
         _loss(scores),
         f"{report.negative_log_likelihood:.4f}",
-        f"{report.brier.score:.4f}",
+        f"{report.brier:.4f}",
         f"{report.accuracy:.4f}",
         *map(_error, (report.ece_width, report.ece_mass, report.smooth, report.ece_classwise)),
         f"{estimate:.4f} [{low:.4f}, {high:.4f}]",

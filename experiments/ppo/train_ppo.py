@@ -18,7 +18,6 @@ from belief.claims import claim_folder, ends_claims
 from belief.errors import UnknownName
 from belief.files import atomic_path, in_file_name, write_text
 from belief.observation_model import ArrayModel
-from belief.observation_model.registry import JOINT_MODELS
 from belief.policy_state import GOAL
 from experiments.command_line.arguments import BadArgument, Count, Jobs, check_arguments
 from experiments.parallel import default_jobs, run_tasks
@@ -94,9 +93,9 @@ class TrainPPO:
         filed = self.scene if self.out is None else None
         require_collection(data, manifest, reader.card, filed, repeats=True, anyway=self.anyway)
         model = fitted_model(sensor).model
-        if model.name in JOINT_MODELS:  # its reader embeds the hypotheses
+        if model.reads == "embeddings":  # its reader embeds the hypotheses
             model = load_quietly(sensor, named.scene, anyway=True).model
-        names = self.recipes or (("gains", "goal") if model.name in JOINT_MODELS else ("paper", "posterior"))
+        names = self.recipes or (("gains", "goal") if model.reads == "embeddings" else ("paper", "posterior"))
         recipes = [PPO_RECIPES[name] for name in names]
         if self.steps is not None:
             recipes = [replace(recipe, steps=self.steps) for recipe in recipes]

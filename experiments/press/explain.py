@@ -19,7 +19,7 @@ from activetouch.pressing.contact import surface_gap
 from activetouch.scene import Scene
 from activetouch.sensor import TactileSensor
 from activetouch.sensor_files import READER_FILE, reader_file, sensor_shift
-from belief.observation_model.rigid_body import RigidBodyModel
+from belief.observation_model.rigid_body import joint_model
 from experiments.command_line.arguments import Count, Jobs, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs
@@ -229,7 +229,8 @@ def _belief_words(scene: Scene, folder: Path | None) -> str:
     if not hidden:
         words = "The belief about an object holds its shape; each touch has its own orientation"
     sensor = None if folder is None else TactileSensor.load(folder, scene, anyway=True)
-    if sensor is None or folder is None or not isinstance(sensor.model, RigidBodyModel):
+    model = None if sensor is None else joint_model(sensor.model)
+    if sensor is None or folder is None or model is None:
         return f"{words}. No shipped sensor with a joint model was fitted to these objects."
     width = sensor.reader.card.embedding
     costs = [belief_cost(sensor.model, width)]
@@ -237,7 +238,7 @@ def _belief_words(scene: Scene, folder: Path | None) -> str:
         costs.append(belief_cost(TactileSensor.load(folder, scene, anyway=True, independent=True).model, width))
     told = [f"{cost.memory:.1f} MB and {cost.update:.2f} ms a touch" for cost in costs]
     plain = f"; {told[1]} where touches count as independent" if len(told) > 1 else ""
-    return f"{words}: {sensor.model.num_hypotheses} hypotheses for each shape, {told[0]}{plain}."
+    return f"{words}: {model.num_hypotheses} hypotheses for each shape, {told[0]}{plain}."
 
 
 def _fits(sensor: Path, scene: Scene) -> bool:

@@ -16,7 +16,7 @@ import numpy as np
 
 from belief import Composition, SearchProblem
 from belief.observation_model import ObservationModel
-from belief.observation_model.rigid_body import RigidBodyModel
+from belief.observation_model.rigid_body import joint_model
 from belief.problem import Floats
 from experiments.search.setting import Setting, load_sensor
 from planners.bounds.search import revealing_touch_bound, search_bound
@@ -102,11 +102,10 @@ def revealed_body(problem: SearchProblem, model: ObservationModel, target: int) 
         model: whose hypotheses and reference touches there are.
         target: index of the target.
     """
-    if (
-        not (isinstance(model, RigidBodyModel) and isinstance(problem.composition, Composition))
-        or not problem.touch_cost
-    ):
+    bodies_model = joint_model(model)
+    if bodies_model is None or not isinstance(problem.composition, Composition) or not problem.touch_cost:
         return None
+    model = bodies_model
     bodies = np.linspace(0, model.num_hypotheses - 1, _GROUPS * _BODIES).round().astype(int)
     found = []
     for group in range(_GROUPS):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from activetouch.scene import WorldObject
 from belief import Probe, Reject, SearchProblem
-from belief.observation_model.rigid_body_evidence import RigidBodyEvidence
+from belief.observation_model.rigid_body_evidence import RigidBodyEvidence, joint_evidence
 from belief.problem import Action
 from belief.seeding import touch_rng
 from experiments.search.setting import Setting, load_sensor, make_world
@@ -61,13 +61,14 @@ def replay(setting: Setting, episode: Episode) -> list[Frame]:
             rng = touch_rng(episode.seed, step.object_index, pose, uses[step.object_index, pose])
             image, _ = world.press(pose, rng)
             uses[step.object_index, pose] += 1
-            if isinstance(evidence, RigidBodyEvidence):
+            if joint_evidence(evidence) is not None:
                 [touch] = replace(sensor, with_logits=False).read(image[None], [pose])  # recorded were logits alone
                 evidence = evidence.update(touch)
             posterior = episode.steps[number + 1].belief.probs  # a touch is always followed by a decision
         elif isinstance(step.decision.action, Reject) and number + 1 < len(episode.steps):
             world.advance()
-        known = evidence if isinstance(evidence, RigidBodyEvidence) else None
-        frames.append(Frame(step, episode.arrangement[step.object_index], image, posterior, body, known))
+        frames.append(
+            Frame(step, episode.arrangement[step.object_index], image, posterior, body, joint_evidence(evidence))
+        )
         evidence = nothing if isinstance(step.decision.action, Reject) else evidence
     return frames

@@ -28,7 +28,8 @@ from activetouch.sensor_files import (
 from activetouch.world import TouchTime, touch_many
 from belief import Composition, SearchProblem, Touch
 from belief.errors import CorruptFile
-from belief.observation_model import ArrayModel, ObservationModel, OutcomeTable, RigidBodyModel
+from belief.observation_model import ArrayModel, ObservationModel, OutcomeTable
+from belief.observation_model.rigid_body import joint_model
 from belief.seeding import arrangement_rng
 from belief.synthetic import sample_arrangement
 from experiments.command_line.arguments import BadArgument, Count, NotNegative, Within, check_arguments, require_types
@@ -215,7 +216,7 @@ def prepare(setting: Setting, jobs: int | None) -> None:
     if read_card(setting.reader_file).imaging is None:
         return
     load_quietly(setting.sensor_folder, setting.scene, setting.anyway)  # warns of shapes that are alike
-    if not isinstance(load_sensor(setting).model, RigidBodyModel):
+    if joint_model(load_sensor(setting).model) is None:
         return
     tasks = [partial(_embed, setting, pose) for pose in range(len(setting.scene.poses))]
     for _ in run_tasks(tasks, jobs, "predicting contacts"):
@@ -224,8 +225,8 @@ def prepare(setting: Setting, jobs: int | None) -> None:
 
 def _embed(setting: Setting, pose: int) -> None:
     sensor = load_sensor(setting)
-    if isinstance(sensor.model, RigidBodyModel):
-        HypothesisTable(sensor.reader, setting.scene)(sensor.model.num_hypotheses, (pose,))
+    if (model := joint_model(sensor.model)) is not None:
+        HypothesisTable(sensor.reader, setting.scene)(model.num_hypotheses, (pose,))
 
 
 def build_decider(setting: Setting, name: str) -> Decider:

@@ -27,7 +27,7 @@ from belief.errors import ActiveTouchError
 from belief.files import write_text
 from belief.metrics import confusion_matrix, expected_calibration_error, negative_log_likelihood, shape_scores
 from belief.observation_model import ArrayModel
-from belief.observation_model.registry import JOINT_MODELS, OBSERVATION_MODELS, Fit, fit_named, require_readable
+from belief.observation_model.registry import Fit, fit_named, fits, require_readable
 from belief.observation_model.selection import NUM_FOLDS, ModelChoice, choose_observation_model, log_posteriors
 from belief.problem import Floats
 from belief.statistics import clopper_pearson_interval
@@ -214,8 +214,8 @@ def calibrate(
     else:
         choice = choose_observation_model(*touches, **labels, candidates=candidates)
     require_readable(choice.model)
-    others = {name: loss for name, loss in choice.losses.items() if name not in JOINT_MODELS}
-    leaner = min(others, key=others.__getitem__) if choice.name in JOINT_MODELS and others else None
+    others = {name: loss for name, loss in choice.losses.items() if name not in fits("embeddings")}
+    leaner = min(others, key=others.__getitem__) if choice.model.reads == "embeddings" and others else None
     independent = candidates[leaner](*touches, **labels) if leaner is not None else None
     evaluation = {
         "observation_model": choice.name,
@@ -274,15 +274,16 @@ def candidate_models(
         BadArgument: a model works with hypotheses, which this reader does not embed; or their number is given, and no
             model works with them.
     """
-    joint = {name: fit for name, fit in (asked or JOINT_MODELS).items() if name in JOINT_MODELS}
-    others = {name: fit for name, fit in (asked or OBSERVATION_MODELS).items() if name not in JOINT_MODELS}
+    all_joint = fits("embeddings")
+    joint = {name: fit for name, fit in (asked or all_joint).items() if name in all_joint}
+    others = {name: fit for name, fit in (asked or fits()).items() if name not in all_joint}
     if not joint or reader.hypotheses is None or scene is None:
         if asked and joint:
             raise BadArgument(
                 f"{in_words(list(joint))} needs a reader of a named scene, trained with --recipe contrast"
             )
         if num_hypotheses is not None:
-            known = in_words(list(JOINT_MODELS))
+            known = in_words(list(all_joint))
             raise BadArgument(f"--hypotheses {num_hypotheses} is a setting of {known}, which is none of these models")
         return others
     table = HypothesisTable(reader, scene)

@@ -20,8 +20,7 @@ from belief.calibration import TemperatureScaling
 from belief.errors import CorruptFile, UnknownName
 from belief.files import sealed_json, unsealed_json
 from belief.observation_model import RatioModel
-from belief.observation_model.registry import JOINT_MODELS, KERNEL_MODELS, kinds
-from belief.observation_model.selection import OBSERVATION_MODELS
+from belief.observation_model.registry import fits
 from belief.policy_state import NoGains
 
 POSES = ("p0", "p1", "p2")
@@ -157,11 +156,8 @@ def test_gains_without_a_joint_model_and_a_target_that_nobody_sees_are_refused(b
             BankEpisodes(bank, model, target, 2, state)
 
 
-# All that calibration chooses from, and all that files can hold; none is listed by hand.
-# The joint models need embeddings too, the kernel model log likelihood ratios; they have tests of their own.
-FITS = OBSERVATION_MODELS | {
-    f"{kind.name} of files": kind.fit for kind in kinds().values() if kind.name not in {**JOINT_MODELS, **KERNEL_MODELS}
-}
+# The models that need more of a touch than its logits have tests of their own.
+FITS = fits()
 
 
 def fitted(name, bank):

@@ -61,14 +61,11 @@ def outcome(function, *arguments):
 OF_PREDICTIONS = {
     "accuracy": metrics.accuracy,
     "brier_score": metrics.brier_score,
-    "brier_decomposition": metrics.brier_decomposition,
-    "brier_decomposition mass": lambda p, y: metrics.brier_decomposition(p, y, binning="mass"),
     "confusion_matrix": metrics.confusion_matrix,
     "expected_calibration_error": metrics.expected_calibration_error,
     "expected_calibration_error mass": lambda p, y: metrics.expected_calibration_error(p, y, binning="mass"),
     "classwise_calibration_error": metrics.classwise_calibration_error,
     "classwise_calibration_error mass": lambda p, y: metrics.classwise_calibration_error(p, y, binning="mass"),
-    "debiased_calibration_error": metrics.debiased_calibration_error,
     "smooth_calibration_error": metrics.smooth_calibration_error,
     "reliability_curve": metrics.reliability_curve,
     "reliability_curve of a shape": lambda p, y: metrics.reliability_curve(p, y, shape=0),
@@ -125,10 +122,6 @@ def pairs(draw):
 OF_PAIRS = {
     "paired_bootstrap": lambda x, y: statistics.paired_bootstrap(x, y, rng(), num_resamples=FEW),
     "cluster_bootstrap": lambda x, y: statistics.cluster_bootstrap(x, y, rng(), num_resamples=FEW),
-    "stratified_bootstrap": lambda x, y: statistics.stratified_bootstrap(x, y, rng(), num_resamples=FEW),
-    "weighted stratified_bootstrap": lambda x, y: statistics.stratified_bootstrap(
-        x, np.arange(len(x)), rng(), num_resamples=FEW, weights=dict(enumerate(y.tolist()))
-    ),
     "mcnemar_test": statistics.mcnemar_test,
     "pareto_front": statistics.pareto_front,
     "pareto_probabilities": lambda x, y: statistics.pareto_probabilities(x[None], y[None]),

@@ -13,8 +13,8 @@ from activetouch.envs.object_test import ObjectTestEnv
 from activetouch.envs.touch_bank import TouchBank
 from activetouch.envs.touch_source import SampledTouches
 from activetouch.errors import TrainingDiverged
+from belief.calibration import TemperatureScaling
 from belief.errors import CorruptFile, UnknownName
-from belief.observation_model import SignatureModel
 from belief.synthetic import random_model
 from experiments.command_line.arguments import BadArgument
 from experiments.ppo.recipe import PPORecipe
@@ -121,7 +121,7 @@ def test_a_folder_of_another_training_is_refused(bank, sharp, tmp_path):
     with pytest.raises(OtherTraining, match=r"other settings \(recipe\)"):
         training(bank, sharp, tmp_path, PPORecipe(steps=1024, num_envs=16, rollout=8, batch_size=64)).run()
     with pytest.raises(OtherTraining, match=r"\(observation model\)"):
-        training(bank, SignatureModel(sharp, 0.4), tmp_path).run()
+        training(bank, replace(sharp, calibration=TemperatureScaling(2.0, "ok")), tmp_path).run()
     other = replace(bank, logits=bank.logits + np.float32(1.0))
     with pytest.raises(OtherTraining, match=r"\(bank, test bank\)"):
         training(other, sharp, tmp_path).run()

@@ -2,11 +2,11 @@ r"""Probabilistic linear discriminant analysis (PLDA) with poses: touches of one
 
 A touch of object o, of shape k, in pose p is (Ioffe 2006; Brümmer & de Villiers 2010; Sizov, Lee & Kinnunen 2014)
 
-    x = m_pk + u_o + v_op + e,     u ~ N(0, B_k),  v ~ N(0, V_k),  e ~ N(0, W_k).
+    x = m_pk + u_o + v_op + e,     u ~ N(0, B),  v ~ N(0, V),  e ~ N(0, W).
 
 All touches of the object share u, its touches in one pose share v, and e is independent for each touch. With B = V = 0
-it is the Gaussian model. The likelihood has a closed form in the number of touches in each pose, their mean and their
-scatter.
+it is the Gaussian model. All shapes share the covariances, so the likelihood ratios have a closed form in the number of
+touches in each pose and their mean.
 """
 
 from __future__ import annotations
@@ -14,26 +14,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias, get_args
+from typing import Any, ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
 
-from belief.observation_model.baselines.covariances import (
-    pooled,
-    pose_means,
-    positive_definite,
-    require_covariances,
-    require_means,
-    scatter_of_shapes,
-    squares_within,
-    whitened,
-)
-from belief.observation_model.baselines.embedding import Embedding, LogitEmbedding, embedding_from_fields
-from belief.observation_model.baselines.pose_statistics import PoseStatistics, PoseStatisticsModel
-from belief.observation_model.baselines.variance_components import Components, estimate_components
 from belief.observation_model.calibration_data import LabelledTouches
+from belief.observation_model.gaussian import PoseMeans, PoseMeansModel, pose_means, require_covariance
+from belief.observation_model.logit_embedding import LogitEmbedding
+from belief.observation_model.variance_components import Components, covariance, estimate_components
 from belief.problem import Floats, Touch
 from belief.touch_batch import TouchBatch
 from belief.validation import as_real, require_choice
@@ -42,7 +32,7 @@ Status: TypeAlias = Literal["ok", "no_repeats", "one_touch_per_object"]
 
 
 @dataclass(frozen=True, eq=False)
-class PLDAModel(PoseStatisticsModel):
+class PLDAModel(PoseMeansModel):
     """A Gaussian model with one random effect per object and one per object and pose.
 
     Attributes:
@@ -75,18 +65,21 @@ class PLDAModel(PoseStatisticsModel):
     name: ClassVar[str] = "plda"
 
     shape_labels: tuple[str, ...]
-    embedding: Embedding
+    embedding: LogitEmbedding
     means: Floats
     components: Components
     status: Status = "ok"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "means", np.asarray(as_real(self.means, "means"), np.float64))
-        parts = (np.asarray(as_real(part, name), np.float64) for name, part in self.components._asdict().items())
+        self.require_means()
+        parts = []
+        for name, values in self.components._asdict().items():
+            part = np.asarray(as_real(values, name), np.float64)
+            if not np.isfinite(part).all():
+                raise ValueError(f"{name} must be finite")
+            require_covariance(name, part, self.embedding.num_components, definite=name == "of_touch")
+            parts.append(part)
         object.__setattr__(self, "components", Components(*parts))
-        require_means(self.means, len(self.shape_labels), self.embedding.num_components)
-        for name, part in self.components._asdict().items():
-            require_covariances(name, part, self.means, definite=name == "of_touch")
         require_choice("status", self.status, get_args(Status))
         self.freeze()
 
@@ -99,25 +92,21 @@ class PLDAModel(PoseStatisticsModel):
         *,
         shape_labels: Sequence[str] | None = None,
         num_poses: int | None = None,
-        embedding: Embedding | None = None,
-        pooling: float = np.inf,
     ) -> PLDAModel:
         """Fit the means as :class:`GaussianModel` does, and the covariances by expectation maximisation.
 
-        ``pooling`` ≥ 0 is the weight of the common covariances in those of each shape, in terms of their sums; by
-        default all shapes have the same covariances. The default embedding is that of the logits. Other arguments and
-        errors are those of :meth:`LabelledTouches.of`; some objects should be touched several times in one pose.
+        Arguments and errors are those of :meth:`LabelledTouches.of`; some objects should be touched several times in
+        one pose.
         """
         data = LabelledTouches.of(touches, shapes, object_ids, shape_labels, num_poses)
-        embedding = embedding if embedding is not None else LogitEmbedding.fit(data.batch)
+        embedding = LogitEmbedding.fit(data.batch)
         means, rest = pose_means(embedding(data.batch)[0], data)
-        total = positive_definite(pooled(scatter_of_shapes(rest, data), data.counts, pooling))
         has_repeats = np.unique(data.objects * data.num_poses + data.poses).size < len(data.poses)
         status: Status = "ok" if has_repeats else "no_repeats"
         if data.num_objects == len(data.poses):
-            status, components = "one_touch_per_object", Components(total / 3, total / 3, total / 3)
+            status, components = "one_touch_per_object", Components(*[covariance(rest) / 3] * 3)
         else:
-            components = estimate_components(rest, data, total, pooling, has_repeats=has_repeats)
+            components = estimate_components(rest, data, has_repeats=has_repeats)
         return cls(data.shape_labels, embedding, means, components, status)
 
     @property
@@ -128,8 +117,7 @@ class PLDAModel(PoseStatisticsModel):
         the shape is tr(covariance⁻¹ · scatter of the means between shapes). Under correlation ρ a repeat adds
         (1 - ρ)/(1 + ρ) times the information of a touch in another pose.
 
-        >>> from belief.observation_model import LogitEmbedding
-        >>> identity, means = np.stack([np.eye(2)] * 3), np.array([[[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]]])
+        >>> identity, means = np.eye(2), np.array([[[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]]])
         >>> embedding = LogitEmbedding(np.full(3, -9.0), np.full(3, 9.0))
         >>> parts = Components(0 * identity, 0.3 * identity, 0.7 * identity)
         >>> round(PLDAModel(("a", "b", "c"), embedding, means, parts).repeat_correlation, 6)
@@ -137,7 +125,7 @@ class PLDAModel(PoseStatisticsModel):
         """
         offsets = self.means - self.means.mean(axis=1, keepdims=True)  # (P, K, D)
         scatter = np.einsum("pkd,pke->de", offsets, offsets)
-        shared, repeated, rest = (part.mean(axis=0) for part in self.components)
+        shared, repeated, rest = self.components
 
         def information(covariance: Floats) -> float:
             return float(np.trace(np.linalg.solve(covariance, scatter)))
@@ -150,46 +138,30 @@ class PLDAModel(PoseStatisticsModel):
         ratio = min(max(repeat / another, 0.0), 1.0)
         return (1.0 - ratio) / (1.0 + ratio)
 
-    def _log_likelihoods_of(self, found: PoseStatistics) -> Floats:
-        """Log-likelihoods ``(S, K)``."""
-        basis, counts, present = self._basis, found.counts, np.maximum(found.counts, 1.0)  # (S, p)
-        within = squares_within(found.scatter, basis.whiten)
-        # In the basis of a shape W is the identity, V is diagonal, and the mean in a pose has variance V + 1 / count.
-        y = whitened(found.means, basis.whiten) - basis.means[found.used]  # (S, p, K, D)
-        weight = np.where(counts > 0.0, 1.0, 0.0)[..., None, None] / (basis.of_pose + 1.0 / present[..., None, None])
-        between = (weight * y**2).sum(axis=(1, 3))
+    def log_likelihoods_of(self, found: PoseMeans) -> Floats:
+        """See :class:`PoseMeansModel`."""
+        whiten, of_pose, of_object = self._basis
+        # In this basis W is the identity, V is diagonal, and the mean in a pose has variance V + 1 / count given u.
+        y = (found.means @ whiten.T)[:, :, None] - self.means @ whiten.T  # (S, P, K, D)
+        number = found.counts[..., None]
+        weight = np.where(number > 0.0, 1.0 / (of_pose + 1.0 / np.maximum(number, 1.0)), 0.0)[:, :, None]
         pull = (weight * y).sum(axis=1)  # (S, K, D)
-        # The other terms depend only on the pattern of counts, and few patterns occur.
-        _, example, pattern = np.unique(np.sort(counts, axis=1), axis=0, return_index=True, return_inverse=True)
-        inner = np.eye(y.shape[3]) + basis.of_object * weight[example].sum(axis=1)[..., None, :]  # I + B M, M diagonal
-        gain = np.linalg.solve(inner, np.broadcast_to(basis.of_object, inner.shape))  # (patterns, K, D, D)
-        log_det = np.linalg.slogdet(inner)[1] + np.log1p(counts[example][..., None, None] * basis.of_pose).sum(
-            axis=(1, 3)
-        )
-        explained, pattern = np.empty((len(y), y.shape[2])), pattern.ravel()
-        for i, of_pattern in enumerate(gain):
-            some = np.swapaxes(pull[pattern == i], 0, 1)  # (K, s, D)
-            explained[pattern == i] = ((some @ of_pattern) * some).sum(axis=2).T
-        return counts.sum(axis=1)[:, None] * basis.log_scale - 0.5 * (within + between - explained + log_det[pattern])
+        inner = np.eye(len(whiten)) + of_object * weight.sum(axis=1)  # I + B M for each sequence, M diagonal
+        gain = np.linalg.solve(inner, np.broadcast_to(of_object, inner.shape))
+        explained = ((pull @ np.swapaxes(gain, 1, 2)) * pull).sum(axis=2)
+        return np.asarray(0.5 * (explained - (weight * y**2).sum(axis=(1, 3))))
 
     @cached_property
-    def _basis(self) -> _Basis:
-        pairs = zip(self.components.of_pose, self.components.of_touch, strict=True)
-        values, vectors = (np.stack(parts) for parts in zip(*(scipy.linalg.eigh(*pair) for pair in pairs), strict=True))
-        whiten = np.swapaxes(vectors, 1, 2)
-        return _Basis(
-            whiten,
-            np.linalg.slogdet(whiten)[1],
-            np.einsum("ked,pkd->pke", whiten, self.means),
-            np.maximum(values, 0.0),
-            whiten @ self.components.of_object @ vectors,
-        )
+    def _basis(self) -> tuple[Floats, Floats, Floats]:
+        """A with A W Aᵀ = I and A V Aᵀ diagonal, this diagonal, and A B Aᵀ."""
+        values, vectors = scipy.linalg.eigh(self.components.of_pose, self.components.of_touch)
+        return vectors.T, np.maximum(values, 0.0), vectors.T @ self.components.of_object @ vectors
 
     def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
         num_sequences, n = poses.shape
         size = self.means.shape[2]
         used, index = np.unique(poses, return_inverse=True)
-        of_object, of_pose, of_touch = (_root(part[shape]) for part in self.components)
+        of_object, of_pose, of_touch = (_root(part) for part in self.components)
         shared = rng.standard_normal((num_sequences, 1, size)) @ of_object
         in_pose = rng.standard_normal((num_sequences, len(used), size)) @ of_pose
         alone = rng.standard_normal((num_sequences, n, size)) @ of_touch
@@ -208,26 +180,8 @@ class PLDAModel(PoseStatisticsModel):
     def from_fields(cls, shape_labels: tuple[str, ...], fields: Mapping[str, Any]) -> PLDAModel:
         """See :class:`ArrayModel`."""
         means, *parts = (np.array(fields[name], np.float64) for name in ("means", *Components._fields))
-        embedding = embedding_from_fields(fields["embedding"])
+        embedding = LogitEmbedding.from_fields(fields["embedding"])
         return cls(shape_labels, embedding, means, Components(*parts), fields["status"])
-
-
-class _Basis(NamedTuple):
-    """A basis for each shape in which W is the identity and V is diagonal.
-
-    Attributes:
-        whiten: A with A W Aᵀ = I, ``(K, D, D)``.
-        log_scale: log |det A|, ``(K,)``.
-        means: A m, ``(P, K, D)``.
-        of_pose: the diagonal of A V Aᵀ, ``(K, D)``.
-        of_object: A B Aᵀ, ``(K, D, D)``.
-    """
-
-    whiten: Floats
-    log_scale: Floats
-    means: Floats
-    of_pose: Floats
-    of_object: Floats
 
 
 def _root(covariance: Floats) -> Floats:
