@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from itertools import chain
 from pathlib import Path
 from typing import TypeVar
 
@@ -49,9 +50,8 @@ class Measurements:
     orientation_hypotheses: int | None = None
 
     def __str__(self) -> str:
-        """The verdict, and the measured targets as tables."""
-        section = verdict_section(self)
-        return "\n\n".join([*section.sentences, *(table.markdown() for table in section.tables)])
+        pieces = [[f"# {s.title}", *s.sentences, *(table.markdown() for table in s.tables)] for s in sections(self)]
+        return "\n\n".join(chain.from_iterable(pieces))
 
     def save(self, folder: Path) -> None:
         """Write ``report.html``, ``numbers.json``, ``tables.md`` and the figures into a folder.
@@ -88,7 +88,7 @@ class Measurements:
 def sections(found: Measurements) -> list[Section]:
     """All sections of the report, the verdict first."""
     return [
-        verdict_section(found),
+        _verdict(found),
         _touches(found),
         _fusion(found),
         _stops(found),
@@ -96,31 +96,10 @@ def sections(found: Measurements) -> list[Section]:
     ]
 
 
-def verdict_section(found: Measurements) -> Section:
-    """The verdict, what was measured, and the outcome of every target."""
-    checks = {scores.name: judge_model(scores, found.confidence) for scores in found.models}
-    touches = judge_touches(found.calibration)
-    kinds = list(found.model.fused)
-    targets = checks[found.model.name][kinds[0]]
-    legend = "; ".join(f"{check.name.split()[0]}: {check.target}" for check in targets)
-    grids = [
-        Table(
-            f"Targets, {kind}",
-            ("model", *(check.name for check in targets)),
-            [(_named(found, name), *(check.outcome for check in by_kind[kind])) for name, by_kind in checks.items()],
-        )
-        for kind in kinds
-    ]
-    return Section(
-        "Verdict",
-        [
-            verdict(touches, checks[found.model.name], found.calibration.name, found.model.name)
-            + _without_discount(found),
-            _what_was_measured(found),
-            f"In the tables of targets, {legend}.",
-        ],
-        grids,
-    )
+def _verdict(found: Measurements) -> Section:
+    checks = judge_model(found.model, found.confidence)
+    text = verdict(judge_touches(found.calibration), checks, found.calibration.name, found.model.name)
+    return Section("Verdict", [text + _without_discount(found), _what_was_measured(found)])
 
 
 def _without_discount(found: Measurements) -> str:

@@ -14,14 +14,16 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 
 from activetouch.data.dataset import TouchSet
+from activetouch.perception.reader import resized
 from activetouch.perception.recipe import RECIPES, TrainingRecipe
 from activetouch.scene import Scene
 from belief.metrics import ShapeScore, shape_scores
 from experiments.paper.sliding_windows import WindowPlan, split_by_image, split_by_object
 from experiments.reporting.tables import Table, interval
-from experiments.sensor.baseline import nearest_image_guesses
 from experiments.sensor.scores import accuracy_of_objects
 from experiments.sensor.train import STATE_FILE, card_for, new_classifier, run_to_the_end
 
@@ -130,6 +132,13 @@ def _read(classifier: TouchClassifier, train: TouchSet, touches: TouchSet, rng: 
     copied = nearest_image_guesses(train, touches) == touches.shapes
     nearest, *interval = accuracy_of_objects(copied, touches.object_ids, rng)
     return Result(accuracy, (low, high), confusion.tolist(), nearest, (interval[0], interval[1]))
+
+
+def nearest_image_guesses(known: TouchSet, test: TouchSet, size: int = 32) -> NDArray[np.int64]:
+    """Shape of the known image nearest to each test image, pixel by pixel, ``(m,)``; averaged to ``size`` pixels."""
+    first, second = (resized(t.images, (size, size, *t.images.shape[3:])) for t in (test, known))
+    flat = (images.reshape(len(images), -1).astype(float) for images in (first, second))
+    return known.shapes[cdist(*flat).argmin(axis=1)]
 
 
 def table(results: Mapping[str, Mapping[str, Result]], labels: Sequence[str]) -> Table:

@@ -37,7 +37,6 @@ from experiments.command_line.console import plain_console
 from experiments.command_line.trust import Trust
 from experiments.reporting.tables import Table
 from experiments.scene_choice import SceneChoice, in_file_names, named_scene, repeats_folder, training_folder
-from experiments.sensor.baseline import depth_and_force_accuracy
 from experiments.sensor.scores import accuracy_of_objects, read_touches
 from experiments.sensor_choice import NoSensor, open_collection, require_collection
 from experiments.sensor_commands import command
@@ -156,7 +155,6 @@ class Calibration:
         return (
             f"{e['num_touches']} test touches of {e['num_objects']} unseen objects\n"
             f"single touch: accuracy {e['accuracy']:.4f} [{low:.4f}, {high:.4f}]\n"
-            f"from force and depth alone, without the image: {e['depth_and_force_accuracy']:.4f}\n"
             f"observation model: {self.choice.name}{chosen}\n"
             f"single touch, from raw to calibrated: NLL {e['nll_raw']:.4f} → {e['nll_calibrated']:.4f}, "
             f"ECE {e['ece_raw']:.4f} → {e['ece_calibrated']:.4f}\n"
@@ -221,7 +219,6 @@ def calibrate(
         "observation_model": choice.name,
         "cross_validated_nll": dict(choice.losses),
         "rounds": manifest.plan.repeats,
-        "depth_and_force_accuracy": depth_and_force_accuracy(calibration, test),
         **evaluate(choice.model, tested, test, np.random.default_rng(seed)),
     }
     rounds = known.reshaped((len(np.unique(calibration.object_ids)), -1))

@@ -2,33 +2,27 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import tyro
 
 from activetouch import Scene
-from activetouch.data.dataset import CollectionPlan, num_redrawn, read_shard, record_shard, shard_path, shard_size
+from activetouch.data.dataset import CollectionPlan, num_redrawn, read_shard, record_shard, shard_path
 from activetouch.data.manifest import Manifest, read_manifest, seal, write_manifest
-from activetouch.errors import UnstablePress
 from activetouch.scene_description import in_words, scene_differences, scene_fields
 from belief.errors import ActiveTouchError
 from experiments.command_line.arguments import Jobs, check_arguments
 from experiments.command_line.collection_arguments import PlanArguments
 from experiments.command_line.trust import Trust
-from experiments.parallel import default_jobs, run_tasks
+from experiments.parallel import run_tasks
 from experiments.scene_choice import SceneChoice, collection_folder
 from experiments.sensor_commands import choice_name
 
-_TIMED_SHAPES = 8
 _TEMPORARY = ("*/.?????.npz.*.npz", "*/.?????.seal.json.*.json", ".manifest.json.*.json")  # of atomic_path
-_LONGEST_TIMING = 3.0  # of the presses that are timed, until the next shape [s]
 
 
 class NotReproduced(ActiveTouchError):
@@ -131,8 +125,6 @@ def record(
         here |= dict.fromkeys(unknown, False)
     missing = [partial(_record, folder, scene, manifest, *shard) for shard, is_here in here.items() if not is_here]
     checks = [partial(_check, folder, manifest, *shard) for shard, is_here in here.items() if is_here]
-    if missing:
-        print(_cost(scene, manifest, [shard[2] for shard, is_here in here.items() if not is_here], jobs))
     new = list(run_tasks(missing, jobs, f"touching objects → {folder}")) if missing else []
     old = list(run_tasks(checks, jobs, f"checking shards in {folder}")) if checks else []
     sha256 = {name: digest for name, digest, _ in new + old}
@@ -143,25 +135,6 @@ def record(
     for path in litter:
         path.unlink(missing_ok=True)
     return manifest
-
-
-def _cost(scene: Scene, manifest: Manifest, shards: list[range], jobs: int | None) -> str:
-    """Touches, time and size of shards with these objects, from timed presses of at most eight of the shapes."""
-    touches = sum(map(len, shards)) * manifest.touches_per_object
-    rng, times, begun = np.random.default_rng(0), [], time.perf_counter()
-    for shape in np.unique(np.linspace(0, len(scene.shapes) - 1, _TIMED_SHAPES).astype(int)).tolist():
-        for pose in (0, -1):  # what the first press of a shape prepares, later ones find
-            started = time.perf_counter()
-            with suppress(UnstablePress):  # it takes as long as another, and collecting says more
-                scene.press(scene.sample_object(shape, rng), pose % len(scene.poses), rng, attempts=1)
-        times.append(time.perf_counter() - started)
-        if time.perf_counter() - begun > _LONGEST_TIMING:
-            break
-    processes = default_jobs() if jobs is None else jobs
-    seconds, size = touches * float(np.mean(times)) / processes, sum(shard_size(manifest, shard) for shard in shards)
-    unit, name = (1, "s") if seconds < 120 else (60, "min") if seconds < 7200 else (3600, "h")
-    by = "one process" if processes == 1 else f"{processes} processes, once they have started"
-    return f"{touches} touches: about {seconds / unit:.2g} {name} on {by}; {size / 1e6:.3g} MB"
 
 
 def _record(

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
 
+from activetouch.data.dataset import TouchSet
 from activetouch.named_scenes import SCENES
 from activetouch.perception.recipe import RECIPES
 from activetouch.perception.training import Trainer
@@ -16,7 +17,7 @@ from belief.metrics import shape_scores
 from belief.statistics import clopper_pearson_interval
 from experiments.paper.reproduce import kept_confusion, reproduce
 from experiments.paper.sliding_windows import WindowPlan, kept_windows, record_windows, split_by_image, split_by_object
-from experiments.paper.table1 import PAPER, Result, Settings, _read, table
+from experiments.paper.table1 import PAPER, Result, Settings, _read, nearest_image_guesses, table
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch]
 PLAN = WindowPlan(objects=5, presses=2, images=4)
@@ -136,3 +137,12 @@ def test_damaged_windows_are_refused(tmp_path):
     file.write_bytes(whole[: len(whole) // 2])
     with pytest.raises(CorruptFile, match="delete it to press"):
         kept_windows(scene, plan, 0, 1, tmp_path)
+
+
+def test_the_nearest_image_is_a_near_copy_where_there_is_one(rng):
+    images = rng.integers(0, 255, (6, 64, 64)).astype(np.uint8)
+    known = TouchSet(images, np.arange(6), np.arange(6), np.zeros(6, int), np.ones(6), np.ones(6))
+    noisy = replace(
+        known, images=np.clip(images.astype(int) + rng.integers(-9, 9, images.shape), 0, 255).astype(np.uint8)
+    )
+    assert nearest_image_guesses(known, noisy).tolist() == [0, 1, 2, 3, 4, 5]
