@@ -29,7 +29,7 @@ _LATER = {
     "TactileSensor": "activetouch.sensor",
     "TouchWorld": "activetouch.world",
     "alike": "experiments.press.alike",
-    "compare": "experiments.search.objects",
+    "compare": "experiments.search.comparison",
     "make_sensor": "experiments.sensor.make_sensor",
     "predicted_contacts": "activetouch.pressing.height_maps",
     "read_meshes": "activetouch.mesh_source",

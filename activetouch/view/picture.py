@@ -37,15 +37,15 @@ def press_picture(
     mujoco.mj_forward(rig.model, rig.data)
     middle = np.array([0.0, 0.0, setup.height])
     distance = 4.5 * max(setup.pad.half_width, placement.bounding_radius)
-    if setup.robot is not None or setup.loaded:
-        middle, distance = np.array([0.0, 0.1, setup.height]), 0.45 if setup.robot is None else 1.1
+    if setup.loaded:
+        middle, distance = np.array([0.0, 0.1, setup.height]), 0.45
     return _cast_rays(rig.model, rig.data, middle, distance, width, height)
 
 
 def _cast_rays(
     model: mujoco.MjModel, data: mujoco.MjData, middle: NDArray[np.float64], distance: float, width: int, height: int
 ) -> NDArray[np.uint8]:
-    """What a camera sees at a distance from the middle of the picture [m], with Lambert shading in the geoms' colours."""
+    """What a camera sees at a distance from the middle of the picture [m], with Lambert shading."""
     level = np.cos(_ELEVATION)
     forward = np.array([level * np.cos(_AZIMUTH), level * np.sin(_AZIMUTH), np.sin(_ELEVATION)])
     right = np.cross(forward, [0.0, 0.0, 1.0])

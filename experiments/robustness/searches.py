@@ -98,7 +98,6 @@ def search_scores(
             _scores, replace(sensor, scene=scene, model=models[name]), problem, episodes, seed, rate
         )
         for condition, scene in scenes.items()
-        if not scene.press_model.is_slow
         for name, rate in kinds
     }
     keyed = [partial(_with_key, key, task) for key, task in tasks.items()]

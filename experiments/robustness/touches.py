@@ -69,7 +69,7 @@ def applicable_conditions(scene: Scene, names: Sequence[str] = ()) -> tuple[dict
 
     Args:
         scene: in which the sensor was trained.
-        names: of the conditions to choose from; all that take no seconds per press by default.
+        names: of the conditions to choose from; all by default.
 
     Raises:
         UnknownName: there is no such condition.
@@ -86,8 +86,6 @@ def applicable_conditions(scene: Scene, names: Sequence[str] = ()) -> tuple[dict
             continue
         if _presses(changed) == _presses(scene) and changed.faults == scene.faults:
             left_out[name] = "the sensor was trained under this condition"
-        elif changed.press_model.is_slow and not scene.press_model.is_slow and not names:
-            left_out[name] = "a press takes seconds; it is measured if --conditions names it"
         else:
             scenes[name] = changed
     return scenes, left_out

@@ -1,6 +1,6 @@
-"""A sensor in changed worlds: its own reader, which is told nothing, and its reader of any object, which is told.
+"""A sensor in changed worlds: its own reader, and its reader of any object, which knows the state of the sensor.
 
-    python -m benchmarks.told_worlds coarse "noise × 2" "stiffness × 0.4" "force 0.3 to 1 N" "6 % stuck at full scale"
+    python -m benchmarks.sensor_states coarse "noise × 2" "stiffness × 0.4" "force 0.3 to 1 N" "6 % stuck at full scale"
 
 Touches one object after the other in poses in random order, until a shape is stated with 0.95 or all poses were felt.
 Prints, for each world and reader: objects with such a stop, mean stated probability there, and the share that is right
@@ -69,7 +69,7 @@ def main() -> None:
     print(f"scene {given.scene}, {given.objects} objects, seed {given.seed}")
     for world in ["usual", *given.worlds]:
         changed = scene if world == "usual" else _changed(given.scene, world)
-        sensors = {"own": load_quietly(folder, scene, False), "told": load_quietly(folder, changed, False)}
+        sensors = {"own": load_quietly(folder, scene, False), "any object": load_quietly(folder, changed, False)}
         print(world)
         measured(sensors if world != "usual" else {"own": sensors["own"]}, changed, given.objects, given.seed)
 

@@ -1,4 +1,4 @@
-"""What a scene says of its sensor is told to a reader of any object, within the limits of its training."""
+"""A reader of any object knows the state of the sensor that a scene says, within the limits of its training."""
 
 from dataclasses import replace
 
@@ -8,8 +8,8 @@ import pytest
 from activetouch import SCENES
 from activetouch.distributions import Constant, LogUniform, Uniform
 from activetouch.errors import WrongScene
-from activetouch.perception.contacts.imaging import BROKEN, LIMITS, WORLD, Imaging
-from activetouch.perception.contacts.told import fields_read, imaging_of, is_told, told_world
+from activetouch.perception.contacts.imaging import BROKEN, LIMITS, STATE_SIZE, Imaging
+from activetouch.perception.contacts.sensor_state import differs_from_training, fields_read, imaging_of, sensor_state
 from activetouch.pressing.pad import Pad
 from activetouch.rendering import (
     Blur,
@@ -40,8 +40,8 @@ def taxels(number, **pad):
     return replace(GEL, pad=replace(GEL.pad, num_taxels=number, **pad))
 
 
-def untold(scene, own=GEL):
-    """How a scene differs from all that the reader of another one can be told, in paths of fields."""
+def unknown(scene, own=GEL):
+    """How a scene differs from all that the reader of another one can know, in paths of fields."""
     imaging, here = imaging_of(own), scene_fields(scene)
     read = fields_read(imaging, scene_fields(own), scene, here)
     return [difference.path for difference in scene_differences(read, here)]
@@ -66,21 +66,21 @@ TOLD = {
 
 
 @pytest.mark.parametrize("what", TOLD)
-def test_a_change_of_the_sensor_is_told(what):
+def test_a_change_of_the_sensor_is_in_its_state(what):
     scene, name, value = TOLD[what]
-    world = told_world(IMAGING, scene)
+    world = sensor_state(IMAGING, scene)
     np.testing.assert_allclose(getattr(world, name)[0], value, rtol=1e-3)
-    assert is_told(IMAGING.fields(), scene)
-    assert untold(scene) == []
+    assert differs_from_training(IMAGING.fields(), scene)
+    assert unknown(scene) == []
 
 
 @pytest.mark.parametrize("scene", [GEL, COARSE])
-def test_nothing_is_told_of_the_scene_that_a_reader_was_trained_in(scene):
+def test_the_state_is_nominal_in_the_scene_that_a_reader_was_trained_in(scene):
     imaging = imaging_of(scene)
-    assert not told_world(imaging, scene).code().any()
-    assert not is_told(imaging.fields(), scene)
-    assert not is_told(None, faulty(Blur(4.0)))
-    assert untold(scene, scene) == []
+    assert not sensor_state(imaging, scene).code().any()
+    assert not differs_from_training(imaging.fields(), scene)
+    assert not differs_from_training(None, faulty(Blur(4.0)))
+    assert unknown(scene, scene) == []
 
 
 BEYOND = {
@@ -97,29 +97,29 @@ BEYOND = {
 
 
 @pytest.mark.parametrize("what", BEYOND)
-def test_what_is_beyond_the_training_is_told_as_its_limit_and_stays_a_difference(what):
+def test_what_is_beyond_the_training_is_given_as_its_limit_and_stays_a_difference(what):
     scene, name, end, paths = BEYOND[what]
-    assert getattr(told_world(IMAGING, scene), name).ravel()[0] == pytest.approx(LIMITS[name][end])
-    assert untold(scene) == paths
+    assert getattr(sensor_state(IMAGING, scene), name).ravel()[0] == pytest.approx(LIMITS[name][end])
+    assert unknown(scene) == paths
 
 
-def test_what_cannot_be_told_stays_a_difference():
-    assert untold(faulty(Quantisation(4))) == ["faults"]
-    assert untold(faulty(StuckTaxels(0.1, level=0.5))) == ["faults"]
-    assert untold(replace(GEL, faults=(Gain(0.5), Noise(0.02)))) == ["faults.0.half_range"]
-    assert untold(replace(GEL, faults=(Gain(0.05), Noise(0.02)))) == []
-    assert untold(varied(offset=Uniform(-0.004, 0.004))) == ["variation.offset.low", "variation.offset.high"]
-    assert untold(varied(offset=Constant(0.0))) == []
-    assert untold(taxels(64, half_width=0.02)) == ["pad.half_width", "pad.num_taxels"]
+def test_what_no_state_can_say_stays_a_difference():
+    assert unknown(faulty(Quantisation(4))) == ["faults"]
+    assert unknown(faulty(StuckTaxels(0.1, level=0.5))) == ["faults"]
+    assert unknown(replace(GEL, faults=(Gain(0.5), Noise(0.02)))) == ["faults.0.half_range"]
+    assert unknown(replace(GEL, faults=(Gain(0.05), Noise(0.02)))) == []
+    assert unknown(varied(offset=Uniform(-0.004, 0.004))) == ["variation.offset.low", "variation.offset.high"]
+    assert unknown(varied(offset=Constant(0.0))) == []
+    assert unknown(taxels(64, half_width=0.02)) == ["pad.half_width", "pad.num_taxels"]
 
 
 def test_a_taxel_that_never_worked_in_training_may_not_work_later():
     repaired = replace(COARSE, faults=tuple(fault for fault in COARSE.faults if not isinstance(fault, DeadTaxels)))
-    assert untold(repaired, COARSE) == ["faults"]
-    assert untold(replace(repaired, faults=(*repaired.faults, DeadTaxels(0.125, seed=2))), COARSE) == ["faults.2.seed"]
+    assert unknown(repaired, COARSE) == ["faults"]
+    assert unknown(replace(repaired, faults=(*repaired.faults, DeadTaxels(0.125, seed=2))), COARSE) == ["faults.2.seed"]
     worse = faulty(DeadTaxels(0.25, seed=7), scene=COARSE)
-    assert untold(worse, COARSE) == []
-    assert 0 < told_world(imaging_of(COARSE), worse).dead.sum() <= 4  # those that are new
+    assert unknown(worse, COARSE) == []
+    assert 0 < sensor_state(imaging_of(COARSE), worse).dead.sum() <= 4  # those that are new
 
 
 EXTREME = {
@@ -143,15 +143,15 @@ EXTREME = {
 
 @pytest.mark.parametrize("own", ["gel", "coarse", "no noise", "one taxel"])
 @pytest.mark.parametrize("what", EXTREME)
-def test_what_is_told_is_always_a_number_within_the_limits(own, what):
+def test_a_state_is_always_a_number_within_the_limits(own, what):
     imaging = {
         "gel": IMAGING,
         "coarse": imaging_of(COARSE),
         "no noise": replace(IMAGING, noise=0.0, force=(0.0, 1.0)),
         "one taxel": imaging_of(EXTREME["one taxel"]),
     }[own]
-    world = told_world(imaging, EXTREME[what])
-    assert world.code().shape == (1, WORLD)
+    world = sensor_state(imaging, EXTREME[what])
+    assert world.code().shape == (1, STATE_SIZE)
     assert np.isfinite(world.code()).all()
     for name, (low, high) in LIMITS.items():
         assert (getattr(world, name) >= np.float32(low)).all()
@@ -166,7 +166,7 @@ def test_the_imaging_of_any_number_of_taxels_makes_images(number, rng):
     assert Imaging.from_fields(imaging.fields()) == imaging
     heights = rng.uniform(0.0, 0.001, (2, imaging.samples, imaging.samples)).astype(np.float32)
     heights[1] = -np.inf
-    world = told_world(imaging, taxels(number))
+    world = sensor_state(imaging, taxels(number))
     both = type(world)(*(np.repeat(part, 2, axis=0) for part in world))
     images, hit = imaging.images(heights, both, rng)
     assert images.shape == (2, imaging.pixels, imaging.pixels)
@@ -175,7 +175,7 @@ def test_the_imaging_of_any_number_of_taxels_makes_images(number, rng):
 
 
 def test_images_of_no_touches_are_none(rng):
-    world = told_world(IMAGING, GEL)
+    world = sensor_state(IMAGING, GEL)
     none = type(world)(*(part[:0] for part in world))
     images, hit = IMAGING.images(np.zeros((0, 32, 32), np.float32), none, rng)
     assert images.shape == (0, 32, 32)

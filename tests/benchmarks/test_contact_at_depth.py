@@ -7,10 +7,11 @@ from hypothesis import strategies as st
 
 from activetouch.placement import Placement
 from activetouch.poses import random_orientation
-from activetouch.pressing.contact import contact_at_depth, elastic_contact, surface_gap
+from activetouch.pressing.contact import elastic_contact, surface_gap
 from activetouch.pressing.pad import Pad
 from activetouch.rendering import PressureRenderer
 from activetouch.shapes import EXTENDED_SHAPES
+from benchmarks.leak import contact_at_depth
 
 PAD = Pad(num_taxels=32)
 

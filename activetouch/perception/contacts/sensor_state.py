@@ -1,7 +1,7 @@
-"""The state of a sensor, from the scene that it is used in: what a scene says is told to the network of contacts.
+"""The state of a sensor, from the scene that it is used in, as the network of contacts reads it.
 
 A scene of the same pad may have other forces, another stiffness, more noise, broken taxels, an image that is shifted or
-blurred, hysteresis, or wider taxels. The reader was trained with all of them, and is told which hold.
+blurred, hysteresis, or wider taxels. The reader was trained with all of them, and the state says which hold.
 
 >>> from dataclasses import replace
 >>> from activetouch import SCENES
@@ -9,7 +9,7 @@ blurred, hysteresis, or wider taxels. The reader was trained with all of them, a
 >>> gel = SCENES["gel"].scene
 >>> imaging = imaging_of(gel)
 >>> gentle = replace(gel, variation=replace(gel.variation, force=Uniform(0.75, 1.5)))
->>> float(told_world(imaging, gentle).force[0])
+>>> float(sensor_state(imaging, gentle).force[0])
 0.5
 """
 
@@ -25,7 +25,7 @@ import numpy as np
 from activetouch.distributions import Constant, Distribution, Uniform
 from activetouch.errors import WrongScene
 from activetouch.hypotheses import sizes
-from activetouch.perception.contacts.imaging import BROKEN, LIMITS, SAMPLES, Imaging, World, regridded
+from activetouch.perception.contacts.imaging import BROKEN, LIMITS, SAMPLES, Imaging, SensorState, regridded
 from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.press import Quasistatic
 from activetouch.rendering import Blur, DeadTaxels, Gain, Hysteresis, Noise, PressureRenderer, Shift, StuckTaxels
@@ -37,7 +37,7 @@ _KNOWN = (Blur, DeadTaxels, Gain, Hysteresis, Noise, Shift, StuckTaxels)
 _OF_FAULTS = {"noise", "blur", "shift", "hysteresis"}
 _QUANTILES = 64
 _ROUNDED = 1e-6  # by which a limit may be exceeded
-_TOLD = 0.02  # of a number of the code
+_DIFFERENT = 0.02  # of a number of the code
 _COARSER = 0.3  # share of worlds with wider taxels, of a sensor that has more than the reader sees
 
 
@@ -69,21 +69,21 @@ def imaging_of(scene: Scene) -> Imaging:
     )
 
 
-def told_world(imaging: Imaging, scene: Scene) -> World:
-    """The world that a scene describes, within what the reader was trained with, for one sensor, ``(1, ...)`` arrays.
+def sensor_state(imaging: Imaging, scene: Scene) -> SensorState:
+    """The state that a scene describes, within what the reader was trained with, for one sensor, ``(1, ...)`` arrays.
 
     Args:
         imaging: of the reader's own scene.
         scene: in which it is used.
     """
-    found = _told(imaging, scene)
+    found = _state(imaging, scene)
     found |= {name: np.clip(found[name], *limits) for name, limits in LIMITS.items()}
-    shapes = {name: part.shape for name, part in World.nominal(1)._asdict().items()}
-    return World(**{name: np.broadcast_to(part, shapes[name]).astype(np.float32) for name, part in found.items()})
+    shapes = {name: part.shape for name, part in SensorState.nominal(1)._asdict().items()}
+    return SensorState(**{name: np.broadcast_to(part, shapes[name]).astype(np.float32) for name, part in found.items()})
 
 
-def _told(imaging: Imaging, scene: Scene) -> dict[str, Any]:
-    """The world that a scene describes, whatever the reader was trained with."""
+def _state(imaging: Imaging, scene: Scene) -> dict[str, Any]:
+    """The state that a scene describes, whatever the reader was trained with."""
     taxels, vary = scene.image_shape[0], scene.variation
     finer = imaging.taxels / taxels if imaging.pixels <= taxels else 1.0  # taxels are averaged in a pixel
     dead = _broken(scene, DeadTaxels, taxels)
@@ -104,15 +104,15 @@ def _told(imaging: Imaging, scene: Scene) -> dict[str, Any]:
     }
 
 
-def is_told(imaging: Mapping[str, Any] | None, scene: Scene) -> bool:
+def differs_from_training(imaging: Mapping[str, Any] | None, scene: Scene) -> bool:
     """Whether a scene says that the sensor is not as it was when a reader of any object was trained."""
     if imaging is None or not isinstance(scene.renderer, PressureRenderer):
         return False
-    return bool(np.abs(told_world(Imaging.from_fields(imaging), scene).code()).max() > _TOLD)
+    return bool(np.abs(sensor_state(Imaging.from_fields(imaging), scene).code()).max() > _DIFFERENT)
 
 
 def fields_read(imaging: Imaging, own: Mapping[str, Any], scene: Scene, here: Mapping[str, Any]) -> dict[str, Any]:
-    """The fields of the reader's own scene, with all that it can be told of another one, within its limits.
+    """The fields of the reader's own scene, with all that its state can say of another one, within its limits.
 
     Less noise than the reader was trained with is within them.
 
@@ -122,9 +122,9 @@ def fields_read(imaging: Imaging, own: Mapping[str, Any], scene: Scene, here: Ma
         scene: in which it is used.
         here: fields of that scene.
     """
-    same, told = list(OBJECTS), _told(imaging, scene)
-    beyond = {name for name, (_, high) in LIMITS.items() if np.max(told[name]) > high + _ROUNDED}
-    beyond |= {name for name, (low, _) in LIMITS.items() if name != "noise" and np.min(told[name]) < low - _ROUNDED}
+    same, state = list(OBJECTS), _state(imaging, scene)
+    beyond = {name for name, (_, high) in LIMITS.items() if np.max(state[name]) > high + _ROUNDED}
+    beyond |= {name for name, (low, _) in LIMITS.items() if name != "noise" and np.min(state[name]) < low - _ROUNDED}
     if isinstance(scene.press_model, Dynamic | Quasistatic):
         same.append("press_model")
     are_known = all(isinstance(fault, _KNOWN) for fault in scene.faults) and _are_full(scene)
