@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from belief import Counts, SearchProblem
-from planners.bounds.one_touch import one_touch_bound
+from planners.one_touch import one_touch_bound
 from planners.pomdp.problem import SearchTouchProblem
 from planners.solve import solve
 
