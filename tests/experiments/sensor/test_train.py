@@ -1,6 +1,5 @@
 """Training on a small collection, and what is computed from readings."""
 
-
 import numpy as np
 import pytest
 
