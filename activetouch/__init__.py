@@ -30,7 +30,7 @@ _LATER = {
     "TouchWorld": "activetouch.world",
     "alike": "experiments.press.alike",
     "calibration_report": "experiments.calibration.calibration_report",
-    "compare": "experiments.search.objects",
+    "compare": "experiments.search.comparison",
     "make_sensor": "experiments.sensor.make_sensor",
     "predicted_contacts": "activetouch.pressing.height_maps",
     "read_meshes": "activetouch.mesh_source",

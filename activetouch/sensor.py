@@ -20,14 +20,11 @@ from activetouch.perception.reader import TactileReader
 from activetouch.scene import Scene
 from activetouch.scene_description import in_words
 from activetouch.sensor_files import (
-    ANY_OBJECT_FILE,
     INDEPENDENT_SUFFIX,
     MODELS,
-    fitted_model,
+    files_for,
     is_of_objects,
-    reader_file,
     require_model,
-    shift_from,
 )
 from belief import Touch
 from belief.errors import InvalidArgument, UnknownName
@@ -86,12 +83,8 @@ class TactileSensor:
         folder = Path(folder)
         if not isinstance(scene, Scene):
             raise InvalidArgument(f"the scene must be a Scene, such as SCENES['coarse'].scene; got {scene!r:.80}")
-        path = reader_file(folder, scene, independent)
-        fitted = None if path.name == ANY_OBJECT_FILE else fitted_model(folder, independent)
-        reader = TactileReader.load(path)
-        shift = shift_from(folder, reader.card, fitted, scene, anyway)
-        if reader.card.imaging is not None:
-            reader = reader.bound_to(scene)
+        path, fitted, shift = files_for(folder, scene, anyway, independent)
+        reader = TactileReader.load(path).bound_to(scene)
         if fitted is None or (reader.card.imaging is not None and not is_of_objects(fitted.scene, scene)):
             from activetouch.perception.preparation import prepared  # which sensors of known objects do not need
 

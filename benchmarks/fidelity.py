@@ -22,7 +22,6 @@ from activetouch.errors import UnstablePress
 from activetouch.placement import Placement
 from activetouch.poses import turn
 from activetouch.pressing.contact import first_touch
-from activetouch.pressing.deformable import Deformable
 from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.press import Press, Quasistatic
 from activetouch.pressing.setup import Setup
@@ -31,6 +30,7 @@ from activetouch.shapes import SHAPES
 from belief.files import require_writable_file, write_text
 from belief.seeding import keyed_rng
 from benchmarks.neighbours import neighbour_guesses
+from benchmarks.soft_pad import Deformable
 from experiments.command_line.arguments import Count, CountOrNone, Jobs, JSONFile, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs, run_tasks

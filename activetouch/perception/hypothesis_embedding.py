@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from activetouch.hypotheses import Bodies
 from activetouch.perception.card import PRODUCTS, ClassifierCard
-from activetouch.perception.hypothesis_bodies import Bodies
 from activetouch.poses import to_matrices, turned
 from activetouch.scene import Scene
 
@@ -81,21 +81,9 @@ class HypothesisEmbedding:
 
         Returns:
             ``(H, D)``.
-
-        Raises:
-            ValueError: the arguments are of other lengths or shapes, or a shape is unknown.
         """
         number, num_shapes = len(shapes), len(self.card.shape_labels)
         aims = np.zeros((number, 2)) if aims is None else aims
-        if rotations.shape != (number, 3, 3) or np.shape(sizes) != (number,):
-            raise ValueError(
-                f"{number} shapes need rotations ({number}, 3, 3) and sizes ({number},), got {rotations.shape} and "
-                f"{np.shape(sizes)}"
-            )
-        if np.shape(aims) != (number, 2):
-            raise ValueError(f"{number} shapes need aims ({number}, 2), got {np.shape(aims)}")
-        if number and not (shapes.min() >= 0 and shapes.max() < num_shapes):
-            raise ValueError(f"shapes must be indices in [0, {num_shapes}), got {shapes.min()} to {shapes.max()}")
         card = self.card
         numbers = [(np.log(sizes) - card.log_size_mean) / card.log_size_std]
         if card.knows_aims:
@@ -116,8 +104,12 @@ class HypothesisEmbedding:
             found[some] = hidden @ weight.T + bias
         return found
 
+    def bound_to(self, scene: Scene) -> HypothesisEmbedding:
+        """It knows the shapes that it was trained with, whatever the scene."""
+        return self
+
     def embedded(self, scene: Scene, bodies: Bodies, pose: int) -> Floats32:
-        """Embeddings of N hypotheses of each of K shapes in one pose of a scene, ``(K, N, D)``."""
+        """See :class:`activetouch.perception.reader.Hypotheses`."""
         num_shapes, number = len(scene.shapes), len(bodies.rests)
         shapes = np.repeat(np.arange(num_shapes), number)
         sizes = np.tile(bodies.sizes, num_shapes)
@@ -138,7 +130,7 @@ class HypothesisEmbedding:
         )
 
     def shape_logits(self, embeddings: Floats32) -> NDArray[np.float64]:
-        """Log p(image | shape) / p(image), ``(N, K)``: the mean ratio over the fixed hypotheses of each shape."""
+        """See :class:`activetouch.perception.reader.Hypotheses`; the mean is over the fixed hypotheses."""
         fixed, num_shapes, number = self._fixed.T, len(self.card.shape_labels), len(self.sizes)
         logits = np.empty((len(embeddings), num_shapes))
         for first in range(0, len(embeddings), _IMAGES):

@@ -106,14 +106,13 @@ def ignored(kind: str, names: Iterable[str]) -> tuple[str, ...]:
 
 
 def features_read(touches: RecordedTouches) -> str:
-    """A sentence about the number and names of the features of a set, and those that say nothing about the touch.
+    """A sentence about the number and names of the features of a set.
 
     >>> features_read(RecordedTouches(np.ones((1, 2)), [0], [0], [0], ("press",), ("mug",), feature_names=("f", "g")))
     '2 features: f, g'
     """
     count = f"{touches.features.shape[1]} features"
-    read = f"{count}: {abbreviated(touches.feature_names)}" if touches.feature_names else f"{count} without names"
-    return "; ".join([read, *(f"features that {what}: {names}" for what, (names, _) in _suspicious(touches).items())])
+    return f"{count}: {abbreviated(touches.feature_names)}" if touches.feature_names else f"{count} without names"
 
 
 def suspicious_features(touches: RecordedTouches) -> tuple[str, ...]:
@@ -124,28 +123,20 @@ def suspicious_features(touches: RecordedTouches) -> tuple[str, ...]:
     >>> suspicious_features(mugs)  # doctest: +ELLIPSIS
     ('these features name the object: feature 1. They are equal in all touches of an object and differ between...',)
     """
-    return tuple(
-        f"these features {what}: {names}. They {why}; leave out what was not measured in the touch"
-        for what, (names, why) in _suspicious(touches).items()
-    )
-
-
-def _suspicious(touches: RecordedTouches) -> dict[str, tuple[str, str]]:
-    """What features say instead of what was felt: their names, and how that is known."""
     steps = np.diff(touches.features, axis=0)
     counts = (steps == steps[:1]).all(axis=0) & (steps[:1] != 0.0).any(axis=0) & (touches.num_touches > 2)
-    found = {
-        "name the object": (
-            _tells(touches.features, touches.objects),
-            "are equal in all touches of an object and differ between objects",
-        ),
-        "number the session": (
-            _tells(touches.features, touches.sessions),
-            "are equal in all touches of a session and differ between sessions",
-        ),
-        "count the rows": (counts, "grow by the same in every row"),
-    }
-    return {what: (_named(touches, which), why) for what, (which, why) in found.items() if which.any()}
+    by_object, by_session = (_tells(touches.features, groups) for groups in (touches.objects, touches.sessions))
+    same = "are equal in all touches of"
+    found = (
+        ("name the object", by_object, f"{same} an object and differ between objects"),
+        ("number the session", by_session, f"{same} a session and differ between sessions"),
+        ("count the rows", counts, "grow by the same in every row"),
+    )
+    return tuple(
+        f"these features {what}: {_named(touches, which)}. They {why}; leave out what was not measured in the touch"
+        for what, which, why in found
+        if which.any()
+    )
 
 
 def _tells(features: Floats, groups: NDArray[np.int64]) -> NDArray[np.bool_]:

@@ -41,10 +41,8 @@ def press_picture(
     mujoco.mj_forward(rig.model, rig.data)
     lookat = np.array([0.0, 0.0, setup.height])
     reach = 4.5 * max(setup.pad.half_width, placement.bounding_radius)
-    if setup.robot is not None or setup.loaded:
+    if setup.loaded:
         lookat, reach = np.array([0.0, 0.1, setup.height]), 0.45
-    if setup.robot is not None:
-        reach = 1.1
     view = CameraView(tuple(lookat.tolist()), reach, _AZIMUTH, _ELEVATION, _FIELD_OF_VIEW, width, height)
     drawn = draw_in_child(rig.model, rig.data, view) if opengl else None
     return (cast_rays(rig.model, rig.data, view), False) if drawn is None else (drawn, True)

@@ -66,7 +66,7 @@ def search_columns(sensor: Path, episodes: int, seed: int, folder: Path, jobs: i
         CannotWrite: The disk is full, or the folder is not writable.
     """
     targets, setting = tuple(PAPER["PPO"]), Setting(SceneChoice(SCENE), sensor=sensor)
-    compare = Compare(DECIDERS, None, targets, episodes, seed, setting, out=folder, bound=False, jobs=jobs)
+    compare = Compare(DECIDERS, None, targets, episodes, seed, setting, out=folder, jobs=jobs)
     found = compare.play()
     return [
         Column(

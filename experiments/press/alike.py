@@ -219,8 +219,8 @@ class _Study:
             if (
                 is_all and np.isfinite(cost).any()
             ):  # the frames of the shapes lie to each other as where these look most alike
-                some = np.where(np.argsort(np.argsort(cost)) < _ALIGNED, cost, np.inf)
-                found, refined = better(found, some, found, 4 * _STEPS)
+                nearest = np.where(np.argsort(np.argsort(cost)) < _ALIGNED, cost, np.inf)
+                found, refined = better(found, nearest, found, 4 * _STEPS)
                 best, cost = int(np.argmin(refined)), np.minimum(cost, refined)
                 part.frames[touched] = np.array(hamilton_product(truth[best, :4] * (1, -1, -1, -1), found[best, :4]))
             if touched in part.frames:

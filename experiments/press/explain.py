@@ -13,7 +13,7 @@ import tyro
 from numpy.typing import NDArray
 from rich.progress import track
 
-from activetouch.errors import LabelMismatch, MissingRobot, NoIndependentModel, WrongScene
+from activetouch.errors import LabelMismatch, NoIndependentModel, WrongScene
 from activetouch.named_scenes import NamedScene
 from activetouch.pressing.contact import surface_gap
 from activetouch.scene import Scene
@@ -105,10 +105,7 @@ def explain(
     for relation, variant in track(variants, "measuring", transient=True):
         if variant is not None:
             what = f"{relation}: {variant[0]}" if relation else variant[0]
-            try:
-                costs[what] = press_cost(variant[1], presses)
-            except MissingRobot:
-                remarks.append(f"Not measured: {variant[0]} (no Menagerie checkout; set MENAGERIE_ROOT).")
+            costs[what] = press_cost(variant[1], presses)
     remarks += _bottoming_words(scene, np.random.default_rng(0))
     if likeness and (partly := [label for label, (ever, _) in likeness.reach.items() if ever < _WIDE]):
         remarks.append(f"No touch meets all of {', '.join(partly)}: aim beside the axis (activetouch.poses.aimed).")
@@ -126,8 +123,8 @@ class Explain:
     For example:
 
         activetouch explain
-        activetouch explain --scene paper --robot panda_allegro
-        activetouch explain --meshes mug.obj bowl.stl --mesh-scale 0.001
+        activetouch explain --scene paper
+        activetouch explain --meshes mug.obj@0.001 bowl.stl
     """
 
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
@@ -236,9 +233,9 @@ def _belief_words(scene: Scene, folder: Path | None) -> str:
     costs = [belief_cost(sensor.model, width)]
     with suppress(NoIndependentModel):
         costs.append(belief_cost(TactileSensor.load(folder, scene, anyway=True, independent=True).model, width))
-    told = [f"{cost.memory:.1f} MB and {cost.update:.2f} ms a touch" for cost in costs]
-    plain = f"; {told[1]} where touches count as independent" if len(told) > 1 else ""
-    return f"{words}: {model.num_hypotheses} hypotheses for each shape, {told[0]}{plain}."
+    measured = [f"{cost.memory:.1f} MB and {cost.update:.2f} ms a touch" for cost in costs]
+    plain = f"; {measured[1]} where touches count as independent" if len(measured) > 1 else ""
+    return f"{words}: {model.num_hypotheses} hypotheses for each shape, {measured[0]}{plain}."
 
 
 def _fits(sensor: Path, scene: Scene) -> bool:

@@ -5,14 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from activetouch.named_scenes import NamedScene
 from activetouch.orientations import Resampled, Upright
-from activetouch.pressing.deformable import Deformable
 from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.press import Quasistatic
-from activetouch.pressing.robot import ROBOTS
 from activetouch.scene import Scene
 from belief import Composition
 
@@ -46,7 +42,7 @@ def inventory(named: NamedScene) -> list[Item]:
     ]
     model = scene.press_model.compiled(scene.setup, next(iter(scene.solids.values())))
     if model is not None:
-        items += [*_surfaces(scene), *(_soft_bodies(model) if model.nflex else _rigid_bodies(model))]
+        items += [*_surfaces(scene), *_rigid_bodies(model)]
     coupled = named.composition is Composition.DISTINCT
     number = len(scene.shapes) * (named.num_objects if coupled else 1)
     of = f"of {named.num_objects} objects, no two alike" if coupled else "of the current object; others are independent"
@@ -70,9 +66,8 @@ def latent(scene: Scene) -> list[str]:
 def _surfaces(scene: Scene) -> list[Item]:
     """Shapes of which something simpler is pressed than the image shows."""
     hollow = {kind: [k for k, v in scene.solids.items() if v.geom.presses == kind] for kind in ("surface", "hull")}
-    first = "" if scene.press_model.deforms else ", with the same first touch"
     words = {
-        "surface": f"pressed as the convex hull of what lies in front of the pad{first}: ",
+        "surface": "pressed as the convex hull of what lies in front of the pad, with the same first touch: ",
         "hull": "pressed as the convex hull, so force and image may disagree: ",
     }
     return [Item(len(found), "hollow shapes", words[kind] + ", ".join(found)) for kind, found in hollow.items()]
@@ -80,8 +75,6 @@ def _surfaces(scene: Scene) -> list[Item]:
 
 def _rigid_bodies(model: mujoco.MjModel) -> list[Item]:
     names = [model.geom(index).name for index in range(model.ngeom)]
-    robot = np.array([name.startswith("robot_") for name in names])
-    meeting = int(np.count_nonzero(robot & ((model.geom_contype | model.geom_conaffinity) != 0)))
     return [
         Item(2, "moving bodies", "a guide, and on it the object"),
         Item(1, "slide joint", "of the guide, with a servo"),
@@ -89,26 +82,12 @@ def _rigid_bodies(model: mujoco.MjModel) -> list[Item]:
         Item(model.nsensor, "sensor", "force vector and contact point in every step"),
         Item(sum(name.startswith("finger") for name in names), "finger segments", "carry the pad, as in the paper"),
         Item(sum(name.startswith("parked") for name in names), "parked objects", "fixed to the world, no contact"),
-        Item(model.njnt - 1, "hinge joints", "of the robot, each held by a servo"),
-        Item(int(np.count_nonzero(robot)), "robot parts", f"to be seen; an object that misses can meet {meeting}"),
-    ]
-
-
-def _soft_bodies(model: mujoco.MjModel) -> list[Item]:
-    return [
-        Item(model.nflexvert, "flex nodes", "of the soft pad, which deforms where it is touched"),
-        Item(model.nflexelem, "flex elements", "of the soft pad"),
-        Item(model.nv, "degrees of freedom", "of the nodes and the guide"),
     ]
 
 
 def leaner(scene: Scene) -> tuple[str, Scene] | None:
     """The next simpler scene, and the difference; None for the simplest."""
     press = scene.press_model
-    if scene.robot is not None:
-        return "without the robot", replace(scene, robot=None)
-    if press.deforms:
-        return "a rigid pad, with the force law for its imprint", replace(scene, press_model=Dynamic())
     if scene.parking or scene.finger:
         return "without finger and parked objects", replace(scene, parking=False, finger=False)
     if press.traced:
@@ -119,8 +98,6 @@ def leaner(scene: Scene) -> tuple[str, Scene] | None:
 def richer(scene: Scene) -> tuple[str, Scene] | None:
     """The next richer scene, and the difference; None for the richest."""
     press = scene.press_model
-    if press.deforms:
-        return None
     if not press.moves:
         return "stepped motion", replace(scene, press_model=Dynamic())
     if not press.traced:
@@ -129,6 +106,4 @@ def richer(scene: Scene) -> tuple[str, Scene] | None:
         parks = not scene.families
         change = "the finger, and all objects loaded" if parks else "the finger"
         return change, replace(scene, parking=parks, finger=True)
-    if scene.robot is None:
-        return "a robot behind the pad", replace(scene, robot=ROBOTS["panda_allegro"])
-    return "a soft pad", replace(scene, press_model=Deformable(), robot=None)
+    return None

@@ -103,7 +103,7 @@ class TouchCommand:
     For example:
 
         activetouch touch --shape cone --pose corner --out cone.png
-        activetouch touch --scene paper --robot panda_allegro --seed 3
+        activetouch touch --scene paper --seed 3
         activetouch touch --all --out gallery.png
         activetouch touch --scene paper --csv runs/log
     """

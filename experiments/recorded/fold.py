@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import get_args
 
 from activetouch.recorded.reader import Reading, read
 from activetouch.recorded.splits import Split, by_object, by_session
@@ -14,7 +13,8 @@ from belief.observation_model.action_kernel import ActionKernelModel, Law
 from belief.observation_model.calibration_data import LabelledTouches
 from experiments.recorded.order import best_order
 
-LAWS: tuple[Law, ...] = get_args(Law)
+LAWS: tuple[Law, ...] = ("none", "kernel")
+"""Correlations of touches: none, and a kernel by the likeness of the actions."""
 
 
 @dataclass(frozen=True, eq=False)

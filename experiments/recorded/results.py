@@ -19,13 +19,6 @@ from experiments.reporting.tables import Table, Value, interval
 from experiments.sensor.scores import accuracy_of_objects
 from planners.identification import Identification
 
-LAW_NAMES: Mapping[Law, str] = {
-    "none": "none",
-    "repeats": "one ρ per action",
-    "flat": "one ρ for all pairs",
-    "kernel": "kernel by likeness",
-}
-"""The laws of correlation in words."""
 _STOPS = np.linspace(1.0, 0.0, 201)  # probabilities at which an identification might have stopped
 _RESAMPLES = 4000
 _ROUNDING = 1e-12  # of a share
@@ -169,7 +162,7 @@ def law_table(measured: Measured) -> Table:
             right, objects = np.array([(one.result.is_right, one.object_index) for one in chosen]).T
             stated = np.mean([one.result.stated for one in chosen])
             cells += [f"{stated:.3f}", interval(*accuracy_of_objects(right, objects, np.random.default_rng(0)))]
-        rows.append((LAW_NAMES[law], *cells))
+        rows.append((law, *cells))
     return Table(
         f"Correlation of touches: loss of unseen sequences, and stops that state at least {measured.threshold:g}",
         ("correlated", "loss [nats]", "change", "random: stated", "right [95 %]", "gain: stated", "right [95 %]"),
@@ -183,7 +176,7 @@ def law_table(measured: Measured) -> Table:
 def after_table(measured: Measured) -> Table:
     """Accuracy and calibration after numbers of touches, without correlations and with the kernel."""
     rows = []
-    for law in (LAWS[0], LAWS[-1]):
+    for law in LAWS:
         for number in NUMBERS:
             chosen = [one for one in measured.after if (one.law, one.number) == (law, number)]
             if not chosen:
@@ -193,7 +186,7 @@ def after_table(measured: Measured) -> Table:
             right = accuracy_of_objects(probs.argmax(axis=1) == labels, objects, np.random.default_rng(0))
             error, loss = expected_calibration_error(probs, labels), negative_log_likelihood(probs, labels)
             stated = float(probs.max(axis=1).mean())
-            rows.append((LAW_NAMES[law], number, interval(*right), stated, error, loss, len(np.unique(objects))))
+            rows.append((law, number, interval(*right), stated, error, loss, len(np.unique(objects))))
     numbers = [("stated", ".3f"), ("ECE", ".3f"), ("loss [nats]", ".3f"), "objects"]
     return Table(
         "Beliefs after touches with actions in random order",

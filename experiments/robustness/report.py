@@ -128,7 +128,7 @@ def _abstention_table(numbers: Numbers) -> Table:
         if found["alarms"]:
             when = f"in search {found['searches_to_alarm']:g}, touch {found['touches_to_alarm']:g}"
             alarms = f"{found['alarms']}, {when}"
-        wrong = (interval(*some["wrong"]) for some in (searches, found))
+        wrong = (interval(*kind["wrong"]) for kind in (searches, found))
         rows.append((condition, *wrong, interval(*found["unsure"]), right, alarms))
     return Table(
         f"{numbers['scene']}: live searches that confirmed a wrong object, and that ended with “I do not know”",

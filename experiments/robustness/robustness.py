@@ -160,7 +160,7 @@ class Robustness:
     objects: Annotated[int, Within(2, 10**8)] = 100
     """Number of objects of every shape, at least two; each is touched once in every pose, under every condition."""
     conditions: tuple[str, ...] = ()
-    """Conditions to measure, such as "noise × 2"; all but "press deformable" by default, which takes seconds."""
+    """Conditions to measure, such as "noise × 2"; all by default."""
     searches: CountOrNone = 0
     """Number of live searches for every target, by information gain with each observation model, under every
     condition."""

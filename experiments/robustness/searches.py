@@ -98,7 +98,6 @@ def search_scores(
             _scores, replace(sensor, scene=scene, model=models[name]), problem, episodes, seed, rate
         )
         for condition, scene in scenes.items()
-        if not scene.press_model.is_slow
         for name, rate in kinds
     }
     keyed = [partial(_with_key, key, task) for key, task in tasks.items()]
@@ -198,8 +197,8 @@ def _is_wrong(episode: Episode) -> bool:
 
 def _abstention(by_robot: Sequence[Sequence[Episode]]) -> dict[str, Any]:
     """How often robots were wrong and unsure, and when their conflict tests had an alarm."""
-    played = [episode for some in by_robot for episode in some]
-    robots = np.repeat(np.arange(len(by_robot)), [len(some) for some in by_robot])
+    played = [episode for episodes in by_robot for episode in episodes]
+    robots = np.repeat(np.arange(len(by_robot)), list(map(len, by_robot)))
 
     def rate(events: Sequence[bool]) -> list[float]:
         """With an interval that resamples robots, because the searches of one are not independent.
@@ -215,7 +214,7 @@ def _abstention(by_robot: Sequence[Sequence[Episode]]) -> dict[str, Any]:
         for episode in played
         if episode.outcome is Outcome.CONFIRMED
     ]
-    alarms = [found for some in by_robot if (found := _to_alarm(some)) is not None]
+    alarms = [alarm for episodes in by_robot if (alarm := _to_alarm(episodes)) is not None]
     searches, touches = np.median(alarms, axis=0).tolist() if alarms else (None, None)
     return {
         "wrong": rate([_is_wrong(episode) for episode in played]),

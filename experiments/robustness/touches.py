@@ -69,7 +69,7 @@ def applicable_conditions(scene: Scene, names: Sequence[str] = ()) -> tuple[dict
 
     Args:
         scene: in which the sensor was trained.
-        names: of the conditions to choose from; all that take no seconds per press by default.
+        names: of the conditions to choose from; all by default.
 
     Raises:
         UnknownName: there is no such condition.
@@ -86,8 +86,6 @@ def applicable_conditions(scene: Scene, names: Sequence[str] = ()) -> tuple[dict
             continue
         if _presses(changed) == _presses(scene) and changed.faults == scene.faults:
             left_out[name] = "the sensor was trained under this condition"
-        elif changed.press_model.is_slow and not scene.press_model.is_slow and not names:
-            left_out[name] = "a press takes seconds; it is measured if --conditions names it"
         else:
             scenes[name] = changed
     return scenes, left_out
@@ -182,7 +180,7 @@ def _press_some(
         except UnstablePress:
             continue
         pressed.append(number)
-        for name, some in faults.items():
-            seen = [read_out(image, some, rng(Quantity.FAULTS, pose)) for pose, image in enumerate(ideal)]
+        for name, own in faults.items():
+            seen = [read_out(image, own, rng(Quantity.FAULTS, pose)) for pose, image in enumerate(ideal)]
             images[name].append(np.stack(seen))
-    return pressed, {name: np.stack(some) if some else np.empty(0, np.uint8) for name, some in images.items()}
+    return pressed, {name: np.stack(seen) if seen else np.empty(0, np.uint8) for name, seen in images.items()}

@@ -216,7 +216,7 @@ def train_any_object(
     import torch
 
     from activetouch.perception.contact_training import ContactRecipe, ContactTrainer, export
-    from activetouch.perception.contacts.told import imaging_of
+    from activetouch.perception.contacts.sensor_state import imaging_of
 
     torch.set_num_threads(max(1, jobs - 1))
     imaging, changes = imaging_of(scene), {"steps": steps, "seed": seed}

@@ -221,8 +221,7 @@ def sweep(networks: Sequence[Network], calibrated: Sequence[str], episodes: int,
 def _variants(base: Configuration, others: Sequence[Network]) -> list[list[Configuration]]:
     """Variants of a scene's default in groups, most important first; ``others`` are further networks of the scene."""
     own, is_whole = SCENES[base.scene].scene.press_model, base.scene in _WHOLE
-    # Force patches need a guarded move, and deformable pads take seconds per press.
-    presses = [] if base.scene == "paper" else [name for name in FIDELITIES if name != "deformable"]
+    presses = [] if base.scene == "paper" else list(FIDELITIES)  # force patches need a guarded move
     joint = replace(base, observation_model=JOINT, num_hypotheses=_USUAL_HYPOTHESES)
     not_varied = {"random_confirm", *NEED_FILES, *_SLOW}
     return [

@@ -6,7 +6,6 @@ import pytest
 
 from activetouch import Dynamic
 from activetouch.distributions import Constant, LogUniform, Normal, Uniform
-from activetouch.pressing.deformable import Deformable
 from activetouch.pressing.guarded_move import GuardedMove
 from activetouch.pressing.pad import Pad
 from activetouch.rendering import DeadTaxels, Gain, Hysteresis, Noise, PressureRenderer, Quantisation
@@ -26,7 +25,6 @@ _NAN, _INF = math.nan, math.inf
         pytest.param(lambda: Dynamic(timestep=0.0), "timestep", id="Dynamic: a time step of zero"),
         pytest.param(lambda: Dynamic(timestep=_NAN), "timestep", id="Dynamic: a time step of NaN"),
         pytest.param(lambda: GuardedMove(pause=0.0), "pause", id="GuardedMove: no pause"),
-        pytest.param(lambda: Deformable(nodes=1), "nodes", id="Deformable: one node"),
         pytest.param(lambda: Pad(num_taxels=0), "num_taxels", id="Pad: no taxels"),
         pytest.param(lambda: Pad(half_width=_NAN), "positive", id="Pad: a width of NaN"),
         pytest.param(lambda: Pad(stiffness=0.0), "positive", id="Pad: a stiffness of zero"),

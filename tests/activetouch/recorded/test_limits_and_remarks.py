@@ -107,10 +107,7 @@ def write_labelled(folder, extra="session,label,trial,f1,f2"):
 def test_a_feature_that_names_the_object_or_numbers_the_session_is_said_by_name(tmp_path):
     write_labelled(tmp_path)
     touches, notes = read_recorded(tmp_path, "csv")
-    assert notes[0] == (
-        "4 features: label, trial, f1, f2; features that name the object: label; features that number the session: "
-        "trial"
-    )
+    assert notes[0] == "4 features: label, trial, f1, f2"
     said = check_recorded(touches)
     assert said[0].startswith("these features name the object: label. They are equal in all touches of an object and")
     assert said[1].startswith("these features number the session: trial. They are equal in all touches of a session")

@@ -11,7 +11,6 @@ from activetouch import SCENES, Quasistatic, Scene
 from activetouch.distributions import Constant, Uniform
 from activetouch.named_scenes import NamedScene
 from activetouch.orientations import Inexact, Resampled, Tumbled, Upright
-from activetouch.pressing.deformable import Deformable
 from activetouch.pressing.rig import build_spec
 from activetouch.pressing.setup import Setup
 from activetouch.sensor_files import MODELS
@@ -42,7 +41,7 @@ def test_the_default_scene_models_a_pad_an_object_and_nothing_else():
     modelled = numbers(Scene())
     assert modelled["moving bodies"] == 2
     assert modelled["slide joint"] == modelled["contact pair"] == 1
-    assert not modelled.keys() & {"sensor", "finger segments", "parked objects", "robot parts", "hinge joints"}
+    assert not modelled.keys() & {"sensor", "finger segments", "parked objects"}
     assert "moving bodies" not in numbers(Scene(press_model=Quasistatic()))
 
 
@@ -54,14 +53,7 @@ def test_the_paper_scene_adds_finger_parking_and_a_sensor_but_no_contact_pair():
 
 
 @pytest.mark.mujoco
-def test_a_soft_pad_is_made_of_nodes_and_elements():
-    modelled = numbers(Scene(press_model=Deformable(nodes=5, layers=2)))
-    assert modelled["flex nodes"] == 5 * 5 * 3
-    assert modelled["degrees of freedom"] == 5 * 5 * 2 * 3 + 1
-
-
-@pytest.mark.mujoco
-def test_leaner_and_leaner_ends_without_physics_and_richer_and_richer_with_a_soft_pad():
+def test_leaner_and_leaner_ends_without_physics_and_richer_and_richer_with_all_objects():
     scene, changes = SCENES["paper"].scene, []
     while (found := leaner(scene)) is not None:
         changes.append(found[0])
@@ -71,7 +63,8 @@ def test_leaner_and_leaner_ends_without_physics_and_richer_and_richer_with_a_sof
     assert len(changes) == 3
     while (found := richer(scene)) is not None:
         scene = found[1]
-    assert isinstance(scene.press_model, Deformable)
+    assert scene.press_model.traced
+    assert scene.parking
 
 
 @pytest.mark.mujoco
@@ -91,7 +84,6 @@ def test_parked_objects_and_the_finger_add_no_motion_and_no_contact():
         ({"ball": Sphere(0.01)}, None, []),
         ({"cross": CROSS}, None, ["what lies in front of the pad, with the same first touch: cross"]),
         ({"torus": EXTENDED_SHAPES["torus"]}, None, ["the convex hull, so force and image may disagree: torus"]),
-        ({"cross": CROSS}, Deformable(), ["what lies in front of the pad: cross"]),
         ({"cross": CROSS, "torus": EXTENDED_SHAPES["torus"]}, Quasistatic(), []),
     ],
 )

@@ -91,7 +91,6 @@ def test_every_condition_changes_a_scene_or_is_left_out_with_a_reason(name):
     assert scenes[AS_TRAINED] is scene
     assert [label for label, changed in scenes.items() if changed == scene] == [AS_TRAINED]
     assert all(left_out.values())
-    assert list(applicable_conditions(scene, ["press deformable"])[0]) == [AS_TRAINED, "press deformable"]
 
 
 @pytest.mark.parametrize(
@@ -104,7 +103,6 @@ def test_every_condition_changes_a_scene_or_is_left_out_with_a_reason(name):
         (SCENES["coarse"].scene, "shifted by 3 % of the edge", "less than one taxel"),
         (SCENES["keyed"].scene, "cylinder twice as long", "no cylinder"),
         (COARSE, "friction 0.3 to 1", "nothing slides"),
-        (SCENES["gel"].scene, "press deformable", "--conditions names it"),
     ],
 )
 def test_what_means_nothing_in_a_scene_is_left_out(scene, condition, reason):

@@ -16,8 +16,7 @@ import tyro
 
 from activetouch import Quasistatic
 from activetouch.data.dataset import read_manifest, read_split, record_shard
-from activetouch.data.manifest import Manifest, write_manifest
-from activetouch.data.solver_settings import solver_settings
+from activetouch.data.manifest import Manifest, solver_settings, write_manifest
 from activetouch.errors import LabelMismatch, UnstablePress
 from activetouch.pressing.contact import elastic_contact, surface_gap
 from activetouch.rendering import Noise
@@ -259,8 +258,8 @@ def test_of_two_collections_that_find_a_folder_empty_the_first_to_write_gets_it(
 
 
 def test_the_command_that_an_error_names_is_the_one_that_finishes_the_collection(tmp_path):
-    meshes = (Path("a b.stl"), Path("c.stl"))
-    choice = SceneChoice("hard", "quasistatic", meshes=meshes, mesh_scale=0.001, only=True)
+    meshes = (Path("a b.stl@0.001"), Path("c.stl"))
+    choice = SceneChoice("hard", "quasistatic", meshes=meshes, only=True)
     folder = tmp_path / "some where"
     manifest = replace(Manifest.of(COARSE.named.scene, PLAN), choice=choice.to_dict())
     program, name, *arguments = shlex.split(manifest.command(folder))
