@@ -14,7 +14,8 @@ import numpy as np
 from belief.composition import Composition
 from belief.validation import Floats
 from planners.pomdp.problem import SearchTouchProblem
-from planners.pomdp.touch_costs import TouchCosts
+
+from .touch_costs import TouchCosts
 
 BoundOfObject: TypeAlias = Callable[[Floats, Floats, Floats], float]
 """Upper bound on the value for one object at a belief, for payoffs of CONFIRM and REJECT by shape, all ``(K,)``."""

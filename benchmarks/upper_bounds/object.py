@@ -7,13 +7,14 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from belief.validation import Floats
-from planners.bounds.belief_grid import BeliefGrid
+from belief.problem import Floats
 from planners.pomdp.belief_sampling import sample_beliefs
 from planners.pomdp.problem import TouchProblem
 from planners.pomdp.solver import point_based_value_iteration
 from planners.pomdp.stages import Stage, StagedProblem, staged
-from planners.pomdp.touch_costs import TouchCosts
+
+from .belief_grid import BeliefGrid
+from .touch_costs import TouchCosts
 
 _ROUNDS = (200, 200, 400)  # of planning, to see which beliefs matter
 _NUM_SEARCHES = 2000
@@ -110,7 +111,7 @@ def object_bound(problem: TouchProblem, rng: np.random.Generator, weights: Seque
     Args:
         problem: one object.
         rng: samples the beliefs around which the grid is fine; any grid gives a valid bound.
-        weights: probability that each touch gives new information, see :class:`~planners.pomdp.touch_costs.TouchCosts`.
+        weights: probability that each touch gives new information, see :class:`.TouchCosts`.
 
     With outcomes that are right nine times in ten and λ = 0.05, the best policy touches until the outcomes for one
     shape outnumber those for the other by two: V(0.9) = -λ + 0.82 · 0.976 + 0.18 (V(0.9) - λ), and

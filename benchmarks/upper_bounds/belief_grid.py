@@ -11,9 +11,10 @@ import numpy as np
 from scipy.sparse import csr_array, vstack
 
 from belief.errors import InvalidArgument
-from belief.validation import Floats
-from planners.bounds.simplex import SimplexGrid, num_points
-from planners.pomdp.touch_costs import TouchCosts
+from belief.problem import Floats
+
+from .simplex import SimplexGrid, num_points
+from .touch_costs import TouchCosts
 
 _COARSE_POINTS = {2: 1500, 3: 4000}  # by number of shapes, where no finer grid is needed
 _MANY_POINTS = 5500

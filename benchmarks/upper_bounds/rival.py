@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from belief.validation import Floats
-from planners.pomdp.touch_costs import TouchCosts
+from belief.problem import Floats
+
+from .touch_costs import TouchCosts
 
 INTERVALS = 100
 """Of the grid of p(target), whose G points are one more."""

@@ -7,15 +7,16 @@ from functools import lru_cache
 
 import numpy as np
 
-from belief.composition import Composition
+from belief import Composition
 from belief.errors import InvalidArgument
-from belief.validation import Floats
-from planners.bounds.clairvoyant import clairvoyant_bound
-from planners.bounds.joint_belief import JointBeliefBound, is_small
-from planners.bounds.object import ObjectBound
-from planners.bounds.revealing_touch import RevealingTouchBound
+from belief.problem import Floats
 from planners.pomdp.problem import SearchTouchProblem
-from planners.pomdp.touch_costs import TouchCosts
+
+from .clairvoyant import clairvoyant_bound
+from .joint_belief import JointBeliefBound, is_small
+from .object import ObjectBound
+from .revealing_touch import RevealingTouchBound
+from .touch_costs import TouchCosts
 
 _MOST_SETS = 5000
 """Most sets of distinct shapes that rejected objects can have."""
@@ -24,7 +25,7 @@ _MOST_SETS = 5000
 def search_bound(problem: SearchTouchProblem, rng: np.random.Generator, weights: Sequence[float] = (1.0,)) -> float:
     """Upper bound on the optimal value of a search at its start: the tightest that its size allows.
 
-    Arguments are those of :func:`~planners.bounds.object.object_bound`, for a search.
+    Arguments are those of :func:`~benchmarks.upper_bounds.object.object_bound`, for a search.
 
     >>> perfect = SearchTouchProblem(np.eye(2)[None], 2, "distinct", target=0, touch_cost=0.1)
     >>> round(search_bound(perfect, np.random.default_rng(0)), 6)      # one touch decides between two shapes
@@ -51,7 +52,7 @@ def revealing_touch_bound(
 ) -> float:
     """Upper bound on the value of a search: after some touches of an object one more reveals its shape.
 
-    It needs no grid, so it is quick for many shapes too; see :mod:`planners.bounds.revealing_touch`. The shapes of
+    It needs no grid, so it is quick for many shapes too; see ``revealing_touch.py``. The shapes of
     rejected objects are revealed.
 
     Args:

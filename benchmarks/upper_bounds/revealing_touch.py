@@ -2,10 +2,10 @@ r"""Upper bound on the value for one object: after a few touches as the table ha
 
 Until then the bound looks ahead exactly: all poses, all outcomes. Afterwards it takes the larger of stopping and of one
 more touch that reveals the shape, which no touch exceeds. So it is an information relaxation, valid for any number of
-touches before, and falls with it; with none, it is :mod:`planners.bounds.one_touch`.
+touches before, and falls with it; with none, it is :mod:`planners.one_touch`.
 
 A second relaxation is tighter where shapes are hard to tell apart: instead of the shape, one *rival* of the target is
-named, and the object is the target or this rival (:mod:`planners.bounds.rival`). A belief b is the mean of such pairs,
+named, and the object is the target or this rival (``rival.py``). A belief b is the mean of such pairs,
 each with p(target) as in b, and that with shape k has the share b_k / (1 - p(target)). The value is convex, so the mean
 of the bounds for pairs is a bound. The smaller of the two relaxations counts.
 
@@ -23,10 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from belief.errors import InvalidArgument
-from belief.observation_model.outcome_table import OutcomeTable
-from belief.validation import Floats, as_real, normalise_probs, require_count
-from planners.bounds.rival import INTERVALS, pair_steps, pair_values
-from planners.pomdp.touch_costs import TouchCosts
+from belief.observation_model import OutcomeTable
+from belief.problem import Floats
+from belief.validation import as_real, normalise_probs, require_count
+
+from .rival import INTERVALS, pair_steps, pair_values
+from .touch_costs import TouchCosts
 
 _PRECISION = 1e-6  # in units of a success, of each branch
 _AT_ONCE = 2_000_000  # numbers in the largest array

@@ -22,16 +22,17 @@ from itertools import combinations, product
 
 import numpy as np
 
-from belief.composition import Composition
-from belief.validation import Floats
-from planners.bounds.belief_grid import BeliefGrid
-from planners.bounds.object import look_ahead
-from planners.bounds.simplex import SimplexGrid
+from belief import Composition
+from belief.problem import Floats
 from planners.pomdp.belief_sampling import sample_beliefs
 from planners.pomdp.problem import SearchTouchProblem
 from planners.pomdp.solver import point_based_value_iteration
 from planners.pomdp.stages import staged
-from planners.pomdp.touch_costs import TouchCosts
+
+from .belief_grid import BeliefGrid
+from .object import look_ahead
+from .simplex import SimplexGrid
+from .touch_costs import TouchCosts
 
 _ROUNDS = (200, 200, 400)  # simulations per round of planning, to sample the beliefs that matter
 _NUM_SEARCHES = 600
