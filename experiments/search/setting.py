@@ -33,7 +33,7 @@ from experiments.sensor_choice import open_sensor, sensor_folder
 class Setting:
     """Sensor and rules of all searches."""
 
-    choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
+    choice: tyro.conf.OmitArgPrefixes[SceneChoice] = field(default_factory=SceneChoice)
     """The scene."""
     sensor: Path | None = None
     """Folder of a sensor, or name of a shipped one; that of the scene by default."""
