@@ -26,10 +26,10 @@ from activetouch.envs.priors import ObjectPriors
 from activetouch.envs.touch_bank import TouchBank
 from activetouch.sensor_files import MODELS, load_observation_model
 from belief.observation_model import ArrayModel
+from benchmarks.upper_bounds.object import object_bound
 from experiments.ppo.recipe import PPO_RECIPES, PPORecipe
 from experiments.ppo.touch_bank import TEST, TRAINING
 from experiments.ppo.training import Score, play
-from planners.bounds.object import object_bound
 from planners.repeats import repeat_discount, weights_in_turn
 from planners.solve import TouchProblem
 

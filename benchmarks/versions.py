@@ -24,7 +24,6 @@ import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -82,20 +81,18 @@ def _read(sensor: Any, images: np.ndarray[Any, Any]) -> Callable[[int], object]:
 def _search(scene: str) -> Callable[[int], object]:
     """Plays the searches of one target as ``activetouch compare`` does: its four deciders and the oracle."""
     from experiments.scene_choice import SceneChoice
+    from experiments.search.comparison import DEFAULT_DECIDERS, prepared
     from experiments.search.oracle import solved_by_full_information
-    from experiments.search.setting import Setting, play_episodes
+    from experiments.search.play import TouchMemo, play_episodes
+    from experiments.search.setting import Setting
 
-    setting, numbers = Setting(SceneChoice(scene)), range(SEARCHES)
+    run, numbers = prepared(Setting(SceneChoice(scene)), DEFAULT_DECIDERS, seed=1, jobs=1), range(SEARCHES)
 
     def play(target: int) -> None:
-        shared: list[Any] = []  # images of touches that several deciders make, in versions that keep them
-        with suppress(ImportError):
-            from experiments.search.touch_memo import TouchMemo
-
-            shared.append(TouchMemo())
-        for decider in ("point_based", "information_gain", "threshold", "random_confirm"):
-            play_episodes(setting, decider, target, 1, numbers, *shared)
-        solved_by_full_information(setting, target, 1, numbers, *shared)
+        memo = TouchMemo()
+        for decider in run.deciders.values():
+            play_episodes(run.searches, decider, target, numbers, memo)
+        solved_by_full_information(run.searches, target, numbers, memo)
 
     return play
 

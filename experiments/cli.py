@@ -34,10 +34,8 @@ class Command:
 COMMAND_GROUPS: dict[str, dict[str, Command]] = {
     "Search": {
         "compare": Command("search.compare:Compare", "run the same searches with several deciders; report"),
-        "merge": Command("search.merge:Merge", "combine run folders of several machines"),
         "replay": Command("search.replay:Replay", "draw or animate one recorded search"),
         "export": Command("search.export:Export", "write a search (.pomdp) or a solved policy (.npz)"),
-        "overprobing": Command("search.overprobing:OverprobingCommand", "count the touches made after certainty"),
     },
     "Look at touches": {
         "touch": Command("press.touch:TouchCommand", "draw presses, watch one, or write them as time series"),

@@ -111,7 +111,7 @@ class BankEpisodes:
         self._evidence: BankEvidence = (
             JointBankEvidence(weighed_touches(bank, model), num_envs, touch_limit)
             if state in WITH_GAINS
-            else evidence_of(bank.logits, model, num_envs, touch_limit, bank.features)
+            else evidence_of(bank, model, num_envs, touch_limit)
         )
         shape = (num_envs, len(bank.shape_labels))
         self.objects, self.uses = np.zeros(num_envs, np.int64), np.zeros((num_envs, self.num_poses), np.int64)
@@ -151,13 +151,6 @@ class BankEpisodes:
     def num_actions(self) -> int:
         """P + 2: the poses, CONFIRM and REJECT."""
         return self.num_poses + 2
-
-    @property
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """The state of the episodes, by name; writing into these arrays restores a state."""
-        names = ("objects", "targets", "uses", "log_probs", "_log_priors", "_first_rounds", "_frame_probs", "_previous")
-        own = {name.lstrip("_"): getattr(self, name) for name in (*names, "_num_touches", "_potential", "_gains")}
-        return own | {f"evidence.{name}": array for name, array in self._evidence.arrays.items()}
 
     def reset(self, rows: Ints, rng: np.random.Generator) -> None:
         """Start new random episodes in these rows."""

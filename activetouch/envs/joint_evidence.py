@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from functools import lru_cache
 from itertools import islice
-from typing import Any
 
 import numpy as np
 import scipy  # whose parts load at first use
@@ -149,8 +148,3 @@ class JointBankEvidence:
         uses = (poses[:, :, None] == np.arange(body.num_poses)).sum(axis=1)
         new = new_shares(uses, body.correlation, body.drift)
         return target_gains(np.exp(log_probs), self._tables[rows].astype(np.float64), targets) * new
-
-    @property
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """See :class:`BankEvidence`."""
-        return {"touched": self._touched, "counts": self._counts, "found": self._found, "tables": self._tables}

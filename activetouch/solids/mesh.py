@@ -159,7 +159,7 @@ class Mesh:
             example = next(iter(fitting.values()))
             guesses = ", or ".join(f"{scale} if it is in {unit}" for unit, scale in fitting.items())
             hint = (
-                f". Give its scale: {guesses}; that is {self.name}@{example} or --mesh-scale {example} on the command "
+                f". Give its scale: {guesses}; that is {self.name}@{example} on the command "
                 f"line, activetouch.read_meshes(path, scale={example}) in Python"
             )
         return (

@@ -63,7 +63,7 @@ def _deciders() -> str:
 
 
 def _decider(name: str) -> str:
-    said = shelves.DECIDERS.get(name, shelves.NOTHING)
+    described = shelves.DECIDERS.get(name, shelves.NOTHING)
     settings = [
         (f"`{one.name}`", f"`{one.default!r}`")
         for one in inspect.signature(DECIDERS[name]).parameters.values()
@@ -83,7 +83,7 @@ def _decider(name: str) -> str:
 
 ## Idea
 
-{said.idea}
+{described.idea}
 
 ## Use
 
@@ -103,11 +103,11 @@ decider = make_decider("{name}", model.outcome_table(), model{argument})
 
 ## What its scores mean
 
-{said.scores}
+{described.scores}
 
 ## What it is bad at
 
-{said.weak}
+{described.weak}
 
 ## Beside the others
 
@@ -126,7 +126,7 @@ def _sensor_of(name: str) -> str:
 
 
 def _world(name: str) -> str:
-    said, named = shelves.WORLDS.get(name, shelves.NOTHING), SCENES[name]
+    described, named = shelves.WORLDS.get(name, shelves.NOTHING), SCENES[name]
     scene = named.scene
     fields = {
         "objects of a search": f"{named.num_objects}, {named.composition.value}",
@@ -145,7 +145,7 @@ def _world(name: str) -> str:
 
 ## Idea
 
-{said.idea}
+{described.idea}
 
 ## What it is
 
@@ -169,11 +169,11 @@ sensor = TactileSensor.shipped("{name}")
 
 ## What results here mean
 
-{said.scores}
+{described.scores}
 
 ## What it is bad at
 
-{said.weak}
+{described.weak}
 
 ## Figure
 
@@ -187,9 +187,9 @@ sensor = TactileSensor.shipped("{name}")
 def _worlds() -> str:
     rows = []
     for name, named in SCENES.items():
-        image, said = " × ".join(map(str, named.scene.image_shape)), shelves.WORLDS.get(name, shelves.NOTHING)
+        image, described = " × ".join(map(str, named.scene.image_shape)), shelves.WORLDS.get(name, shelves.NOTHING)
         objects = f"{named.num_objects}, {named.composition.value}"
-        rows.append((f"[`{name}`]({name}.md)", objects, len(named.scene.shape_labels), image, said.idea))
+        rows.append((f"[`{name}`]({name}.md)", objects, len(named.scene.shape_labels), image, described.idea))
     return f"# Worlds\n\n{table(('scene', 'objects of a search', 'shapes', 'image', 'idea'), rows)}\n"
 
 

@@ -1,7 +1,7 @@
 """Simulation-based calibration of the posterior over orientation and size (Talts et al. 2018; Modrák et al. 2023).
 
 The rank of the true value of a quantity among draws from the posterior is uniform if the posterior is calibrated. A
-quantity is any function of the rotation, so symmetric shapes, whose orientations cannot all be told apart, need no
+quantity is any function of the rotation, so symmetric shapes, whose orientations cannot all be distinguished, need no
 canonical one: orientations that look alike are as probable in the prior as in the posterior. Here the rank is the
 posterior probability of smaller values, which has no error of drawing.
 
@@ -132,8 +132,8 @@ def rank_tests(
                 weights = np.empty((len(rows), model.num_hypotheses))
                 for shape in np.unique(rounds.shapes[rows]).tolist():
                     here = rounds.shapes[rows] == shape
-                    touches, some = batch.sequences(rows[here]).first(number), slice(shape, shape + 1)
-                    weights[here] = model.log_weights(touches, shapes=some)[:, 0]
+                    touches, own = batch.sequences(rows[here]).first(number), slice(shape, shape + 1)
+                    weights[here] = model.log_weights(touches, shapes=own)[:, 0]
                 for row, of_object in zip(rows, weights, strict=True):
                     shape = int(rounds.shapes[row])
                     ranks = _ranks(of_object, rotations, sizes, truths[row], rng)
@@ -142,10 +142,10 @@ def rank_tests(
         RankTest(
             model.shape_labels[shape],
             number,
-            len(some),
-            {name: Ranks.of(np.array([ranks[name] for ranks in some])) for name in QUANTITIES},
+            len(of_objects),
+            {name: Ranks.of(np.array([ranks[name] for ranks in of_objects])) for name in QUANTITIES},
         )
-        for (shape, number), some in sorted(found.items())
+        for (shape, number), of_objects in sorted(found.items())
     ]
 
 

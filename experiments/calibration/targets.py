@@ -69,7 +69,7 @@ def judge_model(scores: ModelScores, confidence: float) -> dict[str, list[Check]
 
 
 def _judge_fused(fused: Sequence[Fused]) -> Check:
-    worst = max(fused, key=lambda some: some.ece.value)
+    worst = max(fused, key=lambda score: score.ece.value)
     return Check(
         f"calibration error ≤ {FUSED:.3f} after every number of touches",
         f"{worst.ece.value:.3f}",
@@ -124,7 +124,7 @@ def verdict(touches: Check, fused: Mapping[str, Sequence[Check]], calibration: s
         model: name of the chosen observation model.
     """
     outcome = "meets its target" if touches.holds else f"misses its target by {touches.missed_by or 0.0:.3f}"
-    checks = [(kind, check) for kind, some in fused.items() for check in some]
+    checks = [(kind, check) for kind, of_kind in fused.items() for check in of_kind]
     judged = [(kind, check) for kind, check in checks if check.missed_by is not None]
     met = sum(check.holds for _, check in judged)
     unknown = f" ({len(checks) - len(judged)} more could not be judged)" if len(judged) < len(checks) else ""

@@ -46,8 +46,9 @@ _TITLES = {
     "figure3": "Figure 3: confusion matrix, and success by shape",
 }
 
-
-QUICK = table1.Settings(WindowPlan(objects=5, presses=1, images=4), "cnn", 32, replace(RECIPES["paper"], epochs=5))
+QUICK = table1.Settings(
+    WindowPlan(objects=20, presses=2, images=5), "cnn", 32, replace(RECIPES["paper"], epochs=10, learning_rate=1e-3)
+)
 """Settings of Table 1 for a look within minutes."""
 
 

@@ -88,17 +88,17 @@ def _press(scene: Scene, plan: WindowPlan, stream: int, number: int) -> TouchSet
     renderer = scene.renderer
     assert isinstance(renderer, ForcePatchRenderer), "the caller chose a scene with force patches"
     rng = keyed_rng([plan.seed, stream, number], is_fixed_length=True)
-    thing = scene.sample_object(number % len(scene.shapes), rng)
+    body = scene.sample_object(number % len(scene.shapes), rng)
     images: list[NDArray[np.uint8]] = []
     rows: list[Sequence[float]] = []
     for press in range(plan.presses):
-        contact = scene.contact(scene.place(thing, 0, rng), rng)
+        contact = scene.contact(scene.place(body, 0, rng), rng)
         assert contact.trace is not None, "guarded moves are always traced"
         in_contact = contact.trace.time[contact.trace.force.any(axis=1)]
         windows = list(renderer.windows(contact, np.ptp(in_contact) / plan.images)) if in_contact.size else []
         for index in np.linspace(0, len(windows) - 1, plan.images).round().astype(int) if windows else ():
             images.append(read_out(windows[index], scene.faults, rng))
-            rows.append((thing.shape_index, number, press, contact.force, contact.depth))
+            rows.append((body.shape_index, number, press, contact.force, contact.depth))
     shapes, object_ids, presses, forces, depths = np.reshape(rows, (-1, 5)).T
     taken = np.reshape(images, (-1, *scene.image_shape)).astype(np.uint8)
     return TouchSet(taken, shapes.astype(int), object_ids.astype(int), presses.astype(int), forces, depths)

@@ -136,9 +136,9 @@ def _read(classifier: TouchClassifier, train: TouchSet, touches: TouchSet, rng: 
 
 def nearest_image_guesses(known: TouchSet, test: TouchSet, size: int = 32) -> NDArray[np.int64]:
     """Shape of the known image nearest to each test image, pixel by pixel, ``(m,)``; averaged to ``size`` pixels."""
-    first, second = (resized(t.images, (size, size, *t.images.shape[3:])) for t in (test, known))
-    flat = (images.reshape(len(images), -1).astype(float) for images in (first, second))
-    return known.shapes[cdist(*flat).argmin(axis=1)]
+    small = (resized(touches.images, (size, size, *touches.images.shape[3:])) for touches in (test, known))
+    first, second = (images.reshape(len(images), -1).astype(float) for images in small)
+    return known.shapes[cdist(first, second).argmin(axis=1)]
 
 
 def table(results: Mapping[str, Mapping[str, Result]], labels: Sequence[str]) -> Table:

@@ -10,9 +10,7 @@ from types import MappingProxyType
 
 from belief.statistics import wilson_interval
 from experiments.reporting.tables import Table, Value, interval
-from experiments.scene_choice import SceneChoice
-from experiments.search.compare import Compare
-from experiments.search.setting import Setting
+from experiments.search.comparison import compare
 from experiments.search.summary import ALL
 
 SCENE = "paper"
@@ -65,9 +63,10 @@ def search_columns(sensor: Path, episodes: int, seed: int, folder: Path, jobs: i
         MissingPolicy: The sensor has no policies.
         CannotWrite: The disk is full, or the folder is not writable.
     """
-    targets, setting = tuple(PAPER["PPO"]), Setting(SceneChoice(SCENE), sensor=sensor)
-    compare = Compare(DECIDERS, None, targets, episodes, seed, setting, out=folder, bound=False, jobs=jobs)
-    found = compare.play()
+    targets = tuple(PAPER["PPO"])
+    found = compare(
+        SCENE, DECIDERS, episodes=episodes, seed=seed, targets=targets, sensor=sensor, out=folder, jobs=jobs
+    )
     return [
         Column(
             SCENE,

@@ -89,4 +89,4 @@ PPO_RECIPES: Mapping[str, PPORecipe] = MappingProxyType(
     }
 )
 """Recipes by name of the state: the paper's state and shaping; the posterior at many priors (decision 0024); the gains
-of all poses beside the posterior; the same with the target, for one policy of all targets (decision 0058)."""
+of all poses and the posterior; the same with the target, for one policy of all targets (decision 0058)."""

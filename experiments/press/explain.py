@@ -124,7 +124,7 @@ class Explain:
 
         activetouch explain
         activetouch explain --scene paper
-        activetouch explain --meshes mug.obj bowl.stl --mesh-scale 0.001
+        activetouch explain --meshes mug.obj@0.001 bowl.stl
     """
 
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)

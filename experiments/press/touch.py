@@ -149,19 +149,13 @@ class TouchCommand:
             if self.view:
                 show_press(scene, placement, contact)
                 return
+            from activetouch.view.picture import press_picture
+            from experiments.press.figures import draw_touch
+
             title = f"a {shape} in pose {pose}: {contact.force:.2f} N, {1e3 * contact.depth:.2f} mm deep"
-            _draw_press(title, scene, placement, contact, self.out)
+            view = press_picture(scene.setup, placement, contact.depth)
+            draw_touch(title + " (bottomed out)" * contact.is_bottomed_out, view, contact, self.out)
         print(f"wrote {self.out}")
-
-
-def _draw_press(title: str, scene: Scene, placement: Placement, contact: Contact, out: Path) -> None:
-    from activetouch.view.picture import GL_HINT, press_picture
-    from experiments.press.figures import draw_touch
-
-    view, by_opengl = press_picture(scene.setup, placement, contact.depth)
-    if not by_opengl:
-        print(GL_HINT)
-    draw_touch(title + " (bottomed out)" * contact.is_bottomed_out, view, contact, out)
 
 
 def show_press(scene: Scene, placement: Placement, contact: Contact) -> None:

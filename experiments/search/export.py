@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
-
-import tyro
 
 from belief import Composition
 from belief.errors import InvalidArgument, UnknownName
 from belief.files import write_text
-from experiments.command_line.arguments import BadArgument, Within, check_arguments
-from experiments.search.setting import Setting, known_model, require_abstain
+from experiments.command_line.arguments import Count, NotNegative, Within, check_arguments
+from experiments.scene_choice import SceneChoice
+from experiments.search.setting import Setting
 from planners.export import to_pomdp
 from planners.solve import SearchTouchProblem
 
@@ -35,8 +34,14 @@ class Export:
     discount: Annotated[float, Within(0.0, 1.0, open_low=True)] = 1.0
     """Discount for each touch and each rejection. Searches have 1; SARSOP and others need less, such
     as 0.999."""
-    setting: Annotated[Setting, tyro.conf.arg(name="")] = field(default_factory=Setting)
-    """Setting of the search."""
+    scene: str = "gel"
+    """Scene of the search."""
+    sensor: Path | None = None
+    """Folder of a sensor, or name of a shipped one; that of the scene by default."""
+    num_objects: Count | None = None
+    """Objects in a search; that of the scene by default."""
+    touch_cost: NotNegative = 0.02
+    """Cost λ of one touch, in units of a success."""
 
     def run(self) -> None:
         """Write the file.
@@ -47,16 +52,16 @@ class Export:
             InvalidArgument: The search is too large; use fewer objects.
         """
         check_arguments(self)
-        if self.setting.abstain is not None:
-            raise BadArgument("--abstain is for compare; export writes a search without the answer UNSURE")
-        require_abstain(self.setting)
-        problem = self.setting.problem
+        setting = Setting(
+            SceneChoice(self.scene), sensor=self.sensor, num_objects=self.num_objects, touch_cost=self.touch_cost
+        )
+        problem = setting.problem
         if self.target not in problem.shape_labels:
             raise UnknownName("target", self.target, list(problem.shape_labels))
         target = problem.shape_labels.index(self.target)
-        table = known_model(self.setting)[1]
+        table = setting.open_sensor().model.outcome_table()
         if not isinstance(problem.composition, Composition):
-            raise InvalidArgument("a .pomdp file needs --composition distinct or independent; or --num-objects 1")
+            raise InvalidArgument("a .pomdp file needs objects that are distinct or independent; or --num-objects 1")
         try:
             search = SearchTouchProblem(
                 table.probs,

@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from activetouch import TactileSensor
 from activetouch.scene import WorldObject
 from belief import Probe, Reject, SearchProblem
 from belief.observation_model.rigid_body_evidence import RigidBodyEvidence, joint_evidence
 from belief.problem import Action
 from belief.seeding import touch_rng
-from experiments.search.setting import Setting, load_sensor, make_world
+from experiments.search.play import make_world
 from planners import Episode, Step
 from planners.episode import ACTION_NAMES
 
@@ -46,10 +47,15 @@ def action_words(action: Action, problem: SearchProblem) -> str:
     return ACTION_NAMES[type(action)]
 
 
-def replay(setting: Setting, episode: Episode) -> list[Frame]:
-    """Repeat the touches of an episode of a run with this setting; return its frames."""
-    sensor = load_sensor(setting)
-    world = make_world(setting, sensor, episode.seed)
+def replay(sensor: TactileSensor, problem: SearchProblem, episode: Episode) -> list[Frame]:
+    """Repeat the touches of an episode.
+
+    Args:
+        sensor: the sensor of the run.
+        problem: rules of its searches.
+        episode: one of them.
+    """
+    world = make_world(problem, sensor, episode.seed)
     uses: Counter[tuple[int, int]] = Counter()
     frames, nothing = [], sensor.model.start()
     evidence = nothing

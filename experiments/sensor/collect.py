@@ -1,4 +1,4 @@
-"""``activetouch collect``: record touches, go on after an interruption, check them, or make a collection once more."""
+"""``activetouch collect``: record touches, continue after an interruption, check them, or repeat a collection."""
 
 from __future__ import annotations
 
@@ -82,12 +82,12 @@ class Collect:
                 f"{source} is not complete, there is no SHA-256 to compare with; finish it {recorded.how(original)}"
             )
         choice = _choice(recorded, Trust(source, everything=self.trust))
-        again = collect(choice, recorded.plan, self.out, self.jobs)
-        assert again.sha256 is not None, "a collection ends with its digests"
-        if differing := [name for name, digest in recorded.sha256.items() if again.sha256[name] != digest]:
+        repeated = collect(choice, recorded.plan, self.out, self.jobs)
+        assert repeated.sha256 is not None, "a collection ends with its digests"
+        if differing := [name for name, digest in recorded.sha256.items() if repeated.sha256[name] != digest]:
             raise NotReproduced(
                 f"{len(differing)} of {len(recorded.sha256)} shards in {self.out} differ from those of {source}: "
-                f"{_first_names(differing)}. {_sentence(recorded.differences(again))}."
+                f"{_first_names(differing)}. {_sentence(recorded.differences(repeated))}."
             )
         print(f"{len(recorded.sha256)} shards identical")
 
@@ -112,7 +112,7 @@ def record(
     Raises:
         LabelMismatch: the folder holds another collection, or a shard names what the collection does not have.
         CorruptFile: a shard is damaged, foreign, or was changed after it was recorded.
-        UnstablePress: no object of some shape can be pressed in all poses.
+        UnstablePress: no object of a shape can be pressed in all poses.
         NotReproduced: a lost shard of a complete collection came out with other bytes than it had.
     """
     # A killed run leaves temporary files of atomic_path behind; those that appear later are another process's.

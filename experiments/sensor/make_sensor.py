@@ -39,7 +39,7 @@ def make_sensor(
 
     It does what the commands ``collect``, ``train`` and ``calibrate`` do. The same call goes on after an interruption,
     and only loads the sensor once it is finished. The sizes by default make a usable sensor of a scene of four shapes
-    in some minutes; the sensors that come with the package were made from several times as many touches.
+    within minutes; the sensors that come with the package were made from several times as many touches.
 
     Args:
         scene: to be sensed; its name, or an object.

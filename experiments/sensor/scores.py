@@ -20,14 +20,14 @@ def read_touches(reader: TactileReader, touches: TouchSet, what: str) -> TouchBa
 
 
 def read_images(reader: TactileReader, images: NDArray[np.uint8], poses: NDArray[np.int64], what: str) -> TouchBatch:
-    """What a reader makes of images and the poses they were felt in ``(N,)``, as one sequence, with a progress bar."""
+    """Touches from images and their poses ``(N,)``, as one sequence, with a progress bar."""
     logits, embeddings = zip(*((r.logits, r.embeddings) for r in readings(reader, images, what)), strict=True)
     kept = np.concatenate(embeddings)[None] if reader.hypotheses is not None else None
     return TouchBatch(poses[None], np.concatenate(logits)[None], kept)
 
 
 def readings(reader: ImageReader, images: NDArray[np.uint8], what: str) -> Iterator[Reading]:
-    """Everything read of many images, some hundred at a time, with a progress bar."""
+    """Readings of many images in batches, with a progress bar."""
     with progress_bar() as progress:
         bar = progress.add_task(what, total=len(images))
         for first in range(0, len(images), 256):

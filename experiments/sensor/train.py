@@ -75,8 +75,8 @@ class Train:
     saw. The others learn the shapes of a collection: contrast and worn with their orientations and sizes (worn is for
     pads that wear), large and paper without.
 
-    The state is saved again and again; the same command continues from it. With tensorboard installed (the extra of
-    that name), the losses are written to OUT/tensorboard.
+    The state is saved regularly; after an interruption, the same command continues. With tensorboard installed (the
+    extra of that name), the losses are written to OUT/tensorboard.
 
     For example:
 

@@ -29,7 +29,7 @@ _LEAST_ERROR = 3e-4  # lower end of the axis, where an error of zero is drawn
 _NAMED = 0.05  # fraction of failed searches above which a point may have a word
 _CAPTION = (
     "Failed searches against time, one panel per scene. Each point is a configuration that differs from the scene's "
-    "default in one thing, with its 95 % Wilson interval. Lines join the settings of a number. Dashed: no "
+    "default in one property, with its 95 % Wilson interval. Lines join the settings of a number. Dashed: no "
     "configuration of the scene is both faster and more successful."
 )
 
@@ -75,7 +75,7 @@ def _draw(axes: Axes, scene: str, points: Sequence[Measured]) -> None:
 
 
 def _word(point: Measured) -> str:
-    """What is written beside a point that fails often; most have nothing."""
+    """The label of a point that fails often; most have none."""
     c = point.configuration
     if c.varied == "sensor" and c.decider == Configuration.decider:
         return c.network.sensor.removeprefix(f"{c.scene}-")

@@ -26,7 +26,7 @@ from belief.files import require_regular_file, write_text
 from belief.observation_model.registry import fit_named
 from belief.statistics import wilson_interval
 from experiments.scene_choice import repeats_folder
-from experiments.search.setting import episode_seed, make_world
+from experiments.search.play import episode_seed, make_world
 from experiments.sensor.calibrate import candidate_models
 from experiments.sensor.scores import read_touches
 from experiments.sensor_choice import load_quietly, open_collection, require_collection
@@ -139,7 +139,7 @@ def measure(configuration: Configuration, folder: Path) -> Measured:
         thinking = 0.0
         for first in range(0, len(seeds), _TOGETHER):
             batch = seeds[first : first + _TOGETHER]
-            worlds, targets = [make_world(setting, sensor, seed) for seed in batch], [seed[1] for seed in batch]
+            worlds, targets = [make_world(problem, sensor, seed) for seed in batch], [seed[1] for seed in batch]
             started = time.thread_time() - touching
             episodes += search_lockstep(worlds, decider, problem, targets, sensor.model, batch, touch_and_time)
             thinking += time.thread_time() - touching - started

@@ -34,8 +34,8 @@ class Tradeoff:
     """Measure the trade-off between speed and accuracy, draw the Pareto front and recommend configurations.
 
     A scene's default is its sensor of one rigid body with information gain. Every other configuration differs in one
-    thing: the decider, the touch cost, the shipped sensor, the network, the number of hypotheses or the fidelity. All
-    configurations of a scene play the same live searches.
+    property: the decider, the touch cost, the shipped sensor, the network, the number of hypotheses or the fidelity.
+    All configurations of a scene play the same live searches.
     Observation models of other networks and numbers are fitted to recorded touches (activetouch collect
     --plan.repeats 6 --out data/SCENE-repeats); without recorded touches they are left out. Results are kept by
     configuration: after an interruption, the same command continues.

@@ -240,12 +240,11 @@ def test_the_command_line_gives_factors_on_nominal_numbers():
     assert scene.solids == SCENES["gel"].scene.solids
 
 
-def test_a_choice_with_families_survives_words_and_files_and_one_without_is_written_as_ever():
+def test_a_choice_with_families_survives_words_and_files():
     words = scene_words(CHOICE)
     assert tyro.cli(SceneChoice, args=shlex.split(shlex.join(words))) == CHOICE
     assert SceneChoice.from_dict(json.loads(json.dumps(CHOICE.to_dict())), Trust(Path("run.json"))) == CHOICE
     assert choice_name(CHOICE) == "gel-cylinder-half_length-0.5..2-radius-0.9..1.1-cone-height-0.8..1.5"
-    assert "family" not in SceneChoice().to_dict()
     assert scene_words(SceneChoice()) == ["--scene", "gel"]
 
 

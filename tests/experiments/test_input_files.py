@@ -59,10 +59,8 @@ def test_a_pipe_or_a_device_is_no_file_to_read(name, tmp_path):
         path.unlink()
 
 
-def test_a_shard_that_is_a_pipe_counts_as_missing(tmp_path):
-    (tmp_path / "shards").mkdir()
-    folder = RunFolder(tmp_path)
-    folder.open({}, {})
-    os.mkfifo(tmp_path / "shards" / "threshold-cone-00000.jsonl")
-    os.mkfifo(tmp_path / "shards" / "threshold-cone-00000.seal.json")
-    assert folder.complete_keys() == []
+def test_a_cell_that_is_a_pipe_is_refused(tmp_path):
+    (tmp_path / "cells").mkdir()
+    os.mkfifo(tmp_path / "cells" / "threshold-cone.jsonl")
+    with pytest.raises(ActiveTouchError, match="is a pipe"):
+        RunFolder(tmp_path).batches(("threshold", "cone"))

@@ -9,7 +9,7 @@ from activetouch import named_scenes
 from experiments.press.touch import write_presses
 from experiments.scene_choice import SceneChoice, collection_folder, in_file_names
 from experiments.search.compare import Compare
-from experiments.search.run_folder import ShardKey
+from experiments.search.run_folder import _file_name
 from experiments.search.setting import Setting
 from planners.ppo import policy_file
 
@@ -31,8 +31,8 @@ LABELS = [
 ]
 NAMES = {
     "policies": lambda label: policy_file("paper", label),
-    "deciders of shards": lambda label: ShardKey(label, "cone", 0).stem,
-    "targets of shards": lambda label: ShardKey("threshold", label, 0).stem,
+    "deciders of cells": lambda label: _file_name((label, "cone")),
+    "targets of cells": lambda label: _file_name(("threshold", label)),
     "folders of scenes": lambda label: collection_folder(label).name,
     "folders of runs": lambda label: Compare(setting=Setting(SceneChoice(label)), jobs=1).folder.name,
 }

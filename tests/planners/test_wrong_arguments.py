@@ -9,7 +9,6 @@ from belief.observation_model import OutcomeTable
 from belief.synthetic import SyntheticWorld
 from planners import DECIDERS, InformationState, make_decider, search
 from planners.decider import TableMismatch
-from planners.naming_plan import NamingPlan
 from planners.point_based import PointBased
 from planners.registry import NEED_FILES, TRAINED, WrongType, summary_of
 from planners.solve import SearchTouchProblem, TouchProblem, finite_horizon_value, solve
@@ -240,18 +239,3 @@ def test_the_papers_rule_reads_the_logits_of_a_perfect_table(dtype):
 def test_every_decider_says_in_a_line_what_it_is(name):
     assert 10 < len(summary_of(name)) < 90
     assert summary_of(name).endswith(".")
-
-
-@pytest.mark.parametrize(
-    ("changed", "message"),
-    [
-        *(({"threshold": number}, "threshold must be a number in") for number in (NAN, INF, -0.1, 1.1, "0.9", None)),
-        *(({"repeats": number}, "repeats must be an integer") for number in (0, NAN, 1.5, "1")),
-        *(({"max_touches": number}, "max_touches must be an integer") for number in (0, NAN, 1.5, "1")),
-        *(({"kernel": kernel}, "kernel must") for kernel in ([[NAN]], [[1.1]], [[-0.1]], [0.5], np.eye(2), [["a"]])),
-        ({"kernel": np.ma.masked_array([[0.5]], True)}, "kernel must not be masked"),
-    ],
-)
-def test_a_plan_of_naming_out_of_range_is_refused(changed, message):
-    with pytest.raises(InvalidArgument, match=message):
-        NamingPlan(OutcomeTable(TABLE), **{"kernel": np.zeros((1, 1)), **changed})

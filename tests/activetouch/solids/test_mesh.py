@@ -208,7 +208,7 @@ def test_triangles_that_bound_no_solid_are_refused(vertices, faces, problem):
     ("factor", "advice"),
     [
         (300, r"8\.314 m .* metres.*scale: 0\.001 if it is in millimetres, or 0\.01 if it is in centimetres"),
-        (1 / 0.0254, r"1\.091 m .* scale: .* or 0\.0254 if it is in inches.*cube\.stl@0\.01 or --mesh-scale 0\.01"),
+        (1 / 0.0254, r"1\.091 m .* scale: .* or 0\.0254 if it is in inches.*cube\.stl@0\.01 on the command line"),
         (0.01, r"0\.0002771 m .* Lengths are in metres$"),
     ],
 )

@@ -17,13 +17,11 @@ from experiments.paper.reproduce import Reproduce
 from experiments.press.touch import TouchCommand
 from experiments.recorded.recorded import Recorded
 from experiments.search.export import Export
-from experiments.search.merge import Merge
 from experiments.search.replay import Replay
 from experiments.tradeoff.tradeoff import Tradeoff
 
 _NEEDED = {
     Export: {"target": "cone", "out": Path("none")},
-    Merge: {"folders": ("none",)},
     Recorded: {"data": Path("none"), "format": "csv"},
 }
 

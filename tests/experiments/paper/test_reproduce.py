@@ -13,7 +13,7 @@ from activetouch.named_scenes import SCENES
 from belief.statistics import wilson_interval
 from experiments.paper import table1, table2
 from experiments.paper.figures import draw_figure3
-from experiments.paper.reproduce import DEVIATIONS, QUICK, Reproduce, reproduce
+from experiments.paper.reproduce import DEVIATIONS, Reproduce, reproduce
 from experiments.paper.sliding_windows import WindowPlan, kept_windows, record_windows
 from experiments.paper.table2 import DECIDERS, PAPER, Column, table
 
@@ -75,7 +75,8 @@ def test_windows_are_pressed_once_and_read_from_their_file_afterwards(tmp_path):
 def test_table_2_is_played_with_the_shipped_policies_and_every_file_is_written(tmp_path, monkeypatch):
     assert set(DECIDERS) == {"threshold", "ppo", "ppo_confident", "ppo_posterior", "point_based"}
     monkeypatch.setattr(table2, "DECIDERS", ("threshold", "ppo"))
-    found = reproduce(("table2", "figure2", "figure3"), tmp_path, QUICK, episodes=1)
+    few = table1.Settings(WindowPlan(objects=2, presses=1, images=3))
+    found = reproduce(("table2", "figure2", "figure3"), tmp_path, few, episodes=1)
     found.save(tmp_path)
     numbers = json.loads((tmp_path / "table2.json").read_text())
     assert [column["decider"] for column in numbers] == ["threshold", "ppo"]

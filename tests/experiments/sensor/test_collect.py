@@ -257,26 +257,9 @@ def test_of_two_collections_that_find_a_folder_empty_the_first_to_write_gets_it(
     assert read_manifest(tmp_path).plan.seed == 1
 
 
-@pytest.mark.slow
-def test_of_two_collections_that_start_in_one_folder_at_once_one_gets_it_and_the_other_is_refused(tmp_path):
-    small = ("--scene", "coarse", "--fidelity", "quasistatic", "--plan.train", "13", "--plan.calibration", "1")
-    program = [sys.executable, "-m", "experiments.cli", "collect", *small, "--plan.test", "1", "--jobs", "1"]
-    processes = {
-        seed: subprocess.Popen(
-            [*program, "--plan.seed", str(seed), "--out", str(tmp_path)], stderr=subprocess.PIPE, text=True
-        )
-        for seed in (1, 2)
-    }
-    errors = {seed: process.communicate(timeout=300)[1] for seed, process in processes.items()}
-    [winner] = [seed for seed, process in processes.items() if process.returncode == 0]
-    assert "holds a collection with other plan" in errors[3 - winner]
-    assert read_manifest(tmp_path).plan.seed == winner
-    collect(SceneChoice("coarse", fidelity="quasistatic"), replace(PLAN.plan, seed=winner), tmp_path, jobs=1)
-
-
 def test_the_command_that_an_error_names_is_the_one_that_finishes_the_collection(tmp_path):
-    meshes = (Path("a b.stl"), Path("c.stl"))
-    choice = SceneChoice("hard", "quasistatic", meshes=meshes, mesh_scale=0.001, only=True)
+    meshes = (Path("a b.stl@0.001"), Path("c.stl"))
+    choice = SceneChoice("hard", "quasistatic", meshes=meshes, only=True)
     folder = tmp_path / "some where"
     manifest = replace(Manifest.of(COARSE.named.scene, PLAN), choice=choice.to_dict())
     program, name, *arguments = shlex.split(manifest.command(folder))

@@ -5,9 +5,9 @@ import pytest
 
 from belief.errors import InvalidArgument
 from belief.synthetic import random_model
-from planners.bounds.revealing_touch import RevealingTouchBound
-from planners.bounds.search import revealing_touch_bound
-from planners.pomdp.touch_costs import TouchCosts
+from benchmarks.upper_bounds.revealing_touch import RevealingTouchBound
+from benchmarks.upper_bounds.search import revealing_touch_bound
+from benchmarks.upper_bounds.touch_costs import TouchCosts
 from planners.solve import SearchTouchProblem, TouchProblem, solve
 
 

@@ -16,17 +16,14 @@ from PIL import Image
 from belief import SearchProblem
 from experiments.reporting.page import Section, data_uri, write_page
 from experiments.search.body_picture import Bodies
-from experiments.search.cards import by_return, cards
-from experiments.search.descriptions import belief_in_words, image_in_words
 from experiments.search.figures import pictures
 from experiments.search.frames import Frame, action_words, replay
+from experiments.search.play import Searches
 from experiments.search.replay_figures import coloured
 from experiments.search.run_folder import RunFolder
-from experiments.search.setting import Setting, load_sensor
-from experiments.search.short_names import short_names
-from experiments.search.summary import Comparison
+from experiments.search.summary import Summary
 from experiments.search.tables import comparison_tables
-from experiments.search.verdict import verdict_sentences
+from experiments.search.verdict import by_return, cards, short_names
 from experiments.sensor_choice import shift_sentences
 from experiments.sensor_commands import command
 from planners import Episode, Outcome
@@ -35,11 +32,13 @@ _MOST_BYTES = 3_500_000  # of all displayed searches, to keep the page below 5 M
 _SECTIONS = {
     "Success": (("success", "frontier"), ("results", "differences", "returns")),
     "Position of the target": (("positions",), ("positions",)),
-    "Touches": (("touches",), ("touches",)),
+    "Touches": (("touches",), ("touches", "overprobing")),
     "Calibration at stopping": (("stated_confidence",), ("stated_confidence", "calibration_at_stopping")),
     "Answers and “I do not know”": (("selective_risk",), ("abstention", "selective_risk")),
     "Time": (("times",), ("times",)),
 }
+_PRESSED = 0.2  # of the brightest pixel
+_ROWS, _COLUMNS = ("bottom", "middle", "top"), ("left", "centre", "right")
 _FAILURES = {
     Outcome.CONFIRMED: "confirmed the wrong object",
     Outcome.EXHAUSTED: "rejected every object",
@@ -48,15 +47,14 @@ _FAILURES = {
 }
 
 
-def write_report(folder: Path, comparison: Comparison, setting: Setting, seed: int, notes: Sequence[str] = ()) -> Path:
+def write_page_of(run: RunFolder, comparison: Summary, searches: Searches, verdict: Sequence[str]) -> Path:
     """Write ``report.html``, ``figures/`` and ``tables/`` into a run folder.
 
     Args:
-        folder: folder of the run.
+        run: the folder, with its ``run.json``.
         comparison: results to report.
-        setting: setting of the run.
-        seed: seed of the run.
-        notes: sentences about further searches in the folder.
+        searches: what determined the searches.
+        verdict: sentences on the results.
 
     Returns:
         Path of the page.
@@ -64,10 +62,39 @@ def write_report(folder: Path, comparison: Comparison, setting: Setting, seed: i
     Raises:
         CannotWrite: The disk is full, or the folder is not writable.
     """
+    assert run.path is not None, "a page is a file"
+    folder, path = run.path, run.path / "report.html"
     for table in comparison_tables(comparison):
         table.write_csv(folder / "tables" / f"{table.name}.csv")
-    names, said = short_names(comparison.deciders)
-    comparison = comparison.renamed(names)
+    comparison = comparison.renamed(short_names(comparison.deciders)[0])
+    bodies = Bodies.of(searches.sensor, pixels=48, draws=24) if choose(comparison) else None
+    duel = [_story(searches, decider, episode, bodies) for decider, episode in where_two_differ(comparison)]
+    stories, left_out = _stories(searches, comparison, bodies, sum(story.num_bytes for story in duel))
+    others = ["Some searches, touch by touch", "How this was made"]
+    write_page(
+        path,
+        f"Searching by touch in the scene “{searches.scene_name}”",
+        _sections(comparison, folder),
+        "report.html",
+        comparison=comparison,
+        composition=getattr(comparison.problem.composition, "value", comparison.problem.composition),
+        verdict=[*shift_sentences(searches.sensor.shift), *verdict],
+        stories=stories,
+        left_out=left_out,
+        run=run.read_run(),
+        again=command("compare", config=folder / "run.json"),
+        replay=command("replay", folder=folder, decider="NAME", target="SHAPE", number="N", out="search.png"),
+        cards=cards(comparison),
+        duel=duel,
+        also=["Two deciders on the same search", *others] if duel else others,
+        seed=searches.seed,
+        longest_label=max(map(len, comparison.problem.shape_labels)),
+    )
+    return path
+
+
+def _sections(comparison: Summary, folder: Path) -> list[Section]:
+    """Figures and tables by section; the figures are written into the folder, too."""
     drawn = {picture.name: picture for picture in pictures(comparison)}
     shown = {table.name: table for table in comparison_tables(comparison)}
     for picture in drawn.values():
@@ -81,38 +108,7 @@ def write_report(folder: Path, comparison: Comparison, setting: Setting, seed: i
         )
         for title, (figures, names) in _SECTIONS.items()
     ]
-    sections = [section for section in sections if section.tables or section.pictures]
-    bodies = Bodies.of(load_sensor(setting), pixels=48, draws=24) if choose(comparison) else None
-    pair = beside(comparison)
-    duel = [_story(setting, decider, episode, bodies) for decider, episode in pair]
-    stories, left_out = _stories(setting, comparison, bodies, sum(story.num_bytes for story in duel))
-    run = RunFolder(folder)
-    path = folder / "report.html"
-    write_page(
-        path,
-        f"Searching by touch in the scene “{setting.choice.scene}”",
-        sections,
-        "report.html",
-        comparison=comparison,
-        composition=getattr(comparison.problem.composition, "value", comparison.problem.composition),
-        verdict=[*shift_sentences(setting.shift), *said, *verdict_sentences(comparison)],
-        stories=stories,
-        left_out=left_out,
-        run=run.read_run(),
-        again=run.again(),
-        replay=command("replay", folder=folder, decider="NAME", target="SHAPE", number="N", out="search.png"),
-        cards=cards(comparison),
-        duel=duel,
-        also=[
-            *(["Two deciders on the same search"] if duel else []),
-            "Some searches, touch by touch",
-            "How this was made",
-        ],
-        seed=seed,
-        notes=notes,
-        longest_label=max(map(len, comparison.problem.shape_labels)),
-    )
-    return path
+    return [section for section in sections if section.tables or section.pictures]
 
 
 @dataclass(frozen=True)
@@ -132,12 +128,12 @@ class Story:
 
 
 def _stories(
-    setting: Setting, comparison: Comparison, bodies: Bodies | None, total: int
+    searches: Searches, comparison: Summary, bodies: Bodies | None, total: int
 ) -> tuple[list[Story], list[str]]:
     """Searches to display, and titles of those omitted to limit the size of the page, which has ``total`` bytes."""
     stories, left_out = [], []
     for decider, episode in choose(comparison):
-        story = _story(setting, decider, episode, bodies)
+        story = _story(searches, decider, episode, bodies)
         if total + story.num_bytes > _MOST_BYTES:
             left_out.append(story.title)
             continue
@@ -146,7 +142,7 @@ def _stories(
     return stories, left_out
 
 
-def beside(comparison: Comparison) -> list[tuple[str, Episode]]:
+def where_two_differ(comparison: Summary) -> list[tuple[str, Episode]]:
     """The same search by two deciders that touch, where they differ most: in success, else in touches.
 
     The first is the reference if it touches, the other the best of the rest by return. Empty without two of them.
@@ -163,7 +159,7 @@ def beside(comparison: Comparison) -> list[tuple[str, Episode]]:
     return [(first, one), (rest[0], other)]
 
 
-def choose(comparison: Comparison) -> list[tuple[str, Episode]]:
+def choose(comparison: Summary) -> list[tuple[str, Episode]]:
     """Select the longest failure, a success of median length and the longest search of each decider that touches."""
     chosen = []
     for decider in comparison.deciders:
@@ -175,12 +171,12 @@ def choose(comparison: Comparison) -> list[tuple[str, Episode]]:
     return chosen
 
 
-def _story(setting: Setting, decider: str, episode: Episode, bodies: Bodies | None) -> Story:
-    problem = setting.problem
+def _story(searches: Searches, decider: str, episode: Episode, bodies: Bodies | None) -> Story:
+    problem = searches.problem
     verdict = "success" if episode.success else _FAILURES[episode.outcome]
-    searches = f"{decider} searches for a {problem.shape_labels[episode.target]}"
-    title = f"{searches}: {verdict}, {episode.num_touches} touches (episode {episode.seed[-1]})"
-    panels = [_panel(problem, episode, frame, bodies) for frame in replay(setting, episode)]
+    sought = f"{decider} searches for a {problem.shape_labels[episode.target]}"
+    title = f"{sought}: {verdict}, {episode.num_touches} touches (episode {episode.seed[-1]})"
+    panels = [_panel(problem, episode, frame, bodies) for frame in replay(searches.sensor, problem, episode)]
     return Story(title, episode.success, panels)
 
 
@@ -206,3 +202,34 @@ def _picture(image: NDArray[np.uint8]) -> str:
     buffer = io.BytesIO()
     Image.fromarray(colours[::-1]).quantize(64).save(buffer, format="PNG", optimize=True)
     return data_uri(buffer.getvalue(), "image/png")
+
+
+def image_in_words(image: NDArray[np.uint8]) -> str:
+    """How much of an image is pressed, and where it is brightest.
+
+    Args:
+        image: ``(H, W)`` or ``(H, W, 3)`` uint8; row 0 is at the bottom.
+
+    >>> image_in_words(np.eye(4, dtype=np.uint8) * 200)
+    '25 % of the image pressed, strongest at the bottom left'
+    >>> image_in_words(np.zeros((4, 4), np.uint8))
+    'nothing pressed'
+    """
+    bright = image.astype(float).mean(axis=2) if image.ndim == 3 else image.astype(float)
+    bright = np.abs(bright - np.median(bright)) if image.ndim == 3 else bright
+    if bright.max() == 0.0:
+        return "nothing pressed"
+    share = float((bright > _PRESSED * bright.max()).mean())
+    row, column = np.unravel_index(int(bright.argmax()), bright.shape)
+    place = f"{_ROWS[3 * int(row) // bright.shape[0]]} {_COLUMNS[3 * int(column) // bright.shape[1]]}"
+    return f"{100 * share:.0f} % of the image pressed, strongest at the {place.replace('middle centre', 'centre')}"
+
+
+def belief_in_words(bars: Sequence[tuple[str, float, bool]]) -> str:
+    """The two likeliest shapes of a belief.
+
+    >>> belief_in_words([("cube", 0.7, False), ("cone", 0.3, True), ("ball", 0.0, False)])
+    'cube 0.70, cone 0.30'
+    """
+    likeliest = sorted(bars, key=lambda bar: -bar[1])[:2]
+    return ", ".join(f"{label} {prob:.2f}" for label, prob, _ in likeliest)

@@ -18,7 +18,7 @@ from belief import Composition, SearchProblem
 from belief.observation_model import ObservationModel
 from belief.observation_model.rigid_body import joint_model
 from belief.problem import Floats
-from experiments.search.setting import Setting, load_sensor
+from experiments.search.setting import Setting
 from planners.bounds.search import revealing_touch_bound, search_bound
 from planners.repeats import repeat_discount, weights_in_turn
 from planners.solve import SearchTouchProblem
@@ -75,7 +75,7 @@ def best_expected_return(setting: Setting, target: int) -> float | None:
 
 def discretised_search(setting: Setting, target: int) -> tuple[SearchTouchProblem, list[float]]:
     """The search in the discretised sensor model, and the weights of repeats in it."""
-    model = load_sensor(setting).model
+    model = setting.open_sensor().model
     probs = model.outcome_table(max(_LEAST_OUTCOMES, model.default_outcomes)).probs
     weights = weights_in_turn(repeat_discount(model), setting.problem.num_poses, _MOST_USES)
     return _search(setting.problem, target, probs), weights.tolist()
@@ -91,7 +91,7 @@ def best_return_with_revealed_bodies(setting: Setting, target: int) -> RevealedB
     Returns:
         None if the sensor takes touches as independent, if touches are free, or for bags.
     """
-    return revealed_body(setting.problem, load_sensor(setting).model, target)
+    return revealed_body(setting.problem, setting.open_sensor().model, target)
 
 
 def revealed_body(problem: SearchProblem, model: ObservationModel, target: int) -> RevealedBody | None:
