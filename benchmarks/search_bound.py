@@ -18,8 +18,8 @@ from belief import Composition, SearchProblem
 from belief.observation_model import ObservationModel
 from belief.observation_model.rigid_body import joint_model
 from belief.problem import Floats
+from benchmarks.upper_bounds.search import revealing_touch_bound, search_bound
 from experiments.search.setting import Setting
-from planners.bounds.search import revealing_touch_bound, search_bound
 from planners.repeats import repeat_discount, weights_in_turn
 from planners.solve import SearchTouchProblem
 
@@ -57,7 +57,7 @@ class RevealedBody(NamedTuple):
 def best_expected_return(setting: Setting, target: int) -> float | None:
     """Upper bound on the expected return of a search for a target; None if touches are free, or for bags.
 
-    It takes minutes on a grid of beliefs. For many shapes it is :func:`~planners.bounds.search.revealing_touch_bound`,
+    It takes minutes on a grid of beliefs. For many shapes it is :func:`.revealing_touch_bound`,
     in less than a minute.
     """
     if not isinstance(setting.problem.composition, Composition) or setting.problem.touch_cost == 0.0:

@@ -196,11 +196,14 @@ class Recorded:
         if self.leave_out_incomplete:
             touches, left_out = without_incomplete(touches, self.task)
             notes = (*notes, *left_out)
+        console, known = plain_console(), (*notes, *check_recorded(touches, self.task))
+        console.print(f"{touches.num_touches} touches, actions: {', '.join(touches.action_names)}")
+        for note in known:
+            console.print(f"- {note}")
         names = "threshold", "objects", "scenes", "deciders", "folds", "rounds", "max_touches", "seed"
         settings = {name: getattr(self, name) for name in names}
         report = recorded(touches, self.task, name=self.format, notes=notes, **settings)
-        console = plain_console()
-        for note in report.facts["notes"]:
+        for note in report.facts["notes"][len(known) :]:
             console.print(f"- {note}")
         wide = plain_console(width=max(_WIDTH, console.width))  # rich leaves out columns for which there is no room
         for table in report.tables():

@@ -11,7 +11,7 @@ from belief.statistics.power import LEVEL, POWER
 from experiments.search.paired import Difference
 from experiments.search.selective import Selective
 from experiments.search.summary import ALL, Summary
-from planners.bounds.one_touch import one_touch_bound
+from planners.one_touch import one_touch_bound
 
 LONGEST = 36
 """Length from which a name is replaced by a short one."""

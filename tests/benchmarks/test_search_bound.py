@@ -14,7 +14,7 @@ from benchmarks.search_bound import (
 )
 from experiments.scene_choice import SceneChoice
 from experiments.search.setting import Setting
-from planners.bounds.one_touch import one_touch_bound
+from planners.one_touch import one_touch_bound
 from planners.solve import TouchProblem, solve
 
 
