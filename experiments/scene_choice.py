@@ -186,23 +186,21 @@ class SceneChoice:
     """A scene, and what differs from it; by default nothing."""
 
     scene: str = "gel"
-    """Scene: paper, coarse, gel, hard, many or keyed; or module:attribute of your own."""
+    """paper, coarse, gel, hard, many or keyed; or module:attribute of your own."""
     fidelity: FidelityName | None = None
     """Press model."""
     renderer: str | None = None
-    """Renderer: force_patch, pressure or gelsight, or module:attribute of your own."""
+    """force_patch, pressure or gelsight, or module:attribute of your own."""
     presentation: PresentationName | None = None
     """Distribution of object orientations."""
     poses: str | None = None
     """Set of poses: mix (six) or directions26."""
     meshes: tuple[Path, ...] = ()
-    """Mesh files of shapes to add (STL, OBJ, PLY, OFF, GLB, glTF, 3MF, DAE), each [NAME=]PATH[@SCALE], such as
-    mug.obj@0.001 for millimetres; by default in metres, or millimetres if only these are possible."""
+    """Mesh files of shapes to add, each [NAME=]PATH[@SCALE], such as mug.obj@0.001 for millimetres."""
     only: bool = False
     """Leave out the scene's own shapes; the sizes of the meshes do not vary."""
     family: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
-    """Objects that differ in size, as size=LOW..HIGH, or in proportions, as SHAPE:PARAMETER=LOW..HIGH, with factors on
-    the nominal number, such as cylinder:half_length=0.5..2; repeat the option for other shapes."""
+    """Factors on the sizes of all objects, size=0.9..1.1, or on a shape's proportions, cylinder:half_length=0.5..2."""
 
     @cached_property
     def named(self) -> NamedScene:

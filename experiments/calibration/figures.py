@@ -10,19 +10,11 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from belief.metrics import ReliabilityCurve, StopScore
-from experiments.calibration.models import UNDISCOUNTED, ModelScores
-from experiments.calibration.targets import FUSED
+from experiments.calibration.models import ModelScores
 from experiments.reporting.style import INK, PALETTE, Picture
 
 _CHANCE: dict[str, Any] = {"color": "#8a97a5", "alpha": 0.3, "linewidth": 0}
 _MIN_STOPS = 20  # smallest number of stops with a point in the figure
-
-
-def model_colours(names: Sequence[str]) -> dict[str, str]:
-    """A colour for every model; :data:`UNDISCOUNTED` has the colour of the text."""
-    fitted = [name for name in names if name != UNDISCOUNTED]
-    colours = {name: PALETTE[index % len(PALETTE)] for index, name in enumerate(reversed(fitted))}
-    return {name: INK if name == UNDISCOUNTED else colours[name] for name in names}
 
 
 def reliability(curves: Mapping[str, ReliabilityCurve]) -> Picture:
@@ -48,40 +40,10 @@ def reliability(curves: Mapping[str, ReliabilityCurve]) -> Picture:
     )
 
 
-def fused_error(models: Sequence[ModelScores], chosen: str) -> Picture:
-    """Calibration error by number of touches, one panel per kind of sequence."""
-    colours = model_colours([scores.name for scores in models])
-    largest = max(score.ece.value for scores in models for fused in scores.fused.values() for score in fused)
-
-    def panel(kind: str) -> Callable[[Axes], None]:
-        def draw(axes: Axes) -> None:
-            for scores in models:
-                fused = scores.fused[kind]
-                numbers, values = [score.num_touches for score in fused], [score.ece.value for score in fused]
-                style = "--" if scores.name == UNDISCOUNTED else "-"
-                width = 2.4 if scores.name == chosen else 1.2
-                axes.plot(numbers, values, style, color=colours[scores.name], linewidth=width, marker="o", markersize=3)
-                if scores.name == chosen:
-                    axes.fill_between(numbers, [score.ece.null_quantile for score in fused], **_CHANCE)
-            axes.axhline(FUSED, color=INK, linewidth=0.8, linestyle=":")
-            axes.set(title=kind, xlabel="touches", ylabel="calibration error", ylim=(0, 1.08 * largest))
-            axes.set_xticks(numbers)
-
-        return draw
-
-    return Picture(
-        "fused_error",
-        "Calibration error (most probable shape, 15 bins) of the posterior by number of touches. Grey: error of the "
-        f"chosen model by chance alone; dotted: the target, {FUSED}.",
-        [panel(kind) for kind in models[0].fused],
-        colours,
-    )
-
-
 def claims(models: Sequence[ModelScores], shown: Sequence[str], confidence: float) -> Picture:
     """Stated confidence and accuracy at stopping, by number of touches."""
-    colours = model_colours([scores.name for scores in models])
     drawn = [scores for scores in models if scores.name in shown]
+    colours = {scores.name: colour for scores, colour in zip(drawn, PALETTE, strict=False)}
 
     def kept(scores: ModelScores, kind: str) -> list[StopScore]:
         found = scores.stops[kind].claims

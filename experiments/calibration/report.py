@@ -163,8 +163,6 @@ def _touch_row(found: Measurements, scores: TouchScores) -> tuple[str, ...]:
 
 
 def _fusion(found: Measurements) -> Section:
-    from experiments.calibration.figures import fused_error  # loads matplotlib
-
     tables = []
     for kind, of_chosen in found.model.fused.items():
         headings = ("model", "NLL, cross-validated", *(f"error after {fused.num_touches}" for fused in of_chosen))
@@ -183,7 +181,7 @@ def _fusion(found: Measurements) -> Section:
         "in the order in which they were recorded, half stay in one pose.",
         f"{found.model.name}: {last}.",
     ]
-    return Section("Touches fused", sentences, tables, [fused_error(found.models, found.model.name)])
+    return Section("Touches fused", sentences, tables)
 
 
 def _stops(found: Measurements) -> Section:

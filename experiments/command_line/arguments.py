@@ -190,7 +190,7 @@ def arguments(
         value, metadata = getattr(command, field.name), list(_metadata(annotations[field.name]))
         flag = prefix + field.name.replace("_", "-")
         if is_dataclass(value):
-            unnamed = any(getattr(one, "name", None) == "" for one in metadata)  # tyro.conf.arg(name="")
+            unnamed = any(one is tyro.conf.OmitArgPrefixes or getattr(one, "name", None) == "" for one in metadata)
             yield from arguments(value, prefix if unnamed else f"{flag}.", (*path, field.name))
         else:
             yield flag, (*path, field.name), value, [one for one in metadata if isinstance(one, Rule)]

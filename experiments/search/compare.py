@@ -32,8 +32,8 @@ from experiments.sensor_commands import command
 from planners.registry import DECIDERS
 
 _DECIDERS_HELP = (
-    f"Deciders to compare: {', '.join(DECIDERS)}. Settings follow in brackets: 'information_gain(confirm=0.97)'. Your "
-    "own: 'module:attribute', or 'sb3:model.zip' that Stable-Baselines3 saved."
+    f"Deciders, with settings as in 'information_gain(confirm=0.97)', module:attribute, or sb3:model.zip of "
+    f"Stable-Baselines3: {', '.join(DECIDERS)}."
 )
 
 
@@ -60,7 +60,7 @@ class Compare:
     """Searches per decider and target."""
     seed: Seed = 0
     """Seed of the whole comparison."""
-    setting: Annotated[Setting, tyro.conf.arg(name="")] = field(default_factory=Setting)
+    setting: tyro.conf.OmitArgPrefixes[Setting] = field(default_factory=Setting)
     """Sensor and rules of all searches."""
     out: Path | None = None
     """Folder of the run; by default runs/compare for the scene gel, runs/compare-SCENE for any other."""

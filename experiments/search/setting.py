@@ -12,8 +12,9 @@ import tyro
 from activetouch import Scene, TactileSensor
 from activetouch.named_scenes import NamedScene
 from activetouch.sensor_files import ANY_OBJECT_FILE, observation_file, reader_file
-from belief import Composition, SearchProblem
+from belief.composition import Composition
 from belief.errors import CorruptFile
+from belief.problem import SearchProblem
 from experiments.command_line.arguments import (
     BadArgument,
     Count,
@@ -32,7 +33,7 @@ from experiments.sensor_choice import open_sensor, sensor_folder
 class Setting:
     """Sensor and rules of all searches."""
 
-    choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
+    choice: tyro.conf.OmitArgPrefixes[SceneChoice] = field(default_factory=SceneChoice)
     """The scene."""
     sensor: Path | None = None
     """Folder of a sensor, or name of a shipped one; that of the scene by default."""

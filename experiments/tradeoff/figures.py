@@ -11,7 +11,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullForma
 
 from belief.statistics import pareto_front
 from experiments.reporting.style import INK, PALETTE, Picture
-from experiments.tradeoff.configuration import SHARES, Configuration
+from experiments.tradeoff.configuration import SHARES
 from experiments.tradeoff.measure import Measured
 from experiments.tradeoff.picks import Front
 
@@ -26,7 +26,6 @@ _STYLES = {  # colour, marker, and name in the legend, by what differs from the 
     _DEFAULT: (INK, "*", "the scene's default"),
 }
 _LEAST_ERROR = 3e-4  # lower end of the axis, where an error of zero is drawn
-_NAMED = 0.05  # fraction of failed searches above which a point may have a word
 _CAPTION = (
     "Failed searches against time, one panel per scene. Each point is a configuration that differs from the scene's "
     "default in one property, with its 95 % Wilson interval. Lines join the settings of a number. Dashed: no "
@@ -55,10 +54,6 @@ def _draw(axes: Axes, scene: str, points: Sequence[Measured]) -> None:
         size = 150 if what == _DEFAULT else 30
         times, errors = [point.ms_per_search for point in of_kind], [_error(point.success) for point in of_kind]
         axes.scatter(times, errors, size, colour, marker=marker, alpha=0.85, linewidths=0, zorder=3)
-        for point in of_kind:
-            if 1 - point.success > _NAMED:
-                at, offset = (point.ms_per_search, _error(point.success)), (4, -9 if what == "fidelity" else 3)
-                axes.annotate(_word(point), at, offset, textcoords="offset points", fontsize=7, color=colour)
         for line in _dials(of_kind):
             path = [(point.ms_per_search, _error(point.success)) for point in line]
             axes.plot(*np.transpose(path), color=colour, linewidth=1.2, alpha=0.7)
@@ -72,14 +67,6 @@ def _draw(axes: Axes, scene: str, points: Sequence[Measured]) -> None:
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
     axes.xaxis.set_minor_formatter(NullFormatter())
-
-
-def _word(point: Measured) -> str:
-    """The label of a point that fails often; most have none."""
-    c = point.configuration
-    if c.varied == "sensor" and c.decider == Configuration.decider:
-        return c.network.sensor.removeprefix(f"{c.scene}-")
-    return {"threshold": "the paper's rule"}.get(c.decider, c.fidelity or "").replace("_", " ")
 
 
 def _dials(points: Sequence[Measured]) -> list[list[Measured]]:

@@ -274,13 +274,13 @@ def test_the_report_stands_alone_and_follows_from_its_seed(tmp_path):
     found, again = (calibration_report(reader, data, name="paper", resamples=5, jobs=jobs) for jobs in (1, 2))
     assert str(found) == str(again)
     found.save(tmp_path / "out")
-    pictures = {"reliability", "fused_error", "claims"}
+    pictures = {"reliability", "claims"}
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"report.html", "numbers.json", "tables.md"} | {
         f"{p}.{s}" for p in pictures for s in ("svg", "png")
     }
     html = (tmp_path / "out" / "report.html").read_text()
     assert not re.search(r"(src|href)=\"(?!#)|@import|<link|<script[^>]*src|url\((?!#)", html)
-    assert html.count("<svg") == 2 + 3 + 3
+    assert html.count("<svg") == 2 + 3
     assert "Verdict" in html
     assert "distinct poses after 6 touches" in html
     assert "one pose after 2 touches" in html  # there are two rounds
