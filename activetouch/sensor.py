@@ -26,10 +26,10 @@ from activetouch.sensor_files import (
     is_of_objects,
     require_model,
 )
-from belief import Touch
 from belief.errors import InvalidArgument, UnknownName
 from belief.naming import Name, few, index_of, one_line
-from belief.observation_model import ArrayModel
+from belief.observation_model.model import ArrayModel
+from belief.problem import Touch
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,8 @@ from activetouch.scene import Scene
 from activetouch.scene_description import OBJECTS, require_scene, scene_fields
 from belief.errors import CorruptFile
 from belief.files import require_regular_file, write_text
-from belief.observation_model import ArrayModel, read_observation_model, read_origin
+from belief.observation_model.model import ArrayModel
+from belief.observation_model.registry import read_observation_model, read_origin
 
 MODELS = Path(__file__).parent / "models"
 ANY_OBJECT_FILE = "any_object.safetensors"  # a reader that knows the sensor, for objects that the other does not know

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from activetouch.scene import WorldObject
 from activetouch.sensor import TactileSensor
-from belief import Touch
 from belief.errors import InvalidArgument
 from belief.naming import Name, few, one_line
+from belief.problem import Touch
 
 
 @dataclass(frozen=True)

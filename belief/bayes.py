@@ -26,9 +26,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import entr
 
 from belief.errors import ImpossibleObservation
-from belief.problem import Floats
 from belief.validation import (
     SUM_TOLERANCE,
+    Floats,
     as_logs,
     as_real,
     at,

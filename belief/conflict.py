@@ -42,8 +42,8 @@ from numpy.typing import ArrayLike, NDArray
 from belief.files import from_field, to_field
 from belief.frozen import FrozenArrays, frozen
 from belief.novelty import Novelty
-from belief.problem import Floats
 from belief.usual_misfit import UsualMisfit
+from belief.validation import Floats
 
 NOVELTY, MISFIT = 0, 1
 """Index of the two scores."""

@@ -25,9 +25,9 @@ from activetouch.shapes import EXTENDED_SHAPES
 from activetouch.world import TouchTime
 from belief import Composition, Counts, SearchProblem
 from belief.observation_model import ObservationModel
-from belief.observation_model.strangers import StrangerModel
 from belief.seeding import arrangement_rng
 from belief.synthetic import sample_arrangement
+from benchmarks.stranger_model import StrangerModel
 from experiments.parallel import default_jobs, run_tasks
 from experiments.reporting.tables import Table, interval
 from experiments.robustness.searches import played_together, success_scores

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-from belief import Belief, Confirm, Probe, Reject, SearchProblem, Touch, Unsure
+from belief.categorical import Belief
 from belief.naming import one_line
-from belief.problem import Action
+from belief.problem import Action, Confirm, Probe, Reject, SearchProblem, Touch, Unsure
 from planners.decider import Decision
 
 ACTION_NAMES: Mapping[type[Action], str] = {Confirm: "confirm", Reject: "reject", Unsure: "unsure"}

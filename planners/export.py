@@ -27,7 +27,7 @@ from itertools import chain
 import numpy as np
 
 from belief.errors import InvalidArgument
-from belief.problem import Floats
+from belief.validation import Floats
 from planners.pomdp.problem import SearchTouchProblem, TouchProblem
 from planners.pomdp.stages import StagedProblem, staged
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from functools import cache
 
-from belief import SearchProblem
 from belief.naming import Name, index_of
+from belief.problem import SearchProblem
 
 
 def one_touch_bound(problem: SearchProblem, target: Name) -> float:

@@ -1,4 +1,4 @@
-"""The planner: follows a solved policy of the search at hand on the exact belief.
+"""The planner to compare with: follows a solved policy of the search at hand on the exact belief.
 
 The policy is solved once for every search problem and target, on the outcome table (:func:`planners.solve.solve`). Its
 hidden state is the smallest exact one (:mod:`planners.pomdp.stages`), but for bags and for many distinct objects the
@@ -25,10 +25,11 @@ from typing import Literal
 
 import numpy as np
 
-from belief import Composition, Confirm, Probe, Reject, SearchProblem
+from belief.composition import Composition
 from belief.errors import InvalidArgument
-from belief.observation_model import OutcomeTable
-from belief.problem import Floats
+from belief.observation_model.outcome_table import OutcomeTable
+from belief.problem import Confirm, Probe, Reject, SearchProblem
+from belief.validation import Floats
 from planners.decider import Decision, InformationState, are_touches_used, require_fit
 from planners.next_touch import HYPOTHESES, OUTCOMES
 from planners.pomdp.problem import require_rounds

@@ -38,9 +38,9 @@ from typing import ClassVar
 import numpy as np
 from scipy.special import rel_entr
 
-from belief import Confirm, Probe, Reject, SearchProblem
-from belief.observation_model import OutcomeTable
-from belief.problem import Action, Floats
+from belief.observation_model.outcome_table import OutcomeTable
+from belief.problem import Action, Confirm, Probe, Reject, SearchProblem
+from belief.validation import Floats
 from planners.continuation_value import prob_missed, target_chances
 from planners.decider import Decision, InformationState, are_touches_used, require_fit, touch_share
 

@@ -13,7 +13,7 @@ from scipy.special import logsumexp
 
 from belief.errors import ActiveTouchError, CorruptFile
 from belief.files import sealed_json, unsealed_json, write_text
-from belief.problem import Floats
+from belief.validation import Floats
 
 FILE = "order.json"
 """Name of the file in a sensor's folder."""

@@ -7,12 +7,11 @@ from typing import Literal
 
 import numpy as np
 
-from belief import Probe
 from belief.bayes import expected_information_gain, target_information_gain
 from belief.errors import InvalidArgument, UnknownName
-from belief.observation_model import OutcomeTable
-from belief.problem import Floats
-from belief.validation import require_count
+from belief.observation_model.outcome_table import OutcomeTable
+from belief.problem import Probe
+from belief.validation import Floats, require_count
 from planners.decider import Decision, InformationState, require_fit
 from planners.next_touch import HYPOTHESES, OUTCOMES, next_touch
 from planners.repeats import LeastUsedFirst, RepeatDiscount

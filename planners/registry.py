@@ -15,7 +15,8 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 from belief.errors import ActiveTouchError, MissingPackage
-from belief.observation_model import ObservationModel, OutcomeTable
+from belief.observation_model.model import ObservationModel
+from belief.observation_model.outcome_table import OutcomeTable
 from belief.references import BadReference, Reference, build, find
 from planners.decider import Decider, ProbeSelector, SequentialDecider, StoppingRule
 from planners.next_touch import HYPOTHESES, OUTCOMES

@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from belief import Confirm, Probe, Reject
 from belief.errors import MissingPackage
 from belief.files import require_regular_file
 from belief.policy_state import ENCODINGS, TOUCH_LIMIT
+from belief.problem import Confirm, Probe, Reject
 from belief.validation import require_count
 from planners.decider import Decision, InformationState
 from planners.ppo import BadPolicy, MissingPolicy, situation_of

@@ -17,8 +17,7 @@ from typing import overload
 import numpy as np
 
 from belief.errors import InvalidArgument
-from belief.problem import Floats
-from belief.validation import as_real
+from belief.validation import Floats, as_real
 from planners.pomdp.finite_horizon import finite_horizon_value
 from planners.pomdp.policy import SearchPolicy, TouchPolicy
 from planners.pomdp.problem import SearchTouchProblem, TouchProblem, require_rounds

@@ -14,10 +14,13 @@ from numpy.typing import NDArray
 from activetouch.envs.picture import draw
 from activetouch.envs.touch_source import EpisodeWorld, LiveTouches, Touches
 from activetouch.sensor import TactileSensor
-from belief import Belief, SceneBelief, SearchProblem, TouchHistory
+from belief.categorical import Belief
 from belief.errors import ActiveTouchError, InvalidArgument, UnknownName
+from belief.history import TouchHistory
 from belief.observation_model.evidence import start
 from belief.policy_state import ENCODINGS, NO_ACTION, WITH_GAINS, Situation, expected_gains, frame_probs
+from belief.problem import SearchProblem
+from belief.scene_belief import SceneBelief
 from belief.seeding import arrangement_rng, checked_key, touch_rng
 
 State = NDArray[np.float32]

@@ -13,10 +13,10 @@ from activetouch.envs.priors import ObjectPriors, TargetProb
 from activetouch.envs.running_evidence import BankEvidence, evidence_of
 from activetouch.envs.touch_bank import TouchBank
 from activetouch.sensor_files import INDEPENDENT_SUFFIX, MODELS, load_observation_model
-from belief import Composition, SearchProblem
 from belief.bayes import update
+from belief.composition import Composition
 from belief.errors import UnknownName
-from belief.observation_model import ArrayModel
+from belief.observation_model.model import ArrayModel
 from belief.policy_state import (
     ENCODINGS,
     GOAL,
@@ -27,6 +27,7 @@ from belief.policy_state import (
     certainty,
     frame_probs,
 )
+from belief.problem import SearchProblem
 
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]

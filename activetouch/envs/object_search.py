@@ -9,7 +9,8 @@ import numpy as np
 from activetouch.envs.base import State, TouchEnv, live_or_given
 from activetouch.envs.touch_source import Touches
 from activetouch.named_scenes import SCENES, NamedScene
-from belief import Composition, SearchProblem
+from belief.composition import Composition
+from belief.problem import SearchProblem
 from belief.synthetic import sample_arrangement
 
 

@@ -7,8 +7,10 @@ import numpy as np
 from activetouch.envs.base import TouchEnv, live_or_given
 from activetouch.envs.priors import ObjectPriors, TargetProb
 from activetouch.envs.touch_source import Touches
-from belief import Belief, Composition, SearchProblem
+from belief.categorical import Belief
+from belief.composition import Composition
 from belief.policy_state import TOUCH_LIMIT
+from belief.problem import SearchProblem
 
 
 class ObjectTestEnv(TouchEnv):

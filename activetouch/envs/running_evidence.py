@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.envs.touch_bank import TouchBank
-from belief.observation_model import ArrayModel
+from belief.observation_model.model import ArrayModel
 from belief.touch_batch import TouchBatch
 
 Floats = NDArray[np.float64]

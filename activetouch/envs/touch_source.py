@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from activetouch.sensor import TactileSensor
 from activetouch.world import TouchWorld
-from belief import Touch
 from belief.naming import Name
-from belief.observation_model import ArrayModel
+from belief.observation_model.model import ArrayModel
+from belief.problem import Touch
 from belief.synthetic import SyntheticWorld
 
 

@@ -21,11 +21,12 @@ from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
 from activetouch.scene import Scene
 from activetouch.scene_description import SURROUNDINGS, scene_fields
-from belief import Touch
 from belief.errors import CorruptFile
 from belief.files import require_regular_file, write_text
-from belief.observation_model import ArrayModel, RigidBodyModel, read_observation_model, read_origin
-from belief.observation_model.rigid_body import FittedRigidBody
+from belief.observation_model.model import ArrayModel
+from belief.observation_model.registry import read_observation_model, read_origin
+from belief.observation_model.rigid_body import FittedRigidBody, RigidBodyModel
+from belief.problem import Touch
 from belief.touch_batch import TouchBatch
 
 _TOUCHES = 1200  # simulated, in all

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.errors import BadRecording
-from belief import Touch
 from belief.frozen import FrozenArrays
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.kernel_fit import numbered_sessions
-from belief.problem import Floats
+from belief.problem import Floats, Touch
 
 TASKS = ("objects", "categories", "shapes")
 """What a search can be about."""

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.errors import BadRecording
-from belief import Touch
 from belief.errors import InvalidArgument
 from belief.frozen import FrozenArrays
-from belief.problem import Floats
+from belief.problem import Floats, Touch
 from belief.seeding import checked_key, keyed_rng
 
 _KEY = 0x7EC0

@@ -14,8 +14,7 @@ from belief.calibration.base import Calibration, Status
 from belief.calibration.softmax_regression import SoftmaxRegression
 from belief.calibration.temperature import TemperatureScaling
 from belief.frozen import FrozenArrays
-from belief.problem import Floats
-from belief.validation import as_real, labelled_logits
+from belief.validation import Floats, as_real, labelled_logits
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike
 
 from belief.errors import InvalidArgument
 from belief.files import sealed_json, unsealed_json
-from belief.problem import Floats
-from belief.validation import as_logs, normalise_probs
+from belief.validation import Floats, as_logs, normalise_probs
 
 Status: TypeAlias = Literal["unfitted", "ok", "separable", "uninformative", "anti_informative"]
 

@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from belief.calibration.affine import StructuredMatrixScaling
 from belief.calibration.base import Calibration, given, given_logits
-from belief.problem import Floats
-from belief.validation import checked_indices, finite_logits, labelled_logits, pose_count, unmasked
+from belief.validation import Floats, checked_indices, finite_logits, labelled_logits, pose_count, unmasked
 
 
 @dataclass(frozen=True, eq=False)

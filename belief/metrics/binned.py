@@ -15,8 +15,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from belief.problem import Floats
-from belief.validation import checked_pair
+from belief.validation import Floats, checked_pair
 
 Binning: TypeAlias = Literal["width", "mass"]
 _MOST_BINS = 1_000_000

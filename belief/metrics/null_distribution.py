@@ -8,8 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from belief.problem import Floats
-from belief.validation import checked_probs, require_count, require_fraction
+from belief.validation import Floats, checked_probs, require_count, require_fraction
 
 Metric: TypeAlias = Callable[[Floats, NDArray[np.int64]], float]
 _BLOCK = 2_000_000  # labels held in memory at a time

@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from belief.frozen import FrozenArrays
 from belief.metrics.binned import Binning, bin_edges, bin_index, top_label
-from belief.problem import Floats
-from belief.validation import checked_pair, require_fraction
+from belief.validation import Floats, checked_pair, require_fraction
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.frozen import FrozenArrays
-from belief.problem import Floats
-from belief.validation import checked_outcomes, checked_values, require_count, require_fraction
+from belief.validation import Floats, checked_outcomes, checked_values, require_count, require_fraction
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,8 +17,7 @@ from scipy.fft import dct
 from scipy.optimize import brentq
 
 from belief.metrics.binned import top_label
-from belief.problem import Floats
-from belief.validation import checked_pair
+from belief.validation import Floats, checked_pair
 
 _CELLS_PER_WIDTH = 32
 _CELLS = (2**11, 2**13, 2**15, 2**17)  # coarsest first; large errors need no finer grid

@@ -14,8 +14,9 @@ from belief.calibration import TemperatureScaling
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
-from belief.problem import Floats, Touch
+from belief.problem import Touch
 from belief.touch_batch import TouchBatch
+from belief.validation import Floats
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,8 +20,9 @@ from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import sampled_table
 from belief.observation_model.variance_components import covariance
-from belief.problem import Floats, Touch
+from belief.problem import Touch
 from belief.touch_batch import TouchBatch
+from belief.validation import Floats
 
 _MEAN_POOLING = 30.0  # weight of a shape's mean over all poses in its mean in each pose, in touches
 
@@ -61,6 +62,13 @@ class PoseMeansModel(ArrayModel):
     Attributes:
         embedding: from touches to vectors.
         means: mean vector of each shape in each pose, ``(P, K, D)``.
+
+    Example:
+        >>> touches = [Touch(0, row) for row in np.random.default_rng(0).normal(size=(50, 2))]
+        >>> model: PoseMeansModel = GaussianModel.fit(touches, np.arange(50) % 2)
+        >>> statistics = model.statistics_with(model.statistics_with(None, touches[0]), touches[1])
+        >>> bool(np.allclose(model.log_likelihood_of(statistics), model.log_likelihood(touches[:2])))
+        True
     """
 
     embedding: LogitEmbedding

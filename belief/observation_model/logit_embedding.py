@@ -12,8 +12,8 @@ import scipy  # whose parts load at first use
 from numpy.typing import NDArray
 
 from belief.frozen import FrozenArrays
-from belief.problem import Floats
 from belief.touch_batch import TouchBatch
+from belief.validation import Floats
 
 _LARGEST = 1e300  # sums and differences of a few thousand such numbers are finite
 _MOST_UNITS = 3.0

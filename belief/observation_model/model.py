@@ -16,9 +16,9 @@ from belief.frozen import FrozenArrays
 from belief.naming import checked_names
 from belief.observation_model.evidence import ObjectEvidence, RecomputedEvidence, SummarisedEvidence, Summarises
 from belief.observation_model.outcome_table import OutcomeTable
-from belief.problem import Floats, Touch
+from belief.problem import Touch
 from belief.touch_batch import TouchBatch
-from belief.validation import require_count
+from belief.validation import Floats, require_count
 
 Reads: TypeAlias = Literal["logits", "embeddings", "log ratios"]
 """What a model reads of a touch: its logits, its embedding, or logits that are calibrated log likelihood ratios."""

@@ -24,9 +24,9 @@ from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.gaussian import PoseMeans, PoseMeansModel, pose_means, require_covariance
 from belief.observation_model.logit_embedding import LogitEmbedding
 from belief.observation_model.variance_components import Components, covariance, estimate_components
-from belief.problem import Floats, Touch
+from belief.problem import Touch
 from belief.touch_batch import TouchBatch
-from belief.validation import as_real, require_choice
+from belief.validation import Floats, as_real, require_choice
 
 Status: TypeAlias = Literal["ok", "no_repeats", "one_touch_per_object"]
 

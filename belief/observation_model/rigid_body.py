@@ -51,9 +51,9 @@ from belief.observation_model.repeat_discount import repeat_shares
 from belief.observation_model.rigid_body_evidence import Floats32, RigidBodyEvidence
 from belief.observation_model.rigid_body_fit import fitted
 from belief.observation_model.views import Views
-from belief.problem import Floats, Touch
+from belief.problem import Touch
 from belief.touch_batch import TouchBatch
-from belief.validation import require_count, require_number
+from belief.validation import Floats, require_count, require_number
 
 _AT_ONCE = 1 << 22  # numbers, of log weights of sequences that are worked on at a time
 _REFERENCES = 256  # touches kept of each pose

@@ -30,8 +30,8 @@ from belief.observation_model.log_weights import largest_posterior, log_means, m
 from belief.observation_model.outcome_mixture import OutcomeMixture
 from belief.observation_model.repeat_discount import drift_share, effective_touches, new_shares
 from belief.observation_model.views import SharedMixture, Views
-from belief.problem import Floats, Touch
-from belief.validation import require_count
+from belief.problem import Touch
+from belief.validation import Floats, require_count
 
 Floats32 = NDArray[np.float32]
 

@@ -14,9 +14,9 @@ from belief.bayes import update
 from belief.cross_validation import object_folds
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.registry import Fit, fits
-from belief.problem import Floats, Touch
+from belief.problem import Touch
 from belief.touch_batch import TouchBatch
-from belief.validation import require_count
+from belief.validation import Floats, require_count
 
 NUM_FOLDS = 5
 """Default number of folds of whole objects."""

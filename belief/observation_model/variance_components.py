@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from belief.observation_model.calibration_data import LabelledTouches
-from belief.problem import Floats
+from belief.validation import Floats
 
 
 class Components(NamedTuple):

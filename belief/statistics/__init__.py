@@ -7,7 +7,7 @@ errors, and the Pareto front for trade-offs of cost and quality.
 
 from belief.statistics.bootstrap import cluster_bootstrap, paired_bootstrap
 from belief.statistics.mcnemar import McNemar, mcnemar_test
-from belief.statistics.pareto import pareto_front, pareto_probabilities
+from belief.statistics.pareto import pareto_front
 from belief.statistics.proportion import clopper_pearson_interval, wilson_interval
 
 __all__ = [
@@ -17,6 +17,5 @@ __all__ = [
     "mcnemar_test",
     "paired_bootstrap",
     "pareto_front",
-    "pareto_probabilities",
     "wilson_interval",
 ]

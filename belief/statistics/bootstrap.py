@@ -7,8 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from belief.problem import Floats
-from belief.validation import checked_values, require_count, require_fraction
+from belief.validation import Floats, checked_values, require_count, require_fraction
 
 _BLOCK = 4_000_000  # draws held in memory at a time
 

@@ -11,8 +11,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from belief import Composition
-from belief.problem import Floats
+from belief.composition import Composition
+from belief.validation import Floats
 from planners.pomdp.problem import SearchTouchProblem
 
 from .touch_costs import TouchCosts

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from belief.problem import Floats
+from belief.validation import Floats
 
 _NEGLIGIBLE = 1e-13
 _BLOCK = 4_000_000  # numbers in the largest array

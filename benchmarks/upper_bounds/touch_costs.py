@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from belief.errors import InvalidArgument
-from belief.problem import Floats
+from belief.validation import Floats
 
 
 @dataclass(frozen=True)

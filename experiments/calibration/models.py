@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from belief.metrics import CalibrationAtStop, CalibrationError, accuracy, calibration_at_stop, negative_log_likelihood
-from belief.observation_model import ArrayModel
+from belief.observation_model.model import ArrayModel
 from experiments.calibration.sequences import Sequences, stops
 from experiments.calibration.touches import top_error
 from experiments.sensor.scores import accuracy_of_objects

@@ -17,7 +17,7 @@ from activetouch.sensor_files import POLICIES, READER_FILE, fitted_model
 from belief.claims import claim_folder, ends_claims
 from belief.errors import UnknownName
 from belief.files import atomic_path, in_file_name, write_text
-from belief.observation_model import ArrayModel
+from belief.observation_model.model import ArrayModel
 from belief.policy_state import GOAL
 from experiments.command_line.arguments import BadArgument, Count, Jobs, check_arguments
 from experiments.parallel import default_jobs, run_tasks

@@ -25,7 +25,7 @@ from activetouch.envs.touch_bank import TouchBank
 from activetouch.errors import TrainingDiverged
 from belief.errors import ActiveTouchError, CorruptFile
 from belief.files import array_digest, atomic_path, require_regular_file, sealed_json, unsealed_json, write_text
-from belief.observation_model import ArrayModel
+from belief.observation_model.model import ArrayModel
 from belief.policy_state import WITH_GAINS
 from experiments.ppo.recipe import PPORecipe
 from planners.ppo import Policy, PolicyCard

@@ -10,7 +10,7 @@ from activetouch.orientations import Resampled, Upright
 from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.press import Quasistatic
 from activetouch.scene import Scene
-from belief import Composition
+from belief.composition import Composition
 
 if TYPE_CHECKING:
     import mujoco

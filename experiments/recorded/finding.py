@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from activetouch.recorded.world import RecordedBank, RecordedWorld
-from belief import SceneBelief, SearchProblem
 from belief.observation_model.action_kernel import ActionKernelModel
+from belief.problem import SearchProblem
+from belief.scene_belief import SceneBelief
 from experiments.recorded.fold import Fold
 from planners.decider import Decider, SequentialDecider
 from planners.episode import Episode

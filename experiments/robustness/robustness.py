@@ -23,7 +23,7 @@ from activetouch.shapes import EXTENDED_SHAPES
 from belief.claims import claim_folder, ends_claims
 from belief.files import write_text
 from belief.metrics import expected_calibration_error, negative_log_likelihood
-from belief.observation_model import ArrayModel
+from belief.observation_model.model import ArrayModel
 from belief.observation_model.selection import log_posteriors
 from belief.statistics import clopper_pearson_interval, paired_bootstrap
 from experiments.calibration.sequences import Sequences, Stops, stops

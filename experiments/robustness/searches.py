@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 from activetouch import Scene, TactileSensor, TouchWorld
 from activetouch.named_scenes import NamedScene
 from activetouch.world import touch_many
-from belief import SearchProblem, Touch
-from belief.observation_model import ArrayModel, ObservationModel
+from belief.observation_model.model import ArrayModel, ObservationModel
+from belief.problem import SearchProblem, Touch
 from belief.seeding import arrangement_rng
 from belief.statistics import clopper_pearson_interval, cluster_bootstrap
 from belief.synthetic import sample_arrangement

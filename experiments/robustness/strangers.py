@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from belief.conflict import log_conflict, log_stranger
-from belief.observation_model import ArrayModel
+from belief.observation_model.model import ArrayModel
 from belief.out_of_distribution import auroc_interval
 from belief.statistics import clopper_pearson_interval
 from belief.touch_batch import TouchBatch

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from belief import Confirm, Reject, SearchProblem
 from belief.metrics import CalibrationAtStop, calibration_at_stop
+from belief.problem import Confirm, Reject, SearchProblem
 from belief.statistics import paired_bootstrap, wilson_interval
 from planners import Episode
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from belief import Composition
+from belief.composition import Composition
 from belief.errors import InvalidArgument, UnknownName
 from belief.files import write_text
 from experiments.command_line.arguments import Count, NotNegative, Within, check_arguments

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from activetouch import TactileSensor
 from activetouch.scene import WorldObject
-from belief import Probe, Reject, SearchProblem
 from belief.observation_model.rigid_body_evidence import RigidBodyEvidence, joint_evidence
-from belief.problem import Action
+from belief.problem import Action, Probe, Reject, SearchProblem
 from belief.seeding import touch_rng
 from experiments.search.play import make_world
 from planners import Episode, Step

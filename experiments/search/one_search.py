@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 from activetouch import TactileSensor, TouchWorld
 from activetouch.named_scenes import SCENES
-from belief import Composition, SearchProblem
-from belief.composition import Counts
+from belief.composition import Composition, Counts
 from belief.naming import Name, index_of, seed_words
+from belief.problem import SearchProblem
 from belief.seeding import arrangement_rng
 from belief.synthetic import sample_arrangement
 from experiments.scene_choice import as_named

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from activetouch import TouchWorld
 from activetouch.perception.reader import Reading
-from belief import SceneBelief
+from belief.scene_belief import SceneBelief
 from belief.touch_batch import TouchBatch
 from experiments.search.play import Searches, Seed, TouchMemo, episode_seed, make_world
 from planners.search import TouchRequest

@@ -13,7 +13,7 @@ from matplotlib import colormaps
 from numpy.typing import NDArray
 from PIL import Image
 
-from belief import SearchProblem
+from belief.problem import SearchProblem
 from experiments.reporting.page import Section, data_uri, write_page
 from experiments.search.body_picture import Bodies
 from experiments.search.figures import pictures

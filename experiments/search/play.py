@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from activetouch import TactileSensor, TouchWorld
 from activetouch.scene_description import scene_fields
 from activetouch.world import TouchTime, touch_many
-from belief import SearchProblem, Touch
+from belief.problem import SearchProblem, Touch
 from belief.seeding import arrangement_rng
 from belief.synthetic import sample_arrangement
 from experiments.search.fingerprint import digest_of, fingerprint, versions

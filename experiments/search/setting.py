@@ -12,8 +12,9 @@ import tyro
 from activetouch import Scene, TactileSensor
 from activetouch.named_scenes import NamedScene
 from activetouch.sensor_files import ANY_OBJECT_FILE, observation_file, reader_file
-from belief import Composition, SearchProblem
+from belief.composition import Composition
 from belief.errors import CorruptFile
+from belief.problem import SearchProblem
 from experiments.command_line.arguments import (
     BadArgument,
     Count,

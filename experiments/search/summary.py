@@ -8,8 +8,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from belief import SearchProblem
 from belief.metrics import CalibrationAtStop
+from belief.problem import SearchProblem
 from belief.statistics import wilson_interval
 from experiments.search.episode_statistics import (
     Overprobing,

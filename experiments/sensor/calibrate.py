@@ -26,7 +26,7 @@ from belief.claims import claim_folder, ends_claims
 from belief.errors import ActiveTouchError
 from belief.files import write_text
 from belief.metrics import confusion_matrix, expected_calibration_error, negative_log_likelihood, shape_scores
-from belief.observation_model import ArrayModel
+from belief.observation_model.model import ArrayModel
 from belief.observation_model.registry import Fit, fit_named, fits, require_readable
 from belief.observation_model.selection import NUM_FOLDS, ModelChoice, choose_observation_model, log_posteriors
 from belief.problem import Floats

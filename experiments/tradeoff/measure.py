@@ -21,9 +21,9 @@ from activetouch.named_scenes import SCENES
 from activetouch.perception.reader import TactileReader
 from activetouch.sensor_files import OBSERVATION_FILE, POLICIES, READER_FILE, write_observation_model
 from activetouch.world import touch_many
-from belief import Touch
 from belief.files import require_regular_file, write_text
 from belief.observation_model.registry import fit_named
+from belief.problem import Touch
 from belief.statistics import wilson_interval
 from experiments.scene_choice import repeats_folder
 from experiments.search.play import episode_seed, make_world

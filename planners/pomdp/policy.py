@@ -8,10 +8,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from belief import Belief
+from belief.categorical import Belief
 from belief.errors import InvalidArgument
-from belief.problem import Floats
-from belief.validation import SUM_TOLERANCE, as_real, require_index
+from belief.validation import SUM_TOLERANCE, Floats, as_real, require_index
 from planners.pomdp.alpha_vectors import AlphaVectors
 from planners.pomdp.problem import SearchTouchProblem, TouchProblem
 from planners.pomdp.stages import StagedProblem, stage_belief, staged

@@ -13,9 +13,9 @@ from math import log
 
 import numpy as np
 
-from belief import Composition
+from belief.composition import Composition
 from belief.errors import InvalidArgument
-from belief.problem import Floats
+from belief.validation import Floats
 from planners.pomdp.problem import SearchTouchProblem, TouchProblem
 
 _MOST_BRANCHES = 2_000_000  # of the exact look-ahead, which decide how many touches it has

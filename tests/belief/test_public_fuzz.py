@@ -191,10 +191,6 @@ CALLS = {
     "shape_scores": lambda a: metrics.shape_scores(a[:3]),
     "smooth_calibration_error": lambda a: metrics.smooth_calibration_error(a, SHAPES),
     # novelty
-    "energy_score": lambda a: (
-        out_of_distribution.energy_score(a),
-        out_of_distribution.energy_score(np.zeros((2, 3)), float(a[0, 0])),
-    ),
     "MahalanobisScore": lambda a: out_of_distribution.MahalanobisScore.fit(a, SHAPES).score(a),
     "auroc": lambda a: out_of_distribution.auroc(a[0], a[1]),
     "auroc_interval": lambda a: out_of_distribution.auroc_interval(a[0], a[1]),
@@ -279,7 +275,6 @@ CALLS = {
     "mcnemar_test": lambda a: statistics.mcnemar_test(a[0], a[1]),
     "paired_bootstrap": lambda a: statistics.paired_bootstrap(a[0], a[1], rng(), num_resamples=3),
     "pareto_front": lambda a: statistics.pareto_front(a[0], a[1]),
-    "pareto_probabilities": lambda a: statistics.pareto_probabilities(a, a),
     "wilson_interval": lambda a: statistics.wilson_interval(a[0, 0], a[0, 1], a[0, 2]),
 }
 NO_NUMBERS = {

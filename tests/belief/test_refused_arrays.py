@@ -20,7 +20,7 @@ from belief.observation_model import (
 )
 from belief.observation_model.registry import OBSERVATION_MODELS
 from belief.observation_model.tabular import TabularModel
-from belief.out_of_distribution import MahalanobisScore, auroc, energy_score
+from belief.out_of_distribution import MahalanobisScore, auroc
 
 pytestmark = pytest.mark.filterwarnings("ignore:logits has no negative number:UserWarning")
 FITS = {name: kind.fit for name, kind in OBSERVATION_MODELS.items()}
@@ -43,7 +43,6 @@ OF_NUMBERS = {
     "null_quantile": lambda a: metrics.null_quantile(a, metrics.brier_score, np.random.default_rng(0)),
     "calibration_at_stop": lambda a: metrics.calibration_at_stop(a[:, 0], TRUTH, TRUTH),
     "MahalanobisScore": lambda a: MahalanobisScore.fit(a, TRUTH),
-    "energy_score": energy_score,
     "auroc": lambda a: auroc(a[:2, 0], a[2:, 0]),
 }
 

@@ -44,14 +44,13 @@ from belief.observation_model import (
 )
 from belief.observation_model.registry import fits
 from belief.observation_model.selection import choose_observation_model
-from belief.out_of_distribution import auroc, energy_score
+from belief.out_of_distribution import auroc
 from belief.statistics import (
     clopper_pearson_interval,
     cluster_bootstrap,
     mcnemar_test,
     paired_bootstrap,
     pareto_front,
-    pareto_probabilities,
     wilson_interval,
 )
 from belief.synthetic import random_model
@@ -474,12 +473,6 @@ def _metrics() -> list[Case]:
                 "a stated confidence of 1.5": (lambda: calibration_at_stop([1.5], [True], [1]), "1.5"),
             },
         ),
-        answers(
-            "out_of_distribution.energy_score",
-            "logits of 1e308",
-            lambda: float(energy_score([[1e308, 0.0]])[0]),
-            such_that("finite", np.isfinite),
-        ),
         answers("auroc", "ties only", lambda: auroc([1, 1, 1], [1, 1]), equal_to(0.5)),
         refuses("auroc", "nothing known", lambda: auroc([], [1.0]), ValueError, "(?i)empty|at least one"),
     ]
@@ -535,13 +528,6 @@ def _statistics() -> list[Case]:
             "pareto_front", "equal configurations", lambda: pareto_front([1.0, 1.0], [0.5, 0.5]), equal_to([True, True])
         ),
         refuses("pareto_front", "an infinite cost", lambda: pareto_front([math.inf], [0.5]), ValueError, "finite"),
-        refuses(
-            "pareto_probabilities",
-            "no samples",
-            lambda: pareto_probabilities(np.zeros((0, 2)), np.zeros((0, 2))),
-            ValueError,
-            "at least one",
-        ),
     ]
 
 

@@ -11,7 +11,7 @@ from belief import Belief, Counts, SceneBelief, SearchProblem, Touch
 from belief.conflict import ConflictTest
 from belief.errors import InvalidArgument
 from belief.observation_model.outcome_mixture import OutcomeMixture
-from belief.observation_model.strangers import StrangerEvidence, StrangerModel
+from benchmarks.stranger_model import StrangerEvidence, StrangerModel
 
 
 def known_evidence(log_likelihood, log_bets=0.0, num_touches=1, mixture=None):
