@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from activetouch.data.dataset import CollectionPlan, TouchSet
-from activetouch.distributions import Constant, Normal, Uniform
+from activetouch.distributions import Constant, LogUniform, Uniform
 from activetouch.named_scenes import SCENES
 from activetouch.orientations import Upright
 from activetouch.placement import Placement
@@ -156,7 +156,7 @@ def test_a_miss_tells_nothing():
     [
         replace(SCENE, shapes={"ball": Sphere(0.02), "cube": CUBE}),
         replace(SCENE, presentation=Upright()),
-        replace(SCENE, variation=Variation(size=Normal(1.0, 0.1))),
+        replace(SCENE, variation=Variation(size=LogUniform(0.9, 1.1))),
         replace(SCENE, variation=Variation(size=Constant(1.0))),
         replace(SCENE, variation=Variation(stiffness=Uniform(0.9, 1.1))),
         replace(SCENE, shapes={**SCENE.shapes, "rod": Family(Cylinder(0.01, 0.03), half_length=Uniform(0.01, 0.04))}),
