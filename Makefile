@@ -78,9 +78,7 @@ REPEATS.hard := --plan.repeats 2 --plan.calibration 100 --plan.test 100
 REPEATS.many := $(REPEATS.hard)
 REPEATS.paper := --plan.repeats 2 --plan.calibration 150 --plan.test 300
 REPEATS.keyed := --plan.repeats 2 --plan.calibration 60 --plan.test 40
-# Half of the images look as those of a worn pad (decisions 0070 and 0071).
-WORN := --backbone grid_cnn --change.epochs 24 --change.patience 24 --change.optimizer muon \
-  --change.gain 0.4 --change.noise 0.04 --change.dead 0.25 --threads 1
+WORN := --recipe worn --backbone grid_cnn --jobs 1
 TRAIN.gel := $(WORN)
 TRAIN.coarse := --change.batch-size 512 --change.cell 0
 TRAIN.hard := $(WORN) --change.focus cube cuboid wedge
@@ -88,13 +86,11 @@ TRAIN.many := $(TRAIN.hard)
 TRAIN.paper := --backbone cnn --change.epochs 30 --change.patience 30 --change.cell 2.8
 TRAIN.keyed := --change.patience 12
 MODEL = $(if $(filter keyed,$(SCENE)),,ratio) "rigid body"
-RANK.keyed := --objects 96
 sensor: development
 	$(BIN)/activetouch collect --scene $(SCENE) $(COLLECT.$(SCENE))
 	$(BIN)/activetouch train --scene $(SCENE) $(TRAIN.$(SCENE))
 	$(BIN)/activetouch collect --scene $(SCENE) --plan.train 0 $(REPEATS.$(SCENE)) --out data/$(SCENE)-repeats
 	$(BIN)/activetouch calibrate --scene $(SCENE) --observation-model $(MODEL) --out activetouch/models/$(SCENE)
-	$(BIN)/activetouch rank-poses --scene $(SCENE) $(RANK.$(SCENE))
 
 # The reader of any object beside it: of random bodies, from nothing (two to three hours on two cores for gel).
 STEPS.gel := 6000
@@ -107,7 +103,7 @@ any-object: development
 	cp $(ANY_OBJECT)/log.jsonl records/perception/any_object_$(SCENE).jsonl
 
 # What choosing the place of a touch is worth among the 26 directions, in a scene whose sensor has six poses: its reader
-# calibrated for the directions, their best fixed order, and live searches; make places SCENE=coarse
+# calibrated for the directions (with their best fixed order), and live searches; make places SCENE=coarse
 DIRECTIONS.coarse := --plan.calibration 40 --plan.test 20
 DIRECTIONS.hard := --plan.calibration 25 --plan.test 10
 DIRECTIONS.many := $(DIRECTIONS.hard)
@@ -121,8 +117,6 @@ places: development
 		$(DIRECTIONS.$(SCENE)) --out data/$(PLACES)
 	$(BIN)/activetouch calibrate --scene $(SCENE) --reader activetouch/models/$(SCENE)/reader.safetensors \
 		--data data/$(PLACES) --observation-model "rigid body" --out runs/sensor-$(PLACES)
-	$(BIN)/activetouch rank-poses --scene $(SCENE) --poses directions26 --objects 96 \
-		--data data/$(PLACES) --sensor runs/sensor-$(PLACES)
 	$(BIN)/activetouch compare --scene $(SCENE) --poses directions26 --sensor runs/sensor-$(PLACES) --deciders $(BY_PLACE) \
 		--episodes $(SEARCHES.$(SCENE)) --seed 1 --out runs/places-$(PLACES)
 
@@ -138,27 +132,25 @@ independent-sensor: development
 
 # Its PPO policies, from the same repeated touches.
 policies: development
-	$(BIN)/activetouch touch-bank --scene paper --sensor $(INDEPENDENT) --data data/$(INDEPENDENT)-repeats
-	$(BIN)/activetouch train-ppo --scene paper --sensor $(INDEPENDENT)
+	$(BIN)/activetouch train-ppo --scene paper --sensor $(INDEPENDENT) --data data/$(INDEPENDENT)-repeats
 	mkdir -p activetouch/models/$(INDEPENDENT)/policies
 	cp runs/ppo-paper/policies/* activetouch/models/$(INDEPENDENT)/policies/
 
 # Policies on the belief about one rigid body, for the sensor of the scene; half an hour.
 BANKED.gel := --plan.calibration 200 --plan.test 200
 BANKED.paper := $(BANKED.gel)
-BANK = data/$(SCENE)-joint-bank
+BANKED = data/$(SCENE)-joint-repeats
 joint-policies: development
-	$(BIN)/activetouch collect --scene $(SCENE) --plan.train 0 --plan.repeats 6 $(BANKED.$(SCENE)) --out $(BANK)-touches
-	$(BIN)/activetouch touch-bank --scene $(SCENE) --sensor $(SCENE) --data $(BANK)-touches --out $(BANK)
-	$(BIN)/activetouch train-ppo --scene $(SCENE) --sensor $(SCENE) --bank $(BANK) --recipes goal gains \
-		--change.steps 200000 --out runs/ppo-$(SCENE)-joint
+	$(BIN)/activetouch collect --scene $(SCENE) --plan.train 0 --plan.repeats 6 $(BANKED.$(SCENE)) --out $(BANKED)
+	$(BIN)/activetouch train-ppo --scene $(SCENE) --data $(BANKED) --recipes goal gains --steps 200000 \
+		--out runs/ppo-$(SCENE)-joint
 	mkdir -p activetouch/models/$(SCENE)/policies
 	cp runs/ppo-$(SCENE)-joint/policies/* activetouch/models/$(SCENE)/policies/
 
 figures: development
 	$(BIN)/activetouch compare --scene coarse --deciders information_gain --targets cone --episodes 49 --seed 1 --out runs/figure
 	$(BIN)/activetouch replay --folder runs/figure --target cone --number 48 --out docs/search.png
-	$(BIN)/activetouch gallery --out docs/gallery.png
+	$(BIN)/activetouch touch --all --seed 4 --out docs/gallery.png
 	$(BIN)/python docs/generate/gallery.py
 
 # The paper's tables and figures beside ours; make reproduce ARGS="--parts table2 figure3", or ARGS=--from-nothing.

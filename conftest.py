@@ -13,10 +13,9 @@ collect_ignore = [] if find_spec("pomdp_py") else ["planners/pomdp_py_adapter.py
 
 @pytest.fixture(scope="session", autouse=True)
 def _caches_in_a_temporary_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Plans and tables of a test are kept for other tests and workers of this session, not in the user's cache."""
+    """Tables of a test are kept for other tests and workers of this session, not in the user's cache."""
     folder = tmp_path_factory.getbasetemp()
     shared = folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("ACTIVETOUCH_PLANS", str(shared / "plans"))
         patch.setenv("ACTIVETOUCH_CACHE", str(shared / "cache"))
         yield

@@ -1,4 +1,4 @@
-"""Probability distributions of the nuisance variables of a scene.
+"""Probability distributions, and the nuisances of objects and presses that have them.
 
 >>> import numpy as np
 >>> round(Uniform(1.5, 3.0).sample(np.random.default_rng(0)), 4)
@@ -9,14 +9,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from belief.errors import InvalidArgument
-
-_NARROW = 0.1  # limit below which rejection is from a uniform distribution: few normal deviates are that small
 
 
 class Distribution(Protocol):
@@ -50,9 +49,7 @@ class Constant:
 
 
 @dataclass(frozen=True)
-class Uniform:
-    """The uniform distribution between ``low`` and ``high``."""
-
+class _Range:
     low: float
     high: float
 
@@ -66,62 +63,28 @@ class Uniform:
         """See :class:`Distribution`."""
         return self.low, self.high
 
+
+@dataclass(frozen=True)
+class Uniform(_Range):
+    """The uniform distribution between ``low`` and ``high``."""
+
     def sample(self, rng: np.random.Generator) -> float:
         """See :class:`Distribution`."""
         return float(rng.uniform(self.low, self.high))
 
 
 @dataclass(frozen=True)
-class LogUniform:
+class LogUniform(_Range):
     """The log-uniform distribution between ``low`` and ``high``, both positive."""
 
-    low: float
-    high: float
-
     def __post_init__(self) -> None:
-        _require_finite(self, self.low, self.high)
-        if not 0.0 < self.low <= self.high:
+        super().__post_init__()
+        if self.low <= 0.0:
             raise ValueError(f"0 < low ≤ high must hold, got {self}")
-
-    @property
-    def support(self) -> tuple[float, float]:
-        """See :class:`Distribution`."""
-        return self.low, self.high
 
     def sample(self, rng: np.random.Generator) -> float:
         """See :class:`Distribution`."""
         return float(np.exp(rng.uniform(np.log(self.low), np.log(self.high))))
-
-
-@dataclass(frozen=True)
-class Normal:
-    """The Gaussian distribution, truncated at ``limit`` standard deviations from ``mean``."""
-
-    mean: float
-    std: float
-    limit: float = 3.0
-
-    def __post_init__(self) -> None:
-        _require_finite(self, self.mean, self.std, self.limit)
-        if self.std < 0.0 or self.limit <= 0.0:
-            raise ValueError(f"std must be ≥ 0 and limit > 0, got {self}")
-
-    @property
-    def support(self) -> tuple[float, float]:
-        """See :class:`Distribution`."""
-        return self.mean - self.limit * self.std, self.mean + self.limit * self.std
-
-    def sample(self, rng: np.random.Generator) -> float:
-        """See :class:`Distribution`."""
-        while True:
-            if self.limit < _NARROW:
-                deviate = rng.uniform(-self.limit, self.limit)
-                is_drawn = rng.random() < np.exp(-0.5 * deviate**2)
-            else:
-                deviate = rng.standard_normal()
-                is_drawn = abs(deviate) <= self.limit
-            if is_drawn:
-                return float(self.mean + self.std * deviate)
 
 
 def require_distribution(name: str, given: object) -> None:
@@ -140,6 +103,36 @@ def require_distribution(name: str, given: object) -> None:
         )
 
 
-def _require_finite(distribution: Distribution, *values: float) -> None:
+def _require_finite(distribution: object, *values: float) -> None:
     if not np.isfinite(values).all():
         raise ValueError(f"the parameters of a distribution must be finite, got {distribution}")
+
+
+@dataclass(frozen=True)
+class Variation:
+    """What differs from object to object (size, friction, stiffness) and from press to press (offset, force).
+
+    Attributes:
+        size: factor on the nominal size of every object, built-in or mesh; ``Constant(1.0)`` for one of known size.
+        offset: of an object's centre from the approach axis, along y and along z [m].
+        force: at which the motion stops [N].
+        friction: coefficient between an object and the pad.
+        stiffness: of the pad's layer together with an object's skin, relative to the pad's alone.
+
+    Raises:
+        InvalidArgument: one of them is no distribution.
+    """
+
+    size: Distribution = field(default_factory=lambda: Uniform(0.9, 1.1))
+    offset: Distribution = field(default_factory=lambda: Uniform(-0.002, 0.002))
+    force: Distribution = field(default_factory=lambda: Uniform(1.5, 3.0))
+    friction: Distribution = field(default_factory=lambda: Constant(1.0))
+    stiffness: Distribution = field(default_factory=lambda: Constant(1.0))
+
+    def __post_init__(self) -> None:
+        for part in fields(self):
+            require_distribution(part.name, getattr(self, part.name))
+
+    def sample_offset(self, rng: np.random.Generator) -> NDArray[np.float64]:
+        """Displacement of one press, along y and along z [m], ``(2,)``."""
+        return np.array([self.offset.sample(rng) for _ in range(2)])

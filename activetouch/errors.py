@@ -37,10 +37,6 @@ class WrongPress(ActiveTouchError, TypeError):
     """The scene's press does not support an operation, such as a rotation."""
 
 
-class MissingRobot(ActiveTouchError, FileNotFoundError):
-    """The robot's model files were not found."""
-
-
 class BadMesh(ActiveTouchError, ValueError):
     """A mesh is not a solid of a suitable size; the message says why and what to do."""
 

@@ -10,6 +10,8 @@ True
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -91,3 +93,21 @@ def quantiles(distribution: Distribution, shares: Floats) -> Floats:
     """
     rng = np.random.default_rng(0)
     return np.asarray(np.quantile([distribution.sample(rng) for _ in range(_DRAWN)], shares))
+
+
+class Bodies(NamedTuple):
+    """N hypotheses about an object, whatever its shape.
+
+    Attributes:
+        rests: orientations at rest, unit quaternions ``wxyz``, ``(N, 4)``.
+        sizes: relative to the nominal size, ``(N,)``.
+        shares: where they are in a family of solids (:func:`member_shares`), ``(N,)``.
+    """
+
+    rests: Floats
+    sizes: Floats
+    shares: Floats
+
+    def take(self, some: slice | NDArray[np.int64]) -> Bodies:
+        """Some of the hypotheses."""
+        return Bodies(*(part[some] for part in self))

@@ -25,7 +25,7 @@ from activetouch.pressing.press import Quasistatic
 from activetouch.rendering import DeadTaxels, ForcePatchRenderer, Gain, Noise, PressureRenderer
 from activetouch.scene import Scene, Variation
 from activetouch.shapes import EXTENDED_SHAPES, KEYED_SHAPES
-from belief import Composition, Counts
+from belief.composition import Composition, Counts
 
 
 @dataclass(frozen=True)

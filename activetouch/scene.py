@@ -1,13 +1,13 @@
 """A scene: which shapes, poses and pad there are, how a press is made, and what is left to chance.
 
 A :class:`Scene` is a complete, frozen description; ``scene.press(object, pose, rng)`` is one touch of it.
-The default is the leanest world in which the search makes sense: a pad and one object, no robot.
+The default is the leanest world in which the search makes sense: a pad and one object.
 
     >>> import numpy as np
     >>> rng = np.random.default_rng(0)
     >>> scene = Scene(press_model=Quasistatic())
-    >>> thing = scene.sample_object("cone", rng)        # a cone, unknown size and orientation
-    >>> pressed = scene.press(thing, "front", rng)
+    >>> obj = scene.sample_object("cone", rng)        # a cone, unknown size and orientation
+    >>> pressed = scene.press(obj, "front", rng)
     >>> pressed.image.shape, pressed.image.dtype, round(pressed.contact.force, 1)
     ((128, 128), dtype('uint8'), 2.6)
 """
@@ -25,7 +25,9 @@ from typing import NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from activetouch.distributions import Variation
 from activetouch.errors import BadMesh, UnstablePress
+from activetouch.hypotheses import Bodies, member_shares, sizes
 from activetouch.mesh_source import MeshSource
 from activetouch.orientations import Presentation, Tumbled
 from activetouch.placement import Placement, WorldObject
@@ -34,7 +36,6 @@ from activetouch.pressing.contact import Contact
 from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Press, Quasistatic
-from activetouch.pressing.robot import ROBOTS, Robot
 from activetouch.pressing.setup import Setup
 from activetouch.rendering import Fault, Gain, Noise, PressureRenderer, TactileRenderer, read_out
 from activetouch.rendering.faults import require_faults
@@ -43,7 +44,6 @@ from activetouch.shapes import SHAPES, Shape
 from activetouch.solids.family import Family
 from activetouch.solids.mirror import is_own_mirror_image
 from activetouch.solids.twins import warn_of_twins
-from activetouch.variation import Variation
 from belief.errors import InvalidArgument, UnknownName
 from belief.naming import Name, few, index_of, one_line
 from belief.validation import require_count
@@ -99,7 +99,6 @@ class Scene:
         height: of the pad above the floor [m].
         finger: whether to model the finger that carries the pad.
         parking: whether to load all objects at once, and park those that are not pressed.
-        robot: that stands behind the pad, by name or in detail; none by default.
         aims: where a pose brings the object's centre, from the approach axis along y and z [m], by label of the pose;
             to the axis where nothing is said. The offset of the variation is added. :func:`activetouch.poses.aimed`
             makes poses and aims.
@@ -119,7 +118,6 @@ class Scene:
     height: float = 0.0
     finger: bool = False
     parking: bool = False
-    robot: Robot | str | None = None
     aims: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -162,10 +160,6 @@ class Scene:
             for label, solid in self.solids.items():
                 _require_hash(label, solid)
         warn_of_twins(self.solids, self.variation.size.support)
-        if isinstance(self.robot, str):
-            if self.robot not in ROBOTS:
-                raise UnknownName("robot", self.robot, list(ROBOTS))
-            object.__setattr__(self, "robot", ROBOTS[self.robot])
 
     def __eq__(self, other: object) -> bool:
         """Whether all parts are equal, with shapes and poses in the same order."""
@@ -187,7 +181,7 @@ class Scene:
     def setup(self) -> Setup:
         """The surroundings of a press."""
         loaded = tuple(self.solids.values()) if self.parking else ()
-        return Setup(self.pad, self.height, self.finger, loaded, cast(Robot | None, self.robot))
+        return Setup(self.pad, self.height, self.finger, loaded)
 
     @property
     def solids(self) -> Mapping[str, Shape]:
@@ -300,15 +294,22 @@ class Scene:
             return self.families[label].bodies(shares)
         return (self.solids[label],), np.zeros(len(shares), np.int64)
 
-    def place(self, thing: WorldObject, pose: Name, rng: np.random.Generator) -> Placement:
+    def hypotheses(self, num: int) -> Bodies:
+        """Hypotheses about an object, as many as asked for, the same for all shapes.
+
+        They cover the orientations and sizes of objects evenly.
+        """
+        return Bodies(self.presentation.rests(num), sizes(self.variation.size, num), member_shares(num))
+
+    def place(self, obj: WorldObject, pose: Name, rng: np.random.Generator) -> Placement:
         """Put an object in front of the pad, in a pose, by its label or index."""
         label = self.pose_labels[index_of("pose", self.pose_labels, pose)]
         offset = self.variation.sample_offset(rng)
         if label in self.aims:
             offset += self.aims[label]
-        shown = self.presentation.shown(thing.orientation, self.rotations[label], rng)
-        solid = self.solids[self.shape_labels[thing.shape_index]] if thing.member is None else thing.member
-        return Placement(solid, thing.scale, shown, offset, thing.friction, thing.stiffness)
+        shown = self.presentation.shown(obj.orientation, self.rotations[label], rng)
+        solid = self.solids[self.shape_labels[obj.shape_index]] if obj.member is None else obj.member
+        return Placement(solid, obj.scale, shown, offset, obj.friction, obj.stiffness)
 
     def contact(self, placement: Placement, rng: np.random.Generator) -> Contact:
         """Press what is placed, with a random force.
@@ -320,7 +321,7 @@ class Scene:
 
     def press(
         self,
-        thing: WorldObject,
+        obj: WorldObject,
         pose: Name,
         rng: np.random.Generator,
         force_rng: np.random.Generator | None = None,
@@ -331,7 +332,7 @@ class Scene:
         A press that does not settle is repeated with another offset and force from the same generators (decision 0020).
 
         Args:
-            thing: the object.
+            obj: the object.
             pose: label or index of the pose.
             rng: of the offset, the shown orientation and the sensor's faults, and of the force unless it has its own.
             force_rng: of the force.
@@ -343,7 +344,7 @@ class Scene:
         """
         require_count("attempts", attempts)
         for num_unsettled in range(attempts):
-            placement = self.place(thing, pose, rng)
+            placement = self.place(obj, pose, rng)
             try:
                 contact = self.contact(placement, rng if force_rng is None else force_rng)
             except UnstablePress as error:

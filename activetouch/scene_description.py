@@ -37,7 +37,7 @@ SHIFTS = frozenset({"press_model", "faults", "variation", "presentation", "famil
 OBJECTS = ("shapes", "families", "poses", "aims", "presentation")
 """Fields of a scene that are about its objects, not about its sensor."""
 SURROUNDINGS = frozenset({"height", "finger", "parking", "robot"})
-"""Fields of a scene that do not change touches."""
+"""Fields of a scene that do not change touches; files say that there is no robot, as earlier versions could model."""
 _DECIMALS = 8  # of arrays; further decimals differ between processors
 _LARGEST = 64  # size of the largest array that is not replaced by its digest
 _DEEPEST = 20  # level of nesting
@@ -71,14 +71,15 @@ def scene_fields(scene: Scene) -> dict[str, Any]:
 
     Arrays are rounded to eight decimals; meshes are replaced by digests. A user's class comes with the digest of its
     source code, so that an edited renderer makes another scene; an object with a ``__repr__`` of its own, and no
-    dataclass, is told by that text alone. A scene without aims has no such field. A family is told by its nominal solid
-    among the shapes, and by the distributions of its parameters in the field ``families``, if there are any.
+    dataclass, is described by that text alone. A scene without aims has no such field. A family is described by its
+    nominal solid among the shapes, and by the distributions of its parameters in the field ``families``, if there are
+    any.
     """
     names = [field.name for field in fields(scene) if field.name != "aims" or scene.aims]
-    told = {name: _described(scene.solids if name == "shapes" else getattr(scene, name)) for name in names}
+    found = {name: _described(scene.solids if name == "shapes" else getattr(scene, name)) for name in names}
     families = getattr(scene, "families", {})
     parts = {f"{label}.{name}": given for label, family in families.items() for name, given in family.parameters}
-    return told | ({"families": _described(parts)} if parts else {})
+    return found | {"robot": None} | ({"families": _described(parts)} if parts else {})
 
 
 def scene_differences(
@@ -102,7 +103,7 @@ def require_scene(
     """Check that a sensor, collection or bank is used in its own scene, or in one with a known shift.
 
     Args:
-        what: name of the checked thing, for messages.
+        what: name of the checked object, for messages.
         made_for: fields of its scene, if known.
         here: fields of the current scene.
         anyway: whether to accept all differences.
@@ -133,8 +134,6 @@ def in_words(differences: Iterator[str] | Sequence[str], most: int = 6) -> str:
 def _described(value: Any, depth: int = 0) -> Any:
     if value is None or isinstance(value, bool | int | str):
         return value.value if isinstance(value, Enum) else value
-    if isinstance(value, complex | np.complexfloating):
-        return repr(complex(value))
     if isinstance(value, float | np.number | np.bool_):
         plain = value.item() if isinstance(value, np.generic) else float(value)
         return plain if math.isfinite(plain) else repr(plain)
@@ -157,8 +156,6 @@ def _described(value: Any, depth: int = 0) -> Any:
 
 
 def _array(value: np.ndarray) -> Any:
-    if value.dtype.kind == "c":
-        return {"class": "complex array", "real": _array(value.real), "imag": _array(value.imag)}
     if value.dtype.kind not in "biuf":
         return _described(value.tolist())
     rounded = np.round(value, _DECIMALS) + 0.0 if value.dtype.kind == "f" else value  # no -0

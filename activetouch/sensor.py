@@ -5,31 +5,31 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.errors import SceneShift
 from activetouch.named_scenes import SCENES
+from activetouch.own_packages import require_own_packages
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
 from activetouch.scene import Scene
 from activetouch.scene_description import in_words
 from activetouch.sensor_files import (
-    ANY_OBJECT_FILE,
     INDEPENDENT_SUFFIX,
     MODELS,
-    fitted_model,
+    files_for,
     is_of_objects,
-    reader_file,
     require_model,
-    shift_from,
 )
-from belief import Touch
 from belief.errors import InvalidArgument, UnknownName
 from belief.naming import Name, few, index_of, one_line
-from belief.observation_model import ArrayModel
+from belief.observation_model.model import ArrayModel
+from belief.problem import Touch
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,12 +83,8 @@ class TactileSensor:
         folder = Path(folder)
         if not isinstance(scene, Scene):
             raise InvalidArgument(f"the scene must be a Scene, such as SCENES['coarse'].scene; got {scene!r:.80}")
-        path = reader_file(folder, scene, independent)
-        fitted = None if path.name == ANY_OBJECT_FILE else fitted_model(folder, independent)
-        reader = TactileReader.load(path)
-        shift = shift_from(folder, reader.card, fitted, scene, anyway)
-        if reader.card.imaging is not None:
-            reader = reader.bound_to(scene)
+        path, fitted, shift = files_for(folder, scene, anyway, independent)
+        reader = TactileReader.load(path).bound_to(scene)
         if fitted is None or (reader.card.imaging is not None and not is_of_objects(fitted.scene, scene)):
             from activetouch.perception.preparation import prepared  # which sensors of known objects do not need
 
@@ -138,3 +134,41 @@ class TactileSensor:
         # The logits of one image at a time, as their last bits depend on those they are computed with.
         logits = [hypotheses.shape_logits(row[None])[0] if self.with_logits else None for row in read]
         return [Touch(*touch) for touch in zip(indices, logits, read, strict=True)]
+
+    def search(
+        self,
+        target: Name,
+        decider: Any = "information_gain",
+        seed: int | Sequence[int] = 0,
+        *,
+        num_objects: int | None = None,
+        composition: Any = None,
+        touch_cost: float = 0.02,
+    ) -> Any:
+        """Search for an object of the target's shape among simulated objects of the scene.
+
+        The same seed gives the same objects and touches. ``seed=7`` is the first search for this target in
+        ``activetouch compare --seed 7``; the key ``(7, 3, 12)`` is search number 12 for the target with index 3.
+
+        The sensor does not know the deciders: this package and ``planners`` do not import each other. The method loads
+        :mod:`experiments.search.one_search`, which knows both, when it is called.
+
+        Args:
+            target: label or index of the shape.
+            decider: its name, as ``compare --deciders`` takes it, or an object with ``decide(info, rng)``.
+            seed: of the search, or its key.
+            num_objects: number of objects; that of the named scene by default, or up to four.
+            composition: "distinct", "independent", or a :class:`belief.Composition` or :class:`belief.Counts`; that of
+                the named scene by default, or "distinct".
+            touch_cost: cost λ of one touch, in units of a success.
+
+        Returns:
+            The :class:`planners.Episode`, which prints as its steps.
+
+        Raises:
+            UnknownName: no shape or no decider has this name.
+            InvalidArgument: a number is out of its range, or a seed is none.
+        """
+        require_own_packages()
+        search_with = import_module("experiments.search.one_search").search_with
+        return search_with(self, target, decider, seed, num_objects, composition, touch_cost)

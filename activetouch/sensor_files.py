@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from activetouch.errors import LabelMismatch, NoIndependentModel
-from activetouch.perception.card import ClassifierCard, read_card
+from activetouch.perception.card import read_card
 from activetouch.perception.contacts.imaging import Imaging
-from activetouch.perception.contacts.told import fields_read, is_told
+from activetouch.perception.contacts.sensor_state import differs_from_training, fields_read
 from activetouch.scene import Scene
 from activetouch.scene_description import OBJECTS, require_scene, scene_fields
 from belief.errors import CorruptFile
 from belief.files import require_regular_file, write_text
-from belief.observation_model import ArrayModel, read_observation_model, read_origin
-from belief.observation_model.registry import JOINT_MODELS
+from belief.observation_model.model import ArrayModel
+from belief.observation_model.registry import read_observation_model, read_origin
 
 MODELS = Path(__file__).parent / "models"
 ANY_OBJECT_FILE = "any_object.safetensors"  # a reader that knows the sensor, for objects that the other does not know
@@ -65,26 +65,8 @@ def write_observation_model(
 
 
 def sensor_shift(folder: Path, scene: Scene, anyway: bool = False, independent: bool = False) -> tuple[str, ...]:
-    """How a scene differs from the one that the sensor in a folder was made for, found without loading its network.
-
-    Args:
-        folder: of reader and observation model.
-        scene: in which it is to be used.
-        anyway: whether to use it whatever the differences are, as long as its network can read the images at all.
-        independent: whether its model that takes touches as independent given the shape is to be used.
-
-    Returns:
-        The differences, in words: known shifts, and with ``anyway`` all others too; none for the sensor's own scene.
-
-    Raises:
-        CorruptFile: one of the files is damaged or missing.
-        NoIndependentModel: the sensor has only a joint model.
-        LabelMismatch: it was made for other shapes or poses than the scene's.
-        WrongScene: it was made for a scene that differs by more than a known shift.
-    """
-    path = reader_file(folder, scene, independent)
-    fitted = None if path.name == ANY_OBJECT_FILE else fitted_model(folder, independent)
-    return shift_from(folder, read_card(path), fitted, scene, anyway)
+    """How a scene differs from the one that the sensor in a folder was made for, in words: see :func:`files_for`."""
+    return files_for(folder, scene, anyway, independent).shift
 
 
 class FittedModel(NamedTuple):
@@ -121,7 +103,7 @@ def fitted_model(folder: Path, independent: bool = False) -> FittedModel:
         raise CorruptFile(f"{path} cannot be read: {error.strerror}") from error
     except ValueError as error:
         raise CorruptFile(f"{path} is no observation model: {error}") from error
-    if independent and model.name in JOINT_MODELS:
+    if independent and model.reads == "embeddings":
         raise NoIndependentModel(
             f"{folder} holds only the joint observation model {model.name!r}, and no {INDEPENDENT_FILE} beside it. "
             "The command calibrate writes both files"
@@ -129,20 +111,40 @@ def fitted_model(folder: Path, independent: bool = False) -> FittedModel:
     return FittedModel(model, scene)
 
 
-def shift_from(
-    folder: Path, card: ClassifierCard, fitted: FittedModel | None, scene: Scene, anyway: bool = False
-) -> tuple[str, ...]:
-    """How a scene differs from the one that a reader and an observation model were made for; see :func:`sensor_shift`.
+class SensorFiles(NamedTuple):
+    """What a sensor is made of in a scene, found without loading its network.
+
+    Attributes:
+        reader: file of the reader.
+        fitted: the observation model; None where it is to be made for the scene.
+        shift: differences of the scene from the sensor's own, in words: known shifts, and with ``anyway`` all others
+            too; none for the sensor's own scene.
+    """
+
+    reader: Path
+    fitted: FittedModel | None
+    shift: tuple[str, ...]
+
+
+def files_for(folder: Path, scene: Scene, anyway: bool = False, independent: bool = False) -> SensorFiles:
+    """The files of the sensor in a folder for a scene, and how the scene differs from theirs.
 
     Args:
-        folder: of the two, for messages.
-        card: of the reader.
-        fitted: the observation model; None for one that is made for the scene.
+        folder: of readers and observation models.
         scene: in which they are to be used.
-        anyway: see :func:`sensor_shift`.
+        anyway: whether to use them whatever the differences are, as long as the network can read the images at all.
+        independent: whether the model that takes touches as independent given the shape is to be used.
+
+    Raises:
+        CorruptFile: one of the files is damaged or missing.
+        NoIndependentModel: the sensor has only a joint model.
+        LabelMismatch: it was made for other shapes or poses than the scene's.
+        WrongScene: it was made for a scene that differs by more than a known shift.
     """
+    path = reader_file(folder, scene, independent)
+    fitted = None if path.name == ANY_OBJECT_FILE else fitted_model(folder, independent)
+    card, here = read_card(path), scene_fields(scene)
     card.require_labels(scene.shape_labels, scene.pose_labels)
-    here = scene_fields(scene)
     made_for = [("the reader", card.in_poses_of(here))]
     made_for += [] if fitted is None else [("the observation model", fitted.scene)]
     if card.imaging is not None:
@@ -152,7 +154,7 @@ def shift_from(
         require_model(fitted.model, scene)
     found = [require_scene(f"{what} in {folder}", own, here, anyway) for what, own in made_for]
     card.require_images(scene.image_shape)
-    return tuple(dict.fromkeys(sum(found, ())))
+    return SensorFiles(path, fitted, tuple(dict.fromkeys(sum(found, ()))))
 
 
 def reader_file(folder: Path, scene: Scene, independent: bool = False) -> Path:
@@ -184,7 +186,7 @@ def reader_file(folder: Path, scene: Scene, independent: bool = False) -> Path:
     fitted_to, here = fitted_model(folder, independent).scene, scene_fields(scene)
     if fitted_to is None or any(fitted_to.get(part) != here.get(part) for part in OBJECTS if part != "presentation"):
         return _joint(other, independent)
-    return other if not independent and is_told(read_card(other).imaging, scene) else own
+    return other if not independent and differs_from_training(read_card(other).imaging, scene) else own
 
 
 def _joint(path: Path, independent: bool) -> Path:

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from activetouch.scene import WorldObject
 from activetouch.sensor import TactileSensor
-from belief import Touch
 from belief.errors import InvalidArgument
 from belief.naming import Name, few, one_line
+from belief.problem import Touch
 
 
 @dataclass(frozen=True)
@@ -82,13 +82,13 @@ class TouchWorld:
 
     def __repr__(self) -> str:
         labels = self._sensor.scene.shape_labels
-        objects = few([labels[thing.shape_index] for thing in self._objects], most=8)
+        objects = few([labels[obj.shape_index] for obj in self._objects], most=8)
         return one_line(TouchWorld, objects, f"object {self._current} in front of the pad")
 
     @property
     def arrangement(self) -> tuple[int, ...]:
         """True shape of every object, in order of visit; for scoring only."""
-        return tuple(thing.shape_index for thing in self._objects)
+        return tuple(obj.shape_index for obj in self._objects)
 
     @property
     def current(self) -> WorldObject:

@@ -35,8 +35,7 @@ from numpy.typing import ArrayLike, NDArray
 from belief.arrangement_sums import every_arrangement, fast_marginals
 from belief.errors import ImpossibleObservation
 from belief.multisets import Layer, layers, num_multisets
-from belief.problem import Floats
-from belief.validation import as_real, require_index
+from belief.validation import Floats, as_real, require_index
 
 MAX_STATES = 2**20
 """Largest number of multisets in an exact sum, reached by 20 distinct shapes."""

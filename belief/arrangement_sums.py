@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from belief.multisets import Layer, layers
-from belief.problem import Floats
+from belief.validation import Floats
 
 _LOST = 1e-270
 """More than the total weight of all arrangements whose weight or partial weights underflow."""

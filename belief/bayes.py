@@ -11,25 +11,24 @@ probabilities and is twice as fast.
     >>> np.exp(log_posterior).round(3), np.exp(log_evidence).round(3)
     (array([0.8, 0.2]), np.float64(0.5))
 
-For speed, rows are transposed and processed in blocks that fit the cache, and a single row of few shapes is computed
-with plain floats. Input is checked through sums that are computed anyway: NaN, infinity or a wrong total shows in them,
-and only such rows take the slow, careful path.
+Each rule is computed plainly, and a single row of few shapes with plain floats. Input is checked through sums that are
+computed anyway: NaN, infinity, underflow or a wrong total shows in them, and only such rows take the careful rule.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from math import exp, inf, log
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import entr
 
 from belief.errors import ImpossibleObservation
-from belief.problem import Floats
 from belief.validation import (
     SUM_TOLERANCE,
+    Floats,
     as_logs,
     as_real,
     at,
@@ -40,10 +39,8 @@ from belief.validation import (
 )
 
 _FEW_SHAPES = 16  # up to here plain floats are faster than arrays
-_BLOCK = 16_384  # numbers in a block; three such arrays fit the second-level cache
-_LEAST_TOTAL = 1e-30  # a smaller sum may have lost terms to underflow: such rows take the careful path
+_LEAST_TOTAL = 1e-30  # a smaller sum may have lost terms to underflow: such rows take the careful rule
 _LARGEST = np.finfo(np.float64).max
-_DOUBLE = np.dtype(np.float64)
 
 
 def update(
@@ -71,19 +68,24 @@ def update(
     """
     if log_likelihood is None or likelihood is not None:
         log_likelihood = as_logs("log_likelihood", log_likelihood, "likelihood", likelihood)
-    if (
-        type(log_prior) is type(log_likelihood) is np.ndarray
-        and log_prior.dtype is _DOUBLE
-        and log_likelihood.dtype is _DOUBLE
-    ):
-        prior, likelihood = log_prior, log_likelihood  # nothing to convert
-    else:
-        prior, likelihood = as_real(log_prior, "log_prior"), as_real(log_likelihood, "log_likelihood")
+    prior, likelihood = as_real(log_prior, "log_prior"), as_real(log_likelihood, "log_likelihood")
     if prior.ndim == likelihood.ndim == 1 and 0 < prior.size == likelihood.size <= _FEW_SHAPES:
         result = _update_few(prior.tolist(), likelihood.tolist())
         if result is not None:
             return result
-    return _in_blocks(_IN_LOGS, prior, likelihood, ("log_prior", "log_likelihood"))
+    shape = _common_shape(prior, likelihood, ("log_prior", "log_likelihood"))
+    p, joint = _shapes_first(prior, len(shape)), _shapes_first(likelihood, len(shape))
+    with np.errstate(all="ignore"):  # NaN and infinity are handled by the careful rule
+        best = joint.max(axis=0)
+        joint = p + np.subtract(joint, best, out=joint)
+        total, prior_total = np.exp(joint).sum(axis=0), np.exp(p).sum(axis=0)
+        log_total = np.log(total)
+        log_evidence = log_total - np.log(prior_total) + best
+        joint -= log_total
+        sound = (total >= _LEAST_TOTAL) & (np.abs(prior_total - 1.0) <= SUM_TOLERANCE)
+    if joint.min() == -inf:  # ruled out, or beyond the largest float
+        sound &= ~((joint == -inf) & (p > -inf) & (_shapes_first(likelihood, len(shape)) > -inf)).any(axis=0)
+    return _with_care(_careful_logs, _complain_logs, sound, prior, likelihood, _shapes_last(joint), log_evidence)
 
 
 def update_probs(prior_probs: ArrayLike, likelihoods: ArrayLike) -> tuple[Floats, Floats]:
@@ -109,7 +111,16 @@ def update_probs(prior_probs: ArrayLike, likelihoods: ArrayLike) -> tuple[Floats
     ([[0.8, 0.2], [0.75, 0.25]], [0.5, 0.2])
     """
     prior, likelihood = as_real(prior_probs, "prior_probs"), as_real(likelihoods, "likelihoods")
-    return _in_blocks(_IN_PROBS, prior, likelihood, ("prior_probs", "likelihoods"))
+    shape = _common_shape(prior, likelihood, ("prior_probs", "likelihoods"))
+    p, score = _shapes_first(prior, len(shape)), _shapes_first(likelihood, len(shape))
+    with np.errstate(all="ignore"):
+        joint = p * score
+        total, prior_total = joint.sum(axis=0), p.sum(axis=0)
+        evidence = total / prior_total
+        joint /= total
+    is_valid = p.min() >= 0.0 and score.min() >= 0.0
+    sound = (total >= _LEAST_TOTAL) & (evidence < inf) & (np.abs(prior_total - 1.0) <= SUM_TOLERANCE) & is_valid
+    return _with_care(_careful_probs, _complain_probs, sound, prior, likelihood, _shapes_last(joint), evidence)
 
 
 def entropy(probs: ArrayLike, axis: int = -1) -> Floats:
@@ -203,79 +214,36 @@ def _overflowed(joint: float, prior: float, likelihood: float) -> bool:
     return joint == -inf < min(prior, likelihood)
 
 
-class _Rule(NamedTuple):
-    """Bayes' rule in one representation.
-
-    ``quick(prior, likelihood)`` takes a transposed block ``(K, n)``, overwrites ``likelihood`` with the posterior, and
-    returns the evidence and which columns are reliable, ``(n,)``. ``careful(prior, likelihood)`` takes rows ``(n, K)``
-    and returns posterior, evidence, and which rows are valid. ``complain`` raises the error for an invalid row.
-    """
-
-    quick: Callable[[Floats, Floats], tuple[Floats, NDArray[np.bool_]]]
-    careful: Callable[[Floats, Floats], tuple[Floats, Floats, NDArray[np.bool_]]]
-    complain: Callable[[Floats, Floats, tuple[int, ...]], NoReturn]
+def _shapes_first(values: NDArray[np.floating], ndim: int) -> Floats:
+    """A contiguous array ``(K, ...)`` of so many axes, over which sums are fast."""
+    wide = values.reshape((1,) * (ndim - values.ndim) + values.shape)
+    return np.array(wide.transpose(ndim - 1, *range(ndim - 1)), np.float64, order="C")
 
 
-def _in_blocks(
-    rule: _Rule, prior: NDArray[np.floating], likelihood: NDArray[np.floating], names: tuple[str, str]
+def _shapes_last(values: Floats) -> Floats:
+    return np.ascontiguousarray(values.transpose(*range(1, values.ndim), 0))
+
+
+def _with_care(
+    careful: Callable[[Floats, Floats], tuple[Floats, Floats, NDArray[np.bool_]]],
+    complain: Callable[[Floats, Floats, tuple[int, ...]], NoReturn],
+    sound: NDArray[np.bool_],
+    prior: NDArray[np.floating],
+    likelihood: NDArray[np.floating],
+    posterior: Floats,
+    evidence: Floats,
 ) -> tuple[Floats, Floats]:
-    shape = _common_shape(prior, likelihood, names)
-    num_shapes, batch_shape = shape[-1], shape[:-1]
-    shared = prior.size == num_shapes  # one prior for all rows is not copied
-    priors = prior.reshape(1, num_shapes) if shared else _as_rows(prior, shape)
-    likelihoods = _as_rows(likelihood, shape)
-    posterior, evidence = np.empty(likelihoods.shape), np.empty(len(likelihoods))
-    size = min(max(1, _BLOCK // num_shapes), len(likelihoods))
-    prior_columns, columns = np.empty((num_shapes, 1 if shared else size)), np.empty((num_shapes, size))
-    with np.errstate(all="ignore"):  # non-finite numbers are handled below
-        for start in range(0, len(likelihoods), size):
-            rows = slice(start, start + size)
-            block = columns[:, : len(likelihoods) - start]
-            prior_block = prior_columns if shared else prior_columns[:, : block.shape[1]]
-            np.copyto(prior_block, (priors if shared else priors[rows]).T)
-            np.copyto(block, likelihoods[rows].T)
-            evidence[rows], sound = rule.quick(prior_block, block)
-            posterior[rows] = block.T
-            lost = posterior[rows] == -np.inf
-            if lost.any():  # impossible, or beyond the largest float?
-                lost &= (likelihoods[rows] > -np.inf) & ((priors if shared else priors[rows]) > -np.inf)
-                sound &= ~lost.any(axis=1)
-            if sound.all():
-                continue
-            odd = start + np.flatnonzero(~sound)
-            some_priors = np.broadcast_to(priors if shared else priors[odd], (len(odd), num_shapes)).astype(np.float64)
-            some_likelihoods = likelihoods[odd].astype(np.float64)
-            posterior[odd], evidence[odd], answered = rule.careful(some_priors, some_likelihoods)
-            if not answered.all():
-                first = int(np.argmin(answered))
-                row = tuple(int(i) for i in np.unravel_index(odd[first], batch_shape))
-                rule.complain(some_priors[first], some_likelihoods[first], row)
-    return posterior.reshape(shape), evidence.reshape(batch_shape)[()]
-
-
-def _as_rows(values: NDArray[np.floating], shape: tuple[int, ...]) -> NDArray[np.floating]:
-    return (values if values.shape == shape else np.broadcast_to(values, shape)).reshape(-1, shape[-1])
-
-
-def _quick_logs(prior: Floats, likelihood: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    best = likelihood.max(axis=0)
-    likelihood -= best
-    likelihood += prior
-    total, prior_total = np.exp(likelihood).sum(axis=0), np.exp(prior).sum(axis=0)
-    sound = (total >= _LEAST_TOTAL) & (np.abs(prior_total - 1.0) <= SUM_TOLERANCE)  # NaN fails both
-    log_total = np.log(total)
-    likelihood -= log_total
-    return log_total - np.log(prior_total) + best, sound
-
-
-def _quick_probs(prior: Floats, likelihood: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    negative = not (prior.min() >= 0.0 and likelihood.min() >= 0.0)  # or NaN
-    likelihood *= prior
-    total, prior_total = likelihood.sum(axis=0), prior.sum(axis=0)
-    evidence = total / prior_total
-    sound = (total >= _LEAST_TOTAL) & (evidence < np.inf) & (np.abs(prior_total - 1.0) <= SUM_TOLERANCE)
-    likelihood /= total
-    return evidence, sound & (not negative)
+    """The posterior and the evidence, where they are not sound by a careful rule, which also finds invalid rows."""
+    evidence = np.asarray(evidence)
+    if not sound.all():
+        odd = ~np.broadcast_to(sound, evidence.shape)
+        priors, scores = (np.broadcast_to(x, posterior.shape)[odd].astype(np.float64) for x in (prior, likelihood))
+        with np.errstate(all="ignore"):
+            posterior[odd], evidence[odd], answered = careful(priors, scores)
+        if not answered.all():
+            first = int(np.argmin(answered))
+            complain(priors[first], scores[first], tuple(np.argwhere(odd)[first].tolist()))
+    return posterior, evidence[()]
 
 
 def _careful_logs(prior: Floats, likelihood: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
@@ -322,10 +290,6 @@ def _complain_impossible(prior: Floats, likelihood: str, row: tuple[int, ...]) -
     )
 
 
-_IN_LOGS = _Rule(_quick_logs, _careful_logs, _complain_logs)
-_IN_PROBS = _Rule(_quick_probs, _careful_probs, _complain_probs)
-
-
 def _common_shape(
     prior: NDArray[np.floating], likelihood: NDArray[np.floating], names: tuple[str, str]
 ) -> tuple[int, ...]:
@@ -334,6 +298,8 @@ def _common_shape(
             f"{names[0]} and {names[1]} need the same, non-empty last axis of shapes, got {prior.shape} "
             f"and {likelihood.shape}"
         )
+    if prior.shape == likelihood.shape:
+        return prior.shape
     try:
         shape = np.broadcast_shapes(prior.shape, likelihood.shape)
     except ValueError as error:

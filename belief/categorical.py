@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike
 from belief import bayes
 from belief.frozen import FrozenArrays
 from belief.naming import Name, checked_names, index_of, one_line
-from belief.problem import Floats
-from belief.validation import as_logs, as_real, normalise_log_probs, normalise_probs
+from belief.validation import Floats, as_logs, as_real, normalise_log_probs, normalise_probs
 
 
 @dataclass(frozen=True, eq=False)

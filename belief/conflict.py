@@ -38,13 +38,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import expit, logit
 
-from belief.array_fields import from_field, to_field
+from belief.files import from_field, to_field
 from belief.frozen import FrozenArrays, frozen
 from belief.novelty import Novelty
-from belief.problem import Floats
 from belief.usual_misfit import UsualMisfit
+from belief.validation import Floats
 
 NOVELTY, MISFIT = 0, 1
 """Index of the two scores."""
@@ -284,27 +283,6 @@ def continued_bets(log_bets: ArrayLike, like: ArrayLike | None) -> Floats:
             f"got {given.tolist()}"
         )
     return frozen(wanted + given)
-
-
-def stranger_probability(log_e_value: ArrayLike, prior: float) -> Floats:
-    """Posterior probability that an object has none of the known shapes.
-
-    The e-value of an object's touches is the ratio of their likelihood under the mixture of bets to that under the
-    known shapes. The posterior is Bayes' rule with this mixture as the model of strangers.
-
-    Args:
-        log_e_value: of the touches of each object, such as :func:`log_stranger` of its bets, ``(...)``.
-        prior: probability of a stranger, in [0, 1].
-
-    Raises:
-        ValueError: the prior is no probability.
-
-    >>> stranger_probability([-1.6, 0.0, 16.1], prior=0.05).round(3).tolist()
-    [0.011, 0.05, 1.0]
-    """
-    if not 0.0 <= prior <= 1.0:
-        raise ValueError(f"the prior of strangers must be a probability in [0, 1], got {prior}")
-    return np.asarray(expit(np.asarray(log_e_value, np.float64) + logit(prior)))
 
 
 _NUM_BETS = 12

@@ -1,4 +1,4 @@
-"""Atomic writing of files, bounded reading of regular ones, and digests of JSON and of arrays.
+"""Atomic writing of files, bounded reading of regular ones, digests of JSON and of arrays, and arrays as JSON.
 
 >>> import errno, tempfile
 >>> holder = tempfile.TemporaryDirectory()
@@ -18,6 +18,7 @@
 
 from __future__ import annotations
 
+import base64
 import errno
 import hashlib
 import io
@@ -31,13 +32,15 @@ import zipfile
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeAlias
 from urllib.parse import quote
 
 import numpy as np
 from numpy.typing import NDArray
 
 from belief.errors import ActiveTouchError, CannotWrite, CorruptFile
+
+Precision: TypeAlias = Literal["float16", "float32"]
 
 
 @contextmanager
@@ -353,3 +356,24 @@ def plain_number(text: str) -> float:
     except ValueError:
         pass
     raise ValueError(f"{text[:40]!r} is not a decimal number")
+
+
+def to_field(array: NDArray[np.float64], precision: Precision) -> dict[str, Any]:
+    """An array as JSON types: its shape, and its numbers in base64, little-endian, under the name of the precision.
+
+    >>> to_field(np.array([[1.0, 0.5]]), "float16")
+    {'shape': (1, 2), 'float16': 'ADwAOA=='}
+    """
+    numbers = np.asarray(array, np.dtype(precision).newbyteorder("<"))
+    return {"shape": array.shape, precision: base64.b64encode(numbers.tobytes()).decode("ascii")}
+
+
+def from_field(field: Mapping[str, Any], precision: Precision) -> NDArray[np.float64]:
+    """The array of :func:`to_field`, in double precision.
+
+    >>> from_field({"shape": (1, 2), "float16": "ADwAOA=="}, "float16").tolist()
+    [[1.0, 0.5]]
+    """
+    shape = tuple(int(n) for n in field["shape"])
+    numbers = np.frombuffer(base64.b64decode(field[precision]), np.dtype(precision).newbyteorder("<"))
+    return numbers.reshape(shape).astype(np.float64)

@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from belief.problem import Floats
+from belief.validation import Floats
 
 
 @dataclass(frozen=True, eq=False)

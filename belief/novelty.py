@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from belief.frozen import FrozenArrays
 from belief.out_of_distribution import MahalanobisScore
-from belief.problem import Floats
+from belief.validation import Floats
 
 _LARGEST = 1e30  # number in an embedding
 _LARGEST_SINGLE = float(np.finfo(np.float32).max)

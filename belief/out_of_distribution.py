@@ -1,8 +1,7 @@
 r"""Out-of-distribution scores of touches, higher for objects unlike the training set, and their AUROC.
 
-* :func:`energy_score`: the free energy of the logits, -T log Σ exp(z/T) (Liu et al. 2020);
-* :class:`MahalanobisScore`: the squared Mahalanobis distance of the features to the nearest class mean, under one
-  covariance shared by all classes (Lee et al. 2018).
+The score is :class:`MahalanobisScore`, the squared Mahalanobis distance of the features to the nearest class mean,
+under one covariance shared by all classes (Lee et al. 2018).
 
     >>> rng = np.random.default_rng(0)
     >>> labels = np.arange(200) % 2
@@ -21,42 +20,12 @@ import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike
 from scipy.special import expit
 
-from belief.calibration.inputs import finite_logits
 from belief.frozen import FrozenArrays
-from belief.problem import Floats
-from belief.statistics.inputs import checked_values, normal_quantile, require_fraction
-from belief.statistics.proportion import exact_interval
-from belief.validation import as_real, require_number, unmasked
+from belief.statistics.proportion import exact_interval, normal_quantile
+from belief.validation import Floats, as_real, checked_values, require_fraction, require_number, unmasked
 
 _ROUNDING = 1e-20  # largest variance of an AUROC that is taken as zero
 _LEAST_SHRINKAGE = 1e-6  # few samples can make the estimate zero and the covariance singular
-
-
-def energy_score(logits: ArrayLike, temperature: float = 1.0) -> Floats:
-    """Free energy of logits, -T log Σ_k exp(z_k / T), in units of the logits; higher is more novel.
-
-    Args:
-        logits: ``(..., K)``, any float type, finite.
-        temperature: T > 0; as T → 0 the score tends to minus the largest logit.
-
-    Returns:
-        ``(...)``, float64.
-
-    Raises:
-        ValueError: empty or not finite logits, no axis of shapes, or a temperature that is not positive and finite.
-
-    >>> energy_score([[0.0, 0.0], [9.0, 0.0]]).round(4).tolist()
-    [-0.6931, -9.0001]
-    """
-    z = finite_logits(logits)
-    if not 0.0 < temperature < np.inf:
-        raise ValueError(f"temperature must be positive and finite, got {temperature}")
-    top = z.max(axis=-1)
-    with np.errstate(over="ignore"):
-        # Halves, because the difference of ±1e308 overflows; an overflow after the division has weight zero.
-        below = 2.0 * ((z / 2 - top[..., None] / 2) / temperature)
-        energy = -(top + temperature * np.log(np.exp(below).sum(axis=-1)))
-    return np.maximum(energy, -np.finfo(np.float64).max)
 
 
 @dataclass(frozen=True, eq=False)

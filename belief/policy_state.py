@@ -34,7 +34,7 @@ from scipy.special import xlogy
 
 from belief.errors import ActiveTouchError
 from belief.observation_model.evidence import ObjectEvidence
-from belief.problem import Floats
+from belief.validation import Floats
 
 TOUCH_LIMIT = 12
 """T_max, default limit of touches per object; the paper gives no number."""

@@ -16,11 +16,11 @@ from belief.conflict import continued_bets
 from belief.errors import ImpossibleObservation, ZeroPriorTarget
 from belief.history import TouchHistory
 from belief.naming import Name
-from belief.observation_model import ObservationModel
 from belief.observation_model.evidence import ObjectEvidence, start
-from belief.problem import Floats, SearchProblem, Touch
+from belief.observation_model.model import ObservationModel
+from belief.problem import SearchProblem, Touch
 from belief.scene_view import UNKNOWN, ReadableScene, SceneView
-from belief.validation import as_logs
+from belief.validation import Floats, as_logs
 
 
 class SceneBelief(ReadableScene):

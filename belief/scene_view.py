@@ -15,8 +15,7 @@ from belief.frozen import frozen
 from belief.history import TouchHistory
 from belief.naming import Name, index_of
 from belief.observation_model.evidence import ObjectEvidence
-from belief.problem import Floats
-from belief.validation import require_index
+from belief.validation import Floats, require_index
 
 UNKNOWN = -1
 """Marks an object of unknown shape in ``_known``."""

@@ -10,7 +10,8 @@ from scipy.special import softmax
 from belief.calibration import TemperatureScaling
 from belief.errors import InvalidArgument
 from belief.naming import Name, index_of
-from belief.observation_model import ConfusionModel, ObservationModel
+from belief.observation_model.confusion import ConfusionModel
+from belief.observation_model.model import ObservationModel
 from belief.problem import SearchProblem, Touch
 
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from belief.errors import InvalidArgument
 from belief.frozen import FrozenArrays
-from belief.problem import WHO_GIVES_LOGITS, Floats, Touch
-from belief.validation import as_real, unmasked
+from belief.problem import WHO_GIVES_LOGITS, Touch
+from belief.validation import Floats, as_real, unmasked
 
 
 @dataclass(frozen=True, eq=False)

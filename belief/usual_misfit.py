@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from belief.frozen import FrozenArrays
-from belief.problem import Floats
+from belief.validation import Floats
 
 _MOST_GROUPS = 6
 _IN_A_GROUP = 50  # objects, at least

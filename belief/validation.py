@@ -15,6 +15,8 @@ from belief.errors import InvalidArgument
 Floats: TypeAlias = NDArray[np.float64]
 SUM_TOLERANCE = 2e-3
 """Tolerance for sums of probabilities: twice the rounding error of a dozen probabilities in float16."""
+LARGEST_VALUE = 1e150  # sums of a million larger ones, or their squares, overflow
+_MOST_POSES = 1000  # or the number of touches, if that is larger
 _ROUNDING = 1e-12  # sums this near to one are not normalised again
 _NEAR_ONE = 1e-5  # sums of rows that were meant as probabilities
 
@@ -249,3 +251,148 @@ def normalise_probs(probs: ArrayLike, name: str = "probs", axis: int = -1, row: 
         require(last >= 0.0, last, name, "NaN or a probability below zero", row)
         require(np.moveaxis(off, axis, -1) <= SUM_TOLERANCE, last, name, "probabilities that do not sum to one", row)
     return values / totals
+
+
+def pose_count(poses: NDArray[np.integer], num_poses: int | None) -> int:
+    """P: as given, or one more than the largest of one or more poses.
+
+    Raises:
+        InvalidArgument: a pose that is not in [0, P), or a P above 1000 and above the number of touches, which would
+            waste memory.
+
+    >>> pose_count(np.array([0, 2]), None), pose_count(np.array([0, 2]), 6)
+    (3, 6)
+    >>> pose_count(np.array([0, 10**9]), None)
+    Traceback (most recent call last):
+    ...
+    belief.errors.InvalidArgument: touch 1 has pose 1000000000, 2 touches are fitted in at most 1000 poses
+    """
+    largest, most = int(poses.max()), max(_MOST_POSES, poses.size)
+    if num_poses is not None and not (isinstance(num_poses, int | np.integer) and 1 <= num_poses <= most):
+        raise InvalidArgument(f"num_poses must be a whole number from 1 to {most}, got {num_poses!r}")
+    if poses.min() < 0 or largest >= (most if num_poses is None else num_poses):
+        touch = int(poses.argmin() if poses.min() < 0 else poses.argmax())
+        known = f"{poses.size} touches are fitted in at most {most} poses"
+        if num_poses is not None:
+            known = f"num_poses is {num_poses}"
+        raise InvalidArgument(f"touch {touch} has pose {poses[touch]}, {known}")
+    return largest + 1 if num_poses is None else int(num_poses)
+
+
+def finite_logits(logits: ArrayLike) -> Floats:
+    """Logits as float64, ``(..., K)``.
+
+    Raises:
+        ValueError: they are empty, masked or not real numbers, or one is NaN or infinite; the message names its row.
+
+    >>> finite_logits([[1, 2]])
+    array([[1., 2.]])
+    """
+    with np.errstate(over="ignore"):  # a long double may become infinite, which is an error
+        z = np.asarray(as_real(logits, "logits"), np.float64)
+    if z.ndim == 0 or z.size == 0:
+        raise ValueError(f"need logits (..., K), none of the axes empty; got shape {z.shape}")
+    if not (np.isfinite(z.max()) and np.isfinite(z.min())):
+        row = tuple(np.argwhere(~np.isfinite(z))[0, :-1].tolist())
+        raise ValueError(f"logits{at(row)} are not finite: {z[row].tolist()}")
+    return z
+
+
+def labelled_logits(logits: ArrayLike, labels: ArrayLike) -> tuple[Floats, NDArray[np.int64]]:
+    """Logits ``(n, K)`` and labels ``(n,)``, checked.
+
+    Raises:
+        ValueError: empty input, NaN or infinite logits, labels out of range, shapes that do not fit.
+
+    >>> labelled_logits([[1.0, 2.0]], [1])
+    (array([[1., 2.]]), array([1]))
+    """
+    shape, num_labels = np.shape(logits), np.shape(labels)
+    if len(shape) != 2 or 0 in shape or num_labels != shape[:1]:
+        raise ValueError(f"need logits (n, K) and labels (n,) with n ≥ 1, got {shape} and {num_labels}")
+    return finite_logits(logits), checked_indices("labels", labels, shape[1])
+
+
+def checked_probs(probs: ArrayLike) -> Floats:
+    """Predicted distributions ``(n, K)`` as float64, renormalised where they sum to one within 2e-3.
+
+    Raises:
+        ValueError: empty, not two-dimensional, or a row that is not a distribution; the message names the row.
+
+    >>> float(checked_probs([[0.5, 0.501]]).sum())
+    1.0
+    """
+    p = np.asarray(as_real(probs, "probs"), np.float64)
+    if p.ndim != 2 or p.size == 0:
+        raise ValueError(f"need probs (n, K) with n ≥ 1 and K ≥ 1, got shape {p.shape}")
+    return normalise_probs(p)
+
+
+def checked_pair(probs: ArrayLike, labels: ArrayLike) -> tuple[Floats, NDArray[np.int64]]:
+    """Predicted distributions ``(n, K)``, as from :func:`checked_probs`, and true shapes ``(n,)`` as int64.
+
+    Raises:
+        ValueError: as :func:`checked_probs`; another number of labels, or labels that are not integers in [0, K).
+
+    >>> checked_pair([[0.5, 0.5]], [1])[1].tolist()
+    [1]
+    """
+    p = checked_probs(probs)
+    if np.shape(labels) != (len(p),):
+        raise ValueError(f"need probs (n, K) and labels (n,) with n ≥ 1, got {p.shape} and {np.shape(labels)}")
+    return p, checked_indices("labels", labels, p.shape[1])
+
+
+def checked_values(name: str, values: ArrayLike) -> Floats:
+    """Numbers of any shape as float64, each finite and at most 1e150 in size.
+
+    Raises:
+        ValueError: masked, not numbers, NaN, infinite or beyond ±1e150; the message names the first such place.
+
+    >>> checked_values("costs", [1, 2]).tolist()
+    [1.0, 2.0]
+    """
+    x = unmasked(values, name)
+    if x.dtype.kind not in "fiub":
+        raise InvalidArgument(f"{name} must be numbers, got an array of {x.dtype}")
+    x = x.astype(np.float64, copy=False)
+    bad = ~(np.abs(x) <= LARGEST_VALUE)
+    if bad.any():
+        place = tuple(np.argwhere(bad)[0].tolist())
+        raise ValueError(f"{name} must be finite and within ±{LARGEST_VALUE:g}, got {x[place]} at {list(place)}")
+    return x
+
+
+def checked_outcomes(name: str, outcomes: ArrayLike) -> NDArray[np.bool_]:
+    """Outcomes of n ≥ 1 episodes as booleans, from booleans or numbers 0 and 1, ``(n,)``.
+
+    Raises:
+        ValueError: empty, not one-dimensional, or other values than 0 and 1; the message names the first such row.
+
+    >>> checked_outcomes("first", [1, 0]).tolist()
+    [True, False]
+    """
+    x = unmasked(outcomes, name)
+    if x.dtype.kind not in "fiub":
+        raise InvalidArgument(f"{name} must be right (1) or wrong (0), got an array of {x.dtype}")
+    if x.ndim != 1 or x.size == 0:
+        raise ValueError(f"{name} must hold one outcome per episode, at least one; got shape {x.shape}")
+    bad = ~((x == 0) | (x == 1))
+    if bad.any():
+        row = int(np.argmax(bad))
+        raise ValueError(f"{name} must be right (1) or wrong (0), got {x[row]} in row {row}")
+    return x.astype(np.bool_)
+
+
+def require_fraction(name: str, value: float) -> None:
+    """Check that an argument lies strictly between 0 and 1.
+
+    Raises:
+        InvalidArgument: it does not, such as a confidence in percent.
+
+    >>> require_fraction("confidence", 95)
+    Traceback (most recent call last):
+    belief.errors.InvalidArgument: confidence must lie in (0, 1), got 95
+    """
+    if not isinstance(value, int | float | np.number) or not 0.0 < value < 1.0:
+        raise InvalidArgument(f"{name} must lie in (0, 1), got {value!r}")

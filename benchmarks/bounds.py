@@ -15,10 +15,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from benchmarks.search_bound import best_expected_return, best_return_with_revealed_bodies
 from experiments.scene_choice import SceneChoice
-from experiments.search.bound import best_expected_return, best_return_with_revealed_bodies
 from experiments.search.setting import Setting
-from planners.bounds.one_touch import one_touch_bound
+from planners.one_touch import one_touch_bound
 
 
 def timed(find: Callable[[], object]) -> tuple[object, float]:

@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 from timed import Timed
+from upper_bounds.search import search_bound
 
 from activetouch.sensor_files import load_observation_model
 from belief import SearchProblem
@@ -75,7 +76,11 @@ def deciders(table: OutcomeTable, episodes: int, trees: Sequence[int]) -> list[t
 
 def with_random_rollouts(table: OutcomeTable) -> Decider:
     """Tree search with pomdp-py's own rollouts."""
-    from planners.pomdp_py_adapter import Pouct, RandomRollout  # pomdp-py may not be installed
+    from planners.pomdp_py_adapter import InformedRollout, Pouct  # pomdp-py may not be installed
+
+    class RandomRollout(InformedRollout):
+        def rollout(self, state: object, history: tuple[object, ...]) -> object:
+            return self.sample(state)
 
     return Pouct(table, 1000, RandomRollout)
 
@@ -115,11 +120,12 @@ def measure(name: str, table: OutcomeTable, arguments: argparse.Namespace) -> li
 
 def bounds(table: OutcomeTable) -> tuple[float, float]:
     """Certified lower and upper bound on the optimal return, mean over targets."""
-    policies = [
-        solve(SearchTouchProblem(table.probs, NUM_OBJECTS, "distinct", target, TOUCH_COST))
+    problems = [
+        SearchTouchProblem(table.probs, NUM_OBJECTS, "distinct", target, TOUCH_COST)
         for target in range(table.num_shapes)
     ]
-    return float(np.mean([p.lower_bound for p in policies])), float(np.mean([p.upper_bound for p in policies]))
+    high = [search_bound(problem, np.random.default_rng(0)) for problem in problems]
+    return float(np.mean([solve(problem).lower_bound for problem in problems])), float(np.mean(high))
 
 
 def draw(rows: Sequence[Row], path: Path) -> None:

@@ -29,7 +29,7 @@ from belief.observation_model.views import Views
 from belief.statistics import wilson_interval
 from belief.synthetic import sample_arrangement
 from benchmarks.choice import spread, with_places
-from experiments.search.bound import RevealedBody, revealed_body
+from benchmarks.search_bound import RevealedBody, revealed_body
 from planners import Decider, Episode, make_decider, search_lockstep
 from planners.search import TouchRequest
 

@@ -23,7 +23,6 @@ from activetouch.envs.object_test import ObjectTestEnv
 from activetouch.envs.sb3 import BankVecEnv
 from activetouch.envs.touch_bank import TouchBank
 from activetouch.envs.touch_source import LiveTouches, SampledTouches, Touches
-from activetouch.envs.vector import BankVectorEnv
 from experiments.scene_choice import SceneChoice
 from experiments.sensor_choice import independent_sensor, open_sensor
 
@@ -64,17 +63,10 @@ def main(scene: str, folder: Path | None) -> None:
     def test_of(touches: Touches) -> Callable[[], gymnasium.Env]:
         return lambda: ObjectTestEnv(touches=touches, target=target)
 
-    def by_id(num_envs: int) -> gymnasium.vector.VectorEnv:
-        return gymnasium.make_vec("activetouch/ObjectTest-v0", num_envs=num_envs, scene=scene, target=target)
-
     cases = {  # name: environment, how many at once, steps in a round
         "gymnasium sync × 16: trivial": (sync(Counter, 16), 16, 100),
         "gymnasium sync × 16: touches from the model": (sync(test_of(sampled), 16), 16, 25),
         "gymnasium sync × 16: live": (sync(test_of(live), 16), 16, 4),
-        "gymnasium × 256: bank": (BankVectorEnv(episodes(256)), 256, 100),
-        "gymnasium × 16: make_vec": (by_id(16), 16, 400),
-        "gymnasium × 256: make_vec": (by_id(256), 256, 100),
-        "gymnasium × 1024: make_vec": (by_id(1024), 1024, 50),
         "sb3 dummy × 256: trivial": (DummyVecEnv([Counter] * 256), 256, 20),
         "sb3 × 64: bank": (BankVecEnv(episodes(64), (0,)), 64, 100),
         "sb3 × 256: bank": (BankVecEnv(episodes(256), (0,)), 256, 100),

@@ -22,7 +22,6 @@ from activetouch.errors import UnstablePress
 from activetouch.placement import Placement
 from activetouch.poses import turn
 from activetouch.pressing.contact import first_touch
-from activetouch.pressing.deformable import Deformable
 from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.press import Press, Quasistatic
 from activetouch.pressing.setup import Setup
@@ -30,12 +29,13 @@ from activetouch.scene import Scene
 from activetouch.shapes import SHAPES
 from belief.files import require_writable_file, write_text
 from belief.seeding import keyed_rng
+from benchmarks.neighbours import neighbour_guesses
+from benchmarks.soft_pad import Deformable
 from experiments.command_line.arguments import Count, CountOrNone, Jobs, JSONFile, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs, run_tasks
 from experiments.reporting.tables import Table
 from experiments.scene_choice import SceneChoice
-from experiments.sensor.baseline import neighbour_guesses
 
 Floats = NDArray[np.float64]
 _PER_TASK = 25

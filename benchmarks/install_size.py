@@ -48,7 +48,7 @@ def main(arguments: list[str]) -> None:
             folder = scratch / which
             folder.mkdir()
             load = os.getloadavg()[0]
-            clock, processor = time_of(command, folder, {"ACTIVETOUCH_PLANS": str(folder / "plans")})
+            clock, processor = time_of(command, folder)
             report = next(folder.rglob("report.html"))
             print(
                 f"{which} activetouch compare {' '.join(arguments)}: {clock:.1f} s by the clock, {processor:.1f} s of "

@@ -23,20 +23,20 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-from activetouch.errors import WrongPress
-from activetouch.pressing.contact import Contact, contact_at_depth
+from activetouch.pressing.contact import Contact
+from activetouch.pressing.pad import Pad
 from activetouch.rendering import read_out
 from activetouch.scene import Scene
 from belief.claims import claim_folder, ends_claims
 from belief.files import write_text
 from belief.seeding import keyed_rng
 from belief.statistics import paired_bootstrap
+from benchmarks.neighbours import neighbour_guesses
 from experiments.command_line.arguments import Jobs, Seed, Within, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs, run_tasks
 from experiments.reporting.tables import Table, interval
 from experiments.scene_choice import SceneChoice, in_file_names
-from experiments.sensor.baseline import neighbour_guesses
 from experiments.sensor.scores import accuracy_of_objects
 from experiments.sensor_choice import open_sensor
 
@@ -141,15 +141,7 @@ def exchange(
         key: seed and stream of the generators.
         read: from images ``(n, ...)`` to n rows.
         jobs: number of processes that press.
-
-    Raises:
-        WrongPress: geometry and depth do not determine the imprints of the scene.
     """
-    if scene.press_model.deforms:
-        raise WrongPress(
-            "geometry and depth do not determine the imprint on a deformable pad; choose --fidelity quasistatic, "
-            "dynamic or guarded_move"
-        )
     touches = np.arange(num_objects * len(scene.shapes) * len(scene.poses))
     lenders = keyed_rng([*key, _KEY], is_fixed_length=True).permutation(len(touches))
     tasks = [
@@ -204,6 +196,25 @@ def with_numbers_of(lender: Contact, contact: Contact, stiffness: float = 1.0) -
     if trace is not None and held > 0.0:
         trace = replace(trace, force=trace.force * (_held_force(lender) / held))
     return replace(shown, force=lender.force, trace=trace)
+
+
+def contact_at_depth(pad: Pad, gap: Floats, depth: float, stiffness: float = 1.0) -> Contact:
+    """The contact whose deepest taxel is indented by ``depth``, the inverse of :func:`elastic_contact`.
+
+    Args:
+        pad: the pad.
+        gap: from :func:`activetouch.pressing.contact.surface_gap`.
+        depth: of the deepest taxel, in ``[0, pad.max_depth]`` [m].
+        stiffness: of the layer and the object's skin together, relative to the pad's.
+
+    Raises:
+        ValueError: the depth is outside its range.
+    """
+    if not 0.0 <= depth <= pad.max_depth:
+        raise ValueError(f"depth must be in [0, {pad.max_depth:g}] m, the thickness of the layer; got {depth:g}")
+    indentation = np.maximum(depth - gap, 0.0)
+    pressure = (stiffness * pad.stiffness) * indentation
+    return Contact(pad, gap, float(pressure.sum()) * pad.taxel_area, indentation, pressure)
 
 
 def _held_force(contact: Contact) -> float:

@@ -20,12 +20,12 @@ from activetouch.extras import require_extra
 from activetouch.perception.recipe import RECIPES
 from belief.claims import claim_folder, ends_claims
 from belief.files import write_text
-from experiments.command_line.arguments import BadArgument, Jobs, NotEmpty, Pixels, Seed, Share, check_arguments
+from benchmarks.reader_scores import Scores, draw_errors, scores
+from experiments.command_line.arguments import Jobs, NotEmpty, Pixels, Seed, Share, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs
 from experiments.reporting.tables import Table
 from experiments.scene_choice import collection_folder, in_file_names, named_scene
-from experiments.sensor.scores import Scores, scores
 from experiments.sensor.train import (
     STATE_FILE,
     BackboneName,
@@ -88,10 +88,6 @@ class LearningCurve:
         """Train, read, write and print."""
         check_arguments(self)
         require_extra("train")
-        if self.change.embedding is not None:
-            raise BadArgument(
-                "--change.embedding is for training by contrast; a learning curve is of plain classifiers"
-            )
         import torch
 
         out = self.out if self.out is not None else Path(f"runs/learning-curve-{in_file_names(self.scene)}")
@@ -149,7 +145,6 @@ def draw_learning_curve(points: Sequence[Point], title: str, path: Path) -> None
     from matplotlib.ticker import NullFormatter
 
     from experiments.reporting.style import PALETTE, figure
-    from experiments.sensor.figures import draw_errors
 
     with figure((5.5, 3.6), path) as drawn:
         images = np.array([point.images for point in points])

@@ -20,12 +20,10 @@ import tyro
 
 from experiments.command_line.console import plain_console
 from experiments.search.compare import Compare
-from experiments.search.run_folder import Seconds
-from experiments.search.short_names import short_names
-from experiments.search.summary import Comparison, compare_episodes
-from experiments.search.tables import comparison_tables
-from experiments.search.terminal import terminal_table
-from experiments.search.verdict import verdict_sentences
+from experiments.search.comparison import Comparison
+from experiments.search.play import Seconds
+from experiments.search.tables import comparison_tables, terminal_table
+from experiments.search.verdict import short_names
 
 
 def pooled(found: Sequence[Comparison], seed: int = 0) -> Comparison:
@@ -43,7 +41,9 @@ def pooled(found: Sequence[Comparison], seed: int = 0) -> Comparison:
         with_oracle = [some[:tried] for some, tried in parts]  # come first, as the oracle's answers do
         episodes[key] = list(chain(*with_oracle, *(some[tried:] for some, tried in parts)))
     seconds = {key: sum((one.cells[key].seconds for one in found), Seconds()) for key in first.episodes}
-    return compare_episodes(first.problem, episodes, seconds, solved, first.reference, np.random.default_rng(seed))
+    return Comparison.from_episodes(
+        first.problem, episodes, seconds, solved, first.reference, np.random.default_rng(seed)
+    )
 
 
 def main() -> None:
@@ -57,10 +57,9 @@ def main() -> None:
     comparison = pooled([run.play() for run in runs])
     for table in comparison_tables(comparison):
         table.write_csv(asked.folder / "tables" / f"{table.name}.csv")
-    names, said = short_names(comparison.deciders)
-    spoken, console = comparison.renamed(names), plain_console()
+    spoken, console = comparison.renamed(short_names(comparison.deciders)[0]), plain_console()
     console.print(terminal_table(spoken, console.width).rich())
-    for sentence in [*said, *verdict_sentences(spoken), f"Seeds: {', '.join(map(str, seeds))}."]:
+    for sentence in [*comparison.verdict(), f"Seeds: {', '.join(map(str, seeds))}."]:
         print(textwrap.fill(sentence, 78))
 
 

@@ -18,6 +18,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import softmax
+from upper_bounds.object import object_bound
+from upper_bounds.search import search_bound
 
 from activetouch.sensor_files import load_observation_model
 from belief.problem import Floats
@@ -52,7 +54,9 @@ def of_bound(policy: TouchPolicy | SearchPolicy, bounds: bool) -> tuple[str, str
     low = policy.lower_bound
     if not bounds:
         return f"{low:.4f}", ""
-    return f"{low:.4f} of {policy.upper_bound:.4f}", f"{low / policy.upper_bound:.2%}"
+    rng, problem = np.random.default_rng(0), policy.problem
+    high = object_bound(problem, rng) if isinstance(problem, TouchProblem) else search_bound(problem, rng)
+    return f"{low:.4f} of {high:.4f}", f"{low / high:.2%}"
 
 
 def print_rows(kind: str, probs: NDArray[np.float64], cost: float, bounds: bool) -> None:

@@ -24,7 +24,6 @@ import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -82,20 +81,18 @@ def _read(sensor: Any, images: np.ndarray[Any, Any]) -> Callable[[int], object]:
 def _search(scene: str) -> Callable[[int], object]:
     """Plays the searches of one target as ``activetouch compare`` does: its four deciders and the oracle."""
     from experiments.scene_choice import SceneChoice
+    from experiments.search.comparison import DEFAULT_DECIDERS, prepared
     from experiments.search.oracle import solved_by_full_information
-    from experiments.search.setting import Setting, play_episodes
+    from experiments.search.play import TouchMemo, play_episodes
+    from experiments.search.setting import Setting
 
-    setting, numbers = Setting(SceneChoice(scene)), range(SEARCHES)
+    run, numbers = prepared(Setting(SceneChoice(scene)), DEFAULT_DECIDERS, seed=1, jobs=1), range(SEARCHES)
 
     def play(target: int) -> None:
-        shared: list[Any] = []  # images of touches that several deciders make, in versions that keep them
-        with suppress(ImportError):
-            from experiments.search.touch_memo import TouchMemo
-
-            shared.append(TouchMemo())
-        for decider in ("point_based", "information_gain", "threshold", "random_confirm"):
-            play_episodes(setting, decider, target, 1, numbers, *shared)
-        solved_by_full_information(setting, target, 1, numbers, *shared)
+        memo = TouchMemo()
+        for decider in run.deciders.values():
+            play_episodes(run.searches, decider, target, numbers, memo)
+        solved_by_full_information(run.searches, target, numbers, memo)
 
     return play
 
@@ -180,7 +177,7 @@ def compare(names: Iterable[str], measure: Callable[[str], tuple[float, float]],
     print(f"{'median over rounds':<42}{'before':>10}{'now':>10}{'now / before':>20}")
     for name in names:
         times = []
-        for round_ in range(rounds + 1):  # the first round compiles and warms up, and writes bytecode and plans
+        for round_ in range(rounds + 1):  # the first round compiles and warms up, and writes bytecode
             times.append(measure(name))
             if unit == "s":
                 print(f"    round {round_}: {times[-1][0]:.1f} {unit}, {times[-1][1]:.1f} {unit}", flush=True)
@@ -192,7 +189,7 @@ def compare(names: Iterable[str], measure: Callable[[str], tuple[float, float]],
         )
 
 
-def _seconds(folder: Path, arguments: str, plans: Path) -> float:
+def _seconds(folder: Path, arguments: str) -> float:
     """Processor seconds of a command and its workers."""
     with tempfile.TemporaryDirectory() as out:
         command = [
@@ -210,7 +207,7 @@ def _seconds(folder: Path, arguments: str, plans: Path) -> float:
             cwd=out,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
-            env={**environment(folder), "ACTIVETOUCH_PLANS": str(plans)},
+            env=environment(folder),
         )
         ended = resource.getrusage(resource.RUSAGE_CHILDREN)
     return ended.ru_utime + ended.ru_stime - started.ru_utime - started.ru_stime
@@ -248,12 +245,11 @@ def main() -> None:
         for version in (earlier, this):
             version.end()
         return
-    with tempfile.TemporaryDirectory() as plans:
 
-        def seconds(name: str) -> tuple[float, float]:
-            return tuple(_seconds(folder, COMMANDS[name], Path(plans)) for folder in (arguments.before, HERE))
+    def seconds(name: str) -> tuple[float, float]:
+        return tuple(_seconds(folder, COMMANDS[name]) for folder in (arguments.before, HERE))
 
-        compare(chosen(COMMANDS), seconds, arguments.rounds, "s")
+    compare(chosen(COMMANDS), seconds, arguments.rounds, "s")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
-"""Measure the time of presses, images, the robot, and MuJoCo's own tactile sensor, as ratios within one run.
+"""Measure the time of presses, images, and MuJoCo's own tactile sensor, as ratios within one run.
 
-Run: python benchmarks/world.py            (MENAGERIE_ROOT=... adds the rows with the robot)
+Run: python benchmarks/world.py
 
 Presses per second are those of all cores together. All other times are medians of interleaved rounds on one core, with
 the ratio to the first row of the block, taken within a round.
@@ -9,7 +9,6 @@ the ratio to the first row of the block, taken within a round.
 from __future__ import annotations
 
 import copy
-import os
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -27,7 +26,6 @@ from activetouch.pressing.contact import first_touch
 from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.rig import Rig
-from activetouch.pressing.robot import Robot
 from activetouch.pressing.setup import Setup
 from activetouch.shapes import EXTENDED_SHAPES, SHAPES
 
@@ -128,10 +126,6 @@ def main() -> None:
         "and a trace": presses(traced),
         "and finger and parked objects": presses(replace(traced, finger=True, parking=True)),
     }
-    if "MENAGERIE_ROOT" in os.environ:
-        stages["minimal scene and robot, without collisions"] = presses(replace(gel, robot=Robot(collisions=False)))
-        stages["minimal scene and robot"] = presses(replace(gel, robot=Robot()))
-        stages["minimal scene and robot, jointed"] = presses(replace(gel, robot=Robot(jointed=True)))
     table("one dynamic press, without image", stages, 24)
     table("height map of all twelve shapes, 128 × 128", {name: height_map(name) for name in EXTENDED_SHAPES}, 24)
     both = {f"height map, {n} × {n}": height_map("cylinder", n) for n in (32, 64, 128)}

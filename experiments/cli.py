@@ -34,27 +34,18 @@ class Command:
 COMMAND_GROUPS: dict[str, dict[str, Command]] = {
     "Search": {
         "compare": Command("search.compare:Compare", "run the same searches with several deciders; report"),
-        "merge": Command("search.merge:Merge", "combine run folders of several machines"),
         "replay": Command("search.replay:Replay", "draw or animate one recorded search"),
         "export": Command("search.export:Export", "write a search (.pomdp) or a solved policy (.npz)"),
-        "overprobing": Command("search.overprobing:OverprobingCommand", "count the touches made after certainty"),
     },
     "Look at touches": {
-        "touch": Command("press.touch:TouchCommand", "draw one press"),
-        "gallery": Command("press.touch:Gallery", "draw every shape, pose and renderer"),
-        "view": Command("press.touch:View", "watch a press in MuJoCo's window"),
-        "record": Command("press.touch:Record", "write presses as time series, one CSV file per object"),
+        "touch": Command("press.touch:TouchCommand", "draw presses, watch one, or write them as time series"),
         "explain": Command("press.explain:Explain", "list what a scene models, and measure its cost"),
     },
-    "Make a sensor": {
+    "Make a sensor or a policy": {
         "collect": Command("sensor.collect:Collect", "record touches of thousands of objects"),
         "train": Command("sensor.train:Train", "train a classifier on a collection"),
         "calibrate": Command("sensor.calibrate:Calibrate", "fit the observation model; evaluate on unseen objects"),
-        "rank-poses": Command("sensor.rank_poses:RankPoses", "find the best fixed order of poses"),
-    },
-    "Train policies": {
-        "touch-bank": Command("ppo.touch_bank:MakeTouchBank", "turn a collection into a touch bank for PPO training"),
-        "train-ppo": Command("ppo.train_ppo:TrainPPO", "train PPO policies, one per target"),
+        "train-ppo": Command("ppo.train_ppo:TrainPPO", "train PPO policies on a collection"),
     },
     "Evaluate": {
         "calibration-report": Command(

@@ -6,6 +6,7 @@ A name is a key of a registry, a name that an installed package registers (entry
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -21,7 +22,6 @@ from activetouch.errors import DuplicateShape
 from activetouch.mesh_source import read_meshes
 from activetouch.named_scenes import SCENES, NamedScene
 from activetouch.orientations import Inexact, Presentation, Resampled, Tumbled, Upright
-from activetouch.pressing.deformable import Deformable
 from activetouch.pressing.guarded_move import GuardedMove
 from activetouch.pressing.press import Press
 from activetouch.rendering import RENDERERS, TactileRenderer
@@ -31,14 +31,13 @@ from activetouch.solids.family import numbers_of
 from belief.errors import InvalidArgument
 from belief.naming import index_of
 from belief.references import BadReference, build, find
-from experiments.command_line.arguments import ABOVE_ZERO, Positive, require_types
+from experiments.command_line.arguments import require_types
 from experiments.command_line.trust import Trust
 
 FIDELITIES: Mapping[str, Press] = {
     "quasistatic": Quasistatic(),
     "dynamic": Dynamic(),
     "guarded_move": GuardedMove(),
-    "deformable": Deformable(),
 }
 PRESENTATIONS: Mapping[str, Presentation] = {
     "tumbled": Tumbled(),
@@ -51,6 +50,7 @@ PRESENTATIONS: Mapping[str, Presentation] = {
 FidelityName: TypeAlias = Literal[tuple(FIDELITIES)]  # type: ignore[valid-type]
 PresentationName: TypeAlias = Literal[tuple(PRESENTATIONS)]  # type: ignore[valid-type]
 _LARGEST_INPUT = 64  # image edge of a classifier for a user's scene [pixels]
+_SIZES = re.compile(r"size=([^,=]+?)\.\.([^,=]+)")
 _FACTORS = re.compile(r"(?:^|,)(\w+)=([^,=]+?)\.\.([^,=]+)")
 
 
@@ -124,11 +124,6 @@ def repeats_folder(scene: str) -> Path:
     return Path("data") / f"{in_file_names(scene)}-repeats"
 
 
-def bank_folder(scene: str) -> Path:
-    """Default folder of a scene's touch bank."""
-    return Path("data") / f"{in_file_names(scene)}-bank"
-
-
 def training_folder(scene: str) -> Path:
     """Default folder of a scene's classifier training."""
     return Path(f"runs/train-{in_file_names(scene)}")
@@ -171,38 +166,41 @@ def with_families(shapes: Mapping[str, Any], families: Sequence[str]) -> dict[st
     return {**shapes, **found}
 
 
+def _sizes(families: Sequence[str]) -> tuple[Uniform | None, list[str]]:
+    """Range of the sizes of all objects, and the families of single shapes."""
+    sizes: Uniform | None = None
+    others = []
+    for text in families:
+        if found := _SIZES.fullmatch(text):
+            try:
+                sizes = Uniform(float(found[1]), float(found[2]))
+            except ValueError as error:
+                raise InvalidArgument(f"--family {text!r} is no range of sizes: {error}") from error
+        else:
+            others.append(text)
+    return sizes, others
+
+
 @dataclass(frozen=True)
 class SceneChoice:
-    """A named scene and changes to it."""
+    """A scene, and what differs from it; by default nothing."""
 
     scene: str = "gel"
-    """Scene: paper, coarse, gel, hard, many or keyed; or module:attribute of your own scene."""
+    """paper, coarse, gel, hard, many or keyed; or module:attribute of your own."""
     fidelity: FidelityName | None = None
-    """Press model; that of the scene by default."""
+    """Press model."""
     renderer: str | None = None
-    """Renderer: force_patch, pressure or gelsight; or module:attribute of your own; that of the scene by default."""
+    """force_patch, pressure or gelsight, or module:attribute of your own."""
     presentation: PresentationName | None = None
-    """Distribution of object orientations; that of the scene by default."""
+    """Distribution of object orientations."""
     poses: str | None = None
-    """Set of poses: mix (six) or directions26; that of the scene by default."""
+    """Set of poses: mix (six) or directions26."""
     meshes: tuple[Path, ...] = ()
-    """Mesh files (STL, OBJ, PLY, OFF, GLB, glTF, 3MF, DAE) of shapes to add, each [NAME=]PATH[@SCALE], such as mug.obj,
-    mug.obj@0.001 for millimetres, or cup=scan/model.obj. The name is that of the file, or of its folder if files have
-    the same name."""
-    mesh_scale: Positive | None = None
-    """Metres per unit of the mesh files without a scale of their own: 0.001 for millimetres. By default that of the
-    format or 1; sizes that are possible only in millimetres are taken as such, with a warning."""
+    """Mesh files of shapes to add, each [NAME=]PATH[@SCALE], such as mug.obj@0.001 for millimetres."""
     only: bool = False
-    """Leave out the scene's own shapes: the meshes are all there is. Their sizes do not vary."""
-    size_range: Annotated[tuple[float, float] | None, ABOVE_ZERO] = None
-    """Smallest and largest factor on the size of every object, such as 0.9 1.1. By default that of the scene; with
-    --only, 1."""
+    """Leave out the scene's own shapes; the sizes of the meshes do not vary."""
     family: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
-    """A shape whose objects differ in their proportions, as SHAPE:PARAMETER=LOW..HIGH with factors on the nominal
-    number, such as cylinder:half_length=0.5..2. Several parameters are separated by commas; repeat the option for
-    other shapes."""
-    robot: Literal["panda_allegro"] | None = None
-    """Robot to model behind the pad; its models are read from $MENAGERIE_ROOT."""
+    """Factors on the sizes of all objects, size=0.9..1.1, or on a shape's proportions, cylinder:half_length=0.5..2."""
 
     @cached_property
     def named(self) -> NamedScene:
@@ -213,8 +211,7 @@ class SceneChoice:
             BadReference: The name of either cannot be parsed, or is the name of something else.
             DuplicateShape: A mesh has the name of another shape.
             BadMesh: A mesh file does not contain a solid.
-            InvalidArgument: ``only`` without meshes, a range of sizes that ends before it begins, or a family that
-                cannot be read or has no solids.
+            InvalidArgument: ``only`` without meshes, or a family that cannot be read or has no solids.
         """
         named = named_scene(self.scene)
         changes: dict[str, Any] = {}
@@ -226,13 +223,11 @@ class SceneChoice:
             changes["presentation"] = PRESENTATIONS[self.presentation]
         if self.poses is not None:
             changes |= {"poses": self.poses, "aims": {}}
-        if self.robot is not None:
-            changes["robot"] = self.robot
         if self.only and not self.meshes:
             raise InvalidArgument("--only leaves out the scene's own shapes; give others with --meshes")
         own = {} if self.only else named.scene.shapes
         if self.meshes:
-            added = read_meshes(*self.meshes, scale=self.mesh_scale)
+            added = read_meshes(*self.meshes)
             if taken := [label for label in added if label in own]:
                 raise DuplicateShape(
                     f"the scene {self.scene!r} has the shapes {', '.join(own)}; the meshes to add must have other "
@@ -240,13 +235,11 @@ class SceneChoice:
                     "scene's own shapes out with --only"
                 )
             changes["shapes"] = {**own, **added}
-        if self.family:
-            changes["shapes"] = with_families(changes.get("shapes", named.scene.shapes), self.family)
-        if self.size_range is not None and self.size_range[0] > self.size_range[1]:
-            raise InvalidArgument(f"--size-range must not end before it begins, got {self.size_range}")
-        if self.size_range is not None or self.only:
-            size = Constant(1.0) if self.size_range is None else Uniform(*self.size_range)
-            changes["variation"] = replace(named.scene.variation, size=size)
+        sizes, families = _sizes(self.family)
+        if families:
+            changes["shapes"] = with_families(changes.get("shapes", named.scene.shapes), families)
+        if sizes is not None or self.only:
+            changes["variation"] = replace(named.scene.variation, size=Constant(1.0) if sizes is None else sizes)
         scene = replace(named.scene, **changes)
         num_objects = min(named.num_objects, len(scene.shapes)) if self.only else named.num_objects
         return replace(named, scene=scene, num_objects=num_objects)
@@ -257,11 +250,7 @@ class SceneChoice:
 
     def to_dict(self) -> dict[str, Any]:
         """The choice as plain values."""
-        plain = {**asdict(self), "meshes": [str(path) for path in self.meshes]}
-        if not self.meshes:
-            plain["mesh_scale"] = 1.0  # as ever, so that runs without meshes stay the same
-        left_out = {"poses": None, "mesh_scale": None, "only": False, "size_range": None, "family": ()}
-        return {name: value for name, value in plain.items() if name not in left_out or value != left_out[name]}
+        return {**asdict(self), "meshes": [str(path) for path in self.meshes], "family": list(self.family)}
 
     @classmethod
     def from_dict(cls, fields: Mapping[str, Any], trust: Trust) -> SceneChoice:
@@ -272,15 +261,10 @@ class SceneChoice:
             BadArgument: a field is of a wrong type.
         """
         trust.require([fields["scene"], fields.get("renderer")])
-        given = {**fields, "meshes": tuple(Path(path) for path in fields["meshes"])}
-        if not given["meshes"]:
-            given.pop("mesh_scale", None)
-        if given.get("randomised") is False:
-            given.pop("randomised")  # of files from before training in a wider world was removed
-        if given.get("size_range") is not None:
-            given["size_range"] = tuple(given["size_range"])
-        if "family" in given:
-            given["family"] = tuple(given["family"])
-        choice = cls(**given)
+        lists = {"meshes": tuple(map(Path, fields["meshes"])), "family": tuple(fields.get("family", ()))}
+        without_effect = (None, False, 1.0)  # options of earlier versions
+        names = {field.name for field in dataclasses.fields(cls)}
+        known = {name: value for name, value in fields.items() if name in names or value not in without_effect}
+        choice = cls(**{**known, **lists})
         require_types(choice)
         return choice

@@ -5,15 +5,15 @@ from __future__ import annotations
 import shlex
 import sys
 import warnings
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from activetouch.data.manifest import Manifest, NoCollection, read_manifest
 from activetouch.errors import LabelMismatch, SceneShift, WrongScene
-from activetouch.named_scenes import SCENES
+from activetouch.named_scenes import SCENES, NamedScene
 from activetouch.perception.card import ClassifierCard
+from activetouch.scene import Scene
 from activetouch.scene_description import in_words, scene_differences, scene_fields
 from activetouch.sensor import TactileSensor
 from activetouch.sensor_files import (
@@ -29,7 +29,6 @@ from belief.errors import ActiveTouchError
 from belief.policy_state import WITH_GAINS
 from experiments.scene_choice import (
     SceneChoice,
-    bank_folder,
     collection_folder,
     in_file_names,
     named_scene,
@@ -38,8 +37,6 @@ from experiments.scene_choice import (
 from experiments.sensor_commands import REPEATS, command, sensor_commands
 from planners.ppo import BadPolicy, MissingPolicy, load_ppo_policy, policy_file
 from planners.registry import trained_state
-
-T = TypeVar("T")
 
 
 class NoSensor(ActiveTouchError, FileNotFoundError):
@@ -52,16 +49,13 @@ def policy_commands(scene: str, sensor: Path, state: str) -> str:
     Args:
         scene: name of the scene.
         sensor: folder of the sensor.
-        state: of the policies; those of :data:`belief.policy_state.WITH_GAINS` have a bank of their own.
+        state: state of the policies; those of :data:`belief.policy_state.WITH_GAINS` have a folder of their own.
     """
-    repeats, bank, out = repeats_folder(scene), bank_folder(scene), Path(f"runs/ppo-{scene}")
-    if state in WITH_GAINS:
-        bank, out = (path.with_name(f"{path.name}-joint") for path in (bank, out))
+    repeats, out = repeats_folder(scene), Path(f"runs/ppo-{scene}{'-joint' if state in WITH_GAINS else ''}")
     return "\n".join(
         (
             command("collect", "--scene", scene, *REPEATS, out=repeats),
-            command("touch-bank", scene=scene, data=repeats, sensor=sensor, out=bank),
-            command("train-ppo", scene=scene, bank=bank, sensor=sensor, recipes=state, out=out),
+            command("train-ppo", scene=scene, data=repeats, sensor=sensor, recipes=state, out=out),
             shlex.join(["cp", "-r", str(out / POLICIES), str(sensor)]),
         )
     )
@@ -118,14 +112,16 @@ def sensor_folder(given: Path | None, scene: str) -> Path:
     return shipped if len(given.parts) == 1 and not given.exists() and shipped.is_dir() else given
 
 
-def check_sensor(folder: Path, choice: SceneChoice, anyway: bool = False, independent: bool = False) -> tuple[str, ...]:
-    """Differences between a scene and that of a sensor, as :func:`activetouch.sensor_files.sensor_shift`.
+def open_sensor(
+    folder: Path | None, choice: SceneChoice | NamedScene, anyway: bool = False, independent: bool = False
+) -> TactileSensor:
+    """Load a sensor, which checks that it fits the scene; print an accepted difference to stderr.
 
     Args:
-        folder: of the sensor.
-        choice: the scene.
-        anyway: whether to accept any scene.
-        independent: whether its model that takes touches as independent given the shape is to be used.
+        folder: of the sensor, or name of a scene with a shipped sensor; the shipped one of the scene by default.
+        choice: the scene, by name or as an object.
+        anyway: whether to accept a sensor of any scene.
+        independent: whether to use its model that takes touches as independent given the shape.
 
     Raises:
         NoSensor: The folder holds no sensor.
@@ -134,18 +130,18 @@ def check_sensor(folder: Path, choice: SceneChoice, anyway: bool = False, indepe
         LabelMismatch: The sensor was made for other shapes or poses.
         WrongScene: The sensor was made for another scene; the message names the commands that make a fitting one.
     """
-    shift = partial(sensor_shift, folder, choice.named.scene, anyway, independent)
-    return _with_remedy(shift, folder, choice, independent)
-
-
-def open_sensor(folder: Path | None, choice: SceneChoice, anyway: bool = False) -> TactileSensor:
-    """Load the sensor in a folder, by default the shipped one; print an accepted difference of scenes to stderr.
-
-    Raises:
-        ActiveTouchError: as :func:`check_sensor`.
-    """
-    chosen = sensor_folder(folder, choice.scene)
-    sensor = _with_remedy(partial(load_quietly, chosen, choice.named.scene, anyway), chosen, choice)
+    name, scene = (choice.scene, choice.named.scene) if isinstance(choice, SceneChoice) else ("", choice.scene)
+    chosen = sensor_folder(folder, name)
+    for path in (chosen / READER_FILE, observation_file(chosen, independent)):
+        if not (path.is_file() or (chosen / ANY_OBJECT_FILE).is_file()):
+            where = f"{chosen} holds no sensor: there is no {path.name} in it"
+            none = f"no sensor comes with the scene {name}; name one with --sensor"
+            raise NoSensor(f"{where if chosen.parent != MODELS else none}. {_remedy(choice, name, scene)}")
+    try:
+        sensor = load_quietly(chosen, scene, anyway, independent)
+    except (LabelMismatch, WrongScene) as error:
+        advice = _anyway(chosen, scene, independent)
+        raise type(error)(f"{error}. {_remedy(choice, name, scene)}{advice}") from error
     tell_shift(sensor.shift)
     return sensor
 
@@ -178,41 +174,29 @@ def tell_shift(shift: tuple[str, ...]) -> None:
         print(f"warning: {sentence}", file=sys.stderr)
 
 
-def _with_remedy(read: Callable[[], T], folder: Path, choice: SceneChoice, independent: bool = False) -> T:
-    reads_any = (folder / ANY_OBJECT_FILE).is_file()
-    for path in (folder / READER_FILE, observation_file(folder, independent)):
-        if not reads_any and not path.is_file():
-            where = f"{folder} holds no sensor: there is no {path.name} in it"
-            none = f"no sensor comes with the scene {choice.scene}; name one with --sensor"
-            raise NoSensor(f"{where if folder.parent != MODELS else none}. {_remedy(choice)}")
-    try:
-        return read()
-    except (LabelMismatch, WrongScene) as error:
-        raise type(error)(f"{error}. {_remedy(choice)}{_anyway(folder, choice, independent)}") from error
-
-
-def _anyway(folder: Path, choice: SceneChoice, independent: bool) -> str:
+def _anyway(folder: Path, scene: Scene, independent: bool) -> str:
     """Advice to use ``--anyway``, if the network can read the images of the scene."""
     try:
-        sensor_shift(folder, choice.named.scene, anyway=True, independent=independent)
+        sensor_shift(folder, scene, anyway=True, independent=independent)
     except ActiveTouchError:
         return ""
     return "\nTo use it nevertheless, add --anyway."
 
 
-def _remedy(choice: SceneChoice) -> str:
-    ready = _shipped_for(choice)
-    if ready == choice.scene:
+def _remedy(choice: SceneChoice | NamedScene, name: str, scene: Scene) -> str:
+    ready = _shipped_for(name, scene)
+    if ready is not None and ready == name:
         return f"Leave out --sensor: the sensor that comes with the scene {ready} reads these objects."
     if ready is not None:
         return f"Add --sensor {ready}: it reads any objects with this pad."
+    if not isinstance(choice, SceneChoice):
+        return "Make a sensor for this scene: activetouch.make_sensor(scene)"
     return f"Make a sensor for this scene:\n{sensor_commands(choice)}"
 
 
-def _shipped_for(choice: SceneChoice) -> str | None:
+def _shipped_for(own: str, scene: Scene) -> str | None:
     """Name of a shipped sensor that reads the objects of a scene with its pad; None if there is none."""
-    scene = choice.named.scene
-    for name in sorted(SCENES, key=lambda name: name != choice.scene):
+    for name in sorted(SCENES, key=lambda name: name != own):
         if SCENES[name].scene.image_shape[0] >= scene.image_shape[0]:  # coarser taxels would waste its images
             try:
                 sensor_shift(MODELS / name, scene)

@@ -57,7 +57,6 @@ def choice_name(choice: SceneChoice) -> str:
         "only" if choice.only else None,
         *mesh_labels(*choice.meshes),
         *choice.family,
-        None if choice.size_range is None else "-".join(f"{size:g}" for size in choice.size_range),
     ]
     return in_file_names("-".join([choice.scene, *(change for change in changes if change)]))
 

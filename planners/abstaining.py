@@ -21,8 +21,8 @@ from math import isnan, log
 
 import numpy as np
 
-from belief import Confirm, Probe, Reject, Unsure
 from belief.errors import BrokenContract, InvalidArgument
+from belief.problem import Confirm, Probe, Reject, Unsure
 from planners.answers import checked_decision
 from planners.decider import Decider, Decision, InformationState, num_touches
 

@@ -10,9 +10,9 @@ from dataclasses import replace
 from numbers import Real
 from typing import Any
 
-from belief import Confirm, Probe, Reject, SearchProblem, Unsure
 from belief.errors import ActiveTouchError, InvalidArgument, UnknownName
 from belief.naming import index_of
+from belief.problem import Confirm, Probe, Reject, SearchProblem, Unsure
 from planners.decider import Decision
 
 _WORKS = "a decider returns Decision(Probe(pose)), Decision(Confirm()) or Decision(Reject())"

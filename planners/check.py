@@ -7,9 +7,10 @@ import pickle
 
 import numpy as np
 
-from belief import Composition, SearchProblem
+from belief.composition import Composition
 from belief.errors import BrokenContract
-from belief.observation_model import ObservationModel
+from belief.observation_model.model import ObservationModel
+from belief.problem import SearchProblem
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
 from planners.decider import Decider, Decision, InformationState
 from planners.episode import Episode, Outcome

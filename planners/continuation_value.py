@@ -18,9 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from belief import SearchProblem
-from belief.observation_model import OutcomeTable
-from belief.problem import Floats
+from belief.observation_model.outcome_table import OutcomeTable
+from belief.problem import SearchProblem
+from belief.validation import Floats
 from planners.decider import InformationState, touch_share
 from planners.repeats import LeastUsedFirst, RepeatDiscount
 from planners.stopping import share_of_threshold

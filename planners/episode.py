@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-from belief import Belief, Confirm, Probe, Reject, SearchProblem, Touch, Unsure
+from belief.categorical import Belief
 from belief.naming import one_line
-from belief.problem import Action
+from belief.problem import Action, Confirm, Probe, Reject, SearchProblem, Touch, Unsure
 from planners.decider import Decision
 
 ACTION_NAMES: Mapping[type[Action], str] = {Confirm: "confirm", Reject: "reject", Unsure: "unsure"}
@@ -67,6 +67,23 @@ class Episode:
     def __repr__(self) -> str:
         facts = f"target {self.target}", f"arrangement {self.arrangement}", f"{self.num_touches} touches"
         return one_line(Episode, f"seed {self.seed}", self.outcome.value, *facts)
+
+    def __str__(self) -> str:
+        """The search in words: a line for its result, and one for each object that was visited."""
+        labels = self.steps[0].belief.labels
+        result = "right" if self.success else "wrong" if self.is_answered else "no answer"
+        lines = [f"search for the {labels[self.target]}: {self.outcome.value}, {result}, {self.num_touches} touches"]
+        for number, shape in enumerate(self.arrangement):
+            steps = [step for step in self.steps if step.object_index == number]
+            if not steps:
+                break
+            poses = [step.decision.action.pose for step in steps if isinstance(step.decision.action, Probe)]
+            probs = " → ".join(f"{step.belief.probs[self.target]:.3f}" for step in steps)
+            end = ACTION_NAMES.get(type(steps[-1].decision.action), "probe beyond the touch limit")
+            lines.append(
+                f"  object {number + 1}, a {labels[shape]}: poses {poses}, p({labels[self.target]}) {probs}: {end}"
+            )
+        return "\n".join(lines)
 
     @property
     def num_touches(self) -> int:

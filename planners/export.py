@@ -8,7 +8,7 @@ format does not allow, or that it uses as words, are renamed; a comment in the f
 >>> from planners.solve import TouchProblem
 >>> table = np.array([[[0.9, 0.1], [0.1, 0.9]]])
 >>> text = to_pomdp(TouchProblem(table, [0.5, 0.5], target=0, touch_cost=0.05), ("cube", "cone"), ("front",))
->>> print("\n".join(text.splitlines()[2:8]))
+>>> print("\n".join(text.splitlines()[1:7]))
 discount: 1.0
 values: reward
 states: cube cone end
@@ -19,7 +19,6 @@ start: 0.5 0.5 0.0
 
 from __future__ import annotations
 
-import hashlib
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,23 +26,18 @@ from itertools import chain
 
 import numpy as np
 
-from belief.errors import CorruptFile, InvalidArgument
-from belief.problem import Floats
+from belief.errors import InvalidArgument
+from belief.validation import Floats
 from planners.pomdp.problem import SearchTouchProblem, TouchProblem
 from planners.pomdp.stages import StagedProblem, staged
 
 _MAX_NUMBERS = 4_000_000
-_SEAL = "# sha256 of the lines below: "
 _RESERVED = frozenset(
     re.findall(
         r"\w+",
         "discount values states actions observations T O R uniform identity reward cost start include exclude reset",
     )
 )
-
-
-class BadPomdp(CorruptFile):
-    """A ``.pomdp`` file is damaged, was changed after it was written, or uses unsupported features."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,12 +128,7 @@ def to_pomdp(
 ) -> str:
     """The text of a ``.pomdp`` file; arguments and errors are those of :func:`as_pomdp`.
 
-    Numbers are exact. The first line is a comment with a SHA-256 of the others, which :func:`read_pomdp` checks.
-
-    >>> from planners.solve import TouchProblem
-    >>> text = to_pomdp(TouchProblem(np.full((1, 2, 2), 0.5), [0.5, 0.5], target=0, touch_cost=0.05))
-    >>> read_pomdp(text).rewards.tolist()
-    [[-0.05, -0.05, 0.0], [1.0, -1.0, 0.0], [-1.0, 1.0, 0.0]]
+    Numbers are exact.
     """
     pomdp = as_pomdp(problem, shape_labels, pose_labels)
     plain = chain(*_plain_labels(problem, staged(problem), shape_labels, pose_labels))
@@ -161,83 +150,7 @@ def to_pomdp(
             f"R: {action} : {state} : * : * {reward!r}"
             for state, reward in zip(pomdp.states, pomdp.rewards[index].tolist(), strict=True)
         ]
-    text = "\n".join(lines) + "\n"
-    return f"{_SEAL}{_digest(text)}\n{text}"
-
-
-def read_pomdp(text: str) -> TabularPomdp:
-    """The arrays of a ``.pomdp`` file in the subset of the format that :func:`to_pomdp` uses.
-
-    The subset is: labels in the preamble; ``T`` and ``O`` of an action as a matrix, ``identity`` or ``uniform``;
-    ``R: action : state : * : * value`` with labels or ``*``. To edit a file, remove its first line, the digest.
-
-    Raises:
-        BadPomdp: any other line, which the message quotes; numbers that are not finite; rows that are not
-            distributions; tables with more than four million entries; or a file that does not match its digest.
-    """
-    try:
-        return _read(text)
-    except BadPomdp:
-        raise
-    except (ValueError, IndexError, KeyError) as error:
-        raise BadPomdp(str(error)) from error
-
-
-def _read(text: str) -> TabularPomdp:
-    first, _, rest = text.partition("\n")
-    if first.startswith(_SEAL) and first.removeprefix(_SEAL).strip() != _digest(rest):
-        raise BadPomdp("it was changed after it was written: it does not match its SHA-256; to edit it, remove line 1")
-    lines = [line.split("#")[0].strip() for line in text.splitlines()]
-    preamble: dict[str, list[str]] = {}
-    body = [line for line in lines if line]
-    while body and body[0][:2] not in ("T:", "O:", "R:"):
-        key, colon, rest = body.pop(0).partition(":")
-        if key.strip() in preamble:
-            raise BadPomdp(f"the preamble says {key.strip()!r} twice")
-        if not colon or key.strip() not in ("discount", "values", "states", "actions", "observations", "start"):
-            raise BadPomdp(f"not a preamble of a .pomdp file: {key + colon + rest!r}")
-        preamble[key.strip()] = rest.split()
-    missing = {"discount", "values", "states", "actions", "observations", "start"} - preamble.keys()
-    if missing or preamble["values"] != ["reward"]:
-        raise BadPomdp(f"the preamble needs {sorted(missing)} and 'values: reward', got {preamble.get('values')}")
-    states, actions, observations = (tuple(preamble[key]) for key in ("states", "actions", "observations"))
-    for key, labels in (("states", states), ("actions", actions), ("observations", observations)):
-        if not labels or len(set(labels)) < len(labels):
-            raise BadPomdp(f"{key} must be labels that differ from each other, got {' '.join(labels[:10])!r}")
-    size = len(actions) * len(states) * (len(states) + len(observations) + 1)
-    if size > _MAX_NUMBERS:
-        raise BadPomdp(
-            f"{len(states)} states, {len(actions)} actions and {len(observations)} observations have tables of {size} "
-            f"numbers, more than {_MAX_NUMBERS}"
-        )
-    if len(preamble["discount"]) != 1 or not 0.0 < float(preamble["discount"][0]) <= 1.0:
-        raise BadPomdp(f"discount must be one number in (0, 1], got {' '.join(preamble['discount'])!r}")
-    transitions = np.zeros((len(actions), len(states), len(states)))
-    observed = np.zeros((len(actions), len(states), len(observations)))
-    rewards = np.zeros((len(actions), len(states)))
-    while body:
-        kind, *fields = re.split(r"\s*:\s*", body.pop(0))
-        if kind == "R" and len(fields) == 4:
-            target, value = fields[3].split()
-            if (fields[2], target) != ("*", "*"):
-                raise BadPomdp(f"rewards may not depend on the next state or observation, got R: {' : '.join(fields)}")
-            if not np.isfinite(float(value)):
-                raise BadPomdp(f"rewards must be finite, got R: {' : '.join(fields)}")
-            rewards[np.ix_(_chosen(fields[0], actions), _chosen(fields[1], states))] = float(value)
-        elif kind in ("T", "O") and len(fields) == 1:
-            table = transitions if kind == "T" else observed
-            table[_chosen(fields[0], actions)] = _matrix(body, len(states), table.shape[2])
-        else:
-            raise BadPomdp(f"not understood: {kind} : {' : '.join(fields)}")
-    start = np.array(preamble["start"], np.float64)
-    if start.shape != (len(states),):
-        raise BadPomdp(f"start must give {len(states)} probabilities, one per state, got {len(start)}")
-    for name, probs in (("start", start), ("T", transitions), ("O", observed)):
-        if not ((probs >= 0.0).all() and np.allclose(probs.sum(axis=-1), 1.0, atol=1e-6)):
-            raise BadPomdp(f"{name} has rows that are no distributions")
-    return TabularPomdp(
-        float(preamble["discount"][0]), states, actions, observations, start, transitions, observed, rewards
-    )
+    return "\n".join(lines) + "\n"
 
 
 def legal_labels(labels: Sequence[str]) -> tuple[str, ...]:
@@ -290,31 +203,5 @@ def _names(labels: Sequence[str] | None, size: int, kind: str) -> Sequence[str]:
     return names
 
 
-def _digest(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
 def _row(values: Floats) -> str:
     return " ".join(map(repr, values.tolist()))
-
-
-def _chosen(label: str, labels: Sequence[str]) -> list[int]:
-    if label == "*":
-        return list(range(len(labels)))
-    if label not in labels:
-        raise BadPomdp(f"{label!r} is none of {', '.join(labels)}")
-    return [labels.index(label)]
-
-
-def _matrix(body: list[str], num_rows: int, num_columns: int) -> Floats:
-    """The matrix in the next lines, which are removed from ``body``."""
-    if body and body[0] == "identity" and num_rows == num_columns:
-        body.pop(0)
-        return np.eye(num_rows)
-    if body and body[0] == "uniform":
-        body.pop(0)
-        return np.full((num_rows, num_columns), 1.0 / num_columns)
-    rows = [body.pop(0).split() for _ in range(min(num_rows, len(body)))]
-    if len(rows) < num_rows or any(len(row) != num_columns for row in rows):
-        raise BadPomdp(f"a matrix of {num_rows} rows of {num_columns} is needed, got {[len(row) for row in rows]}")
-    return np.array(rows, np.float64)

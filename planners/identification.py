@@ -7,10 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from belief import Composition, Probe, SceneBelief, SearchProblem
+from belief.composition import Composition
 from belief.errors import InvalidArgument
 from belief.naming import seed_words
-from belief.observation_model import ObservationModel
+from belief.observation_model.model import ObservationModel
+from belief.problem import Probe, SearchProblem
+from belief.scene_belief import SceneBelief
 from belief.seeding import deciding_rng, touch_rng
 from planners.decider import InformationState, ProbeSelector
 from planners.search import World

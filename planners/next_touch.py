@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from belief.observation_model import OutcomeTable
-from belief.problem import Floats
+from belief.observation_model.outcome_table import OutcomeTable
+from belief.validation import Floats
 from planners.decider import InformationState
 from planners.repeats import RepeatDiscount
 

@@ -1,4 +1,4 @@
-"""The planner: follows a solved policy of the search at hand on the exact belief.
+"""The planner to compare with: follows a solved policy of the search at hand on the exact belief.
 
 The policy is solved once for every search problem and target, on the outcome table (:func:`planners.solve.solve`). Its
 hidden state is the smallest exact one (:mod:`planners.pomdp.stages`), but for bags and for many distinct objects the
@@ -25,16 +25,16 @@ from typing import Literal
 
 import numpy as np
 
-from belief import Composition, Confirm, Probe, Reject, SearchProblem
+from belief.composition import Composition
 from belief.errors import InvalidArgument
-from belief.observation_model import OutcomeTable
-from belief.problem import Floats
+from belief.observation_model.outcome_table import OutcomeTable
+from belief.problem import Confirm, Probe, Reject, SearchProblem
+from belief.validation import Floats
 from planners.decider import Decision, InformationState, are_touches_used, require_fit
 from planners.next_touch import HYPOTHESES, OUTCOMES
 from planners.pomdp.problem import require_rounds
 from planners.repeats import LeastUsedFirst, RepeatDiscount, weights_in_turn
-from planners.solve import SearchPolicy, SearchTouchProblem, StagedProblem
-from planners.solve.plan_cache import solve_once
+from planners.solve import SearchPolicy, SearchTouchProblem, StagedProblem, solve
 from planners.target_abstraction import belief_by_target, stages_by_target
 
 MAX_STATES = 200
@@ -72,7 +72,7 @@ class PointBased:
         object.__setattr__(self, "rounds", require_rounds(self.rounds))
 
     def policy(self, problem: SearchProblem, target: int) -> SearchPolicy:
-        """The policy for a search, solved once and then kept in a folder (:mod:`planners.solve.plan_cache`).
+        """The policy for a search, solved once in each process.
 
         Raises:
             TableMismatch: the table has other numbers of poses or shapes than the search.
@@ -80,7 +80,8 @@ class PointBased:
         require_fit(self.table, problem)
         key = (*self._identity, repr(problem), target)
         if key not in _POLICIES:
-            _POLICIES[key] = solve_once(self._touch_problem(problem, target), self.rounds, self._weights)
+            touch_problem = self._touch_problem(problem, target)
+            _POLICIES[key] = solve(touch_problem, rounds=self.rounds, repeat_weights=self._weights)
         return _POLICIES[key]
 
     @cached_property

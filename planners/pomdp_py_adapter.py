@@ -38,9 +38,9 @@ from typing import ClassVar
 import numpy as np
 from scipy.special import rel_entr
 
-from belief import Confirm, Probe, Reject, SearchProblem
-from belief.observation_model import OutcomeTable
-from belief.problem import Action, Floats
+from belief.observation_model.outcome_table import OutcomeTable
+from belief.problem import Action, Confirm, Probe, Reject, SearchProblem
+from belief.validation import Floats
 from planners.continuation_value import prob_missed, target_chances
 from planners.decider import Decision, InformationState, are_touches_used, require_fit, touch_share
 
@@ -111,23 +111,6 @@ class TransitionModel(pomdp_py.TransitionModel):
         missed = int(rules.is_missed(state))
         return rules.states[index, _draw(rules.cumulative_shapes[index][missed], self._rng), missed]
 
-    def probability(self, next_state: SimpleState, state: SimpleState, action: SimpleAction) -> float:
-        """p(next state | state, action)."""
-        rules = self._rules
-        if state == END or action.name in rules.poses:
-            return float(next_state == state)
-        index = state.data[0] + 1
-        if action.name == CONFIRM.name or index == rules.problem.num_objects:
-            return float(next_state == END)
-        missed = int(rules.is_missed(state))
-        if next_state == END or (next_state.data[0], next_state.data[2]) != (index, missed):
-            return 0.0
-        return float(rules.shape_probs[index, missed, next_state.data[1]])
-
-    def get_all_states(self) -> list[SimpleState]:
-        """All states; the end comes last."""
-        return [*self._rules.states.values(), END]
-
 
 class ObservationModel(pomdp_py.ObservationModel):
     """Probes give an outcome, other actions no observation."""
@@ -141,19 +124,6 @@ class ObservationModel(pomdp_py.ObservationModel):
         if pose is None or next_state is END:
             return NOTHING
         return self._rules.outcomes[_draw(self._rules.cumulative_outcomes[pose][next_state.data[1]], self._rng)]
-
-    def probability(self, observation: SimpleObservation, next_state: SimpleState, action: SimpleAction) -> float:
-        """p(observation | next state, action)."""
-        pose = self._rules.poses.get(action.name)
-        if pose is None or next_state == END:
-            return float(observation == NOTHING)
-        if observation == NOTHING:
-            return 0.0
-        return float(self._rules.outcome_probs[pose, next_state.data[1], observation.data])
-
-    def get_all_observations(self) -> list[SimpleObservation]:
-        """All observations."""
-        return [*self._rules.outcomes, NOTHING]
 
 
 class RewardModel(pomdp_py.RewardModel):
@@ -176,13 +146,19 @@ class RewardModel(pomdp_py.RewardModel):
         return 0.0
 
 
-class RandomRollout(pomdp_py.RolloutPolicy):
-    """Random actions, the default of pomdp-py; for comparison."""
+class InformedRollout(pomdp_py.RolloutPolicy):
+    """The allowed actions; rollouts confirm the target and reject any other shape, by the sampled state.
+
+    Args:
+        rules: the search.
+        rng: generator of sampled actions.
+        now: actions at the root; all by default.
+    """
 
     def __init__(self, rules: Rules, rng: np.random.Generator, now: Sequence[SimpleAction] | None = None) -> None:
         self._rules, self._rng = rules, rng
         self._all = list(rules.actions)
-        self._now = self._all if now is None else list(now)  # the actions at the root
+        self._now = self._all if now is None else list(now)
 
     def get_all_actions(
         self, state: SimpleState | None = None, history: tuple[object, ...] | None = None
@@ -195,14 +171,6 @@ class RandomRollout(pomdp_py.RolloutPolicy):
     def sample(self, state: SimpleState) -> SimpleAction:
         """A random action."""
         return self._all[int(self._rng.random() * len(self._all))]
-
-    def rollout(self, state: SimpleState, history: tuple[object, ...]) -> SimpleAction:
-        """A random action."""
-        return self.sample(state)
-
-
-class InformedRollout(RandomRollout):
-    """Confirms the target and rejects any other shape, by the sampled state."""
 
     def rollout(self, state: SimpleState, history: tuple[object, ...]) -> SimpleAction:
         """CONFIRM or REJECT."""
@@ -226,7 +194,7 @@ class Pouct:
 
     table: OutcomeTable
     simulations: int = 1000
-    rollout: type[RandomRollout] = InformedRollout
+    rollout: type[InformedRollout] = InformedRollout
 
     def __post_init__(self) -> None:
         least = self.table.num_poses + 3  # the first simulation creates the root; the others try every action
@@ -237,7 +205,9 @@ class Pouct:
         """See :class:`planners.decider.Decider`."""
         rules = Rules(info.problem, info.target, self.table)
         policy = self.rollout(rules, rng, _root_actions(rules, info))
-        agent = make_agent(rules, self._belief(belief_histogram(rules, info), rng), policy, rng)
+        belief = self._belief(belief_histogram(rules, info), rng)
+        models = TransitionModel(rules, rng), ObservationModel(rules, rng), RewardModel(rules)
+        agent = pomdp_py.Agent(belief, policy, *models)
         depth = _DEPTH + 2 * info.num_left
         planner = self._planner(
             max_depth=depth,
@@ -246,7 +216,16 @@ class Pouct:
             exploration_const=_exploration(self.simulations) * (2.0 + info.problem.touch_cost * depth),
             rollout_policy=agent.policy_model,
         )
-        return _plan(planner, agent, rules, info, rng)
+        with _seeded_global_random(int(rng.integers(2**63))):
+            planner.plan(agent)
+        nodes = {rules.actions[theirs]: agent.tree[theirs] for theirs in agent.tree.children}
+        values = {action: float(node.value) for action, node in nodes.items() if node.num_visits}
+        labels = info.problem.pose_labels
+        names = [
+            labels[action.pose] if isinstance(action, Probe) else type(action).__name__.lower() for action in values
+        ]
+        scores = {f"value_{name}": value for name, value in zip(names, values.values(), strict=True)}
+        return Decision(max(values, key=values.__getitem__), {"target_prob": info.target_prob, **scores})
 
     def _belief(self, histogram: dict[SimpleState, float], rng: np.random.Generator) -> pomdp_py.GenerativeDistribution:
         return pomdp_py.Histogram(histogram)
@@ -295,13 +274,6 @@ def useful_poses(problem: SearchProblem, table: OutcomeTable) -> list[int]:
     return np.flatnonzero(divergence > _ROUNDING).tolist()
 
 
-def make_agent(
-    rules: Rules, belief: pomdp_py.GenerativeDistribution, policy: pomdp_py.PolicyModel, rng: np.random.Generator
-) -> pomdp_py.Agent:
-    """An agent for pomdp-py's planners; its models draw from ``rng``."""
-    return pomdp_py.Agent(belief, policy, TransitionModel(rules, rng), ObservationModel(rules, rng), RewardModel(rules))
-
-
 def belief_histogram(rules: Rules, info: InformationState) -> dict[SimpleState, float]:
     """The belief as probabilities of states, without states of probability zero."""
     missed = prob_missed(info)
@@ -344,20 +316,6 @@ def _root_actions(rules: Rules, info: InformationState) -> list[SimpleAction]:
         if not (isinstance(ours, Confirm) and info.target_prob == 0.0)
         and not (isinstance(ours, Probe) and (is_over or uses[ours.pose] > least))
     ]
-
-
-def _plan(
-    planner: pomdp_py.Planner, agent: pomdp_py.Agent, rules: Rules, info: InformationState, rng: np.random.Generator
-) -> Decision:
-    with _seeded_global_random(int(rng.integers(2**63))):
-        planner.plan(agent)
-    nodes = {theirs: agent.tree[theirs] for theirs in agent.tree.children}
-    values = {rules.actions[theirs]: float(node.value) for theirs, node in nodes.items() if node.num_visits}
-    scores = {"target_prob": info.target_prob}
-    for action, value in values.items():
-        label = info.problem.pose_labels[action.pose] if isinstance(action, Probe) else type(action).__name__.lower()
-        scores[f"value_{label}"] = value
-    return Decision(max(values, key=values.__getitem__), scores)
 
 
 @contextmanager

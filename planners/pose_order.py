@@ -13,7 +13,7 @@ from scipy.special import logsumexp
 
 from belief.errors import ActiveTouchError, CorruptFile
 from belief.files import sealed_json, unsealed_json, write_text
-from belief.problem import Floats
+from belief.validation import Floats
 
 FILE = "order.json"
 """Name of the file in a sensor's folder."""
@@ -94,9 +94,7 @@ def read_order(folder: Path | None) -> tuple[str, ...]:
     """
     path = None if folder is None else folder / FILE
     if path is None or not path.is_file():
-        raise NoOrder(
-            f"there is no order of poses{f' in {folder}' if folder else ''}; activetouch rank-poses finds one"
-        )
+        raise NoOrder(f"there is no order of poses{f' in {folder}' if folder else ''}; activetouch calibrate finds one")
     try:
         order = unsealed_json(path.read_text(encoding="utf-8"))["order"]
         return tuple(str(label) for label in order)

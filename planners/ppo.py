@@ -23,11 +23,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from belief import Confirm, Probe, Reject
 from belief.errors import ActiveTouchError, CorruptFile
 from belief.files import array_digest, in_file_name, sealed_json, unsealed_json
 from belief.policy_state import ENCODINGS, GOAL, NO_ACTION, WITH_GAINS, Situation, expected_gains, frame_probs
-from belief.problem import Floats
+from belief.problem import Confirm, Probe, Reject
+from belief.validation import Floats
 from planners.decider import Decision, InformationState
 
 _FORMAT = "activetouch-policy-2"

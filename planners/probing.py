@@ -7,20 +7,16 @@ from typing import Literal
 
 import numpy as np
 
-from belief import Probe
 from belief.bayes import expected_information_gain, target_information_gain
 from belief.errors import InvalidArgument, UnknownName
-from belief.observation_model import OutcomeTable
-from belief.problem import Floats
-from belief.validation import require_count
+from belief.observation_model.outcome_table import OutcomeTable
+from belief.problem import Probe
+from belief.validation import Floats, require_count
 from planners.decider import Decision, InformationState, require_fit
 from planners.next_touch import HYPOTHESES, OUTCOMES, next_touch
-from planners.pairs_of_touches import best_pairs
 from planners.repeats import LeastUsedFirst, RepeatDiscount
 
-_BLIND = 0.01  # gain of a touch [nats]
 _ALIKE = 1e-9  # difference of gains [nats]
-_OUTCOMES_OF_PAIRS = 64
 
 
 @dataclass(frozen=True)
@@ -86,7 +82,6 @@ class TargetInformationGain:
         repeats: discounts the value of repeated poses; by default only the poses used least are candidates.
         outcomes: of a mixture, at most: more are more accurate and slower.
         hypotheses: about the object that a mixture works with, of each shape, at most.
-        depth: 2 to choose by the gain of two touches where one is blind, that is, tells less than 0.01 nats.
         given: "body", or "shape" for the table even where there is a mixture; poses that are alike to it are then
             drawn at random. It is the baseline for what orientation and size are worth.
 
@@ -98,14 +93,11 @@ class TargetInformationGain:
     repeats: RepeatDiscount = field(default_factory=LeastUsedFirst)
     outcomes: int = OUTCOMES
     hypotheses: int = HYPOTHESES
-    depth: int = 1
     given: Literal["body", "shape"] = "body"
 
     def __post_init__(self) -> None:
         for name in ("outcomes", "hypotheses"):
             require_count(name, getattr(self, name))
-        if self.depth not in (1, 2):
-            raise InvalidArgument(f"depth must be 1 or 2, got {self.depth!r}")
         if self.given not in ("body", "shape"):
             raise InvalidArgument(f"given must be 'body' or 'shape', got {self.given!r}")
 
@@ -117,10 +109,6 @@ class TargetInformationGain:
             return _best(info, gains, self.repeats.weights(info.uses), rng)
         table, weights = next_touch(info, self.table, self.repeats, self.outcomes, self.hypotheses)
         gains = target_information_gain(info.belief.probs, table.probs, info.target)
-        if self.depth == 2 and gains.max() < _BLIND and info.evidence is not None:
-            mixture = info.evidence.outcome_mixture(_OUTCOMES_OF_PAIRS, self.hypotheses)
-            if mixture is not None:
-                gains = best_pairs(mixture, info.belief.probs, info.target, gains)
         return _best(info, gains, weights)
 
 

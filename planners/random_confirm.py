@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from belief import Confirm, Reject
+from belief.problem import Confirm, Reject
 from planners.decider import Decision, InformationState
 
 

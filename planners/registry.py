@@ -8,28 +8,30 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
 from numbers import Integral
 from pathlib import Path
-from types import MappingProxyType, ModuleType
+from types import MappingProxyType
 from typing import Any, Literal
 
 from belief.errors import ActiveTouchError, MissingPackage
-from belief.observation_model import ObservationModel, OutcomeTable
+from belief.observation_model.model import ObservationModel
+from belief.observation_model.outcome_table import OutcomeTable
 from belief.references import BadReference, Reference, build, find
 from planners.decider import Decider, ProbeSelector, SequentialDecider, StoppingRule
 from planners.next_touch import HYPOTHESES, OUTCOMES
-from planners.point_based import ROUNDS, PointBased
 from planners.pose_order import read_order
 from planners.ppo import PPODecider
 from planners.probing import FixedOrder, GivenOrder, RandomOrder, ShapeInformationGain, TargetInformationGain
 from planners.random_confirm import RandomConfirm
 from planners.repeats import repeat_discount
-from planners.sb3_policy import PREFIX, SB3Policy
 from planners.stop_override import StopOverride
 from planners.stopping import PosteriorThresholds, SequentialTest
 from planners.threshold_rule import ThresholdRule
 from planners.value_of_information import ValueOfInformation
 
+PREFIX = "sb3:"
+"""What the name of a decider that follows a saved policy of Stable-Baselines3 starts with."""
 ENTRY_POINTS = "activetouch.deciders"
 """Entry-point group of deciders in installed packages."""
 
@@ -42,15 +44,20 @@ class WrongType(ActiveTouchError, TypeError):
     """An argument of :func:`make_decider` has the wrong type."""
 
 
-def _tree_search() -> ModuleType:
+def _loaded(reference: str) -> Any:
+    """A class that is loaded when it is first needed: what plans ahead is not in the way of what does not."""
+    module, _, name = reference.partition(":")
+    return getattr(import_module(module), name)
+
+
+def _tree_search(name: str) -> Any:
     try:
-        from planners import pomdp_py_adapter
+        return _loaded(f"planners.pomdp_py_adapter:{name}")
     except ImportError as error:
         raise MissingPackage(
             "the deciders 'pouct' and 'pomcp' need pomdp-py: pip install 'activetouch[pomdp]' (wheels exist for Linux "
             "and Python 3.11 and 3.12; elsewhere it is built from source)"
         ) from error
-    return pomdp_py_adapter
 
 
 def _sequential(summary: str, stopping: Callable[..., StoppingRule], probing: Callable[..., ProbeSelector]) -> Builder:
@@ -71,35 +78,31 @@ def _sequential(summary: str, stopping: Callable[..., StoppingRule], probing: Ca
 
 def _pouct(table: OutcomeTable, simulations: int = 1000) -> Decider:
     """Tree search by POUCT of pomdp-py, from the belief as a histogram."""
-    decider: Decider = _tree_search().Pouct(table, simulations)
+    decider: Decider = _tree_search("Pouct")(table, simulations)
     return decider
 
 
 def _pomcp(table: OutcomeTable, simulations: int = 1000) -> Decider:
     """Tree search by POMCP of pomdp-py, from particles drawn from the belief."""
-    decider: Decider = _tree_search().Pomcp(table, simulations)
+    decider: Decider = _tree_search("Pomcp")(table, simulations)
     return decider
 
 
 def _point_based(
     table: OutcomeTable,
     model: ObservationModel | None,
-    rounds: Sequence[int] = ROUNDS,
+    rounds: Sequence[int] = (200, 200, 400, 400),
     given: Literal["body", "shape"] = "shape",
 ) -> Decider:
     """Point-based value iteration on the whole search: plans ahead, weighs what touches cost."""
-    return PointBased(table, repeat_discount(model), rounds, given)
-
-
-def _value_of_one_touch(table: OutcomeTable, model: ObservationModel | None, max_touches: int | None = None) -> Decider:
-    """Value of information, looking one touch ahead."""
-    return ValueOfInformation(table, 1, repeat_discount(model), max_touches)
+    decider: Decider = _loaded("planners.point_based:PointBased")(table, repeat_discount(model), rounds, given)
+    return decider
 
 
 def _value_of_information(
     table: OutcomeTable, model: ObservationModel | None, depth: int = 2, max_touches: int | None = None
 ) -> Decider:
-    """Value of information, looking two touches ahead."""
+    """Value of information, looking two touches ahead, or one with ``depth=1``."""
     return ValueOfInformation(table, depth, repeat_discount(model), max_touches)
 
 
@@ -133,10 +136,9 @@ def _information_gain(
     table: OutcomeTable,
     outcomes: int = OUTCOMES,
     hypotheses: int = HYPOTHESES,
-    depth: int = 1,
     given: Literal["body", "shape"] = "body",
 ) -> ProbeSelector:
-    return TargetInformationGain(table, outcomes=outcomes, hypotheses=hypotheses, depth=depth, given=given)
+    return TargetInformationGain(table, outcomes=outcomes, hypotheses=hypotheses, given=given)
 
 
 def _shape_information_gain(
@@ -174,12 +176,6 @@ DECIDERS: Mapping[str, Builder] = MappingProxyType(
             PosteriorThresholds,
             _shape_information_gain,
         ),
-        "repeat_aware": _sequential(
-            "Information gain that discounts poses used before.",
-            PosteriorThresholds,
-            lambda table, model: TargetInformationGain(table, repeat_discount(model)),
-        ),
-        "value_of_one_touch": _value_of_one_touch,
         "value_of_information": _value_of_information,
         "sequential_test": _sequential(
             "Wald's sequential probability ratio test, with poses by information gain.",
@@ -212,8 +208,8 @@ _GIVEN = ("table", "model", "policies")
 def summary_of(name: str) -> str:
     """The one-line description of a decider in the registry.
 
-    >>> summary_of("point_based")
-    'Point-based value iteration on the whole search: plans ahead, weighs what touches cost.'
+    >>> summary_of("information_gain")
+    'Posterior thresholds, with the pose that tells most about the target.'
     """
     return (DECIDERS[name].__doc__ or "").strip().partition("\n")[0]
 
@@ -226,7 +222,7 @@ def find_decider(name: str) -> tuple[Any, Reference]:
         BadReference: the name is malformed, or its module cannot be imported.
     """
     if name.startswith(PREFIX):
-        return SB3Policy, Reference(name, {"path": name.removeprefix(PREFIX)}, True)
+        return _loaded("planners.sb3_policy:SB3Policy"), Reference(name, {"path": name.removeprefix(PREFIX)}, True)
     found, reference = find("decider", name, DECIDERS, ENTRY_POINTS)
     if given := [setting for setting in reference.settings if setting in _GIVEN]:
         raise BadReference(f"{name}: {given[0]} is no setting; it is passed to every decider")

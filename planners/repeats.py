@@ -12,8 +12,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from belief.observation_model import ObservationModel
-from belief.problem import Floats
+from belief.observation_model.model import ObservationModel
+from belief.validation import Floats
 
 
 class RepeatDiscount(Protocol):

@@ -14,10 +14,11 @@ from typing import Generic, Protocol, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from belief import Confirm, Probe, Reject, SceneBelief, SearchProblem, Touch, Unsure
 from belief.errors import InvalidArgument
 from belief.naming import Name, index_of, seed_words
-from belief.observation_model import ObservationModel
+from belief.observation_model.model import ObservationModel
+from belief.problem import Confirm, Probe, Reject, SearchProblem, Touch, Unsure
+from belief.scene_belief import SceneBelief
 from belief.seeding import deciding_rng, touch_rng
 from planners.answers import checked_decision
 from planners.decider import Decider, InformationState

@@ -11,10 +11,11 @@ from collections.abc import Sequence
 
 from numpy.typing import ArrayLike
 
-from belief import SceneBelief, SearchProblem
 from belief.naming import Name
-from belief.observation_model import ObservationModel
-from belief.problem import Floats
+from belief.observation_model.model import ObservationModel
+from belief.problem import SearchProblem
+from belief.scene_belief import SceneBelief
+from belief.validation import Floats
 from planners.decider import Decider
 from planners.episode import Episode
 from planners.search import TouchMany, WorldT, search_lockstep

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from belief import Probe
+from belief.problem import Probe
 from planners.answers import checked_decision
 from planners.decider import Decider, Decision, InformationState, ProbeSelector, StoppingRule
 

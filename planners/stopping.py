@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from belief import Confirm, Reject
 from belief.errors import InvalidArgument
+from belief.problem import Confirm, Reject
 from belief.validation import require_count
 from planners.decider import Decision, InformationState
 

@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from belief import SceneView, SearchProblem
-from belief.problem import Floats
+from belief.problem import SearchProblem
+from belief.scene_view import SceneView
+from belief.validation import Floats
 from planners.pomdp.stages import StagedProblem, stages_by_missed
 
 

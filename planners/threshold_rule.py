@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from belief import Confirm, Reject
 from belief.calibration import TemperatureScaling
 from belief.errors import InvalidArgument
+from belief.problem import Confirm, Reject
 from belief.validation import require_count
 from planners.decider import Decision, InformationState
 

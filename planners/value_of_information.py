@@ -25,12 +25,11 @@ from typing import TypeAlias
 
 import numpy as np
 
-from belief import Confirm, Probe, Reject, SearchProblem
 from belief.errors import InvalidArgument
-from belief.observation_model import OutcomeTable
 from belief.observation_model.outcome_mixture import Outcomes
-from belief.problem import Floats
-from belief.validation import require_count
+from belief.observation_model.outcome_table import OutcomeTable
+from belief.problem import Confirm, Probe, Reject, SearchProblem
+from belief.validation import Floats, require_count
 from planners.continuation_value import ContinuationValue
 from planners.decider import Decision, InformationState, are_touches_used, require_fit, touch_share
 from planners.repeats import LeastUsedFirst, RepeatDiscount

@@ -109,9 +109,8 @@ class Mine(ConfusionModel):
 def observation_model(add):
     from belief.observation_model import read_observation_model
 
-    add(models, "OBSERVATION_MODELS", mine=Mine.fit)
+    add(models, "OBSERVATION_MODELS", mine=Mine)
     assert models.fit_named("mine").__self__ is Mine
-    assert models.kinds(models.OBSERVATION_MODELS)["mine"] is Mine
     made = Mine(("a", "b"), np.full((1, 2, 2), 0.5), TemperatureScaling())
     assert isinstance(read_observation_model(made.to_json()), Mine)
 

@@ -19,8 +19,7 @@ SCENES = [name for name in RECORDS if name not in ("keyed", "paper-independent")
 PAGES = ["README.md", *sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "docs").glob("*.md"))]
 _NUMBER = re.compile(r"(?<![\w./§\[-])\d+\.\d+(?![\w.]*\.(?:md|py))|\d+ %|\d[\d ]* (?:ms|µs|MB|touches)\b")
 _COMMANDS = (
-    "calibrate|calibration-report|collect|compare|explain|overprobing|"
-    "rank-poses|recorded|reproduce|robustness|touch-bank|tradeoff|train|train-ppo"
+    "calibrate|calibration-report|collect|compare|explain|recorded|reproduce|robustness|tradeoff|train|train-ppo"
 )
 _SOURCE = re.compile(
     rf"`[^`]*(?:activetouch [a-z-]+|benchmarks[/.]\w+|make [a-z-]+|examples/\w+)[^`]*`|`(?:{_COMMANDS})\b[^`]*`|```sh"

@@ -53,28 +53,10 @@ __all__ = [
     "write_manifest",
 ]
 
-_BODY = {
-    "rests": np.float64,
-    "orientations": np.float64,
-    "sizes": np.float64,
-    "offsets": np.float64,
-    "frictions": np.float64,
-    "stiffnesses": np.float64,
-}
-_WIDTHS = {
-    "rests": (4,),
-    "orientations": (4,),
-    "offsets": (2,),
-    "aims": (2,),
-}  # of a column's rows; else one number
-_NUMBERS = {
-    "shapes": np.int64,
-    "object_ids": np.int64,
-    "poses": np.int64,
-    "forces": np.float64,
-    "depths": np.float64,
-    **_BODY,
-}
+_BODY = ("rests", "orientations", "sizes", "offsets", "frictions", "stiffnesses")
+_WIDTHS = {"rests": (4,), "orientations": (4,), "offsets": (2,), "aims": (2,)}  # of a column's rows; else one number
+_NUMBERS: dict[str, np.dtype[Any]] = dict.fromkeys(("shapes", "object_ids", "poses"), np.dtype(np.int64))
+_NUMBERS |= dict.fromkeys(("forces", "depths", *_BODY), np.dtype(np.float64))
 _HEADERS = 2**16  # of all arrays of a shard together, at most [bytes]
 _MOST_DRAWS = 10  # of objects for one place; one fails in a few hundred where this was met at all
 
@@ -201,9 +183,9 @@ def _touch_object(scene: Scene, plan: CollectionPlan, split: str, number: int) -
     shape = number % len(scene.shapes)
     for draw in range(_MOST_DRAWS):
         rng = object_rng(plan, split, number, draw)
-        thing = scene.sample_object(shape, rng)
+        obj = scene.sample_object(shape, rng)
         try:
-            return draw, [_touch(scene, thing, number, pose, rng) for pose in poses]
+            return draw, [_touch(scene, obj, number, pose, rng) for pose in poses]
         except UnstablePress as error:
             last = error
     raise UnstablePress(
@@ -212,12 +194,12 @@ def _touch_object(scene: Scene, plan: CollectionPlan, split: str, number: int) -
     ) from last
 
 
-def _touch(scene: Scene, thing: WorldObject, number: int, pose: int, rng: np.random.Generator) -> tuple[object, ...]:
+def _touch(scene: Scene, obj: WorldObject, number: int, pose: int, rng: np.random.Generator) -> tuple[object, ...]:
     """One touch as a row of a shard, without the contact, so that its large arrays can be used again."""
-    pressed = scene.press(thing, pose, rng, attempts=1)
+    pressed = scene.press(obj, pose, rng, attempts=1)
     contact, placed = pressed.contact, pressed.placement
-    felt = (pressed.image, thing.shape_index, number, pose, contact.force, contact.depth)
-    return *felt, thing.orientation, placed.orientation, placed.scale, placed.offset, placed.friction, placed.stiffness
+    felt = (pressed.image, obj.shape_index, number, pose, contact.force, contact.depth)
+    return *felt, obj.orientation, placed.orientation, placed.scale, placed.offset, placed.friction, placed.stiffness
 
 
 def read_shard(folder: Path, manifest: Manifest, split: str, shard: int, objects: range) -> tuple[TouchSet, str]:
@@ -225,7 +207,7 @@ def read_shard(folder: Path, manifest: Manifest, split: str, shard: int, objects
 
     Raises:
         CorruptFile: it is damaged, was changed after it was recorded, or holds other touches than the plan puts there.
-        LabelMismatch: it names shapes or poses that the collection does not have.
+        LabelMismatch: its shapes or poses are not the planned ones.
     """
     path = shard_path(folder, split, shard)
     remedy = f"Delete it and record it again {manifest.how(folder)}"
@@ -264,7 +246,7 @@ def read_split(folder: Path, split: str) -> TouchSet:
     Raises:
         CorruptFile: the folder holds no such shards, or one of them is damaged, foreign, or was changed after it was
             recorded.
-        LabelMismatch: a shard names shapes or poses that the collection does not have.
+        LabelMismatch: shapes or poses of a shard are not the planned ones.
         UnknownName: there is no such split.
     """
     if split not in SPLITS:
@@ -332,9 +314,7 @@ def _parse(data: bytes, columns: _Columns, path: Path, remedy: str) -> dict[str,
 def _require_planned(
     touches: TouchSet, columns: _Columns, manifest: Manifest, objects: range, path: Path, remedy: str
 ) -> None:
-    num_shapes, num_poses = len(manifest.shape_labels), len(manifest.pose_labels)
     per_object = manifest.touches_per_object
-    num_touches = len(objects) * per_object
     for name, (shape, dtype) in columns.items():
         column = getattr(touches, name)
         if column.shape != shape or column.dtype != dtype:
@@ -342,26 +322,18 @@ def _require_planned(
                 f"{path} is not of this collection: its {name} are {column.shape} {column.dtype}, the plan and the "
                 f"scene make them {shape} {np.dtype(dtype)}. {remedy}"
             )
-    for name, labels in (("shapes", manifest.shape_labels), ("poses", manifest.pose_labels)):
-        column = getattr(touches, name)
-        beyond = column[(column < 0) | (column >= len(labels))]
-        if beyond.size:
-            raise LabelMismatch(
-                f"{path} names {name[:-1]} {beyond[0]}, but the collection has {len(labels)}, from 0: "
-                f"{', '.join(labels)}. {remedy}"
-            )
     if not np.array_equal(touches.object_ids, np.repeat(objects, per_object)):
         found = touches.object_ids
         raise CorruptFile(
             f"{path} is not the shard of that name: it holds objects {found.min()} to {found.max()}, the plan puts "
             f"{objects.start} to {objects.stop - 1} there, {per_object} touches of each. {remedy}"
         )
-    poses = np.tile(np.arange(num_poses), len(objects) * manifest.plan.repeats)
-    planned = {"shapes": touches.object_ids % num_shapes, "poses": poses}
+    poses = np.tile(np.arange(len(manifest.pose_labels)), len(objects) * manifest.plan.repeats)
+    planned = {"shapes": touches.object_ids % len(manifest.shape_labels), "poses": poses}
     for name, numbers in planned.items():
         wrong = np.flatnonzero(getattr(touches, name) != numbers)
         if wrong.size:
             raise LabelMismatch(
-                f"{path} has wrong labels: {wrong.size} of {num_touches} {name} are not the planned ones, first that "
+                f"{path} has wrong labels: {wrong.size} of {len(numbers)} {name} are not the planned ones, first that "
                 f"of object {touches.object_ids[wrong[0]]}. {remedy}"
             )

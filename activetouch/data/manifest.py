@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 
-from activetouch.data.solver_settings import solver_settings
 from activetouch.errors import LabelMismatch
 from activetouch.scene import Scene, Symmetry
 from activetouch.scene_description import in_words, scene_differences, scene_fields
@@ -87,7 +86,7 @@ class Manifest:
         symmetry: of its images.
         image_shape: of one image, ``(H, W)`` or ``(H, W, 3)``; all are uint8.
         versions: of activetouch, mujoco, numpy and python that recorded it, as far as it is known.
-        contact_model: what MuJoCo's contacts were computed with (:mod:`activetouch.data.solver_settings`).
+        contact_model: what MuJoCo's contacts were computed with (:func:`solver_settings`).
         sha256: of every shard, by its path in the folder; None until all are there.
         redrawn: objects that took the place of one with a press that did not settle; None until all shards are there.
     """
@@ -141,8 +140,8 @@ class Manifest:
     @property
     def decisive(self) -> dict[str, Any]:
         """All that decides which touches are recorded, by name."""
-        told = {**asdict(self), "MuJoCo": self.mujoco_version}
-        return {name: told[name] for name in _DECISIVE}
+        known = {**asdict(self), "MuJoCo": self.mujoco_version}
+        return {name: known[name] for name in _DECISIVE}
 
     def digest(self, folder: Path, split: str, shard: int) -> str | None:
         """SHA-256 recorded for a shard in the manifest, or before the collection is complete in the seal of the shard.
@@ -190,12 +189,12 @@ class Manifest:
     def differences(self, other: Manifest) -> str:
         """How versions and contact model of ``other`` differ, in words; they decide bytes beyond scene and plan."""
         mine, others = ({**manifest.versions, **manifest.contact_model} for manifest in (self, other))
-        told = [
+        differing = [
             f"{key} {mine.get(key, 'unknown')} there, {others.get(key, 'unknown')} here"
             for key in sorted({*mine, *others})
             if mine.get(key) != others.get(key)
         ]
-        return "; ".join(told) or (
+        return "; ".join(differing) or (
             "the versions are the same. Another kind of processor rounds differently in the last bit (decision 0007), "
             "or the code has changed"
         )
@@ -206,9 +205,9 @@ class Manifest:
 
     def to_json(self) -> str:
         """The content of ``manifest.json``, with a digest of its own."""
-        told = asdict(self)
-        shards = told.pop("sha256")
-        return sealed_json({"format": FORMAT, **told, "shards": shards}, 2) + "\n"
+        content = asdict(self)
+        shards = content.pop("sha256")
+        return sealed_json({"format": FORMAT, **content, "shards": shards}, 2) + "\n"
 
 
 class NoCollection(CorruptFile):
@@ -266,12 +265,12 @@ def _require_same(folder: Path, first: Manifest, wanted: Manifest) -> None:
     if differing := [key for key in _DECISIVE if mine[key] != asked[key]]:
         key = differing[0]
         if key == "scene":
-            told = in_words(map(str, scene_differences(first.scene, wanted.scene, surroundings=True)))
+            difference = in_words(map(str, scene_differences(first.scene, wanted.scene, surroundings=True)))
         else:
-            told = f"{mine[key]} there, {asked[key]} here"
+            difference = f"{mine[key]} there, {asked[key]} here"
         raise LabelMismatch(
-            f"{folder} holds a collection with other {', '.join(differing)} ({key}: {told}). Choose another folder, or "
-            "delete this one to record it anew."
+            f"{folder} holds a collection with other {', '.join(differing)} ({key}: {difference}). Choose another "
+            "folder, or delete this one to record it anew."
         )
 
 
@@ -290,21 +289,45 @@ def _versions() -> dict[str, str]:
     }
 
 
+def solver_settings(scene: Scene) -> dict[str, Any]:
+    """What MuJoCo computes the pad's contacts with, read from the compiled model; empty for a press without MuJoCo."""
+    model = scene.press_model.compiled(scene.setup, next(iter(scene.solids.values())))
+    if model is None:
+        return {}
+    import mujoco
+
+    option, pad = model.opt, model.pair("touch").id
+    return {
+        "solver": mujoco.mjtSolver(option.solver).name,
+        "cone": mujoco.mjtCone(option.cone).name,
+        "integrator": mujoco.mjtIntegrator(option.integrator).name,
+        "impratio": float(option.impratio),
+        "timestep": float(option.timestep),
+        "iterations": int(option.iterations),
+        "tolerance": float(option.tolerance),
+        "disableflags": int(option.disableflags),
+        "enableflags": int(option.enableflags),
+        "pad condim": int(model.pair_dim[pad]),
+        **{f"pad {name}": getattr(model, f"pair_{name}")[pad].tolist() for name in ("solref", "solimp")},
+        **{f"pad {name}": float(getattr(model, f"pair_{name}")[pad]) for name in ("margin", "gap")},
+    }
+
+
 def _parse(found: Mapping[str, Any], path: Path) -> Manifest:
     if isinstance(found.get("format"), int) and found["format"] > FORMAT:
         raise CorruptFile(f"{path} has format {found['format']}, this version reads {FORMAT}; a newer activetouch does")
     try:
-        told = {field.name: found[field.name] for field in fields(Manifest) if field.name != "sha256"}
-        told["sha256"] = digests = found["shards"]
+        values = {field.name: found[field.name] for field in fields(Manifest) if field.name != "sha256"}
+        values["sha256"] = digests = found["shards"]
         for name in ("shape_labels", "pose_labels", "image_shape"):
-            told[name] = tuple(told[name])
-        told["plan"], told["symmetry"] = CollectionPlan(**told["plan"]), Symmetry(told["symmetry"])
-        manifest = Manifest(**told)
+            values[name] = tuple(values[name])
+        values["plan"], values["symmetry"] = CollectionPlan(**values["plan"]), Symmetry(values["symmetry"])
+        manifest = Manifest(**values)
         if type(found["format"]) is not int:
             raise TypeError(f"format is {found['format']!r}")
         for name in ("scene", "versions", "contact_model"):
-            if not isinstance(told[name], Mapping):
-                raise TypeError(f"{name} is {told[name]!r}")
+            if not isinstance(values[name], Mapping):
+                raise TypeError(f"{name} is {values[name]!r}")
         if not all(isinstance(label, str) for label in (*manifest.shape_labels, *manifest.pose_labels)):
             raise TypeError("a label that is no text")
         _ = manifest.mujoco_version

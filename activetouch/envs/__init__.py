@@ -14,8 +14,6 @@ IDS = {
     "activetouch/ObjectSearch-v0": "activetouch.envs.object_search:ObjectSearchEnv",
 }
 """The entry points of the environments by id."""
-VECTOR_IDS = {"activetouch/ObjectTest-v0": "activetouch.envs.make:vector_test"}
-"""The entry points of :func:`gymnasium.make_vec`, on recorded touches that come with the package."""
 MOST_STEPS = 1000
 """``max_episode_steps`` of all environments. An episode ends by its own touch limit, far earlier by default."""
 
@@ -24,6 +22,6 @@ if find_spec("gymnasium") is not None:
 
     for _id, _entry_point in IDS.items():
         if _id not in registry:  # also if the module is reloaded
-            register(_id, _entry_point, max_episode_steps=MOST_STEPS, vector_entry_point=VECTOR_IDS.get(_id))
+            register(_id, _entry_point, max_episode_steps=MOST_STEPS)
 
-__all__ = ["IDS", "MOST_STEPS", "VECTOR_IDS"]
+__all__ = ["IDS", "MOST_STEPS"]

@@ -1,4 +1,4 @@
-"""The base class of the environments: probe, confirm or reject the object in front of the pad."""
+"""The environment that all others are: probe, confirm or reject the object in front of the pad."""
 
 from __future__ import annotations
 
@@ -11,14 +11,21 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from activetouch.envs.touch_source import EpisodeWorld, LiveTouches, RecordedPress, Touches
+from activetouch.envs.picture import draw
+from activetouch.envs.touch_source import EpisodeWorld, LiveTouches, Touches
 from activetouch.sensor import TactileSensor
-from belief import Belief, SceneBelief, SearchProblem, TouchHistory
+from belief.categorical import Belief
 from belief.errors import ActiveTouchError, InvalidArgument, UnknownName
-from belief.policy_state import NO_ACTION, Situation, expected_gains, frame_probs, paper_state
+from belief.history import TouchHistory
+from belief.observation_model.evidence import start
+from belief.policy_state import ENCODINGS, NO_ACTION, WITH_GAINS, Situation, expected_gains, frame_probs
+from belief.problem import SearchProblem
+from belief.scene_belief import SceneBelief
 from belief.seeding import arrangement_rng, checked_key, touch_rng
 
 State = NDArray[np.float32]
+STATES = ("paper", "posterior", "gains")
+"""What an environment may observe: keys of :data:`belief.policy_state.ENCODINGS`."""
 
 
 class BadAction(ActiveTouchError, ValueError):
@@ -36,32 +43,48 @@ class TouchEnv(gymnasium.Env[State, int]):
         problem: numbers of shapes, poses and objects, and the reward.
         touches: the source of touches.
         target: label of the target shape; the attribute ``target`` is its index.
+        state: what is observed, one of :data:`STATES`.
         render_mode: None or "rgb_array".
 
     Attributes:
-        last_press: the last press of the current object; None before the first, or without physics.
+        last_image: of the last press of the current object; None before the first, or without physics.
+
+    Raises:
+        UnknownName: the target, the state or the render mode is unknown.
+        NoGains: the state is "gains", and the touches are of a sensor whose belief is not about one rigid body.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 2}  # type: ignore[misc]
 
-    def __init__(self, problem: SearchProblem, touches: Touches, target: str, render_mode: str | None) -> None:
+    def __init__(
+        self, problem: SearchProblem, touches: Touches, target: str, state: str, render_mode: str | None
+    ) -> None:
         labels = list(problem.shape_labels)
-        if target not in labels:
-            raise UnknownName("target", target, labels)
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise UnknownName("render mode", render_mode, self.metadata["render_modes"])
+        for what, given, known in (
+            ("target", target, labels),
+            ("state", state, STATES),
+            ("render mode", render_mode, (None, *self.metadata["render_modes"])),
+        ):
+            if given not in known:
+                raise UnknownName(what, str(given), [str(name) for name in known])
         self.problem, self.touches, self.target, self.render_mode = problem, touches, labels.index(target), render_mode
-        self.last_press: RecordedPress | None = None
+        self.state = state
+        if state in WITH_GAINS:
+            expected_gains(start(touches.model), np.full(len(labels), -np.log(len(labels))), 0)  # raises
+        self.last_image: NDArray[np.uint8] | None = None
         self._prior: Belief | None = None  # of every object of an ``independent`` problem
         self._begun: SceneBelief | None = None
         self._is_over = True
         has_unsure = problem.unsure_reward is not None
         self.action_space: spaces.Discrete[Any] = spaces.Discrete(problem.num_poses + 2 + has_unsure)
-        self.observation_space = spaces.Box(0.0, 1.0, (self._observation_size,), np.float32)
+        poses = {"paper": 3 + problem.num_poses, "posterior": 2 + problem.num_poses, "gains": 2 + 2 * problem.num_poses}
+        size = problem.num_shapes + poses[state] + self._num_more
+        self.observation_space = spaces.Box(0.0 if state == "paper" else -1.0, 1.0, (size,), np.float32)
 
     @property
-    def _observation_size(self) -> int:
-        return self.problem.num_shapes + self.problem.num_poses + 3
+    def _num_more(self) -> int:
+        """Entries of an observation beyond the state."""
+        return 0
 
     @property
     def confirm(self) -> int:
@@ -105,30 +128,25 @@ class TouchEnv(gymnasium.Env[State, int]):
 
     @property
     def situation(self) -> Situation:
-        """The inputs of a policy, as a batch of one row."""
+        """The inputs of a policy, as a batch of one row; with gains if the state has them."""
         problem, history = self.problem, self.history
+        log_probs, gains = self.belief.log_probs, None
+        if self.state in WITH_GAINS:
+            gains = expected_gains(self._scene.evidence(self._object_index), log_probs, self.target)[None]
         frame = history[-1].require_logits() if history else np.zeros(problem.num_shapes)
         poses = np.array([touch.pose for touch in history], np.int64)
         return Situation(
             frame_probs(frame)[None],
-            self.belief.log_probs[None],
+            log_probs[None],
             np.array([self._previous]),
             np.bincount(poses, minlength=problem.num_poses)[None],
             np.array([self._num_touches / problem.touch_limit]),
+            gains,
         )
 
-    @property
-    def gains(self) -> NDArray[np.float64]:
-        """Expected information of the next touch in each pose about the target [nats], ``(P,)``.
-
-        Raises:
-            NoGains: the observation model is none of one rigid body.
-        """
-        return expected_gains(self._scene.evidence(self._object_index), self.belief.log_probs, self.target)
-
-    def observe(self, state: NDArray[np.float64]) -> State:
-        """The observation ``(S,)`` from an encoded situation ``(1, S)``."""
-        return state[0].astype(np.float32)
+    def observe(self) -> State:
+        """The observation ``(S,)``."""
+        return ENCODINGS[self.state](self.situation, self.target)[0].astype(np.float32)
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Valid actions, one of each in the action space: probes are invalid at the touch limit."""
@@ -153,9 +171,9 @@ class TouchEnv(gymnasium.Env[State, int]):
         self._begun = SceneBelief(self.problem, self.touches.model, self._prior)
         self._num_rejected = self._num_touches = 0
         self._previous = NO_ACTION
-        self._is_over = False
-        self.last_press = None
-        return self.observe(paper_state(self.situation, self.target)), self._info(False)
+        self._is_over = self._is_unsure = False
+        self.last_image = None
+        return self.observe(), self._info(False)
 
     def step(self, action: int) -> tuple[State, float, bool, bool, dict[str, Any]]:
         """Probe, confirm, reject, or be unsure where the search has this action."""
@@ -165,30 +183,50 @@ class TouchEnv(gymnasium.Env[State, int]):
             raise BadAction(f"action must be an integer in [0, {self.action_space.n - 1}], got {action!r}")
         reward, terminated, truncated, success = self._act(int(action))
         self._is_over = terminated or truncated
-        observation = self.observe(paper_state(self.situation, self.target))
-        return observation, reward, terminated, truncated, self._info(success)
+        return self.observe(), reward, terminated, truncated, self._info(success)
 
     def render(self) -> NDArray[np.uint8] | None:
-        """The scene, the touch image and the belief, side by side, ``(H, W, 3)`` uint8."""
-        if self.render_mode is None:
-            return None
-        from activetouch.envs.picture import draw
-
-        return draw(self.last_press, self.belief, self.target)
+        """The image of the last touch and the belief, side by side, ``(H, W, 3)`` uint8."""
+        return None if self.render_mode is None else draw(self.last_image, self.belief, self.target)
 
     @abstractmethod
     def _sample_arrangement(self, rng: np.random.Generator) -> tuple[int, ...]:
         """Shapes of the objects of a new episode; sets ``_prior`` if the episode has its own."""
 
-    @abstractmethod
+    @property
+    def _truncation_reward(self) -> float:
+        """Reward of the probe beyond the touch limit."""
+        return -1.0
+
     def _act(self, action: int) -> tuple[float, bool, bool, bool]:
         """Reward, terminated, truncated, success."""
+        problem = self.problem
+        if action < self.confirm:
+            if self._num_touches == problem.touch_limit:
+                return self._truncation_reward, False, True, False
+            self._probe(action)
+            return -problem.touch_cost, False, False, False
+        if action == self.unsure:
+            assert problem.unsure_reward is not None, "the action exists"
+            self._is_unsure = True
+            return problem.unsure_reward, True, False, False
+        self._previous = action
+        if action == self.confirm:
+            right = self._arrangement[self._object_index] == self.target
+            return (1.0 if right else -1.0), True, False, right
+        self._num_rejected += 1
+        if self._num_rejected == problem.num_objects:
+            right = self.target not in self._arrangement
+            return (1.0 if right else -1.0), True, False, right
+        self._world.advance()
+        self.last_image = None
+        return 0.0, False, False, False
 
     def _probe(self, pose: int) -> None:
         """Touch the current object."""
         repeat = int(self.history.uses(self.problem.num_poses)[pose])
         touch = self._world.touch(pose, touch_rng(self._key, self._object_index, pose, repeat))
-        self.last_press = getattr(self._world, "last_press", None)
+        self.last_image = getattr(self._world, "last_image", None)
         self._scene.update(self._object_index, [touch])
         self._num_touches += 1
         self._previous = pose

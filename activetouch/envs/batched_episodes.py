@@ -12,10 +12,11 @@ from activetouch.envs.joint_evidence import JointBankEvidence, weighed_touches
 from activetouch.envs.priors import ObjectPriors, TargetProb
 from activetouch.envs.running_evidence import BankEvidence, evidence_of
 from activetouch.envs.touch_bank import TouchBank
-from belief import Composition, SearchProblem
+from activetouch.sensor_files import INDEPENDENT_SUFFIX, MODELS, load_observation_model
 from belief.bayes import update
+from belief.composition import Composition
 from belief.errors import UnknownName
-from belief.observation_model import ArrayModel
+from belief.observation_model.model import ArrayModel
 from belief.policy_state import (
     ENCODINGS,
     GOAL,
@@ -26,6 +27,7 @@ from belief.policy_state import (
     certainty,
     frame_probs,
 )
+from belief.problem import SearchProblem
 
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
@@ -110,7 +112,7 @@ class BankEpisodes:
         self._evidence: BankEvidence = (
             JointBankEvidence(weighed_touches(bank, model), num_envs, touch_limit)
             if state in WITH_GAINS
-            else evidence_of(bank.logits, model, num_envs, touch_limit, bank.features)
+            else evidence_of(bank, model, num_envs, touch_limit)
         )
         shape = (num_envs, len(bank.shape_labels))
         self.objects, self.uses = np.zeros(num_envs, np.int64), np.zeros((num_envs, self.num_poses), np.int64)
@@ -124,6 +126,23 @@ class BankEpisodes:
         self._potential = self._potential_of(np.arange(num_envs))
         self._ask_gains(np.arange(num_envs))
 
+    @classmethod
+    def shipped(cls, scene: str, target: str | None, num_envs: int, **settings: Any) -> BankEpisodes:
+        """Episodes on the recorded touches of a scene that come with the package.
+
+        Args:
+            scene: name of a scene with a bank.
+            target: label of the target shape.
+            num_envs: number of parallel episodes.
+            settings: further arguments of the class.
+
+        Raises:
+            UnknownName: the scene has no bank, or the target is unknown.
+        """
+        bank = TouchBank.shipped(scene)
+        model = load_observation_model(MODELS / f"{scene}{INDEPENDENT_SUFFIX}")
+        return cls(bank, model, target, num_envs, **settings)
+
     @property
     def num_touches(self) -> Ints:
         """Number of touches made, ``(B,)``; a copy."""
@@ -133,13 +152,6 @@ class BankEpisodes:
     def num_actions(self) -> int:
         """P + 2: the poses, CONFIRM and REJECT."""
         return self.num_poses + 2
-
-    @property
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """The state of the episodes, by name; writing into these arrays restores a state."""
-        names = ("objects", "targets", "uses", "log_probs", "_log_priors", "_first_rounds", "_frame_probs", "_previous")
-        own = {name.lstrip("_"): getattr(self, name) for name in (*names, "_num_touches", "_potential", "_gains")}
-        return own | {f"evidence.{name}": array for name, array in self._evidence.arrays.items()}
 
     def reset(self, rows: Ints, rng: np.random.Generator) -> None:
         """Start new random episodes in these rows."""

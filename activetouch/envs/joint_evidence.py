@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from functools import lru_cache
 from itertools import islice
-from typing import Any
 
 import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import NDArray
 
 from activetouch.envs.touch_bank import TouchBank
-from belief.observation_model import ArrayModel
 from belief.observation_model.log_weights import log_means, some_hypotheses
+from belief.observation_model.model import ArrayModel
 from belief.observation_model.repeat_discount import new_shares
-from belief.observation_model.rigid_body import RigidBodyModel
+from belief.observation_model.rigid_body import joint_model
 from belief.policy_state import GAIN_HYPOTHESES, GAIN_OUTCOMES, NoGains, target_gains
 from belief.touch_batch import TouchBatch
 
@@ -40,16 +39,16 @@ class WeighedTouches:
     """
 
     def __init__(self, bank: TouchBank, model: ArrayModel) -> None:
-        if not isinstance(model, RigidBodyModel) or bank.features is None:
+        joint = joint_model(model)
+        if joint is None or bank.features is None:
             found = "without" if bank.features is None else "with"
             raise NoGains(
                 "the gain of each pose needs a sensor whose belief is about one rigid body, and a bank with features "
-                f"that its reader wrote; got a {type(model).__name__} and a bank {found} features. Make one with: "
-                "activetouch touch-bank --sensor SENSOR"
+                f"that its reader wrote; got a {type(model).__name__} and a bank {found} features"
             )
-        self.model, self._features, self._num_rounds = model, bank.features, bank.num_rounds
-        num_shapes, number = len(model.shape_labels), model.num_hypotheses
-        probs = model.outcome_probs(np.tile(np.arange(number), (num_shapes, 1)), GAIN_OUTCOMES)  # (P, K, N, M)
+        self.model, self._features, self._num_rounds = joint, bank.features, bank.num_rounds
+        num_shapes, number = len(joint.shape_labels), joint.num_hypotheses
+        probs = joint.outcome_probs(np.tile(np.arange(number), (num_shapes, 1)), GAIN_OUTCOMES)  # (P, K, N, M)
         self._outcomes = np.moveaxis(probs, 0, 2).reshape(num_shapes * number, -1)  # (K N, P M)
         untouched = np.zeros((1, num_shapes, number), np.float32)
         self.untouched: NDArray[np.float16] = self._tables_of(untouched)[0]
@@ -149,8 +148,3 @@ class JointBankEvidence:
         uses = (poses[:, :, None] == np.arange(body.num_poses)).sum(axis=1)
         new = new_shares(uses, body.correlation, body.drift)
         return target_gains(np.exp(log_probs), self._tables[rows].astype(np.float64), targets) * new
-
-    @property
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """See :class:`BankEvidence`."""
-        return {"touched": self._touched, "counts": self._counts, "found": self._found, "tables": self._tables}

@@ -23,7 +23,7 @@ class ObjectGoalEnv(ObjectTestEnv):
 
     ## Observation Space
     That of `activetouch/ObjectTest-v0`, followed by the target, one-hot: a `Box(0, 1, (17,), float32)` with four shapes
-    and six poses. The wrappers keep the target at the end of the state.
+    and six poses. It is last in the other states too.
 
     ## Starting State
     The target is uniform over the shapes; the object has its shape with probability `target_prob`.
@@ -53,13 +53,13 @@ class ObjectGoalEnv(ObjectTestEnv):
         super().__init__(scene, source.model.shape_labels[0], touches=source, **settings)
 
     @property
-    def _observation_size(self) -> int:
-        return super()._observation_size + self.problem.num_shapes
+    def _num_more(self) -> int:
+        return self.problem.num_shapes
 
-    def observe(self, state: np.ndarray) -> State:
-        """The encoded situation and the target, one-hot."""
+    def observe(self) -> State:
+        """The state and the target, one-hot."""
         goal = np.arange(self.problem.num_shapes) == self.target
-        return np.append(super().observe(state), goal.astype(np.float32))
+        return np.append(super().observe(), goal.astype(np.float32))
 
     def _sample_arrangement(self, rng: np.random.Generator) -> tuple[int, ...]:
         self.target = int(rng.integers(self.problem.num_shapes))

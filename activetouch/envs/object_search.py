@@ -9,7 +9,8 @@ import numpy as np
 from activetouch.envs.base import State, TouchEnv, live_or_given
 from activetouch.envs.touch_source import Touches
 from activetouch.named_scenes import SCENES, NamedScene
-from belief import Composition, SearchProblem
+from belief.composition import Composition
+from belief.problem import SearchProblem
 from belief.synthetic import sample_arrangement
 
 
@@ -49,7 +50,7 @@ class ObjectSearchEnv(TouchEnv):
     import gymnasium
     gymnasium.make("activetouch.envs:activetouch/ObjectSearch-v0", scene="coarse", target="cone")
     ```
-    - `scene`, `target`, `touch_cost`, `touches`, `render_mode`: as in `activetouch/ObjectTest-v0`.
+    - `scene`, `target`, `touch_cost`, `touches`, `render_mode`, `state`: as in `activetouch/ObjectTest-v0`.
     - `num_objects=None`, `composition=None`: those of the scene by default.
     - `touch_limit=None`: of the whole search; 12 per object by default.
     - `unsure_reward=None`: reward of the action UNSURE, in [-1, 1); by default there is no such action.
@@ -69,6 +70,7 @@ class ObjectSearchEnv(TouchEnv):
         touches: Touches | None = None,
         render_mode: str | None = None,
         unsure_reward: float | None = None,
+        state: str = "paper",
     ) -> None:
         source = live_or_given(touches, scene)
         named = SCENES.get(scene, NamedScene())
@@ -82,48 +84,19 @@ class ObjectSearchEnv(TouchEnv):
             named.touches_per_object * number if touch_limit is None else touch_limit,
             unsure_reward,
         )
-        self._is_unsure = False
-        super().__init__(problem, source, target, render_mode)
+        super().__init__(problem, source, target, state, render_mode)
 
     @property
-    def _observation_size(self) -> int:
-        return super()._observation_size + 1
+    def _num_more(self) -> int:
+        return 1
 
-    def observe(self, state: np.ndarray) -> np.ndarray:
-        """The encoded situation and the fraction of objects left."""
+    def observe(self) -> State:
+        """The state and the fraction of objects left."""
         left = 1.0 - self._num_rejected / self.problem.num_objects
-        return np.append(super().observe(state), np.float32(left))
-
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[State, dict[str, Any]]:
-        """See :class:`TouchEnv`."""
-        self._is_unsure = False
-        return super().reset(seed=seed, options=options)
+        return np.append(super().observe(), np.float32(left))
 
     def _sample_arrangement(self, rng: np.random.Generator) -> tuple[int, ...]:
         return sample_arrangement(self.problem, rng)
-
-    def _act(self, action: int) -> tuple[float, bool, bool, bool]:
-        cost = self.problem.touch_cost
-        if action < self.confirm:
-            if self._num_touches == self.problem.touch_limit:
-                return -1.0, False, True, False
-            self._probe(action)
-            return -cost, False, False, False
-        if action == self.unsure:
-            assert self.problem.unsure_reward is not None, "the action exists"
-            self._is_unsure = True
-            return self.problem.unsure_reward, True, False, False
-        self._previous = action
-        if action == self.confirm:
-            right = self._arrangement[self._object_index] == self.target
-            return (1.0 if right else -1.0), True, False, right
-        self._num_rejected += 1
-        if self._num_rejected == self.problem.num_objects:
-            right = self.target not in self._arrangement
-            return (1.0 if right else -1.0), True, False, right
-        self._world.advance()
-        self.last_press = None
-        return 0.0, False, False, False
 
     def _info(self, success: bool) -> dict[str, Any]:
         info = {**super()._info(success), "object_index": self._num_rejected}

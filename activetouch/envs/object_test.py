@@ -7,8 +7,10 @@ import numpy as np
 from activetouch.envs.base import TouchEnv, live_or_given
 from activetouch.envs.priors import ObjectPriors, TargetProb
 from activetouch.envs.touch_source import Touches
-from belief import Belief, Composition, SearchProblem
+from belief.categorical import Belief
+from belief.composition import Composition
 from belief.policy_state import TOUCH_LIMIT
+from belief.problem import SearchProblem
 
 
 class ObjectTestEnv(TouchEnv):
@@ -23,7 +25,7 @@ class ObjectTestEnv(TouchEnv):
     REJECT. `env.unwrapped.action_masks()` gives the valid actions, for `sb3_contrib.MaskablePPO`.
 
     ## Observation Space
-    The paper's state, a `Box(0, 1, (13,), float32)` with four shapes and six poses:
+    By default the paper's state, a `Box(0, 1, (13,), float32)` with four shapes and six poses:
 
     | entries | meaning |
     |---|---|
@@ -31,8 +33,9 @@ class ObjectTestEnv(TouchEnv):
     | 4 … 11 | the previous action, one-hot; zeros at the start |
     | 12 | touches made, as a fraction of `touch_limit` |
 
-    The wrappers :class:`activetouch.envs.wrappers.PosteriorState` and :class:`activetouch.envs.wrappers.RawImage` give
-    the posterior or the image instead.
+    `state="posterior"` is a `Box(-1, 1)` of K + P + 2 numbers (:func:`belief.policy_state.posterior_state`), and
+    `state="gains"` of K + 2 P + 2 for a sensor of one rigid body (:func:`belief.policy_state.gains_state`). The wrapper
+    :class:`activetouch.envs.wrappers.RawImage` gives the image instead.
 
     ## Starting State
     The object has the target's shape with probability `target_prob`; the other shapes are equally likely. The belief
@@ -62,6 +65,7 @@ class ObjectTestEnv(TouchEnv):
     - `target_prob=0.5`: prior of the target (decision 0030); or a range such as `(0.05, 0.95)`, from which every
       episode draws its own (decision 0024).
     - `touches=None`: another source of touches, a :class:`activetouch.envs.touch_source.Touches`.
+    - `state="paper"`: or `"posterior"` or `"gains"`, the observation.
     - `render_mode=None`: or `"rgb_array"`.
 
     ## Version History
@@ -77,23 +81,18 @@ class ObjectTestEnv(TouchEnv):
         target_prob: TargetProb = 0.5,
         touches: Touches | None = None,
         render_mode: str | None = None,
+        state: str = "paper",
     ) -> None:
         source = live_or_given(touches, scene)
         labels = source.model.shape_labels
         problem = SearchProblem(labels, source.pose_labels, 1, Composition.INDEPENDENT, touch_cost, touch_limit)
-        super().__init__(problem, source, target, render_mode)
+        super().__init__(problem, source, target, state, render_mode)
         self._priors = ObjectPriors.of(len(labels), self.target, target_prob)
 
     def _sample_arrangement(self, rng: np.random.Generator) -> tuple[int, ...]:
         self._prior = Belief.from_probs(self.problem.shape_labels, self._priors.probs(self._priors.draw(rng, 1)[0]))
         return (int(rng.choice(self.problem.num_shapes, p=self._prior.probs)),)
 
-    def _act(self, action: int) -> tuple[float, bool, bool, bool]:
-        if action < self.confirm:
-            if self._num_touches == self.problem.touch_limit:
-                return -self.problem.touch_cost, False, True, False
-            self._probe(action)
-            return -self.problem.touch_cost, False, False, False
-        self._previous = action
-        right = (action == self.confirm) == (self._arrangement[0] == self.target)
-        return (1.0 if right else -1.0), True, False, right
+    @property
+    def _truncation_reward(self) -> float:
+        return -self.problem.touch_cost

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from belief.observation_model import ArrayModel
+from activetouch.envs.touch_bank import TouchBank
+from belief.observation_model.model import ArrayModel
 from belief.touch_batch import TouchBatch
 
 Floats = NDArray[np.float64]
@@ -26,31 +27,20 @@ class BankEvidence(Protocol):
     def log_likelihoods(self) -> Floats:
         """Log p(touches | shape) of every row, ``(B, K)``, up to a constant of the row."""
 
-    @property
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """The state, by name; writing into these arrays restores a state."""
 
-
-def evidence_of(
-    logits: NDArray[np.floating],
-    model: ArrayModel,
-    num_envs: int,
-    touch_limit: int,
-    features: NDArray[np.floating] | None = None,
-) -> BankEvidence:
+def evidence_of(bank: TouchBank, model: ArrayModel, num_envs: int, touch_limit: int) -> BankEvidence:
     """The fastest evidence for an observation model.
 
     Args:
-        logits: of the bank, ``(N, R, P, K)``.
+        bank: the touches.
         model: the observation model; its ``weights_of_sums`` decides the class.
         num_envs: B.
         touch_limit: maximum number of touches of a row.
-        features: of the bank, ``(N, R, P, D)``, for models that read them.
     """
     weights = model.weights_of_sums(np.arange(touch_limit + 1))
     if weights is None:
-        return RecomputedBankEvidence(logits, model, num_envs, touch_limit, features)
-    return SummedBankEvidence(logits, model, num_envs, weights, features)
+        return RecomputedBankEvidence(bank, model, num_envs, touch_limit)
+    return SummedBankEvidence(bank, model, num_envs, weights)
 
 
 class SummedBankEvidence:
@@ -60,21 +50,12 @@ class SummedBankEvidence:
     (:meth:`belief.observation_model.ArrayModel.weights_of_sums`); see :func:`evidence_of` for the other arguments.
     """
 
-    def __init__(
-        self,
-        logits: NDArray[np.floating],
-        model: ArrayModel,
-        num_envs: int,
-        weights: Floats,
-        features: NDArray[np.floating] | None = None,
-    ) -> None:
-        num_objects, num_rounds, num_poses, num_shapes = logits.shape
-        poses = np.broadcast_to(np.arange(num_poses), (num_objects, num_rounds, num_poses)).reshape(-1, 1)
-        read = None if features is None else np.asarray(features).reshape(len(poses), 1, -1)
-        alone = TouchBatch(poses, np.asarray(logits, np.float64).reshape(-1, 1, num_shapes), read)
-        single = model.log_likelihood_batch(alone).reshape(logits.shape)
-        self._single = single
-        self._weights = weights
+    def __init__(self, bank: TouchBank, model: ArrayModel, num_envs: int, weights: Floats) -> None:
+        num_poses, num_shapes = bank.logits.shape[2:]
+        poses = np.broadcast_to(np.arange(num_poses), bank.logits.shape[:3]).reshape(-1, 1)
+        read = None if bank.features is None else np.asarray(bank.features).reshape(len(poses), 1, -1)
+        alone = TouchBatch(poses, np.asarray(bank.logits, np.float64).reshape(-1, 1, num_shapes), read)
+        self._single, self._weights = model.log_likelihood_batch(alone).reshape(bank.logits.shape), weights
         self._sums = np.zeros((num_envs, num_poses, num_shapes))
         self._counts = np.zeros((num_envs, num_poses), np.int64)
 
@@ -93,11 +74,6 @@ class SummedBankEvidence:
         weights = self._weights[self._counts]
         return np.asarray((weights[:, None, :] @ self._sums)[:, 0])
 
-    @property
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """See :class:`BankEvidence`."""
-        return {"sums": self._sums, "counts": self._counts}
-
 
 class RecomputedBankEvidence:
     """Evidence of any model: the likelihood of all touches of a row is computed again after each touch.
@@ -105,18 +81,11 @@ class RecomputedBankEvidence:
     See :func:`evidence_of` for the arguments.
     """
 
-    def __init__(
-        self,
-        logits: NDArray[np.floating],
-        model: ArrayModel,
-        num_envs: int,
-        touch_limit: int,
-        features: NDArray[np.floating] | None = None,
-    ) -> None:
-        self._logits, self._features, self._model = logits, features, model
+    def __init__(self, bank: TouchBank, model: ArrayModel, num_envs: int, touch_limit: int) -> None:
+        self._bank, self._model = bank, model
         self._touched = np.zeros((3, num_envs, touch_limit), np.int64)  # object, round, pose
         self._counts = np.zeros(num_envs, np.int64)
-        self._found = np.zeros((num_envs, logits.shape[3]))
+        self._found = np.zeros((num_envs, bank.logits.shape[3]))
 
     def add(self, rows: Ints, objects: Ints, rounds: Ints, poses: Ints) -> None:
         """See :class:`BankEvidence`."""
@@ -125,8 +94,8 @@ class RecomputedBankEvidence:
         for number in np.unique(self._counts[rows]).tolist():
             some = rows[self._counts[rows] == number]
             index = tuple(self._touched[:, some, :number])
-            features = None if self._features is None else np.asarray(self._features[index])
-            batch = TouchBatch(index[2], np.asarray(self._logits[index], np.float64), features)
+            features = None if self._bank.features is None else np.asarray(self._bank.features[index])
+            batch = TouchBatch(index[2], np.asarray(self._bank.logits[index], np.float64), features)
             self._found[some] = self._model.log_likelihood_batch(batch)
 
     def forget(self, rows: Ints) -> None:
@@ -137,8 +106,3 @@ class RecomputedBankEvidence:
     def log_likelihoods(self) -> Floats:
         """See :class:`BankEvidence`."""
         return self._found.copy()
-
-    @property
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """See :class:`BankEvidence`."""
-        return {"touched": self._touched, "counts": self._counts, "found": self._found}

@@ -35,20 +35,6 @@ class BankVecEnv(VecEnv):
         observation_space = spaces.Box(low, 1.0, episodes.observe().shape[1:], np.float32)
         super().__init__(episodes.num_envs, observation_space, spaces.Discrete(episodes.num_actions))
 
-    @property
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """The state except the generator, by name; writing into these arrays restores a state."""
-        return {**self._episodes.arrays, "returns": self._returns, "lengths": self._lengths}
-
-    @property
-    def chance(self) -> dict[str, Any]:
-        """State of the random generator, as JSON types; may be set."""
-        return dict(self._rng.bit_generator.state)
-
-    @chance.setter
-    def chance(self, state: dict[str, Any]) -> None:
-        self._rng.bit_generator.state = state
-
     def reset(self) -> NDArray[np.float32]:
         """Start new episodes in all rows.
 

@@ -3,45 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import deepcopy
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.scene import Scene, WorldObject
 from activetouch.sensor import TactileSensor
 from activetouch.world import TouchWorld
-from belief import Touch
 from belief.naming import Name
-from belief.observation_model import ArrayModel
+from belief.observation_model.model import ArrayModel
+from belief.problem import Touch
 from belief.synthetic import SyntheticWorld
-
-
-@dataclass(frozen=True, eq=False)
-class RecordedPress:
-    """The image of a press, and the arguments that repeat it.
-
-    Attributes:
-        image: the sensor's image, ``(H, W)`` or ``(H, W, 3)`` uint8.
-        scene: where the press was made.
-        thing: the object.
-        pose: label or index of the pose.
-        rng: state of the generator before the press.
-    """
-
-    image: NDArray[np.uint8]
-    scene: Scene
-    thing: WorldObject
-    pose: Name
-    rng: np.random.Generator
 
 
 class EpisodeWorld(Protocol):
     """The objects of one episode, one of them in front of the pad.
 
-    It may have an attribute ``last_press``, a :class:`RecordedPress`.
+    It may have an attribute ``last_image``, ``(H, W)`` or ``(H, W, 3)`` uint8.
     """
 
     def touch(self, pose: int, rng: np.random.Generator) -> Touch:
@@ -88,15 +67,13 @@ class LiveTouches:
 
 
 class _RecordingWorld(TouchWorld):
-    """A :class:`activetouch.TouchWorld` that keeps its last press."""
+    """A :class:`activetouch.TouchWorld` that keeps the image of its last press."""
 
-    last_press: RecordedPress | None = None
+    last_image: NDArray[np.uint8] | None = None
 
     def touch(self, pose: Name, rng: np.random.Generator) -> Touch:
-        before = deepcopy(rng)
-        image, _ = self.press(pose, rng)
-        self.last_press = RecordedPress(image, self._sensor.scene, self.current, pose, before)
-        return self._sensor.read(image[None], [pose])[0]
+        self.last_image, _ = self.press(pose, rng)
+        return self._sensor.read(self.last_image[None], [pose])[0]
 
 
 @dataclass(frozen=True, eq=False)

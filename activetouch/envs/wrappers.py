@@ -1,13 +1,10 @@
 """Wrappers that change the observation or shape the reward.
 
-    env = PosteriorState(gymnasium.make("activetouch.envs:activetouch/ObjectTest-v0", scene="coarse", target="cone"))
-
-Only one wrapper may replace the observation; :class:`BeliefShaping` can be inside or outside of it.
+env = RawImage(gymnasium.make("activetouch:activetouch/ObjectTest-v0", scene="coarse", target="cone"))
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any, cast
 
 import gymnasium
@@ -18,84 +15,19 @@ from numpy.typing import NDArray
 
 from activetouch.envs.base import TouchEnv
 from belief.errors import ActiveTouchError
-from belief.observation_model.evidence import start
-from belief.policy_state import certainty, expected_gains, gains_state, posterior_state
+from belief.policy_state import certainty
 
 _SMALLEST = 36  # pixels; the convolutions of common libraries need this many
 
 
 class NoImage(ActiveTouchError, TypeError):
-    """The touches have no images."""
-
-
-class WrappedTwice(ActiveTouchError, TypeError):
-    """Two wrappers replace the observation."""
-
-
-def _untouched(env: gymnasium.Env, wrapper: type) -> TouchEnv:
-    """The wrapped environment.
-
-    Raises:
-        WrappedTwice: a wrapper has replaced its observation.
-    """
-    own, inner = _touch_env(env), env
-    while isinstance(inner, gymnasium.Wrapper):
-        if isinstance(inner, gymnasium.ObservationWrapper) or inner.observation_space != inner.env.observation_space:
-            raise WrappedTwice(
-                f"{wrapper.__name__} and {type(inner).__name__} both replace the environment's observation: use one of "
-                f"them. General wrappers go outside: FlattenObservation({wrapper.__name__}(env))"
-            )
-        inner = inner.env
-    return own
+    """There is no image to observe."""
 
 
 def _touch_env(env: gymnasium.Env) -> TouchEnv:
     if not isinstance(env.unwrapped, TouchEnv):
         raise TypeError(f"this wrapper needs an environment of activetouch.envs, got {env.unwrapped}")
     return env.unwrapped
-
-
-class PosteriorState(gymnasium.ObservationWrapper, RecordConstructorArgs):
-    """The posterior as observation, a ``Box(-1, 1)`` of K + P + 2 numbers.
-
-    It contains :func:`belief.policy_state.posterior_state` and, in a whole search, the fraction of objects left.
-    """
-
-    def __init__(self, env: gymnasium.Env) -> None:
-        RecordConstructorArgs.__init__(self)
-        gymnasium.ObservationWrapper.__init__(self, env)
-        _untouched(env, type(self))
-        size = cast(spaces.Box, env.observation_space).shape[0] - 1  # P poses and the log-odds replace P + 2 actions
-        self.observation_space = spaces.Box(-1.0, 1.0, (size,), np.float32)
-
-    def observation(self, observation: Any) -> NDArray[np.float32]:
-        """The state in place of the paper's."""
-        env = _touch_env(self.env)
-        return env.observe(posterior_state(env.situation, env.target))
-
-
-class GainState(PosteriorState):
-    """The posterior and the expected gain of each pose as observation, a ``Box(-1, 1)`` of K + 2 P + 2 numbers.
-
-    It contains :func:`belief.policy_state.gains_state` and, in a whole search, the fraction of objects left; with a
-    target that is drawn at reset it is :func:`belief.policy_state.goal_state`.
-
-    Raises:
-        NoGains: the touches are of a sensor whose belief is not about one rigid body.
-    """
-
-    def __init__(self, env: gymnasium.Env) -> None:
-        super().__init__(env)
-        own = _touch_env(env)
-        labels = own.problem.shape_labels
-        expected_gains(start(own.touches.model), np.full(len(labels), -np.log(len(labels))), 0)  # raises
-        size = cast(spaces.Box, self.observation_space).shape[0] + own.problem.num_poses
-        self.observation_space = spaces.Box(-1.0, 1.0, (size,), np.float32)
-
-    def observation(self, observation: Any) -> NDArray[np.float32]:
-        """The state in place of the paper's."""
-        env = _touch_env(self.env)
-        return env.observe(gains_state(replace(env.situation, gains=env.gains[None]), env.target))
 
 
 class RawImage(gymnasium.ObservationWrapper, RecordConstructorArgs):
@@ -106,34 +38,36 @@ class RawImage(gymnasium.ObservationWrapper, RecordConstructorArgs):
     that images have at least 36 × 36.
 
     Raises:
-        NoImage: the touches are not live.
+        NoImage: the touches are not live, or another observation was replaced already.
     """
 
     def __init__(self, env: gymnasium.Env) -> None:
         RecordConstructorArgs.__init__(self)
         gymnasium.ObservationWrapper.__init__(self, env)
-        touches = _untouched(env, type(self)).touches
+        own = _touch_env(env)
+        touches = own.touches
         sensor = getattr(touches, "sensor", None)
         if sensor is None:
             raise NoImage(f"only live touches have images, got {type(touches).__name__}")
         height, width, *channels = sensor.scene.image_shape
         self._repeat = -(-_SMALLEST // min(height, width)) if min(height, width) < _SMALLEST else 1
         shape = (height * self._repeat, width * self._repeat, *(channels or [1]))
-        old = cast(spaces.Box, env.observation_space)
-        self._num_shapes = _touch_env(env).problem.num_shapes
+        if own.state != "paper" or env.observation_space != own.observation_space:
+            raise NoImage("RawImage replaces the observation of the state 'paper'; put it inside of other wrappers")
+        self._num_shapes, size = own.problem.num_shapes, cast(spaces.Box, own.observation_space).shape[0]
         self.observation_space = spaces.Dict(
             image=spaces.Box(0, 255, shape, np.uint8),
-            state=spaces.Box(0.0, 1.0, (old.shape[0] - self._num_shapes,), np.float32),
+            state=spaces.Box(0.0, 1.0, (size - self._num_shapes,), np.float32),
         )
 
     def observation(self, observation: NDArray[np.float32]) -> dict[str, NDArray[Any]]:
         """Image and state."""
         shape = cast(spaces.Box, cast(spaces.Dict, self.observation_space)["image"]).shape
-        press = _touch_env(self.env).last_press
-        if press is None:
+        seen = _touch_env(self.env).last_image
+        if seen is None:
             image = np.zeros(shape, np.uint8)
         else:
-            image = press.image.repeat(self._repeat, axis=0).repeat(self._repeat, axis=1).reshape(shape)
+            image = seen.repeat(self._repeat, axis=0).repeat(self._repeat, axis=1).reshape(shape)
         return {"image": image, "state": observation[self._num_shapes :]}
 
 

@@ -1,6 +1,6 @@
-"""Arrays that take long to compute and are kept on disk for the next process: in ``$ACTIVETOUCH_CACHE``.
+"""What takes long to compute is kept on disk for the next process: in ``$ACTIVETOUCH_CACHE``.
 
-Without that variable they lie in the user's folder for caches. Deleting the folder loses nothing but time.
+Without that variable it lies in the user's folder for caches. Deleting the folder loses nothing but time.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import json
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +19,11 @@ from activetouch.perception.sealed_tensors import read_tensors, write_tensors
 from belief.errors import CannotWrite, CorruptFile
 
 _KIND, _NAME = "activetouch-cached-1", "array"
+T = TypeVar("T")
 
 
 def cache_folder() -> Path:
-    """Where cached arrays lie; where there is no home, in no folder, so that nothing is kept."""
+    """Where it lies; where there is no home, in no folder, so that nothing is kept."""
     if given := os.environ.get("ACTIVETOUCH_CACHE"):
         return Path(given)
     cache = Path(os.environ.get("XDG_CACHE_HOME", ""))
@@ -34,24 +35,48 @@ def cache_folder() -> Path:
     return cache / "activetouch"
 
 
-def cached_array(key: Mapping[str, Any], make: Callable[[], NDArray[np.float32]]) -> NDArray[np.float32]:
-    """An array from the cache, or a new one, which is put there; in half precision either way.
+def cached(
+    key: Mapping[str, Any],
+    suffix: str,
+    make: Callable[[], T],
+    read: Callable[[Path], T],
+    write: Callable[[Path, T], None],
+) -> T:
+    """A value from the cache, or a new one, which is put there.
 
     Where nothing can be written, it is computed every time.
 
     Args:
-        key: JSON values of everything that the array depends on.
-        make: computes it.
+        key: JSON values of everything that the value depends on.
+        suffix: of the file.
+        make: computes the value.
+        read: from the file; raises CorruptFile, KeyError, OSError or ValueError where it is missing or damaged.
+        write: to the file.
     """
     digest = hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()
-    path = cache_folder() / f"{digest}.safetensors"
+    path = cache_folder() / f"{digest}{suffix}"
     try:
-        return read_tensors(path, _KIND)[0][_NAME].astype(np.float32)
-    except (CorruptFile, KeyError):
-        found = make().astype(np.float16)
+        return read(path)
+    except (CorruptFile, KeyError, OSError, ValueError):
+        found = make()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_tensors(path, {_NAME: found}, {}, _KIND)
+        write(path, found)
     except (CannotWrite, OSError):
         pass
-    return found.astype(np.float32)
+    return found
+
+
+def cached_array(key: Mapping[str, Any], make: Callable[[], NDArray[np.float32]]) -> NDArray[np.float32]:
+    """An array from the cache, or a new one; in half precision either way. See :func:`cached`."""
+
+    def half() -> NDArray[Any]:
+        return make().astype(np.float16)
+
+    def read(path: Path) -> NDArray[Any]:
+        return read_tensors(path, _KIND)[0][_NAME]
+
+    def write(path: Path, found: NDArray[Any]) -> None:
+        write_tensors(path, {_NAME: found}, {}, _KIND)
+
+    return cached(key, ".safetensors", half, read, write).astype(np.float32)

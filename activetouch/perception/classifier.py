@@ -6,7 +6,6 @@ A checkpoint is one sealed file (:mod:`activetouch.perception.sealed_tensors`): 
 
 from __future__ import annotations
 
-import copy
 from pathlib import Path
 
 import numpy as np
@@ -105,12 +104,6 @@ class TouchClassifier:
         ]
         logits, features = (torch.cat(column).float().numpy() for column in zip(*parts, strict=True))
         return Reading(logits.astype(np.float64), features, features)
-
-    def to_bfloat16(self) -> TouchClassifier:
-        """The same classifier with a backbone that computes in bfloat16: faster where the processor has it."""
-        network = copy.deepcopy(self.network)
-        network.backbone.to(torch.bfloat16)
-        return TouchClassifier(self.card, network)
 
     def save(self, path: Path) -> None:
         """Write the checkpoint, atomically.

@@ -17,10 +17,11 @@ from torch.utils.data import DataLoader, IterableDataset
 
 from activetouch.perception.card import ClassifierCard
 from activetouch.perception.contacts.hypotheses import CONTACTS, EMBEDDING, ContactHypotheses
-from activetouch.perception.contacts.imaging import WORLD, Imaging
+from activetouch.perception.contacts.imaging import STATE_SIZE, Imaging
 from activetouch.perception.contacts.network import FEW_PIXELS, ContactNetwork, ContactReader, ImageNetwork, losses
 from activetouch.perception.contacts.touches import Batches
 from activetouch.perception.export import exported
+from activetouch.perception.optimizers import Optimizers, with_prefix
 from activetouch.perception.reader import INPUT, OUTPUTS, TactileReader
 from activetouch.perception.sealed_tensors import read_tensors, write_tensors
 from activetouch.scene import Scene
@@ -124,10 +125,11 @@ class ContactTrainer:
         torch.manual_seed(recipe.seed)
         network = ContactReader(recipe.widths, recipe.dense, recipe.embedding, imaging.pixels)
         self.network = network.to(device)
-        self._optimizer = torch.optim.AdamW(network.parameters(), lr=recipe.learning_rate, weight_decay=1e-3)
+        self._optimizers = Optimizers(network, weight_decay=1e-3)
         folder.mkdir(parents=True, exist_ok=True)
-        state = folder / _STATE
-        self.step = _restore(state, network, self._optimizer) if state.exists() else 0
+        self.step, self._state = 0, folder / _STATE
+        if self._state.exists():
+            self._resume()
         sizes = (recipe.groups, recipe.touches, recipe.worlds)
         bodies = range(HELD_OUT, HELD_OUT + recipe.bodies)
         stream = _Stream(Batches(imaging, bodies, *sizes, seed=recipe.seed), self.step)
@@ -154,16 +156,14 @@ class ContactTrainer:
                     log.write(json.dumps(report) + "\n")
                 yield report
             if self.step % _SAVED == 0 or self.step == recipe.steps:
-                _save(self.folder / _STATE, self.network, self._optimizer, self.step, recipe)
+                self._save()
 
     def _learn(self) -> None:
-        for group in self._optimizer.param_groups:
-            group["lr"] = self.recipe.rate(self.step)
         contrast, entropy, accuracy = losses(self.network, self._on_device(next(self._stream)), self._bf16)
-        self._optimizer.zero_grad(set_to_none=True)
+        self.network.zero_grad(set_to_none=True)
         torch.autograd.backward(contrast + entropy)
         torch.nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
-        self._optimizer.step()
+        self._optimizers.step(self.recipe.rate(self.step))
         self._sums += torch.stack([contrast.detach(), entropy.detach(), accuracy]).cpu()
         self.step += 1
 
@@ -176,6 +176,19 @@ class ContactTrainer:
             found |= {f"{what} {name}": round(float(mean), 4) for name, mean in zip(_NAMES, means, strict=True)}
         self._sums.zero_()
         return found
+
+    def _save(self) -> None:
+        tensors = {f"model.{name}": value for name, value in self.network.state_dict().items()}
+        tensors |= self._optimizers.moments()
+        arrays = {name: value.detach().cpu().contiguous().numpy() for name, value in tensors.items()}
+        write_tensors(self._state, arrays, {"step": self.step, "recipe": asdict(self.recipe)})
+
+    def _resume(self) -> None:
+        arrays, fields = read_tensors(self._state)
+        tensors = {name: torch.from_numpy(array) for name, array in arrays.items()}
+        self.step = int(fields["step"])
+        self.network.load_state_dict(with_prefix(tensors, "model."))
+        self._optimizers.restore(tensors, self.step)
 
     def _on_device(self, batch: dict[str, Tensor]) -> dict[str, Tensor]:
         return {name: part.to(self.device) for name, part in batch.items()}
@@ -193,7 +206,7 @@ def export(network: ContactReader, imaging: Imaging, scene: Scene, training: str
     network = network.cpu().float().eval()
     pixels, wide = imaging.pixels, imaging.wide_window.num_pixels
     images = torch.zeros((2, pixels, pixels), dtype=torch.uint8)
-    contacts = (torch.zeros(2, 2, wide, wide), torch.full((2,), 0.1), torch.zeros(1, WORLD))
+    contacts = (torch.zeros(2, 2, wide, wide), torch.full((2,), 0.1), torch.zeros(1, STATE_SIZE))
     graph = exported(ImageNetwork(network), (images,), ({0: "batch"},), (INPUT,), OUTPUTS)
     others = exported(ContactNetwork(network), contacts, ({0: "number"}, {0: "number"}, {}), CONTACTS, (EMBEDDING,))
     card = ClassifierCard(
@@ -208,24 +221,3 @@ def export(network: ContactReader, imaging: Imaging, scene: Scene, training: str
         imaging=imaging.fields(),
     )
     return TactileReader(card, graph, ContactHypotheses(imaging, others))
-
-
-def _save(
-    path: Path, network: ContactReader, optimizer: torch.optim.Optimizer, step: int, recipe: ContactRecipe
-) -> None:
-    tensors = {f"model.{name}": value for name, value in network.state_dict().items()}
-    for name, parameter in network.named_parameters():
-        for moment in ("exp_avg", "exp_avg_sq"):
-            tensors[f"{moment}.{name}"] = optimizer.state[parameter][moment]
-    arrays = {name: value.detach().cpu().contiguous().numpy() for name, value in tensors.items()}
-    write_tensors(path, arrays, {"step": step, "recipe": asdict(recipe)})
-
-
-def _restore(path: Path, network: ContactReader, optimizer: torch.optim.Optimizer) -> int:
-    arrays, fields = read_tensors(path)
-    tensors = {name: torch.from_numpy(array) for name, array in arrays.items()}
-    network.load_state_dict({n.removeprefix("model."): v for n, v in tensors.items() if n.startswith("model.")})
-    for name, parameter in network.named_parameters():
-        moments = {moment: tensors[f"{moment}.{name}"].to(parameter.device) for moment in ("exp_avg", "exp_avg_sq")}
-        optimizer.state[parameter] = {"step": torch.tensor(float(fields["step"])), **moments}
-    return int(fields["step"])

@@ -138,9 +138,9 @@ def _in_half_precision(model: ModelProto) -> bytes:
         casts.append(helper.make_node("Cast", [f"{name}.half"], [name], f"{name}.cast", to=TensorProto.FLOAT))
         tensor.CopyFrom(numpy_helper.from_array(half, f"{name}.half"))
     nodes = [*casts, *graph.node]
-    for thing in (model, graph, *nodes):
-        thing.ClearField("metadata_props")
-        thing.ClearField("doc_string")
+    for part in (model, graph, *nodes):
+        part.ClearField("metadata_props")
+        part.ClearField("doc_string")
     del graph.node[:], graph.value_info[:]
     graph.node.extend(nodes)
     return model.SerializeToString(deterministic=True)

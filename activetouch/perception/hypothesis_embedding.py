@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from activetouch.hypotheses import Bodies
 from activetouch.perception.card import PRODUCTS, ClassifierCard
-from activetouch.perception.hypothesis_bodies import Bodies
 from activetouch.poses import to_matrices, turned
 from activetouch.scene import Scene
 
@@ -48,20 +49,18 @@ class HypothesisEmbedding:
     aims: Floats32 | None = None
 
     def __post_init__(self) -> None:
-        width = self.card.num_inputs
-        for number, (weight, bias) in enumerate(self.layers):
-            if weight.ndim != 2 or weight.shape != (len(bias), width):
-                raise ValueError(f"layer {number} of the hypotheses must read {width} numbers, got {weight.shape}")
-            width = len(bias)
-        if not self.layers or width != self.card.embedding:
-            raise ValueError(f"the hypotheses' embedding must have {self.card.embedding} numbers, got {width}")
-        hidden = {len(bias) for _, bias in self.layers[:-1]}
-        if len(hidden) != 1:
-            raise ValueError(f"the hypotheses' hidden layers must be at least one and equally wide, got {hidden or 0}")
-        if not len(self.sizes) or self.rotations.shape != (len(self.sizes), 3, 3) or not (self.sizes > 0).all():
-            raise ValueError("the fixed hypotheses must be rotations (M, 3, 3) with positive sizes (M,)")
-        if self.aims is not None and self.aims.shape != (len(self.sizes), 2):
-            raise ValueError("the fixed hypotheses must have aims (M, 2)")
+        card, number = self.card, len(self.sizes)
+        shapes = [weight.shape for weight, _ in self.layers]
+        widths = [card.num_inputs, *(len(bias) for _, bias in self.layers)]
+        fits = shapes == [(width, before) for before, width in pairwise(widths)] and widths[-1] == card.embedding
+        fits = fits and len(set(widths[1:-1])) == 1  # hidden layers add to each other
+        fits = fits and self.rotations.shape == (number, 3, 3) and number > 0 and bool((self.sizes > 0).all())
+        if not fits or (self.aims is not None and self.aims.shape != (number, 2)):
+            raise ValueError(
+                f"the network of hypotheses must lead from {card.num_inputs} to {card.embedding} numbers by hidden "
+                f"layers of one width, and the fixed hypotheses have positive sizes (M,), rotations (M, 3, 3) and aims "
+                f"(M, 2); got layers {shapes}, {number} sizes and rotations {self.rotations.shape}"
+            )
 
     def embed(
         self,
@@ -81,21 +80,9 @@ class HypothesisEmbedding:
 
         Returns:
             ``(H, D)``.
-
-        Raises:
-            ValueError: the arguments are of other lengths or shapes, or a shape is unknown.
         """
         number, num_shapes = len(shapes), len(self.card.shape_labels)
         aims = np.zeros((number, 2)) if aims is None else aims
-        if rotations.shape != (number, 3, 3) or np.shape(sizes) != (number,):
-            raise ValueError(
-                f"{number} shapes need rotations ({number}, 3, 3) and sizes ({number},), got {rotations.shape} and "
-                f"{np.shape(sizes)}"
-            )
-        if np.shape(aims) != (number, 2):
-            raise ValueError(f"{number} shapes need aims ({number}, 2), got {np.shape(aims)}")
-        if number and not (shapes.min() >= 0 and shapes.max() < num_shapes):
-            raise ValueError(f"shapes must be indices in [0, {num_shapes}), got {shapes.min()} to {shapes.max()}")
         card = self.card
         numbers = [(np.log(sizes) - card.log_size_mean) / card.log_size_std]
         if card.knows_aims:
@@ -116,8 +103,12 @@ class HypothesisEmbedding:
             found[some] = hidden @ weight.T + bias
         return found
 
+    def bound_to(self, scene: Scene) -> HypothesisEmbedding:
+        """It knows the shapes that it was trained with, whatever the scene."""
+        return self
+
     def embedded(self, scene: Scene, bodies: Bodies, pose: int) -> Floats32:
-        """Embeddings of N hypotheses of each of K shapes in one pose of a scene, ``(K, N, D)``."""
+        """See :class:`activetouch.perception.reader.Hypotheses`."""
         num_shapes, number = len(scene.shapes), len(bodies.rests)
         shapes = np.repeat(np.arange(num_shapes), number)
         sizes = np.tile(bodies.sizes, num_shapes)
@@ -138,7 +129,7 @@ class HypothesisEmbedding:
         )
 
     def shape_logits(self, embeddings: Floats32) -> NDArray[np.float64]:
-        """Log p(image | shape) / p(image), ``(N, K)``: the mean ratio over the fixed hypotheses of each shape."""
+        """See :class:`activetouch.perception.reader.Hypotheses`; the mean is over the fixed hypotheses."""
         fixed, num_shapes, number = self._fixed.T, len(self.card.shape_labels), len(self.sizes)
         logits = np.empty((len(embeddings), num_shapes))
         for first in range(0, len(embeddings), _IMAGES):

@@ -12,8 +12,8 @@ import scipy  # whose parts load at first use
 from numpy.typing import NDArray
 
 from activetouch.errors import WrongScene
+from activetouch.hypotheses import Bodies
 from activetouch.orientations import LyingAnyhow
-from activetouch.perception.hypothesis_bodies import Bodies, bodies_of
 from activetouch.perception.reader import TactileReader
 from activetouch.poses import multiply, turned
 from activetouch.scene import Scene
@@ -109,4 +109,4 @@ class HypothesisTable:
 
     def hypotheses(self, num_hypotheses: int) -> Bodies:
         """The hypotheses, the same for all shapes."""
-        return bodies_of(self.scene, num_hypotheses)
+        return self.scene.hypotheses(num_hypotheses)

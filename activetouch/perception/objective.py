@@ -16,7 +16,7 @@ from activetouch.perception.recipe import TrainingRecipe
 from belief.naming import index_of
 
 _CHECKED = 4096
-"""Hypotheses among which the calibration split's are told apart."""
+"""Hypotheses among which the calibration split's are distinguished."""
 _FOCUS = 4.0
 """How much more often shapes in the recipe's focus are drawn than others."""
 

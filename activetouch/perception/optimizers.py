@@ -1,17 +1,13 @@
-"""The optimizers of a training, each with its own parameters: AdamW, and where the recipe says so Muon."""
+"""AdamW, and where it is asked for Muon for the matrices, with moments that a state file can hold by name."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Mapping
 
 import torch
 from torch import Tensor, nn
 from torch.optim import AdamW, Muon, Optimizer
-
-from activetouch.perception.recipe import TrainingRecipe
-
-_MOMENTS = {AdamW: ("exp_avg", "exp_avg_sq"), Muon: ("momentum_buffer",)}
 
 
 class Optimizers:
@@ -21,20 +17,26 @@ class Optimizers:
 
     Args:
         network: in training.
-        recipe: says which optimizer, and how strongly weights decay.
+        weight_decay: of matrices and kernels.
+        muon: whether matrices have Muon.
     """
 
-    def __init__(self, network: nn.Module, recipe: TrainingRecipe) -> None:
-        self._names = {parameter: name for name, parameter in network.named_parameters()}
+    def __init__(self, network: nn.Module, weight_decay: float, muon: bool = False) -> None:
+        named = dict(network.named_parameters())
         vectors, matrices, kernels = (
-            [p for p in self._names if low <= p.ndim <= high] for low, high in ((0, 1), (2, 2), (3, math.inf))
+            [p for p in named.values() if low <= p.ndim <= high] for low, high in ((0, 1), (2, 2), (3, math.inf))
         )
-        rate, decay = recipe.learning_rate, recipe.weight_decay
-        decayed = kernels if recipe.optimizer == "muon" else matrices + kernels
-        groups = [{"params": decayed, "weight_decay": decay}, {"params": vectors, "weight_decay": 0.0}]
-        self._optimizers: list[Optimizer] = [AdamW(groups, lr=rate)]
-        if recipe.optimizer == "muon":
-            self._optimizers.append(Muon(matrices, lr=rate, weight_decay=decay, adjust_lr_fn="match_rms_adamw"))
+        decayed = kernels if muon else matrices + kernels
+        groups = [{"params": decayed, "weight_decay": weight_decay}, {"params": vectors, "weight_decay": 0.0}]
+        self._optimizers: list[Optimizer] = [AdamW(groups)]
+        if muon:
+            self._optimizers.append(Muon(matrices, weight_decay=weight_decay, adjust_lr_fn="match_rms_adamw"))
+        with_muon = {id(matrix) for matrix in matrices} if muon else set()
+        self._moments = [
+            (f"{moment}.{name}", self._optimizers[id(parameter) in with_muon], parameter, moment)
+            for name, parameter in named.items()
+            for moment in (("momentum_buffer",) if id(parameter) in with_muon else ("exp_avg", "exp_avg_sq"))
+        ]
 
     def step(self, learning_rate: float) -> None:
         """Change the parameters by their gradients."""
@@ -45,21 +47,15 @@ class Optimizers:
 
     def moments(self) -> dict[str, Tensor]:
         """What the optimizers remember of earlier steps, but for their number: by ``MOMENT.PARAMETER``."""
-        return {
-            f"{moment}.{self._names[parameter]}": optimizer.state[parameter][moment]
-            for optimizer, parameter in self._owned()
-            for moment in _MOMENTS[type(optimizer)]
-        }
+        return {key: optimizer.state[parameter][moment] for key, optimizer, parameter, moment in self._moments}
 
-    def restore(self, tensors: dict[str, Tensor], steps: int) -> None:
+    def restore(self, tensors: Mapping[str, Tensor], steps: int) -> None:
         """Go on as after so many steps with these moments; ``tensors`` may hold others."""
-        for optimizer, parameter in self._owned():
-            name = self._names[parameter]
-            saved = {moment: tensors[f"{moment}.{name}"] for moment in _MOMENTS[type(optimizer)]}
-            optimizer.state[parameter] = {"step": torch.tensor(float(steps)), **saved}
+        for key, optimizer, parameter, moment in self._moments:
+            optimizer.state[parameter][moment] = tensors[key].to(parameter.device)
+            optimizer.state[parameter]["step"] = torch.tensor(float(steps))
 
-    def _owned(self) -> Iterator[tuple[Optimizer, nn.Parameter]]:
-        for optimizer in self._optimizers:
-            for group in optimizer.param_groups:
-                for parameter in group["params"]:
-                    yield optimizer, parameter
+
+def with_prefix(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
+    """The tensors whose names begin with a prefix, without it."""
+    return {name.removeprefix(prefix): value for name, value in tensors.items() if name.startswith(prefix)}

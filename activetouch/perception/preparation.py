@@ -6,27 +6,27 @@ cache (:mod:`activetouch.perception.cached_arrays`).
 
 from __future__ import annotations
 
-import hashlib
-import json
 import warnings
 from collections.abc import Mapping
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from activetouch.errors import AlikeShapes
-from activetouch.perception.cached_arrays import cache_folder
+from activetouch.perception.cached_arrays import cached
 from activetouch.perception.contacts.hypotheses import num_hypotheses
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
 from activetouch.scene import Scene
 from activetouch.scene_description import SURROUNDINGS, scene_fields
-from belief import Touch
-from belief.errors import CannotWrite, CorruptFile
+from belief.errors import CorruptFile
 from belief.files import require_regular_file, write_text
-from belief.observation_model import RigidBodyModel, read_observation_model, read_origin
-from belief.observation_model.rigid_body import FittedRigidBody
+from belief.observation_model.model import ArrayModel
+from belief.observation_model.registry import read_observation_model, read_origin
+from belief.observation_model.rigid_body import FittedRigidBody, RigidBodyModel
+from belief.problem import Touch
 from belief.touch_batch import TouchBatch
 
 _TOUCHES = 1200  # simulated, in all
@@ -34,7 +34,7 @@ _LEAST, _MOST = 12, 48  # objects of each shape
 _ENOUGH = 0.9  # of the objects named rightly after a touch in every pose
 
 
-def prepared(reader: TactileReader, scene: Scene, seed: int = 0) -> FittedRigidBody:
+def prepared(reader: TactileReader, scene: Scene, seed: int = 0) -> ArrayModel:
     """The observation model of a reader for the objects of a scene, from simulated touches.
 
     Args:
@@ -54,23 +54,27 @@ def prepared(reader: TactileReader, scene: Scene, seed: int = 0) -> FittedRigidB
         "touches": _TOUCHES,
         "seed": seed,
     }
-    digest = hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()
-    path = cache_folder() / f"{digest}.json"
-    try:
-        text = require_regular_file(path).read_text(encoding="utf-8")
-        model, alike = read_observation_model(text), (read_origin(text) or {}).get("alike", "")
-    except (CorruptFile, OSError, ValueError):
-        model, alike = None, ""
-    if not isinstance(model, FittedRigidBody):
-        model, alike = _fitted(reader, scene, np.random.default_rng([seed, 0xF17]))
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_text(path, model.to_json({"alike": alike}) + "\n")
-        except (CannotWrite, OSError):
-            pass
+
+    def make() -> tuple[ArrayModel, str]:
+        return _fitted(reader, scene, np.random.default_rng([seed, 0xF17]))
+
+    model, alike = cached(key, ".json", make, _read, _write)
     if alike:
         warnings.warn(alike, AlikeShapes, stacklevel=3)
     return model
+
+
+def _read(path: Path) -> tuple[ArrayModel, str]:
+    text = require_regular_file(path).read_text(encoding="utf-8")
+    model = read_observation_model(text)
+    if model.reads != "embeddings":
+        raise CorruptFile(f"{path} holds another model")
+    return model, (read_origin(text) or {}).get("alike", "")
+
+
+def _write(path: Path, fitted: tuple[ArrayModel, str]) -> None:
+    model, alike = fitted
+    write_text(path, model.to_json({"alike": alike}) + "\n")
 
 
 def _fitted(reader: TactileReader, scene: Scene, rng: np.random.Generator) -> tuple[FittedRigidBody, str]:
@@ -80,8 +84,8 @@ def _fitted(reader: TactileReader, scene: Scene, rng: np.random.Generator) -> tu
     truth = np.repeat(np.arange(num_shapes), number)
     images = []
     for shape in truth.tolist():
-        thing = scene.sample_object(shape, rng)
-        images += [scene.press(thing, pose, rng).image for pose in range(num_poses)]
+        obj = scene.sample_object(shape, rng)
+        images += [scene.press(obj, pose, rng).image for pose in range(num_poses)]
     read = reader.read(np.stack(images))
     poses = np.tile(np.arange(num_poses), len(truth))
     touches = [Touch(*touch) for touch in zip(poses.tolist(), read.logits, read.embeddings, strict=True)]

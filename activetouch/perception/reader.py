@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,12 +20,13 @@ from activetouch.perception.contacts.hypotheses import ContactHypotheses
 from activetouch.perception.hypothesis_embedding import Floats32, HypothesisEmbedding
 from activetouch.perception.sealed_tensors import read_tensors, write_tensors
 from activetouch.perception.sessions import session_of
-from belief.errors import CorruptFile, InvalidArgument
+from belief.errors import CorruptFile
 from belief.files import array_digest
 
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession
 
+    from activetouch.hypotheses import Bodies
     from activetouch.scene import Scene
 
 INPUT, OUTPUTS = "images", ("embedding", "features")
@@ -63,6 +64,26 @@ class ImageReader(Protocol):
         """See :meth:`TactileReader.read`."""
 
 
+class Hypotheses(Protocol):
+    """Embeds hypotheses about an object: its shape, how it lies, and its size.
+
+    The product of the embeddings of an image and of a hypothesis is log p(image | hypothesis) / p(image), up to a
+    constant of the image.
+    """
+
+    def bound_to(self, scene: Scene) -> Hypotheses:
+        """The same for the objects of a scene, where they are of any objects."""
+
+    def embedded(self, scene: Scene, bodies: Bodies, pose: int) -> Floats32:
+        """Embeddings of N hypotheses of each of the K shapes of a scene, in one of its poses, ``(K, N, D)``."""
+
+    def shape_logits(self, embeddings: Floats32) -> NDArray[np.float64]:
+        """Log p(image | shape) / p(image) of the embeddings of N images, ``(N, K)``: the mean ratio of each shape."""
+
+    def tensors(self) -> dict[str, NDArray[Any]]:
+        """The arrays by name, as a file has them."""
+
+
 @dataclass(frozen=True, eq=False)
 class TactileReader:
     """A trained network, ready to read touches.
@@ -76,7 +97,7 @@ class TactileReader:
 
     card: ClassifierCard
     network: bytes
-    hypotheses: HypothesisEmbedding | ContactHypotheses | None = None
+    hypotheses: Hypotheses | None = None
     threads: int = 1
 
     def read(self, images: NDArray[np.uint8], batch_size: int = 64) -> Reading:
@@ -111,35 +132,16 @@ class TactileReader:
 
     def bound_to(self, scene: Scene) -> TactileReader:
         """A reader of any object for the objects of a scene; another reader stays as it is."""
-        if self.card.imaging is None:
+        if self.card.imaging is None or self.hypotheses is None:
             return self
         card = replace(self.card, shape_labels=scene.shape_labels, pose_labels=scene.pose_labels)
-        return replace(self, card=card, hypotheses=cast(ContactHypotheses, self.hypotheses).bound_to(scene))
+        return replace(self, card=card, hypotheses=self.hypotheses.bound_to(scene))
 
     @cached_property
     def digest(self) -> str:
         """Of all that determines what it reads."""
         tensors = {} if self.hypotheses is None else self.hypotheses.tensors()
         return array_digest({_NETWORK: np.frombuffer(self.network, np.uint8), **tensors})
-
-    def embed(
-        self,
-        shapes: NDArray[np.int64],
-        rotations: NDArray[Any],
-        sizes: NDArray[Any],
-        aims: NDArray[Any] | None = None,
-    ) -> NDArray[np.float32]:
-        """Embeddings of hypotheses. See :meth:`HypothesisEmbedding.embed`.
-
-        Raises:
-            InvalidArgument: the network tells shapes only, or reads any object.
-        """
-        if not isinstance(self.hypotheses, HypothesisEmbedding):
-            raise InvalidArgument(
-                "this reader tells shapes only, or reads any object by predicted contacts; one that knows the "
-                "orientations of its own shapes embeds them"
-            )
-        return self.hypotheses.embed(shapes, rotations, sizes, aims)
 
     def save(self, path: Path) -> None:
         """Write the reader, atomically.
@@ -167,7 +169,7 @@ class TactileReader:
         tensors, fields = read_tensors(path, READER)
         card = card_from(fields, path)
         try:
-            hypotheses: HypothesisEmbedding | ContactHypotheses | None = None
+            hypotheses: Hypotheses | None = None
             if card.imaging is not None:
                 hypotheses = ContactHypotheses.from_tensors(card.imaging, tensors)
             elif card.embedding:
@@ -191,9 +193,9 @@ class TactileReader:
         except Exception as error:  # the errors of ONNX Runtime have no class in common
             raise ValueError(f"its network is no ONNX graph: {error}") from error
         width = self.card.embedding or len(self.card.shape_labels)
-        found = [(thing.name, tuple(thing.shape[1:])) for thing in (*inputs, *outputs[:1])]
+        found = [(part.name, tuple(part.shape[1:])) for part in (*inputs, *outputs[:1])]
         wanted = [(INPUT, self.card.image_shape), (OUTPUTS[0], (width,))]
-        if found != wanted or [thing.name for thing in outputs] != list(OUTPUTS):
+        if found != wanted or [part.name for part in outputs] != list(OUTPUTS):
             raise ValueError(f"its network is {found}, not {wanted}")
 
     def __getstate__(self) -> dict[str, Any]:

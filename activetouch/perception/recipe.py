@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Literal
 
@@ -106,6 +106,19 @@ class TrainingRecipe:
         return ", ".join(part for part in parts if part)
 
 
+_CONTRAST = TrainingRecipe(  # for a reader that knows orientations
+    epochs=12,
+    batch_size=128,
+    learning_rate=2e-3,
+    weight_decay=0.01,
+    warmup=0.3,
+    class_weights=False,
+    rotation=0.0,
+    patience=3,
+    embedding=64,
+    cell=5.6,  # of 2 048 orientations
+)
+
 RECIPES: Mapping[str, TrainingRecipe] = MappingProxyType(
     {
         "paper": TrainingRecipe(),
@@ -121,18 +134,9 @@ RECIPES: Mapping[str, TrainingRecipe] = MappingProxyType(
             rotation=0.0,
             patience=3,
         ),
-        "contrast": TrainingRecipe(  # for a reader that knows orientations
-            epochs=12,
-            batch_size=128,
-            learning_rate=2e-3,
-            weight_decay=0.01,
-            warmup=0.3,
-            class_weights=False,
-            rotation=0.0,
-            patience=3,
-            embedding=64,
-            cell=5.6,  # of 2 048 orientations
-        ),
+        "contrast": _CONTRAST,
+        # Half of the images look as those of a worn pad (decisions 0070 and 0071).
+        "worn": replace(_CONTRAST, epochs=24, patience=24, optimizer="muon", gain=0.4, noise=0.04, dead=0.25),
     }
 )
 """Recipes by name."""

@@ -75,15 +75,11 @@ def read_fields(path: Path, kind: str = STATE) -> dict[str, Any]:
 def _header(metadata: Mapping[str, str] | None, kind: str) -> dict[str, Any]:
     if not metadata or kind not in metadata:
         found = ", ".join(sorted(metadata or {})) or "another program's tensors"
-        raise _OtherKind(
-            f"holds {found}, not {kind}. A training writes a checkpoint, classifier.safetensors, a "
+        raise ValueError(
+            f"it holds {found}, not {kind}. A training writes a checkpoint, classifier.safetensors, a "
             "reader, reader.safetensors, and its state, state.safetensors"
         )
     return unsealed_json(metadata[kind])
-
-
-class _OtherKind(Exception):
-    """A file is of another kind than is asked for."""
 
 
 @contextmanager
@@ -93,13 +89,11 @@ def _damage(path: Path) -> Iterator[None]:
         yield
     except CorruptFile:
         raise
-    except _OtherKind as error:
-        raise CorruptFile(f"{path} {error}") from error
     except KeyError as error:
-        raise CorruptFile(f"{path} is damaged: it has no {error}") from error
+        raise CorruptFile(f"{path} cannot be used: it has no {error}") from error
     except FileNotFoundError as error:
         raise CorruptFile(f"{path} is missing") from error
     except (SafetensorError, OSError) as error:
         raise CorruptFile(f"{path} is truncated, or no safetensors file: {error}") from error
     except (ValueError, TypeError) as error:
-        raise CorruptFile(f"{path} is damaged: {error}") from error
+        raise CorruptFile(f"{path} cannot be used: {error}") from error

@@ -14,22 +14,18 @@ from torch import Tensor, nn
 
 from activetouch.data.dataset import TouchSet
 from activetouch.errors import LabelMismatch, TrainingDiverged
-from activetouch.perception.augmentation import augment
+from activetouch.perception.augmentation import augment, worn
 from activetouch.perception.classifier import TouchClassifier
 from activetouch.perception.objective import Contrast, Objective, ShapeObjective
-from activetouch.perception.optimizers import Optimizers
+from activetouch.perception.optimizers import Optimizers, with_prefix
 from activetouch.perception.reader import require_stack
 from activetouch.perception.recipe import TrainingRecipe
 from activetouch.perception.sealed_tensors import read_fields, read_tensors, write_tensors
-from activetouch.perception.wear import worn
 from activetouch.scene import Symmetry
 from belief.errors import CorruptFile
 from belief.files import array_digest
 
-_ADVICE = (
-    "Train with a lower --change.learning-rate, or, if that does not help, in single precision (--change.bf16 False): "
-    "bfloat16 fails on the smallest images"
-)
+_ADVICE = "Train with a lower --change.learning-rate"
 
 
 @dataclass(frozen=True)
@@ -88,7 +84,7 @@ class Trainer:
         data = {"training touches": train, "calibration touches": calibration}
         task |= {name: array_digest(vars(touches)) for name, touches in data.items()}
         self._task: dict[str, Any] = json.loads(json.dumps(task))  # as the state file has it
-        self.optimizers = Optimizers(classifier.network, recipe)
+        self.optimizers = Optimizers(classifier.network, recipe.weight_decay, recipe.optimizer == "muon")
         labels = classifier.card.shape_labels
         contrast = classifier.card.knows_orientations
         self.objective: Objective = (Contrast if contrast else ShapeObjective)(train, labels, recipe)
@@ -133,7 +129,7 @@ class Trainer:
         return peak * 0.5 * (1 + math.cos(math.pi * (epoch - warmup) / (epochs - warmup)))
 
     def run_epoch(self, tick: Callable[[int], None] = lambda _: None) -> EpochReport:
-        """One pass over the training split; ``tick`` is told how many images each step took.
+        """One pass over the training split; ``tick`` is called with how many images each step took.
 
         Raises:
             LabelMismatch: another training has written the state file meanwhile; it stays.
@@ -189,8 +185,8 @@ class Trainer:
             raise CorruptFile(f"{error}; delete it to start anew") from error
         tensors = {name: torch.from_numpy(array) for name, array in arrays.items()}
         self._require_own(header)
-        self.classifier.network.load_state_dict(_with_prefix(tensors, "model."))
-        self._best = _with_prefix(tensors, "best.")
+        self.classifier.network.load_state_dict(with_prefix(tensors, "model."))
+        self._best = with_prefix(tensors, "best.")
         self.reports = [EpochReport(**report) for report in header["reports"]]
         self.optimizers.restore(tensors, self.epochs_done * self.steps_per_epoch)
 
@@ -207,9 +203,7 @@ def _differences(there: Any, here: Mapping[str, Any]) -> str:
     if not isinstance(there, dict):
         return ""
     values = {name: (there.get(name), here.get(name)) for name in {**here, **there}}
-    told = {name: f"{one} there, {other} here" for name, (one, other) in values.items() if one != other}
-    return ", with other " + "; ".join(f"{name} ({text})" if len(text) < 60 else name for name, text in told.items())
-
-
-def _with_prefix(tensors: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:
-    return {name.removeprefix(prefix): value for name, value in tensors.items() if name.startswith(prefix)}
+    differing = {name: f"{one} there, {other} here" for name, (one, other) in values.items() if one != other}
+    return ", with other " + "; ".join(
+        f"{name} ({text})" if len(text) < 60 else name for name, text in differing.items()
+    )

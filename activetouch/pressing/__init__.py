@@ -1,1 +1,1 @@
-"""Ways to press an object against the pad, from an elastic foundation to a deformable pad."""
+"""Ways to press an object against the pad, with or without simulated time."""

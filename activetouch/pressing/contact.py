@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +17,6 @@ from activetouch.solids.mesh import Mesh
 from activetouch.solids.raster import heights
 
 Floats = NDArray[np.float64]
-
-# The C library of Linux returns free memory above twice its largest freed block to the system, and asks for it again
-# in the next press, which can double the time of the rays. After a block of 8 MB it keeps what presses need.
-np.empty(2**20)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,23 +74,14 @@ def elastic_contact(pad: Pad, gap: Floats, force: float, stiffness: float = 1.0,
     return Contact(pad, gap, force, indentation, (stiffness * pad.stiffness) * indentation, trace)
 
 
-def contact_at_depth(pad: Pad, gap: Floats, depth: float, stiffness: float = 1.0) -> Contact:
-    """The inverse of :func:`elastic_contact`: the contact whose deepest taxel is indented by ``depth``.
+@cache
+def _keep_freed_memory() -> None:
+    """Let the C library of Linux keep the memory that presses need.
 
-    Args:
-        pad: the pad.
-        gap: from :func:`surface_gap`.
-        depth: of the deepest taxel, in ``[0, pad.max_depth]`` [m].
-        stiffness: of the layer and the object's skin together, relative to the pad's.
-
-    Raises:
-        ValueError: the depth is outside its range.
+    It returns free memory above twice its largest freed block to the system, and asks for it again in the next press,
+    which can double the time of the rays. After a block of 8 MB it does not.
     """
-    if not 0.0 <= depth <= pad.max_depth:
-        raise ValueError(f"depth must be in [0, {pad.max_depth:g}] m, the thickness of the layer; got {depth:g}")
-    indentation = np.maximum(depth - gap, 0.0)
-    pressure = (stiffness * pad.stiffness) * indentation
-    return Contact(pad, gap, float(pressure.sum()) * pad.taxel_area, indentation, pressure)
+    np.empty(2**20)
 
 
 def surface_gap(pad: Pad, placement: Placement) -> Floats:
@@ -106,6 +94,7 @@ def surface_gap(pad: Pad, placement: Placement) -> Floats:
 
 def first_touch(pad: Pad, placement: Placement) -> tuple[Floats, float]:
     """:func:`surface_gap`, and the distance of the object's centre from the pad [m], ``nan`` for a miss."""
+    _keep_freed_memory()
     shape, rotation = placement.shape, to_matrix(placement.orientation)
     if isinstance(shape, Mesh):
         pixel = 2 * pad.half_width / pad.num_taxels

@@ -93,33 +93,3 @@ class Pad:
             if lower >= depth:  # converged up to rounding
                 return depth
             depth, reached = lower, loaded
-
-
-@dataclass(frozen=True)
-class SoftPad:
-    """A pad that is a block of elastic solid, discretised into tetrahedra, and the simulation of a press on it.
-
-    Attributes:
-        nodes: of the block along an edge of its face; the time of a press grows with their square. With an odd number,
-            a node lies on the approach axis.
-        layers: of tetrahedra through the thickness.
-        young: Young's modulus [Pa]; the default gives the foundation's depth, 1.5 mm under a 20 mm sphere at 2 N.
-        poisson: Poisson's ratio, in [0, 0.5); linear tetrahedra lock near 0.5.
-        damping: of the material, relative to its stiffness [s]; it does not change the equilibrium.
-        timestep: of the simulation [s].
-        admittance: velocity of the guide per newton of force error [m/s/N].
-    """
-
-    nodes: int = 25
-    layers: int = 4
-    young: float = 1.03e5
-    poisson: float = 0.3
-    damping: float = 0.005
-    timestep: float = 0.002
-    admittance: float = 0.05
-
-    def __post_init__(self) -> None:
-        if self.nodes < 2 or self.layers < 2:
-            raise ValueError(f"the block needs at least 2 nodes and 2 layers, got {self.nodes} and {self.layers}")
-        if not (self.young > 0.0 and 0.0 <= self.poisson < 0.5):
-            raise ValueError(f"young must be positive and poisson in [0, 0.5), got {self.young} Pa, {self.poisson}")

@@ -1,9 +1,8 @@
 """The protocol of presses, and the simplest press.
 
 ``Quasistatic`` does not simulate time. ``Dynamic`` (:mod:`activetouch.pressing.dynamic`) and ``GuardedMove``
-(:mod:`activetouch.pressing.guarded_move`), the paper's cycle, simulate the motion in MuJoCo. These three compute the
-imprint by one force law (:func:`activetouch.pressing.contact.elastic_contact`). ``Deformable``
-(:mod:`activetouch.pressing.deformable`), the slow reference, simulates a soft pad.
+(:mod:`activetouch.pressing.guarded_move`), the paper's cycle, simulate the motion in MuJoCo. All compute the imprint by
+one force law (:func:`activetouch.pressing.contact.elastic_contact`).
 """
 
 from __future__ import annotations
@@ -29,13 +28,9 @@ class Press(Protocol):
 
     Attributes:
         moves: whether the object's motion is simulated, so that it can slide or bounce.
-        is_slow: whether one press takes seconds.
-        deforms: whether the pad is a soft body, so that geometry and depth do not determine the imprint.
     """
 
     moves: ClassVar[bool] = False
-    is_slow: ClassVar[bool] = False
-    deforms: ClassVar[bool] = False
 
     @property
     def traced(self) -> bool:

@@ -7,7 +7,9 @@ orientation and offset in place, so that MuJoCo's bounding volumes remain valid.
 
 from __future__ import annotations
 
-from functools import lru_cache
+import ctypes
+from functools import cache, lru_cache
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -16,8 +18,6 @@ from numpy.typing import NDArray
 from activetouch.errors import WrongMujoco
 from activetouch.placement import Placement
 from activetouch.poses import Quaternion
-from activetouch.pressing.clock import stop_clock
-from activetouch.pressing.robot import attach_robot
 from activetouch.pressing.setup import Setup
 from activetouch.pressing.trace import Phase, Trace
 from activetouch.shapes import Geom, Shape
@@ -30,7 +30,6 @@ if tuple(int(part) for part in mujoco.__version__.split(".")[:3]) < _OLDEST:
         "pip uninstall -y mujoco mujoco-core && pip install 'mujoco-core>=4.0.1,<5'"
     )
 
-stop_clock()
 _MASS = 0.5  # of object and guide together [kg]; with the pad's contact it gives 1.5-2.4 mm at 2 N
 _SERVO_STIFFNESS = 20_000.0  # of the guide's position servo [N/m]
 _PAD_SOLIMP = (0.7, 0.9, 0.003, 0.5, 2.0)  # impedance from 0.7 to 0.9 over 3 mm
@@ -88,17 +87,8 @@ def build_spec(
     guide = world.add_body(name="guide", pos=[0.0, 0.0, setup.height])
     guide.add_joint(name="guide", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1.0, 0.0, 0.0])
     body = guide.add_body(name="object")  # its own body, so that its orientation does not turn the guide
-    contact = {} if setup.robot is not None and setup.robot.collisions else _NO_CONTACT
-    add_solid(
-        spec,
-        body,
-        "object",
-        shape.geom if facing is None else facing,
-        largest_scale,
-        mass=_MASS,
-        rgba=_ORANGE,
-        **contact,
-    )
+    geom = shape.geom if facing is None else facing
+    add_solid(spec, body, "object", geom, largest_scale, mass=_MASS, rgba=_ORANGE, **_NO_CONTACT)
     softness = [pad.contact_time, pad.damping_ratio]
     spec.add_pair(name="touch", geomname1="pad", geomname2="object", solref=softness, solimp=_PAD_SOLIMP)
     actuator = spec.add_actuator(name="guide", target="guide", trntype=mujoco.mjtTrn.mjTRN_JOINT)
@@ -111,8 +101,6 @@ def build_spec(
         kind, geom = mujoco.mjtSensor.mjSENS_CONTACT, mujoco.mjtObj.mjOBJ_GEOM
         sensor = spec.add_sensor(name="touch", type=kind, objtype=geom, objname="pad")
         sensor.intprm[:3] = [_FORCE_AND_POSITION, _NET_FORCE, 1]
-    if setup.robot is not None:
-        attach_robot(spec, setup.robot, (0.0, 0.0, setup.height))
     return spec
 
 
@@ -126,6 +114,21 @@ def add_solid(
         body.add_geom(name=name, type=kind, meshname=name, **properties)
     else:
         body.add_geom(name=name, type=kind, size=np.asarray(geom.size) * scale, **properties)
+
+
+@cache
+def stop_clock() -> None:
+    """Let MuJoCo measure no times of its own, in this process, which takes a fifth of a press.
+
+    ``mjData.timer`` then reads 0. The Python package gives MuJoCo a clock, which every step reads some thirty times. It
+    is taken away where the library is found beside the package. ``mujoco.set_mjcb_time`` sets another.
+    """
+    for path in Path(mujoco.__file__).parent.glob("*mujoco.*"):
+        try:
+            clock = ctypes.c_void_p.in_dll(ctypes.CDLL(str(path)), "mjcb_time")
+        except (OSError, ValueError):  # not the library, or one without this variable
+            continue
+        clock.value = None
 
 
 class Rig:
@@ -150,6 +153,7 @@ class Rig:
         largest_scale: float = LARGEST_SCALE,
         facing: Geom | None = None,
     ) -> None:
+        stop_clock()
         self.model = build_spec(setup, shape, timestep, traced, largest_scale, facing).compile()
         self._largest_scale = largest_scale
         self.data = mujoco.MjData(self.model)
@@ -171,8 +175,6 @@ class Rig:
         self.command = self.data.ctrl[actuator.id :]
         """Its first number is the position to which the guide is commanded [m]."""
         self._lag = -float(actuator.biasprm[2] / actuator.gainprm[0])  # of the servo behind its command [s]
-        servos = self.model.actuator_trnid[1:, 0]  # of a robot's joints
-        self._stance = self.model.qpos0[self.model.jnt_qposadr[servos]]
         size, centre = self.model.geom_size[self._geom], self.model.geom_pos[self._geom]
         # MuJoCo places a mesh relative to the centre of mass of its body, so this is scaled too.
         self._largest = size.copy(), centre.copy(), self.model.body_ipos[self._body].copy(), self._vertices.copy()
@@ -203,7 +205,6 @@ class Rig:
         model.body_pos[self._body, 1:] = placement.offset
         self.turn(placement.orientation)
         self._position[0] = self.command[0] = position
-        self.command[1:] = self._stance
 
     def turn(self, orientation: Quaternion) -> None:
         """Set the orientation of the object."""

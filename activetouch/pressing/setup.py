@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from activetouch.pressing.pad import Pad
-from activetouch.pressing.robot import Robot
 from activetouch.shapes import Shape
 
 
@@ -21,11 +20,9 @@ class Setup:
         height: of the pad's centre above the floor [m]; the paper's is 0.07.
         finger: whether to model the two box segments that carry the pad.
         loaded: shapes in the model, all but the pressed one parked; if empty, the model has only the pressed one.
-        robot: the robot behind the pad, if any.
     """
 
     pad: Pad = field(default_factory=Pad)
     height: float = 0.0
     finger: bool = False
     loaded: tuple[Shape, ...] = ()
-    robot: Robot | None = None

@@ -12,9 +12,9 @@ import numpy as np
 
 from activetouch.errors import BadRecording
 from activetouch.recorded.bounded import Numbers, lines_of, require_folder
+from activetouch.recorded.named_columns import SCALARS, touches_of_columns
 from activetouch.recorded.touches import RecordedTouches, scalar_features
 from belief.files import plain_number
-from belief.observation_model.kernel_fit import numbered_sessions
 
 POSES = ("down", "45", "side")
 _ELECTRODES = 72
@@ -31,8 +31,8 @@ def read_bts3(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
     numbers = Numbers()
     electrodes: tuple[str, ...] = ()
     names: list[str] = []
-    actions: list[int] = []
-    for action, pose in enumerate(POSES):
+    actions: list[str] = []
+    for pose in POSES:
         found = [path for end in ("csv", "csv.gz") if (path := folder / f"bts3v2_palm_{pose}.{end}").exists()]
         if not found:
             raise BadRecording(f"there is no file bts3v2_palm_{pose}.csv or .csv.gz in {folder}")
@@ -54,26 +54,19 @@ def read_bts3(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
                 ) from error
             numbers.add(row)
             names.append(cells[0])
-            actions.append(action)
+            actions.append(f"palm {pose}")
     if not names:
         raise BadRecording(f"the files in {folder} have no rows below their headers")
-    known = sorted(set(names))
-    index_of = {name: index for index, name in enumerate(known)}
-    objects = np.array([index_of[name] for name in names])
     values = numbers.table()
-    fingers = values.reshape(len(values), _FINGERS, -1)
-    scalars = np.concatenate([scalar_features(fingers[:, finger]) for finger in range(_FINGERS)], axis=1)
-    touches = RecordedTouches(
+    fingers = np.split(values, _FINGERS, axis=1)
+    touches = touches_of_columns(
         values,
-        np.array(actions),
-        objects,
-        numbered_sessions(objects, np.array(actions)),
-        tuple(f"palm {pose}" for pose in POSES),
-        tuple(known),
-        {},
-        {"scalar features only": scalars},
-        "BioTac SP Stability Set v2 (3dperceptionlab/biotacsp-stability-set-v2), files of the 41 training objects",
-        "MIT",
-        electrodes,
+        {"object": np.array(names), "action": np.array(actions)},
+        str(folder),
+        action_names=[f"palm {pose}" for pose in POSES],
+        controls={SCALARS: np.concatenate([scalar_features(finger) for finger in fingers], axis=1)},
+        feature_names=electrodes,
+        provenance="BioTac SP Stability Set v2 (3dperceptionlab/biotacsp-stability-set-v2), 41 training objects",
+        licence="MIT",
     )
     return touches, ("the column 'slipped' is left out: it is known only after the touch",)

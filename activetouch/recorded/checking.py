@@ -80,11 +80,11 @@ def incomplete(touches: RecordedTouches, task: str = "objects") -> dict[str, dic
     np.add.at(counts, tuple(np.unique([touches.objects, touches.actions, touches.sessions], axis=1)[:2]), 1)
     short = counts < _needed(task)
     return {
-        touches.object_names[thing]: {
-            touches.action_names[i]: int(counts[thing, i]) for i in np.flatnonzero(short[thing])
+        touches.object_names[index]: {
+            touches.action_names[i]: int(counts[index, i]) for i in np.flatnonzero(short[index])
         }
-        for thing in np.unique(touches.objects).tolist()
-        if names[thing] and short[thing].any()
+        for index in np.unique(touches.objects).tolist()
+        if names[index] and short[index].any()
     }
 
 

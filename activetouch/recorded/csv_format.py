@@ -10,16 +10,17 @@ from __future__ import annotations
 import csv
 from array import array
 from bisect import bisect
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from activetouch.errors import BadRecording
 from activetouch.recorded.bounded import Numbers, lines_of, require_folder, require_short
-from activetouch.recorded.named_columns import NAMES, UNTOUCHED, ignored, mistaken, touches_of_columns
+from activetouch.recorded.named_columns import NAMES, UNTOUCHED, ignored, touches_of_columns
 from activetouch.recorded.touches import RecordedTouches
 from belief.files import plain_number
+
+_UNTOUCHED = "untouched:"  # begins the names of columns that were measured where nothing was touched
 
 
 def read_csv(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
@@ -50,11 +51,7 @@ def read_csv(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
             cells = _cells(path, number, line)
             if len(cells) != len(header):
                 raise BadRecording(f"line {number} of {path} has {len(cells)} cells, the header has {len(header)}")
-            try:
-                values = [plain_number(cells[column]) for column in features]
-            except ValueError:
-                raise _no_number(f"line {number} of {path}", header, cells, features) from None
-            numbers.add(values)
+            numbers.add([_number(cells[column], header[column], number, path) for column in features])
             for words, column in labels:
                 cell = cells[column].strip()
                 words.append(known.setdefault(cell, cell))  # once in memory
@@ -73,11 +70,13 @@ def read_csv(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
     for name, words in columns.items():
         require_short(name, max(map(len, words), default=0), numbers.num_rows, str(folder))
     given = {name: np.array(words) for name, words in columns.items() if words}
-    is_control = np.array([name.startswith(UNTOUCHED) for name in names], np.bool_)
-    kept = tuple(name for name in names if not name.startswith(UNTOUCHED))
-    touches = touches_of_columns(table[:, ~is_control], table[:, is_control], given, str(folder), place, kept)
-    others = sorted(path.name for path in folder.iterdir() if path not in paths)
-    return touches, (*mistaken(kept), *ignored("file", others, ()))
+    is_control = np.array([name.startswith(_UNTOUCHED) for name in names], np.bool_)
+    kept = [name for name in names if not name.startswith(_UNTOUCHED)]
+    controls = {UNTOUCHED: table[:, is_control]} if is_control.any() else {}
+    touches = touches_of_columns(
+        table[:, ~is_control], given, str(folder), place=place, controls=controls, feature_names=kept
+    )
+    return touches, ignored("file", sorted(path.name for path in folder.iterdir() if path not in paths))
 
 
 def _header(path: Path, number: int, line: str) -> list[str]:
@@ -96,15 +95,13 @@ def _header(path: Path, number: int, line: str) -> list[str]:
     return names
 
 
-def _no_number(place: str, header: Sequence[str], cells: Sequence[str], features: Sequence[int]) -> BadRecording:
-    """The error about the first of some cells that is not a decimal number."""
-    for column in features:
-        try:
-            plain_number(cells[column])
-        except ValueError:
-            hint = " (decimals have a point)" if "," in cells[column] else ""
-            return BadRecording(f"{place}: the feature {header[column]!r} is {cells[column][:40]!r}, no number{hint}")
-    raise AssertionError("all are numbers")
+def _number(cell: str, name: str, number: int, path: Path) -> float:
+    """The decimal number in a cell."""
+    try:
+        return plain_number(cell)
+    except ValueError:
+        hint = " (decimals have a point)" if "," in cell else ""
+        raise BadRecording(f"line {number} of {path}: the feature {name!r} is {cell[:40]!r}, no number{hint}") from None
 
 
 def _cells(path: Path, number: int, line: str) -> list[str]:

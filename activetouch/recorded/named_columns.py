@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from difflib import get_close_matches
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,37 +16,44 @@ from belief.problem import Floats
 
 NAMES = ("object", "action", "session", "category", "shape")
 """Names of the columns that are no features."""
-UNTOUCHED = "untouched:"
-"""Begin of the names of columns that were measured where nothing was touched."""
+SCALARS, UNTOUCHED = "scalar features only", "features where nothing was touched"
+"""Names of controls."""
 _TASK_OF = {"category": "categories", "shape": "shapes"}
 _FEW, _LONGEST = 12, 40  # names, and characters of one, that are said in full
-_NEAR = 0.7  # similarity of names that may have been mistaken for each other
 _MOST = 2**53  # session number, so that it is exact as a float
 
 
 def touches_of_columns(
     features: Floats,
-    untouched: Floats,
     columns: Mapping[str, NDArray[np.generic]],
     source: str,
+    *,
     place: Callable[[int], str] | None = None,
-    feature_names: tuple[str, ...] = (),
+    action_names: Sequence[str] = (),
+    controls: Mapping[str, Floats] = MappingProxyType({}),
+    feature_names: Sequence[str] = (),
+    provenance: str = "",
+    licence: str = "not stated",
 ) -> RecordedTouches:
     """The touches of a table.
 
     Args:
         features: ``(n, F)``.
-        untouched: features from where nothing was touched, ``(n, C)``; C may be zero.
         columns: ``object`` and, where given, ``action``, ``session``, ``category`` and ``shape``, each ``(n,)``.
         source: where the table comes from, for messages.
         place: names a row in messages, such as "line 7 of mugs.csv"; by default "row 5 of SOURCE", counted from 0.
+        action_names: all actions in their order; by default those of the column, sorted.
+        controls: features that should know nothing or little of the object, by name, ``(n, C)``; "scalar features
+            only" are computed where they are not given.
         feature_names: F names, where the features have some.
+        provenance: where the set comes from; the source by default.
+        licence: its licence.
 
     Raises:
         BadRecording: no feature, an object without a name or with two categories or shapes, or sessions that are not
             integers; the message names the row and the column.
 
-    >>> table = touches_of_columns(np.ones((2, 1)), np.empty((2, 0)), {"object": np.array(["mug", "can"])}, "here")
+    >>> table = touches_of_columns(np.ones((2, 1)), {"object": np.array(["mug", "can"])}, "here")
     >>> table.object_names, table.action_names
     (('can', 'mug'), ('touch',))
     """
@@ -62,72 +69,50 @@ def touches_of_columns(
     object_names, objects = np.unique(columns["object"].astype(str), return_inverse=True)
     if "" in object_names:
         raise BadRecording(f"{place(int(np.argmax(columns['object'].astype(str) == '')))} names no object")
-    given = columns.get("action")
-    action_names, actions = (
-        (np.array(["touch"]), np.zeros(n, np.int64))
-        if given is None
-        else np.unique(given.astype(str), return_inverse=True)
-    )
+    given = columns.get("action", np.full(n, "touch")).astype(str)
+    ordered = tuple(action_names) or tuple(map(str, np.unique(given)))
+    actions = np.array([ordered.index(name) for name in given.tolist()])
     sessions = numbered_sessions(objects, actions)
     if "session" in columns:
         sessions = _whole_numbers("session", columns["session"], place)
-    labels = {}
-    for column, task in _TASK_OF.items():
-        if column in columns:
-            labels[task] = _label_of_objects(column, columns[column].astype(str), objects, object_names, place)
-    controls = {"scalar features only": scalar_features(features)}
-    if untouched.size:
-        controls["features where nothing was touched"] = np.asarray(untouched, np.float64)
+    labels = {
+        task: _label_of_objects(column, columns[column].astype(str), objects, object_names, place)
+        for column, task in _TASK_OF.items()
+        if column in columns
+    }
     return RecordedTouches(
         features,
         actions,
         objects,
         sessions,
-        tuple(map(str, action_names)),
+        ordered,
         tuple(map(str, object_names)),
         labels,
-        controls,
-        source,
-        feature_names=feature_names,
+        {SCALARS: scalar_features(features), **controls},
+        provenance or source,
+        licence,
+        tuple(feature_names),
     )
 
 
-def mistaken(feature_names: Sequence[str]) -> tuple[str, ...]:
-    """Sentences about features whose names are nearly those of other columns.
+def ignored(kind: str, names: Iterable[str]) -> tuple[str, ...]:
+    """A sentence about what is not read, such as arrays; none where there is nothing.
 
-    >>> mistaken(("force", "Session"))
-    ("the column 'Session' is read as a feature; did you mean 'session'?",)
+    >>> ignored("array", ["categories"])
+    ("ignored arrays: 'categories'",)
     """
-    nearest = ((name, _nearest(name, NAMES)) for name in feature_names)
-    return tuple(f"the column {name!r} is read as a feature; did you mean {near!r}?" for name, near in nearest if near)
-
-
-def ignored(kind: str, names: Iterable[str], known: Sequence[str]) -> tuple[str, ...]:
-    """Sentences about what is not read.
-
-    Args:
-        kind: what it is, such as "array".
-        names: of what is not read.
-        known: names of what is read.
-
-    >>> ignored("array", ["categories"], ["category"])
-    ("the array 'categories' is ignored; did you mean 'category'?",)
-    """
-    found = [(name, _nearest(name, known)) for name in names]
-    likely = [f"the {kind} {name!r} is ignored; did you mean {near!r}?" for name, near in found if near]
-    others = [repr(name) for name, near in found if not near]
-    return (*likely, *([f"ignored {kind}s: {abbreviated(others)}"] if others else []))
+    listed = [repr(name) for name in names]
+    return (f"ignored {kind}s: {abbreviated(listed)}",) if listed else ()
 
 
 def features_read(touches: RecordedTouches) -> str:
-    """A sentence about the number and names of the features of a set, and those that say nothing about the touch.
+    """A sentence about the number and names of the features of a set.
 
     >>> features_read(RecordedTouches(np.ones((1, 2)), [0], [0], [0], ("press",), ("mug",), feature_names=("f", "g")))
     '2 features: f, g'
     """
     count = f"{touches.features.shape[1]} features"
-    read = f"{count}: {abbreviated(touches.feature_names)}" if touches.feature_names else f"{count} without names"
-    return "; ".join([read, *(f"features that {what}: {names}" for what, (names, _) in _suspicious(touches).items())])
+    return f"{count}: {abbreviated(touches.feature_names)}" if touches.feature_names else f"{count} without names"
 
 
 def suspicious_features(touches: RecordedTouches) -> tuple[str, ...]:
@@ -138,28 +123,20 @@ def suspicious_features(touches: RecordedTouches) -> tuple[str, ...]:
     >>> suspicious_features(mugs)  # doctest: +ELLIPSIS
     ('these features name the object: feature 1. They are equal in all touches of an object and differ between...',)
     """
-    return tuple(
-        f"these features {what}: {names}. They {why}; leave out what was not measured in the touch"
-        for what, (names, why) in _suspicious(touches).items()
-    )
-
-
-def _suspicious(touches: RecordedTouches) -> dict[str, tuple[str, str]]:
-    """What features say instead of what was felt: their names, and how that is known."""
     steps = np.diff(touches.features, axis=0)
     counts = (steps == steps[:1]).all(axis=0) & (steps[:1] != 0.0).any(axis=0) & (touches.num_touches > 2)
-    found = {
-        "name the object": (
-            _tells(touches.features, touches.objects),
-            "are equal in all touches of an object and differ between objects",
-        ),
-        "number the session": (
-            _tells(touches.features, touches.sessions),
-            "are equal in all touches of a session and differ between sessions",
-        ),
-        "count the rows": (counts, "grow by the same in every row"),
-    }
-    return {what: (_named(touches, which), why) for what, (which, why) in found.items() if which.any()}
+    by_object, by_session = (_tells(touches.features, groups) for groups in (touches.objects, touches.sessions))
+    same = "are equal in all touches of"
+    found = (
+        ("name the object", by_object, f"{same} an object and differ between objects"),
+        ("number the session", by_session, f"{same} a session and differ between sessions"),
+        ("count the rows", counts, "grow by the same in every row"),
+    )
+    return tuple(
+        f"these features {what}: {_named(touches, which)}. They {why}; leave out what was not measured in the touch"
+        for what, which, why in found
+        if which.any()
+    )
 
 
 def _tells(features: Floats, groups: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -186,11 +163,6 @@ def abbreviated(names: Sequence[str]) -> str:
     """
     shown = [name if len(name) <= _LONGEST else f"{name[:_LONGEST]}…" for name in names]
     return ", ".join(shown if len(shown) <= _FEW else [*shown[: _FEW - 4], "…", *shown[-2:]])
-
-
-def _nearest(name: str, known: Sequence[str]) -> str | None:
-    """The known name that a name was probably meant to be."""
-    return next(iter(get_close_matches(name.strip().lower(), known, n=1, cutoff=_NEAR)), None)
 
 
 def _whole_numbers(name: str, values: NDArray[np.generic], place: Callable[[int], str]) -> NDArray[np.int64]:

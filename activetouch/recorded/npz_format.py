@@ -8,7 +8,6 @@ are ``control:NAME (n, C)``; ``feature_names (F,)``, ``provenance`` and ``licenc
 from __future__ import annotations
 
 import zipfile
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +16,11 @@ from numpy.typing import NDArray
 
 from activetouch.errors import BadRecording
 from activetouch.recorded.bounded import MOST_BYTES, require_bounded, require_short
-from activetouch.recorded.named_columns import NAMES, ignored, touches_of_columns
+from activetouch.recorded.named_columns import NAMES, UNTOUCHED, ignored, touches_of_columns
 from activetouch.recorded.touches import RecordedTouches
-from belief.files import atomic_path, require_regular_file
+from belief.files import require_regular_file
 
-_WORDS = ("provenance", "licence")
+_WORDS = {"provenance": "", "licence": "not stated"}
 _CONTROL = "control:"
 _KNOWN = (*NAMES, *_WORDS, "features", "feature_names", "untouched")
 
@@ -60,33 +59,21 @@ def read_npz(path: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
             raise BadRecording(f"{name} in {path} must be numbers (n, {width}), got {rows.dtype} {rows.shape}")
     features = arrays["features"]
     require_bounded(len(features), sum(rows.size for rows in arrays.values() if rows.ndim == 2), str(path))
-    untouched = arrays.get("untouched", np.empty((len(features), 0)))
-    touches = touches_of_columns(features.astype(np.float64), untouched, given, str(path))
     controls = {name.removeprefix(_CONTROL): arrays[name] for name in arrays if name.startswith(_CONTROL)}
-    words: dict[str, Any] = {name: str(arrays[name]) for name in _WORDS if name in arrays}
-    words["feature_names"] = tuple(map(str, np.atleast_1d(arrays.get("feature_names", ())).tolist()))
-    return replace(touches, controls={**touches.controls, **controls}, **words), ignored("array", others, _KNOWN)
-
-
-def write_npz(path: Path, touches: RecordedTouches) -> None:
-    """Write touches so that :func:`read_npz` reads them.
-
-    Raises:
-        CannotWrite: the disk is full, or the folder is not writable.
-    """
-    columns = {"categories": "category", "shapes": "shape"}
-    arrays: dict[str, Any] = {
-        "features": touches.features,
-        "object": np.array(touches.object_names)[touches.objects],
-        "action": np.array(touches.action_names)[touches.actions],
-        "session": touches.sessions,
-        **{columns[task]: np.array(names)[touches.objects] for task, names in touches.labels.items()},
-        **{f"{_CONTROL}{name}": rows for name, rows in touches.controls.items()},
-        **{name: np.array(getattr(touches, name)) for name in _WORDS},
-        **({"feature_names": np.array(touches.feature_names)} if touches.feature_names else {}),
-    }
-    with atomic_path(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, **arrays)
+    if "untouched" in arrays and arrays["untouched"].size:
+        controls[UNTOUCHED] = arrays["untouched"]
+    provenance, licence = (str(arrays[name]) if name in arrays else default for name, default in _WORDS.items())
+    names = list(map(str, np.atleast_1d(arrays.get("feature_names", ())).tolist()))
+    touches = touches_of_columns(
+        features.astype(np.float64),
+        given,
+        str(path),
+        controls=controls,
+        feature_names=names,
+        provenance=provenance,
+        licence=licence,
+    )
+    return touches, ignored("array", others)
 
 
 def _is_known(name: str) -> bool:

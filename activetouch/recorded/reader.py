@@ -160,18 +160,7 @@ class Reading:
     test_ratios: Floats
 
 
-def num_tried(touches: TaskTouches, split: Split) -> int:
-    """Number of classifiers that :func:`read` tries, all actions together."""
-    return len(_options(touches, split)) * touches.source.num_actions
-
-
-def read(
-    touches: TaskTouches,
-    split: Split,
-    control: str | None = None,
-    kind: Calibration | None = None,
-    advance: Callable[[], object] = lambda: None,
-) -> Reading:
+def read(touches: TaskTouches, split: Split, control: str | None = None, kind: Calibration | None = None) -> Reading:
     """Fit a reader to a split, and read the calibration and test touches.
 
     The calibration is the candidate with the least loss of fused touches, each read by one of other folds.
@@ -185,20 +174,18 @@ def read(
         split: what to learn from, to calibrate on and to test on.
         control: name of a control whose features are read instead.
         kind: the calibration, unfitted; by default the best of the candidates.
-        advance: is called after each classifier that was tried, :func:`num_tried` times.
     """
     features, num_labels = touches.features(control), len(touches.label_names)
     num_actions = touches.source.num_actions
     x, y, a = features[split.train], touches.labels[split.train], touches.actions[split.train]
-    options = _options(touches, split)
+    options = kinds(num_labels, len(split.train) // num_actions)
     held = np.zeros((len(x), num_labels))
     chosen: list[str] = []
     for action in range(num_actions):
         here = np.flatnonzero(a == action)
-        tried = {}
-        for name, option in options.items():
-            tried[name] = _held_out(option, x[here], y[here], split.inner[here], num_labels)
-            advance()
+        tried = {
+            name: _held_out(option, x[here], y[here], split.inner[here], num_labels) for name, option in options.items()
+        }
         losses = {name: _loss(logits, y[here]) for name, logits in tried.items()}
         chosen.append(min(losses, key=lambda name: losses[name]))
         held[here] = tried[chosen[-1]]
@@ -259,10 +246,6 @@ def _fused_loss(touches: TaskTouches, rows: Integers, ratios: Floats) -> float:
     """Loss of fused touches after the best correlation for all pairs of actions."""
     data, sessions = touches.labelled(rows, ratios), touches.sessions_of(rows)
     return fused_loss(data, fit_kernel(data, "flat", sessions), sessions)
-
-
-def _options(touches: TaskTouches, split: Split) -> Mapping[str, Kind]:
-    return kinds(len(touches.label_names), len(split.train) // touches.source.num_actions)
 
 
 def _logits(classifiers: tuple[Fitted, ...], features: Floats, actions: Integers) -> Floats:

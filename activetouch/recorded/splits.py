@@ -49,8 +49,8 @@ def by_session(touches: TaskTouches, rng: np.random.Generator | None = None) -> 
     """
     place = np.empty(len(touches.rows))
     rank = np.empty(len(touches.rows), np.int64)
-    for thing in np.unique(touches.objects).tolist():
-        own = np.flatnonzero(touches.objects == thing)
+    for index in np.unique(touches.objects).tolist():
+        own = np.flatnonzero(touches.objects == index)
         sessions, number = np.unique(touches.sessions[own], return_inverse=True)
         order = np.arange(len(sessions)) if rng is None else rng.permutation(len(sessions))
         for action in np.unique(touches.actions[own]).tolist():
@@ -80,7 +80,7 @@ def by_object(touches: TaskTouches, num_folds: int) -> list[Split]:
 def _calibration_folds(touches: TaskTouches, rows: NDArray[np.int64], rank: NDArray[np.int64]) -> NDArray[np.int64]:
     """Folds of sessions where every object has several to calibrate on, of objects where one has a single session."""
     sessions = [
-        len(np.unique(rank[rows][touches.objects[rows] == thing])) for thing in np.unique(touches.objects[rows])
+        len(np.unique(rank[rows][touches.objects[rows] == index])) for index in np.unique(touches.objects[rows])
     ]
     if min(sessions) > 1:
         return np.unique(rank[rows], return_inverse=True)[1] % _INNER

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.errors import BadRecording
-from belief import Touch
 from belief.frozen import FrozenArrays
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.kernel_fit import numbered_sessions
-from belief.problem import Floats
+from belief.problem import Floats, Touch
 
 TASKS = ("objects", "categories", "shapes")
 """What a search can be about."""
@@ -137,7 +136,7 @@ class RecordedTouches(FrozenArrays):
         if task not in self.tasks:
             raise BadRecording(f"these touches have no labels for {task!r}; they have {', '.join(self.tasks)}")
         names = self.object_names if task == "objects" else self.labels[task]
-        used = sorted({names[thing] for thing in np.unique(self.objects).tolist()} - {""})
+        used = sorted({names[index] for index in np.unique(self.objects).tolist()} - {""})
         if len(used) < _FEWEST_LABELS:
             raise BadRecording(f"{task} need at least two different labels, there is {used}")
         label_of = np.array([used.index(name) if name in used else -1 for name in names])

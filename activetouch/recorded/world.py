@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.errors import BadRecording
-from belief import Touch
 from belief.errors import InvalidArgument
 from belief.frozen import FrozenArrays
-from belief.problem import Floats
+from belief.problem import Floats, Touch
 from belief.seeding import checked_key, keyed_rng
 
 _KEY = 0x7EC0
@@ -48,9 +47,9 @@ class RecordedBank(FrozenArrays):
     def __post_init__(self) -> None:
         counts = self._counts()
         if not counts.size or counts.min() == 0:
-            thing, action = (int(i) for i in np.argwhere(counts == 0)[0]) if counts.size else (0, 0)
+            index, action = (int(i) for i in np.argwhere(counts == 0)[0]) if counts.size else (0, 0)
             raise BadRecording(
-                f"object {np.unique(self.objects)[thing] if counts.size else '-'} has no held-out touch with the "
+                f"object {np.unique(self.objects)[index] if counts.size else '-'} has no held-out touch with the "
                 f"action {self.action_names[action]}; every object needs one of each action"
             )
         self.freeze()
@@ -62,7 +61,7 @@ class RecordedBank(FrozenArrays):
 
     def objects_of(self, label: int) -> list[int]:
         """The objects with a label."""
-        return [int(thing) for thing in np.unique(self.objects[self.labels == label])]
+        return [int(index) for index in np.unique(self.objects[self.labels == label])]
 
     def among(self, labels: Sequence[str]) -> RecordedBank:
         """The touches of objects of some labels, with the ratios of these labels only."""
@@ -72,15 +71,15 @@ class RecordedBank(FrozenArrays):
         arrays = (column[rows] for column in (self.objects, self.actions, self.sessions))
         return RecordedBank(tuple(labels), self.action_names, self.ratios[rows][:, columns], new, *arrays)
 
-    def rows_of(self, thing: int, action: int) -> NDArray[np.int64]:
+    def rows_of(self, index: int, action: int) -> NDArray[np.int64]:
         """Rows of an object's touches with an action, in the order of its sessions."""
-        rows = np.flatnonzero((self.objects == thing) & (self.actions == action))
+        rows = np.flatnonzero((self.objects == index) & (self.actions == action))
         return rows[np.argsort(self.sessions[rows], kind="stable")]
 
     def _counts(self) -> NDArray[np.int64]:
         """Touches of each object with each action."""
-        things, number = np.unique(self.objects, return_inverse=True)
-        counts = np.zeros((len(things), len(self.action_names)), np.int64)
+        objects, number = np.unique(self.objects, return_inverse=True)
+        counts = np.zeros((len(objects), len(self.action_names)), np.int64)
         np.add.at(counts, (number, self.actions), 1)
         return counts
 
@@ -95,33 +94,33 @@ class RecordedWorld:
 
     Args:
         bank: held-out touches.
-        things: the objects, in order of visit.
+        objects: the objects, in order of visit.
         seed: of the order of sessions, one number or several.
 
     >>> zeros, ones = np.zeros(2, np.int64), np.arange(2)
     >>> bank = RecordedBank(("mug", "can"), ("press",), np.eye(2), ones, ones, zeros, zeros)
-    >>> world = RecordedWorld(bank, things=[1, 0], seed=[0])
+    >>> world = RecordedWorld(bank, objects=[1, 0], seed=[0])
     >>> world.arrangement, world.touch(0, np.random.default_rng(0)).logits.tolist()
     ((1, 0), [0.0, 1.0])
     """
 
-    def __init__(self, bank: RecordedBank, things: Sequence[int], seed: int | Sequence[int]) -> None:
+    def __init__(self, bank: RecordedBank, objects: Sequence[int], seed: int | Sequence[int]) -> None:
         self._bank = bank
-        self.things = tuple(int(thing) for thing in things)
-        if unknown := [thing for thing in self.things if thing not in bank.objects]:
+        self.objects = tuple(int(index) for index in objects)
+        if unknown := [index for index in self.objects if index not in bank.objects]:
             raise InvalidArgument(f"the bank has no object {unknown[0]}, it has {np.unique(bank.objects).tolist()}")
-        self.arrangement = tuple(int(bank.labels[bank.objects == thing][0]) for thing in self.things)
+        self.arrangement = tuple(int(bank.labels[bank.objects == index][0]) for index in self.objects)
         self._orders = []
-        for number, thing in enumerate(self.things):
-            sessions = np.unique(bank.sessions[bank.objects == thing])
+        for number, index in enumerate(self.objects):
+            sessions = np.unique(bank.sessions[bank.objects == index])
             turns = keyed_rng([*checked_key(seed), _KEY, number]).permutation(len(sessions))
             self._orders.append(dict(zip(sessions.tolist(), turns.tolist(), strict=True)))
         self.reset()
 
     def touch(self, pose: int, rng: np.random.Generator) -> Touch:
         """The next recording of the current object with an action; ``rng`` is not used."""
-        thing, turn = self.things[self._current], self._orders[self._current]
-        rows = self._bank.rows_of(thing, pose)
+        index, turn = self.objects[self._current], self._orders[self._current]
+        rows = self._bank.rows_of(index, pose)
         ordered = rows[np.argsort([turn[session] for session in self._bank.sessions[rows].tolist()], kind="stable")]
         used = self._used.get((self._current, pose), 0)
         self._used[self._current, pose] = used + 1
@@ -129,8 +128,8 @@ class RecordedWorld:
 
     def advance(self) -> None:
         """Go to the next object; raises InvalidArgument after the last."""
-        if self._current + 1 >= len(self.things):
-            raise InvalidArgument(f"there is no object after the last of {len(self.things)}")
+        if self._current + 1 >= len(self.objects):
+            raise InvalidArgument(f"there is no object after the last of {len(self.objects)}")
         self._current += 1
 
     def reset(self) -> None:

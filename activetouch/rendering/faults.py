@@ -8,7 +8,7 @@ A fault maps an image in [0, 1], in grey or in colour, to an image. The last ima
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from numbers import Integral
 from typing import ClassVar, Protocol, TypeVar
@@ -95,9 +95,7 @@ class DeadTaxels:
 
     def __call__(self, image: Image, rng: np.random.Generator) -> Image:
         """See :class:`Fault`."""
-        faulty = image.copy()
-        faulty[_broken(self.share, self.seed, image.shape[:2])] = 0.0
-        return faulty
+        return StuckTaxels(self.share, 0.0, self.seed)(image, rng)
 
 
 @dataclass(frozen=True)
@@ -262,11 +260,6 @@ def change_faults(
         change: replaces a fault of this kind.
     """
     return tuple(change(fault) if isinstance(fault, kind) else fault for fault in faults)
-
-
-def rescaled_noise(faults: Sequence[Fault], factor: float) -> tuple[Fault, ...]:
-    """The faults with the standard deviation of all noise multiplied by ``factor``."""
-    return change_faults(Noise, faults, lambda noise: replace(noise, std=noise.std * factor))
 
 
 def read_out(image: Image, faults: Sequence[Fault], rng: np.random.Generator) -> NDArray[np.uint8]:

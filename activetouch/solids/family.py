@@ -113,8 +113,8 @@ class Family:
         except (TypeError, ValueError) as error:
             reason = str(error)
         if reason:
-            told = ", ".join(f"{name}={value}" for (name, _), value in zip(self.parameters, values, strict=True))
-            raise InvalidArgument(f"{self} has members that are no solids, at {told}: {reason}")
+            place = ", ".join(f"{name}={value}" for (name, _), value in zip(self.parameters, values, strict=True))
+            raise InvalidArgument(f"{self} has members that are no solids, at {place}: {reason}")
 
 
 def numbers_of(solid: object) -> dict[str, float]:

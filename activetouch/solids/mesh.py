@@ -78,9 +78,9 @@ class Mesh:
         object.__setattr__(self, "faces", surface.faces)
         if not _MIN_RADIUS <= self.bounding_radius <= _MAX_RADIUS:
             raise BadMesh(f"{self.name}: {self._size_problem()}")
-        if told := (*(remarks or ()), *surface.remarks):
+        if words := (*(remarks or ()), *surface.remarks):
             level = 3 if remarks is None else 4  # the caller of the class or of from_file
-            warnings.warn(f"{self.name}: {'; '.join(told)}", MeshWarning, stacklevel=level)
+            warnings.warn(f"{self.name}: {'; '.join(words)}", MeshWarning, stacklevel=level)
 
     @classmethod
     def from_file(
@@ -159,7 +159,7 @@ class Mesh:
             example = next(iter(fitting.values()))
             guesses = ", or ".join(f"{scale} if it is in {unit}" for unit, scale in fitting.items())
             hint = (
-                f". Give its scale: {guesses}; that is {self.name}@{example} or --mesh-scale {example} on the command "
+                f". Give its scale: {guesses}; that is {self.name}@{example} on the command "
                 f"line, activetouch.read_meshes(path, scale={example}) in Python"
             )
         return (

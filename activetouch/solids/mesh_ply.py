@@ -63,31 +63,22 @@ class _ByteRows:
 
 
 @dataclass
-class _Column:
-    """Properties of one number each that follow each other, or one property that is a list."""
-
-    names: list[str]
-    codes: str
-    code_of_length: str = ""
-
-    def add_to(self, row: dict[str, Sequence[float]], rows: _Rows) -> None:
-        if not self.code_of_length:
-            values = rows.take(self.codes, len(self.names))
-            row.update((name, (value,)) for name, value in zip(self.names, values, strict=True))
-            return
-        length = index_of_vertex(rows.take(self.code_of_length, 1)[0])
-        if length < 0:
-            raise ValueError(f"a list has the length {length}")
-        row[self.names[0]] = rows.take(f"{length}{self.codes}", length)
-
-
-@dataclass
 class _Element:
-    """Rows of one kind, such as vertices."""
+    """Rows of one kind, such as vertices; each property with its code, and that of the length where it is a list."""
 
     name: str
     number: int
-    columns: list[_Column] = field(default_factory=list)
+    properties: list[tuple[str, str, str]] = field(default_factory=list)
+
+    def row(self, rows: _Rows) -> dict[str, Sequence[float]]:
+        """The numbers of the next row by property."""
+        found = {}
+        for name, code, code_of_length in self.properties:
+            length = index_of_vertex(rows.take(code_of_length, 1)[0]) if code_of_length else 1
+            if length < 0:
+                raise ValueError(f"a list has the length {length}")
+            found[name] = rows.take(f"{length}{code}", length)
+        return found
 
 
 def read_ply(content: bytes) -> tuple[Floats, Ints]:
@@ -114,19 +105,15 @@ def _header(text: str) -> tuple[str, list[_Element]]:
             case ["element", name, number]:
                 elements.append(_Element(name, index_of_vertex(plain_number(number))))
             case ["property", "list", length, kind, name] if elements and {length, kind} <= _CODES.keys():
-                elements[-1].columns.append(_Column([name], _CODES[kind], _CODES[length]))
+                elements[-1].properties.append((name, _CODES[kind], _CODES[length]))
             case ["property", kind, name] if elements and kind in _CODES:
-                columns = elements[-1].columns
-                if not columns or columns[-1].code_of_length:
-                    columns.append(_Column([], ""))
-                columns[-1].names.append(name)
-                columns[-1].codes += _CODES[kind]
+                elements[-1].properties.append((name, _CODES[kind], ""))
             case ["element" | "property", *_]:
                 raise ValueError(f"the line {line[:80]!r} of its header is not understood")
     if encoding not in ("ascii", *_ORDERS):
         raise ValueError(f"its format is {encoding[:40]!r}; ascii, {' and '.join(_ORDERS)} are read")
     for element in elements:
-        names = [name for column in element.columns for name in column.names]
+        names = [name for name, *_ in element.properties]
         needed = {"vertex": {"x", "y", "z"}, "face": {*_CORNERS}}.get(element.name, {*names})
         has_all = bool(needed & {*names}) if element.name == "face" else needed <= {*names}
         if not names or not has_all:
@@ -138,9 +125,7 @@ def _fill(surface: Surface, elements: Sequence[_Element], rows: _Rows) -> None:
     for element in elements:
         for number in range(element.number):
             rows.start(f"the end of {element.name} {number + 1} of {element.number}, which its header promises")
-            row: dict[str, Sequence[float]] = {}
-            for column in element.columns:
-                column.add_to(row, rows)
+            row = element.row(rows)
             if element.name == "vertex":
                 surface.coordinates.extend([row[axis][0] for axis in "xyz"])
             elif element.name == "face":

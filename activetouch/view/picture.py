@@ -1,4 +1,4 @@
-"""Pictures of a press in its scene, by MuJoCo's renderer if OpenGL works, else by ray casting."""
+"""Pictures of a press in its scene, by ray casting: without OpenGL, and the same on every machine."""
 
 from __future__ import annotations
 
@@ -10,21 +10,18 @@ from activetouch.placement import Placement
 from activetouch.pressing.contact import first_touch
 from activetouch.pressing.rig import Rig
 from activetouch.pressing.setup import Setup
-from activetouch.view.opengl import SKY, CameraView, draw_in_child
 
-GL_HINT = (
-    "no OpenGL backend works here, so the scene is drawn by ray casting. For MuJoCo's own renderer install "
-    "activetouch[viewer] and, on Debian or Ubuntu, the package libegl1 (with a GPU) or libosmesa6 (without)."
-)
+_SKY = (237, 240, 245)
 _LIGHT = np.array([0.45, -0.55, 0.7])  # direction towards the light
-_AZIMUTH, _ELEVATION, _FIELD_OF_VIEW = 128.0, -27.0, 35.0  # of the camera [degrees]: from the front right and above
+_AZIMUTH, _ELEVATION = np.deg2rad([128.0, -27.0])  # of the camera: from the front right and above
+_FIELD_OF_VIEW = np.deg2rad(35.0)  # vertical
 _OVERSAMPLING = 2
 
 
 def press_picture(
-    setup: Setup, placement: Placement, depth: float, width: int = 640, height: int = 480, opengl: bool = True
-) -> tuple[NDArray[np.uint8], bool]:
-    """A picture ``(height, width, 3)`` of the object pressed ``depth`` [m] into the pad, and whether OpenGL drew it.
+    setup: Setup, placement: Placement, depth: float, width: int = 640, height: int = 480
+) -> NDArray[np.uint8]:
+    """A picture ``(height, width, 3)`` of the object pressed ``depth`` [m] into the pad.
 
     Args:
         setup: the pad and its surroundings.
@@ -32,44 +29,39 @@ def press_picture(
         depth: of the press [m].
         width: of the picture [pixels].
         height: of the picture [pixels].
-        opengl: whether to try OpenGL, which takes a second or two per picture.
     """
     _, touching = first_touch(setup.pad, placement)
     position = touching - depth if np.isfinite(touching) else placement.bounding_radius
     rig = Rig(setup, placement.shape, timestep=0.002, largest_scale=placement.scale)
     rig.place(position, placement)
     mujoco.mj_forward(rig.model, rig.data)
-    lookat = np.array([0.0, 0.0, setup.height])
-    reach = 4.5 * max(setup.pad.half_width, placement.bounding_radius)
-    if setup.robot is not None or setup.loaded:
-        lookat, reach = np.array([0.0, 0.1, setup.height]), 0.45
-    if setup.robot is not None:
-        reach = 1.1
-    view = CameraView(tuple(lookat.tolist()), reach, _AZIMUTH, _ELEVATION, _FIELD_OF_VIEW, width, height)
-    drawn = draw_in_child(rig.model, rig.data, view) if opengl else None
-    return (cast_rays(rig.model, rig.data, view), False) if drawn is None else (drawn, True)
+    middle = np.array([0.0, 0.0, setup.height])
+    distance = 4.5 * max(setup.pad.half_width, placement.bounding_radius)
+    if setup.loaded:
+        middle, distance = np.array([0.0, 0.1, setup.height]), 0.45
+    return _cast_rays(rig.model, rig.data, middle, distance, width, height)
 
 
-def cast_rays(model: mujoco.MjModel, data: mujoco.MjData, view: CameraView) -> NDArray[np.uint8]:
-    """A picture ``(height, width, 3)`` by ray casting, with Lambert shading in the geoms' colours."""
-    azimuth, elevation = np.deg2rad([view.azimuth, view.elevation])
-    forward = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
-    camera = np.array(view.lookat) - view.distance * forward
+def _cast_rays(
+    model: mujoco.MjModel, data: mujoco.MjData, middle: NDArray[np.float64], distance: float, width: int, height: int
+) -> NDArray[np.uint8]:
+    """What a camera sees at a distance from the middle of the picture [m], with Lambert shading."""
+    level = np.cos(_ELEVATION)
+    forward = np.array([level * np.cos(_AZIMUTH), level * np.sin(_AZIMUTH), np.sin(_ELEVATION)])
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
-    up = np.cross(right, forward)
-    rows, columns = view.height * _OVERSAMPLING, view.width * _OVERSAMPLING
-    span = np.tan(np.deg2rad(view.field_of_view) / 2)
+    rows, columns = height * _OVERSAMPLING, width * _OVERSAMPLING
+    span = np.tan(_FIELD_OF_VIEW / 2)
     y = (1 - (2 * np.arange(rows) + 1) / rows) * span
     x = ((2 * np.arange(columns) + 1) / columns - 1) * span * columns / rows
-    rays = forward + x[None, :, None] * right + y[:, None, None] * up
+    rays = forward + x[None, :, None] * right + y[:, None, None] * np.cross(right, forward)
     rays = (rays / np.linalg.norm(rays, axis=2, keepdims=True)).reshape(-1, 3)
-    geoms, distance, normals = np.full(len(rays), -1, np.int32), np.zeros(len(rays)), np.zeros((len(rays), 3))
+    geoms, gaps, normals = np.full(len(rays), -1, np.int32), np.zeros(len(rays)), np.zeros((len(rays), 3))
+    camera, farthest = middle - distance * forward, mujoco.mjMAXVAL
     mujoco.mj_multiRay(
-        model, data, camera, rays.ravel(), None, True, -1, geoms, distance, normals.ravel(), len(rays), mujoco.mjMAXVAL
+        model, data, camera, rays.ravel(), None, True, -1, geoms, gaps, normals.ravel(), len(rays), farthest
     )
-    light = _LIGHT / np.linalg.norm(_LIGHT)
-    shade = 0.35 + 0.65 * np.clip(normals @ light, 0.0, 1.0)
-    colours = np.where((geoms >= 0)[:, None], model.geom_rgba[geoms, :3] * shade[:, None], np.array(SKY) / 255)
-    image = colours.reshape(view.height, _OVERSAMPLING, view.width, _OVERSAMPLING, 3).mean(axis=(1, 3))
+    shade = 0.35 + 0.65 * np.clip(normals @ _LIGHT / np.linalg.norm(_LIGHT), 0.0, 1.0)
+    colours = np.where((geoms >= 0)[:, None], model.geom_rgba[geoms, :3] * shade[:, None], np.array(_SKY) / 255)
+    image = colours.reshape(height, _OVERSAMPLING, width, _OVERSAMPLING, 3).mean(axis=(1, 3))
     return np.rint(255 * np.clip(image, 0.0, 1.0)).astype(np.uint8)

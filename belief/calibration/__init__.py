@@ -5,19 +5,15 @@ many it also corrects confusions of single shapes. :func:`choose_calibration` co
 :class:`PerPose` fits one calibration per pose, with shrinkage.
 """
 
+from belief.calibration.affine import DirichletCalibration, StructuredMatrixScaling, VectorScaling
 from belief.calibration.base import Calibration, Status
-from belief.calibration.beta import BetaCalibration
 from belief.calibration.choice import Choice, choose_calibration
-from belief.calibration.dirichlet import DirichletCalibration
 from belief.calibration.per_pose import PerPose
-from belief.calibration.structured import StructuredMatrixScaling
 from belief.calibration.table import CALIBRATIONS, calibration_from_json
 from belief.calibration.temperature import TemperatureScaling
-from belief.calibration.vector import VectorScaling
 
 __all__ = [
     "CALIBRATIONS",
-    "BetaCalibration",
     "Calibration",
     "Choice",
     "DirichletCalibration",

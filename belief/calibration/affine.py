@@ -1,4 +1,4 @@
-"""Base class of vector, beta, Dirichlet and structured matrix scaling: an affine map of log-probabilities."""
+"""Vector, Dirichlet and structured matrix scaling: affine maps of log-probabilities, and their base class."""
 
 from __future__ import annotations
 
@@ -11,12 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.calibration.base import Calibration, Status
-from belief.calibration.inputs import labelled_logits
 from belief.calibration.softmax_regression import SoftmaxRegression
 from belief.calibration.temperature import TemperatureScaling
 from belief.frozen import FrozenArrays
-from belief.problem import Floats
-from belief.validation import as_real
+from belief.validation import Floats, as_real, labelled_logits
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -29,9 +27,8 @@ class AffineCalibration(FrozenArrays, Calibration):
     data the result is temperature scaling.
 
     Attributes:
-        inputs_per_shape: F / K.
         temperature: the first step, with the spread probability as its floor.
-        coefficients: (W | b), ``(K, F + 1)`` for F inputs, which are K unless a class has more; None before the fit.
+        coefficients: (W | b), ``(K, K + 1)``; None before the fit.
 
     Raises:
         ValueError: a penalty that is not positive, or coefficients of the wrong shape or not finite.
@@ -43,8 +40,6 @@ class AffineCalibration(FrozenArrays, Calibration):
         ((2, 3), 'ok')
     """
 
-    inputs_per_shape: ClassVar[int] = 1
-
     temperature: TemperatureScaling = field(default=TemperatureScaling())
     coefficients: Floats | None = None
 
@@ -55,10 +50,9 @@ class AffineCalibration(FrozenArrays, Calibration):
         if self.coefficients is None:
             return
         matrix = np.array(as_real(self.coefficients, "coefficients"), np.float64)
-        each = f"{self.inputs_per_shape} K + 1" if self.inputs_per_shape > 1 else "K + 1"
-        fits = matrix.ndim == 2 and matrix.shape[1] == self.inputs_per_shape * len(matrix) + 1
+        fits = matrix.ndim == 2 and matrix.shape[1] == len(matrix) + 1
         if not (fits and np.isfinite(matrix).all()):
-            raise ValueError(f"coefficients must be (K, {each}) and finite, got {matrix.shape}: {matrix.tolist()}")
+            raise ValueError(f"coefficients must be (K, K + 1) and finite, got {matrix.shape}: {matrix.tolist()}")
         matrix.flags.writeable = False
         object.__setattr__(self, "coefficients", matrix)
 
@@ -69,11 +63,7 @@ class AffineCalibration(FrozenArrays, Calibration):
 
     @abstractmethod
     def penalty(self, num_rows: int, num_shapes: int) -> Floats:
-        """Penalty on the square of each entry of (W - I | b), ``(K, F + 1)``; infinite for entries fixed at zero."""
-
-    def inputs(self, log_probs: Floats) -> Floats:
-        """What the map reads, ``(..., F)``, of log-probabilities x, ``(..., K)``; the first K are x."""
-        return log_probs
+        """Penalty on the square of each entry of (W - I | b), ``(K, K + 1)``; infinite for entries fixed at zero."""
 
     def spread(self, num_rows: int) -> float:
         """The share of the probability that is spread evenly over the shapes after the temperature."""
@@ -86,7 +76,7 @@ class AffineCalibration(FrozenArrays, Calibration):
 
     @property
     def weights(self) -> Floats:
-        """W, ``(K, F)``; raises ValueError before the fit."""
+        """W, ``(K, K)``; raises ValueError before the fit."""
         return self._fitted()[:, :-1]
 
     @property
@@ -112,7 +102,7 @@ class AffineCalibration(FrozenArrays, Calibration):
         if self.coefficients is None:
             return x
         self._check_shapes(x.shape[-1])
-        scores = self.inputs(x) @ self.coefficients[:, :-1].T + self.coefficients[:, -1]
+        scores = x @ self.coefficients[:, :-1].T + self.coefficients[:, -1]
         scores -= scores.max(axis=-1, keepdims=True)
         with np.errstate(under="ignore"):
             scores -= np.log(np.exp(scores).sum(axis=-1, keepdims=True))
@@ -146,13 +136,13 @@ class AffineCalibration(FrozenArrays, Calibration):
     def _problem(self, logits: Floats, labels: NDArray[np.intp]) -> SoftmaxRegression:
         num_rows, num_shapes = logits.shape
         centre = self._identity(num_shapes)
-        features = np.ones((centre.shape[1], num_rows))
-        features[:-1] = self.inputs(self.temperature.log_proba_of(logits)).T
+        features = np.ones((num_shapes + 1, num_rows))
+        features[:-1] = self.temperature.log_proba_of(logits).T
         return SoftmaxRegression(features, labels, self.penalty(num_rows, num_shapes), centre)
 
     def _identity(self, num_shapes: int) -> Floats:
         """The map that changes nothing."""
-        return np.eye(num_shapes, self.inputs_per_shape * num_shapes + 1)
+        return np.eye(num_shapes, num_shapes + 1)
 
     def _check_shapes(self, num_shapes: int) -> None:
         if num_shapes != self.num_shapes:
@@ -170,3 +160,132 @@ def structured_penalty(num_shapes: int, diagonal: float, off_diagonal: float, bi
     np.fill_diagonal(penalty, diagonal)
     penalty[:, -1] = bias
     return penalty
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class VectorScaling(AffineCalibration):
+    """A scale and a bias for each shape: p = softmax(a * x + b), for log-probabilities x after temperature scaling.
+
+    The form is that of Guo et al. 2017. As in "structured vector scaling" (Berta et al. 2025, arXiv 2511.03685), x
+    replaces the logits, and the ridge penalties ``diagonal · (K / n) · Σ (a_k - 1)²`` and ``bias · (K / n) · Σ b_k²``
+    are added to the mean NLL. Without penalties there is no optimum if a shape is missing from the labels. They are
+    weak, and the share of the probability that is spread over the shapes is small, 1/(n + 2)², so that the fit is near
+    the optimum without either wherever there is one.
+
+    Attributes:
+        diagonal_strength: of the penalty on the scales, > 0.
+        bias_strength: of the penalty on the biases, > 0.
+
+    Example:
+        >>> rng = np.random.default_rng(0)
+        >>> labels = rng.integers(3, size=3000)
+        >>> logits = 2.0 * np.eye(3)[labels] + rng.normal(size=(3000, 3)) - [0.0, 0.0, 1.0]   # biased against the third
+        >>> VectorScaling().fit(logits, labels).bias.round(2).tolist()
+        [-0.49, -0.62, 1.11]
+    """
+
+    name: ClassVar[str] = "vector"
+
+    diagonal_strength: float = 0.25
+    bias_strength: float = 0.25
+
+    def spread(self, num_rows: int) -> float:
+        """See :meth:`AffineCalibration.spread`."""
+        return 1.0 / (num_rows + 2) ** 2
+
+    def penalty(self, num_rows: int, num_shapes: int) -> Floats:
+        """See :meth:`AffineCalibration.penalty`; W is diagonal."""
+        unit = num_shapes / num_rows
+        return structured_penalty(num_shapes, self.diagonal_strength * unit, np.inf, self.bias_strength * unit)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DirichletCalibration(AffineCalibration):
+    """Dirichlet calibration, p = softmax(W x + b): exact if the classifier's p has a Dirichlet density for each shape.
+
+    The form and the penalties, which are added to the mean NLL, are those of Kull et al. 2019, "Beyond temperature
+    scaling: Obtaining well-calibrated multi-class probabilities with Dirichlet calibration":
+
+        off_diagonal · 1 / (K (K - 1)) Σ_{j≠k} W_jk²  +  bias · 1 / K Σ b_k².
+
+    They do not decrease with n: choose strengths by cross-validation (:func:`choose_calibration`). Unlike the paper, x
+    are log-probabilities *after* temperature scaling, and the diagonal has the penalty diagonal · (1 / n) Σ (W_kk -
+    1)², so that an optimum exists also if a shape is missing.
+
+    Attributes:
+        diagonal_strength: of the penalty on the diagonal, > 0.
+        off_diagonal_strength: λ of the paper, > 0.
+        bias_strength: μ of the paper, > 0.
+
+    Example:
+        >>> import numpy as np
+        >>> rng = np.random.default_rng(0)
+        >>> labels = rng.integers(2, size=4000)
+        >>> p = rng.beta(np.array([2.0, 5.0])[labels], np.array([4.0, 3.0])[labels])    # probability of shape 1
+        >>> weak = DirichletCalibration(off_diagonal_strength=1e-3, bias_strength=1e-3)   # n is large
+        >>> fitted = weak.fit(np.log(np.stack([1.0 - p, p], axis=1)), labels)
+        >>> fitted.predict_proba(np.log([0.5, 0.5])).round(2).tolist()   # Bayes' rule: 0.568
+        [0.42, 0.58]
+    """
+
+    name: ClassVar[str] = "dirichlet"
+
+    diagonal_strength: float = 0.1
+    off_diagonal_strength: float = 0.1
+    bias_strength: float = 0.1
+
+    def penalty(self, num_rows: int, num_shapes: int) -> Floats:
+        """See :meth:`AffineCalibration.penalty`."""
+        return structured_penalty(
+            num_shapes,
+            self.diagonal_strength / num_rows,
+            self.off_diagonal_strength / max(num_shapes * (num_shapes - 1), 1),
+            self.bias_strength / num_shapes,
+        )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StructuredMatrixScaling(AffineCalibration):
+    """Structured matrix scaling, p = softmax(W x + b), with penalties proportional to the number of parameters.
+
+    Method: Berta, Holzmüller, Jordan and Bach, "Structured Matrix Scaling for Multi-Class Calibration", arXiv
+    2511.03685, second version, with the defaults of the authors' implementation. x are log-probabilities after
+    temperature scaling and mixing with the uniform distribution. The penalties, which are added to the mean NLL, are
+
+        diagonal · (K / n) Σ (W_kk - 1)²,   off_diagonal · (K (K - 1) / n) Σ_{j≠k} W_jk²,   bias · (K / n) Σ b_k².
+
+    With few touches the result is therefore temperature scaling. Unlike the paper, the uniform distribution has weight
+    1/(n + 2) instead of 1/(n + 1), as in :class:`TemperatureScaling`, and K = 2 has no special case.
+
+    Attributes:
+        diagonal_strength: of the penalty on the diagonal, > 0.
+        off_diagonal_strength: of the penalty on the rest of the matrix, > 0.
+        bias_strength: of the penalty on the biases, > 0.
+
+    Example:
+        >>> import numpy as np
+        >>> rng = np.random.default_rng(0)
+        >>> labels = rng.integers(3, size=6000)
+        >>> typical = np.array([[3.0, 1.5, 0.0], [0.0, 3.0, 0.0], [0.0, 0.0, 3.0]])   # the first resembles the second
+        >>> logits = typical[labels] + rng.normal(size=(6000, 3))
+        >>> StructuredMatrixScaling().fit(logits[:9], labels[:9]).weights.round(1).tolist()
+        [[1.0, -0.0, -0.0], [-0.0, 1.1, 0.0], [-0.0, 0.0, 1.1]]
+        >>> StructuredMatrixScaling().fit(logits, labels).weights.round(1).tolist()
+        [[1.1, 0.2, -0.2], [-0.0, 1.1, 0.0], [-0.0, -0.2, 1.4]]
+    """
+
+    name: ClassVar[str] = "structured_matrix"
+
+    diagonal_strength: float = 1.0
+    off_diagonal_strength: float = 1.0
+    bias_strength: float = 1.0
+
+    def penalty(self, num_rows: int, num_shapes: int) -> Floats:
+        """See :meth:`AffineCalibration.penalty`."""
+        unit = num_shapes / num_rows
+        return structured_penalty(
+            num_shapes,
+            self.diagonal_strength * unit,
+            self.off_diagonal_strength * unit * (num_shapes - 1),
+            self.bias_strength * unit,
+        )

@@ -9,9 +9,9 @@ from typing import Any, ClassVar, Literal, Self, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from belief.calibration.inputs import given, given_logits
+from belief.errors import InvalidArgument
 from belief.files import sealed_json, unsealed_json
-from belief.problem import Floats
+from belief.validation import Floats, as_logs, normalise_probs
 
 Status: TypeAlias = Literal["unfitted", "ok", "separable", "uninformative", "anti_informative"]
 
@@ -149,3 +149,27 @@ def read_json(text: str, kinds: Mapping[str, type[CalibrationT]], shape_labels: 
     except (KeyError, TypeError, AttributeError, OverflowError) as error:
         raise ValueError(f"not a calibration: {error!r}") from error
     return calibration
+
+
+def given_logits(logits: ArrayLike | None, probs: ArrayLike | None) -> Floats:
+    """Logits, or the logarithms of probabilities, of which those below the least normal float count as that.
+
+    Raises:
+        ValueError: both or none are given, or probabilities that are none; the message names their row.
+
+    >>> given_logits(None, probs=[0.5, 0.5]).round(2).tolist()
+    [-0.69, -0.69]
+    """
+    found = as_logs("logits", logits, "probs", None if probs is None else normalise_probs(probs), stacklevel=4)
+    return found if probs is None else np.maximum(found, np.log(np.finfo(np.float64).tiny))
+
+
+def given(name: str, values: ArrayLike | None) -> ArrayLike:
+    """An argument that may follow an optional one; raises InvalidArgument for None.
+
+    >>> given("labels", [0, 1])
+    [0, 1]
+    """
+    if values is None:
+        raise InvalidArgument(f"{name} must be given")
+    return values

@@ -7,11 +7,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from belief.calibration.base import Calibration
-from belief.calibration.inputs import finite_logits, given, given_logits, labelled_logits, pose_count
-from belief.calibration.structured import StructuredMatrixScaling
-from belief.problem import Floats
-from belief.validation import checked_indices, unmasked
+from belief.calibration.affine import StructuredMatrixScaling
+from belief.calibration.base import Calibration, given, given_logits
+from belief.validation import Floats, checked_indices, finite_logits, labelled_logits, pose_count, unmasked
 
 
 @dataclass(frozen=True, eq=False)

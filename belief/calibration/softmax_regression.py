@@ -20,7 +20,7 @@ import scipy  # whose parts load at first use
 from numpy.typing import NDArray
 from scipy.special import softmax
 
-from belief.problem import Floats
+from belief.validation import Floats
 
 _BLOCK = 4096  # rows
 _MAX_STEPS = 100

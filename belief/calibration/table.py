@@ -4,19 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from belief.calibration.affine import DirichletCalibration, StructuredMatrixScaling, VectorScaling
 from belief.calibration.base import Calibration, read_json
-from belief.calibration.beta import BetaCalibration
-from belief.calibration.dirichlet import DirichletCalibration
-from belief.calibration.structured import StructuredMatrixScaling
 from belief.calibration.temperature import TemperatureScaling
-from belief.calibration.vector import VectorScaling
 
 CALIBRATIONS: dict[str, type[Calibration]] = {
     calibration.name: calibration
     for calibration in (
         TemperatureScaling,
         VectorScaling,
-        BetaCalibration,
         StructuredMatrixScaling,
         DirichletCalibration,
     )

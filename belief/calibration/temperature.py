@@ -24,9 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.calibration.base import Calibration, Status
-from belief.calibration.inputs import finite_logits, labelled_logits
-from belief.problem import Floats
-from belief.validation import require_choice
+from belief.validation import Floats, finite_logits, labelled_logits, require_choice
 
 _ROUNDING = 1e-12  # of a slope, in units of the largest logit
 _EXTREME = 1e6  # ratio of the fallback temperatures to the scale of the logits

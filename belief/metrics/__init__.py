@@ -15,22 +15,19 @@ calibrated model with the same predictions.
 
 from belief.metrics.binned import (
     classwise_calibration_error,
-    debiased_calibration_error,
     expected_calibration_error,
 )
-from belief.metrics.brier import BrierDecomposition, brier_decomposition, brier_score
 from belief.metrics.calibration_at_stop import CalibrationAtStop, StopScore, calibration_at_stop
 from belief.metrics.confusion import ShapeScore, confusion_matrix, shape_scores
 from belief.metrics.interval import bias_corrected_interval
 from belief.metrics.null_distribution import null_quantile
 from belief.metrics.reliability import ReliabilityCurve, reliability_curve
 from belief.metrics.report import CalibrationError, CalibrationReport, calibration_report
-from belief.metrics.scores import accuracy, negative_log_likelihood
+from belief.metrics.scores import accuracy, brier_score, negative_log_likelihood
 from belief.metrics.selective_risk import RiskCoverage, risk_coverage
 from belief.metrics.smooth import smooth_calibration_error
 
 __all__ = [
-    "BrierDecomposition",
     "CalibrationAtStop",
     "CalibrationError",
     "CalibrationReport",
@@ -40,13 +37,11 @@ __all__ = [
     "StopScore",
     "accuracy",
     "bias_corrected_interval",
-    "brier_decomposition",
     "brier_score",
     "calibration_at_stop",
     "calibration_report",
     "classwise_calibration_error",
     "confusion_matrix",
-    "debiased_calibration_error",
     "expected_calibration_error",
     "negative_log_likelihood",
     "null_quantile",

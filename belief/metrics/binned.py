@@ -5,7 +5,7 @@ With the gap of a bin ``gap_b = mean confidence - accuracy`` and its fraction of
     ECE = Σ_b w_b |gap_b|                                                      (Naeini et al. 2015, Guo et al. 2017)
 
 for the top shape. The classwise error is the mean over shapes k of the same for p_k and the event "the label is k"
-(Kull et al. 2019). The debiased error subtracts the variance of each gap from its square (Kumar et al. 2019).
+(Kull et al. 2019).
 """
 
 from __future__ import annotations
@@ -15,8 +15,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from belief.metrics.inputs import checked_pair, top_label
-from belief.problem import Floats
+from belief.validation import Floats, checked_pair
 
 Binning: TypeAlias = Literal["width", "mass"]
 _MOST_BINS = 1_000_000
@@ -36,7 +35,7 @@ def expected_calibration_error(
         binning: bins of equal ``width``, or of equal ``mass``: the same number of rows in each, up to ties.
 
     Raises:
-        ValueError: as :func:`~belief.metrics.inputs.checked_pair` and :func:`bin_edges`.
+        ValueError: as :func:`~belief.validation.checked_pair` and :func:`bin_edges`.
 
     >>> round(expected_calibration_error([[0.9, 0.1], [0.9, 0.1]], [0, 1]), 3)
     0.4
@@ -64,56 +63,6 @@ def classwise_calibration_error(
     gaps[np.arange(len(y)), y] -= 1.0
     cells = bin_index(p, num_bins, binning) + num_bins * np.arange(p.shape[1])  # separate bins for each shape
     return float(np.abs(np.bincount(cells.ravel(), gaps.ravel())).sum() / p.size)
-
-
-def debiased_calibration_error(
-    probs: ArrayLike, labels: ArrayLike, num_bins: int = 15, binning: Binning = "mass"
-) -> float:
-    """Root mean square gap of the top shape without the part due to chance; in (-1, 1].
-
-    The expected square of a bin's mean gap includes the variance of that mean. The variance s_b² of the gaps within the
-    bin (with divisor n_b - 1) gives an unbiased estimate of it:
-
-        E² = Σ_b (n_b / n) (gap_b² - s_b² / n_b),        returned: √E², or -√-E² if E² is negative.
-
-    For equal confidences within each bin this is the debiased estimator of Kumar et al. (2019). Negative values are
-    kept, so that E² of a calibrated model has mean zero. The variance in a bin of one row is unknown: such a bin is
-    joined with the next one. For one row in all, the variance of a calibrated model is subtracted.
-
-    Arguments and errors are those of :func:`expected_calibration_error`.
-
-    >>> round(debiased_calibration_error([[0.9, 0.1]] * 4, [0, 0, 1, 1]), 3)  # √(0.16 - 0.25/3)
-    0.277
-    """
-    p, y = checked_pair(probs, labels)
-    confidence, correct = top_label(p, y)
-    gaps = confidence - correct
-    index = _of_two_rows(bin_index(confidence, num_bins, binning))
-    counts = np.bincount(index)
-    means = np.bincount(index, gaps) / counts
-    scatter = np.bincount(index, np.square(gaps - means[index]))  # Σ (gap - mean gap)²
-    if len(y) == 1:
-        scatter = np.full(1, confidence[0] * (1.0 - confidence[0]))
-    squares = counts * np.square(means) - scatter / np.maximum(counts - 1, 1)
-    square = float(squares.sum() / len(y))
-    return float(np.copysign(np.sqrt(abs(square)), square))
-
-
-def _of_two_rows(index: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Bins ``(n,)``, numbered from 0, in which a bin of one row is joined with the next one, or with the last.
-
-    >>> _of_two_rows(np.array([0, 0, 1, 4, 5])).tolist()
-    [0, 0, 1, 1, 1]
-    """
-    _, index, counts = np.unique(index, return_inverse=True, return_counts=True)
-    joined, number, rows = np.empty_like(counts), 0, 0
-    for old, count in enumerate(counts.tolist()):
-        if rows > 1:
-            number, rows = number + 1, 0
-        joined[old], rows = number, rows + count
-    if rows == 1:
-        joined[-1] = max(number - 1, 0)
-    return joined[index]
 
 
 def bin_index(values: Floats, num_bins: int, binning: Binning) -> NDArray[np.int64]:
@@ -158,3 +107,14 @@ def bin_edges(values: Floats, num_bins: int, binning: Binning) -> Floats:
     if binning == "mass":
         return np.quantile(values, fractions)
     raise ValueError(f"binning must be 'width' or 'mass', got {binning!r}")
+
+
+def top_label(probs: Floats, labels: NDArray[np.int64]) -> tuple[Floats, NDArray[np.bool_]]:
+    """Confidence in the most probable shape, the first of equal ones, and whether it is correct, both ``(n,)``.
+
+    >>> confidence, correct = top_label(np.array([[0.2, 0.8]]), np.array([1]))
+    >>> confidence.tolist(), correct.tolist()
+    ([0.8], [True])
+    """
+    top = probs.argmax(axis=1)
+    return probs[np.arange(len(probs)), top], top == labels

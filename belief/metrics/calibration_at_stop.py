@@ -11,10 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from belief.problem import Floats
-from belief.statistics.inputs import checked_outcomes
 from belief.statistics.proportion import clopper_pearson_interval
-from belief.validation import as_real, unmasked
+from belief.validation import Floats, as_real, checked_outcomes, unmasked
 
 
 @dataclass(frozen=True)

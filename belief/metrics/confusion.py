@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from belief.metrics.inputs import checked_pair
-from belief.statistics.inputs import checked_values
+from belief.validation import checked_pair, checked_values
 
 
 def confusion_matrix(probs: ArrayLike, labels: ArrayLike) -> NDArray[np.int64]:

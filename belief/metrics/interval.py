@@ -16,10 +16,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from belief.metrics.inputs import checked_pair
 from belief.metrics.null_distribution import Metric, evaluated
-from belief.statistics.inputs import require_fraction
-from belief.validation import require_count
+from belief.validation import checked_pair, require_count, require_fraction
 
 
 def bias_corrected_interval(
@@ -53,7 +51,7 @@ def bias_corrected_interval(
         (estimate, lower bound, upper bound), each at least zero.
 
     Raises:
-        ValueError: as :func:`~belief.metrics.inputs.checked_pair`; fewer than two clusters, a confidence outside
+        ValueError: as :func:`~belief.validation.checked_pair`; fewer than two clusters, a confidence outside
             (0, 1), or a metric that returns a negative number, NaN or infinity.
 
     >>> from belief.metrics import expected_calibration_error

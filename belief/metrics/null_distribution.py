@@ -8,10 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from belief.metrics.inputs import checked_probs
-from belief.problem import Floats
-from belief.statistics.inputs import require_fraction
-from belief.validation import require_count
+from belief.validation import Floats, checked_probs, require_count, require_fraction
 
 Metric: TypeAlias = Callable[[Floats, NDArray[np.int64]], float]
 _BLOCK = 2_000_000  # labels held in memory at a time
@@ -33,7 +30,7 @@ def null_quantile(
         num_resamples: number of sets of n labels.
 
     Raises:
-        ValueError: as :func:`~belief.metrics.inputs.checked_probs`; a quantile outside (0, 1), or a metric that returns
+        ValueError: as :func:`~belief.validation.checked_probs`; a quantile outside (0, 1), or a metric that returns
             NaN or infinity.
 
     >>> from belief.metrics import expected_calibration_error

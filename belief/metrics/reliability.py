@@ -8,10 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.frozen import FrozenArrays
-from belief.metrics.binned import Binning, bin_edges, bin_index
-from belief.metrics.inputs import checked_pair, top_label
-from belief.problem import Floats
-from belief.statistics.inputs import require_fraction
+from belief.metrics.binned import Binning, bin_edges, bin_index, top_label
+from belief.validation import Floats, checked_pair, require_fraction
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +64,7 @@ def reliability_curve(
         confidence: of each single band, in (0, 1).
 
     Raises:
-        ValueError: as :func:`~belief.metrics.inputs.checked_pair` and :func:`~belief.metrics.binned.bin_edges`; a shape
+        ValueError: as :func:`~belief.validation.checked_pair` and :func:`~belief.metrics.binned.bin_edges`; a shape
             or a confidence out of range.
 
     >>> curve = reliability_curve([[0.8, 0.2]] * 10 + [[0.3, 0.7]] * 10, [0] * 20, num_bins=10)

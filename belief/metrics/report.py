@@ -9,17 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from belief.metrics.binned import (
-    classwise_calibration_error,
-    debiased_calibration_error,
-    expected_calibration_error,
-)
-from belief.metrics.brier import BrierDecomposition, brier_decomposition
-from belief.metrics.inputs import checked_pair
+from belief.metrics.binned import classwise_calibration_error, expected_calibration_error
 from belief.metrics.null_distribution import Metric, null_quantile
 from belief.metrics.reliability import ReliabilityCurve, reliability_curve
-from belief.metrics.scores import accuracy, negative_log_likelihood
+from belief.metrics.scores import accuracy, brier_score, negative_log_likelihood
 from belief.metrics.smooth import smooth_calibration_error
+from belief.validation import checked_pair
 
 
 @dataclass(frozen=True)
@@ -51,11 +46,10 @@ class CalibrationReport:
         num_rows: n.
         accuracy: fraction of rows whose top shape is correct.
         negative_log_likelihood: [nats]; infinite if a true shape had probability zero.
-        brier: the Brier score (``brier.score``) and its terms.
+        brier: the Brier score.
         ece_width: expected calibration error of the top shape, bins of equal width.
         ece_mass: the same, bins of equal mass.
         ece_classwise: classwise calibration error.
-        debiased: debiased calibration error, which may be negative.
         smooth: smECE.
         curve: reliability curve of the top shape.
     """
@@ -63,11 +57,10 @@ class CalibrationReport:
     num_rows: int
     accuracy: float
     negative_log_likelihood: float
-    brier: BrierDecomposition
+    brier: float
     ece_width: CalibrationError
     ece_mass: CalibrationError
     ece_classwise: CalibrationError
-    debiased: CalibrationError
     smooth: CalibrationError
     curve: ReliabilityCurve
 
@@ -78,15 +71,13 @@ class CalibrationReport:
         [0.8]
         """
         plain = asdict(self)
-        plain["brier"]["score"] = self.brier.score
         plain["curve"] = {name: values.tolist() for name, values in plain["curve"].items()}
         return plain
 
     def __str__(self) -> str:
         lines = [
-            f"{self.num_rows} rows, accuracy {self.accuracy:.4f}, NLL {self.negative_log_likelihood:.4f} nats",
-            f"Brier {self.brier.score:.4f}: reliability {self.brier.reliability:.4f}, resolution "
-            f"{self.brier.resolution:.4f}, uncertainty {self.brier.uncertainty:.4f}",
+            f"{self.num_rows} rows, accuracy {self.accuracy:.4f}, NLL {self.negative_log_likelihood:.4f} nats, "
+            f"Brier {self.brier:.4f}",
             "calibration error     value   95 % by chance",
         ]
         for name, title in _TITLES.items():
@@ -100,7 +91,6 @@ _TITLES = {
     "ece_width": "ECE, equal width",
     "ece_mass": "ECE, equal mass",
     "ece_classwise": "ECE, classwise",
-    "debiased": "RMS, debiased",
     "smooth": "smooth (smECE)",
 }
 
@@ -118,24 +108,22 @@ def calibration_report(
         probs: ``(n, K)``.
         labels: ``(n,)``.
         rng: draws the labels for the null quantiles; seed 0 by default.
-        num_bins: of the binned errors, the terms of the Brier score and the curve.
+        num_bins: of the binned errors and the curve.
         num_resamples: sets of labels for the null quantiles, about 7 ms each at n = 12 000.
 
     Raises:
-        ValueError: as :func:`~belief.metrics.inputs.checked_pair`; ``num_bins`` or ``num_resamples`` out of range.
+        ValueError: as :func:`~belief.validation.checked_pair`; ``num_bins`` or ``num_resamples`` out of range.
 
     >>> rng = np.random.default_rng(0)
     >>> probs = np.repeat([[0.9, 0.1], [0.6, 0.4]], 500, axis=0)
     >>> labels = (rng.random(1000) > 0.75).astype(int)       # accuracy 75 % at any confidence
     >>> print(calibration_report(probs, labels))
-    1000 rows, accuracy 0.7330, NLL 0.6672 nats
-    Brier 0.4448: reliability 0.0537, resolution 0.0003, uncertainty 0.3914
+    1000 rows, accuracy 0.7330, NLL 0.6672 nats, Brier 0.4448
     calibration error     value   95 % by chance
     ECE, equal width     0.1630           0.0260  exceeds chance
     ECE, equal mass      0.1630           0.0291  exceeds chance
     ECE, classwise       0.1630           0.0280  exceeds chance
-    RMS, debiased        0.1627           0.0310  exceeds chance
-    smooth (smECE)       0.1253           0.0270  exceeds chance
+    smooth (smECE)       0.1253           0.0330  exceeds chance
     """
     p, y = checked_pair(probs, labels)
     generator = np.random.default_rng(0) if rng is None else rng
@@ -147,11 +135,10 @@ def calibration_report(
         num_rows=len(y),
         accuracy=accuracy(p, y),
         negative_log_likelihood=negative_log_likelihood(p, y),
-        brier=brier_decomposition(p, y, num_bins),
+        brier=brier_score(p, y),
         ece_width=against_chance(partial(expected_calibration_error, num_bins=num_bins)),
         ece_mass=against_chance(partial(expected_calibration_error, num_bins=num_bins, binning="mass")),
         ece_classwise=against_chance(partial(classwise_calibration_error, num_bins=num_bins)),
-        debiased=against_chance(partial(debiased_calibration_error, num_bins=num_bins)),
         smooth=against_chance(smooth_calibration_error),
         curve=reliability_curve(p, y, num_bins),
     )

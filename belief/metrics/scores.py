@@ -1,11 +1,11 @@
-"""Accuracy and the logarithmic score."""
+"""Accuracy, the logarithmic score and the Brier score."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from belief.metrics.inputs import checked_pair
+from belief.validation import checked_pair
 
 
 def accuracy(probs: ArrayLike, labels: ArrayLike) -> float:
@@ -27,3 +27,15 @@ def negative_log_likelihood(probs: ArrayLike, labels: ArrayLike) -> float:
     p, y = checked_pair(probs, labels)
     with np.errstate(divide="ignore"):
         return float(np.mean(-np.log(p[np.arange(len(y)), y])) + 0.0)  # not -0.0
+
+
+def brier_score(probs: ArrayLike, labels: ArrayLike) -> float:
+    """Mean squared distance of ``probs (n, K)`` to the one-hot ``labels (n,)``, summed over shapes; in [0, 2].
+
+    >>> round(brier_score([[0.5, 0.5], [0.9, 0.1]], [0, 0]), 4)
+    0.26
+    """
+    p, y = checked_pair(probs, labels)
+    gaps = p.copy()
+    gaps[np.arange(len(y)), y] -= 1.0
+    return float(np.square(gaps).sum() / len(y))

@@ -13,9 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.frozen import FrozenArrays
-from belief.problem import Floats
-from belief.statistics.inputs import checked_outcomes, checked_values, require_fraction
-from belief.validation import require_count
+from belief.validation import Floats, checked_outcomes, checked_values, require_count, require_fraction
 
 
 @dataclass(frozen=True, eq=False)

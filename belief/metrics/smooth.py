@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike
 from scipy.fft import dct
 from scipy.optimize import brentq
 
-from belief.metrics.inputs import checked_pair, top_label
-from belief.problem import Floats
+from belief.metrics.binned import top_label
+from belief.validation import Floats, checked_pair
 
 _CELLS_PER_WIDTH = 32
 _CELLS = (2**11, 2**13, 2**15, 2**17)  # coarsest first; large errors need no finer grid
@@ -27,7 +27,7 @@ def smooth_calibration_error(probs: ArrayLike, labels: ArrayLike) -> float:
     """Smooth calibration error of the top shape of ``probs (n, K)`` for ``labels (n,)``, in [0, 1].
 
     It is positive by chance for a calibrated model. The relative error is 1e-4 for results down to 2.4e-4; smaller
-    results have an absolute error below 2.4e-4. Errors are those of :func:`~belief.metrics.inputs.checked_pair`.
+    results have an absolute error below 2.4e-4. Errors are those of :func:`~belief.validation.checked_pair`.
 
     >>> round(smooth_calibration_error([[0.9, 0.1], [0.9, 0.1]], [0, 1]), 3)     # equal gaps
     0.4

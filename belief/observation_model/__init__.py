@@ -8,34 +8,29 @@ To add a model, derive from :class:`ArrayModel`, and enter it in
 :data:`belief.observation_model.registry.OBSERVATION_MODELS`.
 """
 
-from belief.observation_model.baselines.confusion import ConfusionModel
-from belief.observation_model.baselines.embedding import FeatureEmbedding, LogitEmbedding
-from belief.observation_model.baselines.gaussian import GaussianModel
-from belief.observation_model.baselines.plda import PLDAModel
-from belief.observation_model.baselines.signature import SignatureModel
 from belief.observation_model.check import check_observation_model
+from belief.observation_model.confusion import ConfusionModel
 from belief.observation_model.embedded_hypotheses import FixedHypotheses
+from belief.observation_model.gaussian import GaussianModel
 from belief.observation_model.likelihood_ratio import RatioModel
 from belief.observation_model.model import ArrayModel, ObservationModel
 from belief.observation_model.outcome_table import OutcomeTable
+from belief.observation_model.plda import PLDAModel
 from belief.observation_model.quantisation import information_of_touch
+from belief.observation_model.registry import read_observation_model, read_origin
 from belief.observation_model.rigid_body import FittedRigidBody, RigidBodyModel
-from belief.observation_model.serialisation import read_observation_model, read_origin
 
 __all__ = [
     "ArrayModel",
     "ConfusionModel",
-    "FeatureEmbedding",
     "FittedRigidBody",
     "FixedHypotheses",
     "GaussianModel",
-    "LogitEmbedding",
     "ObservationModel",
     "OutcomeTable",
     "PLDAModel",
     "RatioModel",
     "RigidBodyModel",
-    "SignatureModel",
     "check_observation_model",
     "information_of_touch",
     "read_observation_model",

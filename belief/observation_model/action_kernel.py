@@ -24,13 +24,13 @@ from belief.errors import InvalidArgument
 from belief.frozen import frozen
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.kernel_fit import fit_kernel
-from belief.observation_model.model import ArrayModel
+from belief.observation_model.model import ArrayModel, Reads
 from belief.observation_model.outcome_mixture import OutcomeMixture, with_nothing_new
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import drawn, smoothed, tabulate
-from belief.problem import Floats, Touch
+from belief.problem import Touch
 from belief.touch_batch import TouchBatch
-from belief.validation import require_choice, require_count, unmasked
+from belief.validation import Floats, require_choice, require_count, unmasked
 
 Law: TypeAlias = Literal["none", "repeats", "flat", "kernel"]
 """Which touches are correlated: none; those in one pose; all, equally; all, by the likeness of their poses."""
@@ -78,6 +78,7 @@ class ActionKernelModel(ArrayModel):
     """
 
     name: ClassVar[str] = "action kernel"
+    reads: ClassVar[Reads] = "log ratios"
 
     shape_labels: tuple[str, ...]
     kernel: Floats

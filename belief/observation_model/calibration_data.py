@@ -8,13 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from belief.calibration.inputs import pose_count
 from belief.cross_validation import numbered_objects
 from belief.frozen import FrozenArrays
 from belief.naming import checked_names
-from belief.problem import Floats, Touch
+from belief.problem import Touch
 from belief.touch_batch import TouchBatch
-from belief.validation import checked_indices, unmasked
+from belief.validation import Floats, checked_indices, pose_count, unmasked
 
 
 @dataclass(frozen=True, eq=False)

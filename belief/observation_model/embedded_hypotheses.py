@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from belief.frozen import FrozenArrays, frozen
 from belief.observation_model.model import Embeds
 from belief.observation_model.views import Views
-from belief.problem import Floats
-from belief.validation import as_real
+from belief.validation import Floats, as_real
 
 Floats32 = NDArray[np.float32]
 

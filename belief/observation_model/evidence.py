@@ -19,7 +19,8 @@ import numpy as np
 
 from belief.frozen import frozen
 from belief.observation_model.outcome_mixture import Outcomes
-from belief.problem import Floats, Touch
+from belief.problem import Touch
+from belief.validation import Floats
 
 
 class ObjectEvidence(Protocol):

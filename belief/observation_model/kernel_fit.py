@@ -11,7 +11,7 @@ from scipy.special import log_softmax, softmax
 
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.repeat_discount import ASSUMED_CORRELATION
-from belief.problem import Floats
+from belief.validation import Floats
 
 Integers: TypeAlias = NDArray[np.int64]
 

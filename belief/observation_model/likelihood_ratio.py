@@ -31,9 +31,9 @@ from belief.observation_model.repeat_discount import (
     repeat_shares,
     repeats,
 )
-from belief.problem import Floats, Touch
+from belief.problem import Touch
 from belief.touch_batch import TouchBatch
-from belief.validation import SUM_TOLERANCE, as_real, renormalised, require_choice
+from belief.validation import SUM_TOLERANCE, Floats, as_real, renormalised, require_choice
 
 Status: TypeAlias = Literal["ok", "no_repeats", "one_shape"]
 _REFERENCES = 500  # touches stored per pose

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from belief.problem import Floats
+from belief.validation import Floats
 
 Floats32 = NDArray[np.float32]
 

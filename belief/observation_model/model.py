@@ -5,20 +5,23 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Literal, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from belief.errors import InvalidArgument
 from belief.files import sealed_json
 from belief.frozen import FrozenArrays
 from belief.naming import checked_names
 from belief.observation_model.evidence import ObjectEvidence, RecomputedEvidence, SummarisedEvidence, Summarises
 from belief.observation_model.outcome_table import OutcomeTable
-from belief.problem import Floats, Touch
+from belief.problem import Touch
 from belief.touch_batch import TouchBatch
-from belief.validation import require_count
+from belief.validation import Floats, require_count
 
+Reads: TypeAlias = Literal["logits", "embeddings", "log ratios"]
+"""What a model reads of a touch: its logits, its embedding, or logits that are calibrated log likelihood ratios."""
 _BLOCK = 1 << 16  # logits per block, unless one sequence has more
 
 
@@ -66,6 +69,7 @@ class ArrayModel(FrozenArrays, ABC):
 
     Attributes:
         name: name in files.
+        reads: what it reads of a touch; with ``embeddings`` its ``fit`` takes the argument ``embed``.
         shape_labels: names of the K shapes.
 
     Example:
@@ -80,7 +84,17 @@ class ArrayModel(FrozenArrays, ABC):
     """
 
     name: ClassVar[str]
+    reads: ClassVar[Reads] = "logits"
     shape_labels: tuple[str, ...]
+
+    @classmethod
+    def fit(cls, *args: Any, **options: Any) -> ArrayModel:
+        """A model fitted to touches, their shapes and object ids; also takes ``shape_labels`` and ``num_poses``.
+
+        Raises:
+            InvalidArgument: the class has no such function.
+        """
+        raise InvalidArgument(f"{cls.__name__} is not fitted to touches; it has no function fit")
 
     @property
     @abstractmethod

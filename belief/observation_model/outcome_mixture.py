@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from belief.frozen import FrozenArrays
 from belief.observation_model.outcome_table import OutcomeTable
-from belief.problem import Floats
-from belief.validation import SUM_TOLERANCE
+from belief.validation import SUM_TOLERANCE, Floats
 
 _NEGLIGIBLE = 1e-10  # below the rounding of single precision; products of smaller numbers would be slow
 

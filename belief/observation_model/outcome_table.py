@@ -11,8 +11,7 @@ from scipy.special import entr
 
 from belief.bayes import expected_information_gain
 from belief.frozen import FrozenArrays
-from belief.problem import Floats
-from belief.validation import SUM_TOLERANCE, as_real, renormalised, require_count
+from belief.validation import SUM_TOLERANCE, Floats, as_real, renormalised, require_count
 
 
 @dataclass(frozen=True, eq=False)

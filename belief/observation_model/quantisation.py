@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import log_softmax
 
 from belief.observation_model.outcome_table import OutcomeTable
-from belief.problem import Floats
 from belief.touch_batch import TouchBatch
+from belief.validation import Floats
 
 if TYPE_CHECKING:
     from belief.observation_model.model import ArrayModel

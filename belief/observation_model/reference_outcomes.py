@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 
 from belief.observation_model.embedded_hypotheses import EmbeddedHypotheses, Floats32
 from belief.observation_model.log_weights import bounded_softmax, log_sums
-from belief.problem import Floats
 from belief.touch_batch import TouchBatch
+from belief.validation import Floats
 
 _AT_ONCE = 1 << 22  # numbers, of log weights that are worked on at a time
 _MOST_OUTCOMES = 1 << 25  # numbers, of probabilities of outcomes under all hypotheses that are kept, pose by pose

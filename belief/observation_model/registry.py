@@ -13,13 +13,14 @@ from functools import partial
 from types import MappingProxyType
 from typing import Any
 
+from belief.files import unsealed_json
+from belief.naming import checked_names
 from belief.observation_model.action_kernel import ActionKernelModel
-from belief.observation_model.baselines.confusion import ConfusionModel
-from belief.observation_model.baselines.gaussian import GaussianModel
-from belief.observation_model.baselines.plda import PLDAModel
-from belief.observation_model.baselines.signature import SignatureModel
+from belief.observation_model.confusion import ConfusionModel
+from belief.observation_model.gaussian import GaussianModel
 from belief.observation_model.likelihood_ratio import RatioModel
-from belief.observation_model.model import ArrayModel
+from belief.observation_model.model import ArrayModel, Reads
+from belief.observation_model.plda import PLDAModel
 from belief.observation_model.rigid_body import RigidBodyModel
 from belief.references import BadReference, Reference, entry_point_names, find
 
@@ -29,36 +30,22 @@ Fit = Callable[..., ArrayModel]
 ENTRY_POINTS = "activetouch.observation_models"
 """Entry-point group of observation models in installed packages."""
 
-_EDGES = (0.6, 0.9, 0.99)
-
-OBSERVATION_MODELS: Mapping[str, Fit] = MappingProxyType(
+OBSERVATION_MODELS: Mapping[str, type[ArrayModel]] = MappingProxyType(
     {
-        "confusion": ConfusionModel.fit,
-        "confusion × confidence": partial(ConfusionModel.fit, confidence_edges=_EDGES),
-        "signature": partial(SignatureModel.fit, confidence_edges=_EDGES),
-        "gaussian": GaussianModel.fit,
-        "plda": PLDAModel.fit,
-        "ratio": RatioModel.fit,
+        kind.name: kind
+        for kind in (ConfusionModel, GaussianModel, PLDAModel, RatioModel, RigidBodyModel, ActionKernelModel)
     }
 )
-"""The observation models that need no more than touches, by name, as the function that fits them."""
-
-JOINT_MODELS: Mapping[str, Fit] = MappingProxyType({"rigid body": RigidBodyModel.fit})
-"""Those that need a reader that embeds hypotheses too: they take the argument ``embed``."""
-
-KERNEL_MODELS: Mapping[str, Fit] = MappingProxyType({"action kernel": ActionKernelModel.fit})
-"""Those whose touches have log likelihood ratios of a calibrated reader as logits."""
+"""All classes of observation models, by the names that their files bear."""
 
 
-def kinds(fits: Mapping[str, Fit] | None = None) -> dict[str, type[ArrayModel]]:
-    """The classes of a registry, by default all of this package, by the names that their files bear.
+def fits(reads: Reads = "logits") -> dict[str, Fit]:
+    """The functions that fit the models which read these of a touch, by name.
 
-    >>> kinds()["ratio"].__name__
-    'RatioModel'
+    >>> list(fits()), list(fits("embeddings"))
+    (['confusion', 'gaussian', 'plda', 'ratio'], ['rigid body'])
     """
-    all_fits = ({**OBSERVATION_MODELS, **JOINT_MODELS, **KERNEL_MODELS} if fits is None else fits).values()
-    found = [getattr(fit.func if isinstance(fit, partial) else fit, "__self__", None) for fit in all_fits]
-    return {kind.name: kind for kind in found if inspect.isclass(kind) and issubclass(kind, ArrayModel)}
+    return {name: kind.fit for name, kind in OBSERVATION_MODELS.items() if kind.reads == reads}
 
 
 def class_named(kind: str) -> type[ArrayModel]:
@@ -67,16 +54,53 @@ def class_named(kind: str) -> type[ArrayModel]:
     >>> class_named("ratio").__name__
     'RatioModel'
     """
-    known = kinds()
-    if kind in known:
-        return known[kind]
+    if kind in OBSERVATION_MODELS:
+        return OBSERVATION_MODELS[kind]
     offered = entry_point_names(ENTRY_POINTS)
     if kind not in offered:
-        raise ValueError(f"unknown kind {kind!r}, known are {', '.join(sorted([*known, *offered]))}")
+        raise ValueError(f"unknown kind {kind!r}, known are {', '.join(sorted([*OBSERVATION_MODELS, *offered]))}")
     found = Reference.parse(offered[kind]).load()
     if not (inspect.isclass(found) and issubclass(found, ArrayModel)):
         raise ValueError(f"the kind {kind!r} is {offered[kind]}, which is not a class derived from ArrayModel")
     return found
+
+
+def read_observation_model(text: str) -> ArrayModel:
+    """The model from :meth:`ArrayModel.to_json`.
+
+    Raises:
+        ValueError: the text is not an observation model, or was changed; the message gives the cause.
+
+    >>> from belief.files import sealed_json
+    >>> read_observation_model(sealed_json({"model": "oracle"}))  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    ...
+    ValueError: not an observation model: unknown kind 'oracle', known are action kernel, ...
+    """
+    try:
+        fields = unsealed_json(text)
+        kind = class_named(fields["model"])
+        return kind.from_fields(checked_names("shape_labels", fields["shape_labels"]), fields)
+    except ValueError as error:
+        raise ValueError(f"not an observation model: {error}") from error
+    except (KeyError, TypeError, AttributeError, OverflowError, IndexError, RecursionError) as error:
+        raise ValueError(f"not an observation model: {error!r}") from error
+
+
+def read_origin(text: str) -> dict[str, Any] | None:
+    """The source of the calibration touches, as given to :meth:`ArrayModel.to_json`; None if there is none.
+
+    Raises:
+        ValueError: the text was changed after it was written.
+
+    >>> from belief.files import sealed_json
+    >>> read_origin(sealed_json({"model": "plda", "origin": {"objects": 300}}))
+    {'objects': 300}
+    """
+    origin = unsealed_json(text).get("origin")
+    if not (origin is None or isinstance(origin, dict)):
+        raise ValueError(f"the origin of a model must be a JSON object, got {origin!r}")
+    return origin
 
 
 def require_readable(model: ArrayModel) -> None:
@@ -112,7 +136,7 @@ def fit_named(name: str) -> Fit:
     >>> fit_named("gaussian") == GaussianModel.fit
     True
     """
-    found, reference = find("observation model", name, {**OBSERVATION_MODELS, **JOINT_MODELS}, ENTRY_POINTS)
+    found, reference = find("observation model", name, OBSERVATION_MODELS, ENTRY_POINTS)
     fit: Any = found.fit if inspect.isclass(found) and hasattr(found, "fit") else found
     if not callable(fit):
         raise BadReference(f"{name} is not an observation model: it has no function fit")

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from belief.bayes import update
 from belief.observation_model.calibration_data import LabelledTouches
-from belief.problem import Floats
+from belief.validation import Floats
 
 ASSUMED_CORRELATION = 0.5  # if no object was touched twice in a pose
 _LARGEST = 0.999

@@ -32,8 +32,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import logsumexp
 
-from belief.array_fields import from_field, to_field
 from belief.conflict import ConflictTest
+from belief.files import from_field, to_field
 from belief.frozen import frozen
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.embedded_hypotheses import (
@@ -43,7 +43,7 @@ from belief.observation_model.embedded_hypotheses import (
     require_table,
 )
 from belief.observation_model.log_weights import log_means
-from belief.observation_model.model import ArrayModel, Embeds
+from belief.observation_model.model import ArrayModel, Embeds, ObservationModel, Reads
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import smoothed, tabulate
 from belief.observation_model.reference_outcomes import ReferenceOutcomes
@@ -51,9 +51,9 @@ from belief.observation_model.repeat_discount import repeat_shares
 from belief.observation_model.rigid_body_evidence import Floats32, RigidBodyEvidence
 from belief.observation_model.rigid_body_fit import fitted
 from belief.observation_model.views import Views
-from belief.problem import Floats, Touch
+from belief.problem import Touch
 from belief.touch_batch import TouchBatch
-from belief.validation import require_count, require_number
+from belief.validation import Floats, require_count, require_number
 
 _AT_ONCE = 1 << 22  # numbers, of log weights of sequences that are worked on at a time
 _REFERENCES = 256  # touches kept of each pose
@@ -87,6 +87,7 @@ class FittedRigidBody(ArrayModel):
     """
 
     name: ClassVar[str] = "rigid body"
+    reads: ClassVar[Reads] = "embeddings"
     shape_labels: tuple[str, ...]
     num_hypotheses: int
     temperature: float
@@ -372,6 +373,16 @@ class RigidBodyModel(FittedRigidBody):
     def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
         """See :class:`ArrayModel`: one hypothesis for each object, then references by their ratio under it."""
         return self._outcomes.sample(shape, poses, rng)
+
+
+def joint_model(model: ObservationModel) -> RigidBodyModel | None:
+    """The model itself, if it is about one rigid body in an unknown orientation and size; otherwise None.
+
+    >>> from belief.synthetic import random_model
+    >>> joint_model(random_model(np.random.default_rng(0))) is None
+    True
+    """
+    return model if isinstance(model, RigidBodyModel) else None
 
 
 def _in_half(array: Floats) -> Floats:

@@ -25,12 +25,13 @@ from numpy.typing import NDArray
 
 from belief.conflict import ObjectConflict, log_conflict
 from belief.frozen import Kind, frozen
+from belief.observation_model.evidence import ObjectEvidence
 from belief.observation_model.log_weights import largest_posterior, log_means, misfit, some_hypotheses
 from belief.observation_model.outcome_mixture import OutcomeMixture
 from belief.observation_model.repeat_discount import drift_share, effective_touches, new_shares
 from belief.observation_model.views import SharedMixture, Views
-from belief.problem import Floats, Touch
-from belief.validation import require_count
+from belief.problem import Touch
+from belief.validation import Floats, require_count
 
 Floats32 = NDArray[np.float32]
 
@@ -181,6 +182,16 @@ class RigidBodyEvidence:
             return Diagnostics(frozen(effective), most_likely, frozen(np.ones(2)), 0.0, 0.0)
         log_e_value = log_conflict([conflict.log_bets])
         return Diagnostics(frozen(effective), most_likely, conflict.p_values, log_e_value, conflict.misfit)
+
+
+def joint_evidence(evidence: ObjectEvidence) -> RigidBodyEvidence | None:
+    """The evidence itself, if it is about one rigid body; otherwise None.
+
+    >>> from belief.synthetic import random_model
+    >>> joint_evidence(random_model(np.random.default_rng(0)).start()) is None
+    True
+    """
+    return evidence if isinstance(evidence, RigidBodyEvidence) else None
 
 
 def _relative(log_weights: Floats) -> tuple[Floats, Floats, float]:

@@ -21,8 +21,8 @@ from belief.observation_model.repeat_discount import (
     fit_correlation,
     repeats,
 )
-from belief.problem import Floats
 from belief.touch_batch import TouchBatch
+from belief.validation import Floats
 
 _AT_ONCE = 1 << 22  # numbers, of log weights of sequences that are worked on at a time
 _SPREAD = 1.0  # of the prior of the log temperature

@@ -5,17 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.bayes import update
 from belief.cross_validation import object_folds
-from belief.observation_model import ArrayModel
-from belief.observation_model.registry import OBSERVATION_MODELS, Fit
-from belief.problem import Floats, Touch
+from belief.observation_model.model import ArrayModel
+from belief.observation_model.registry import Fit, fits
+from belief.problem import Touch
 from belief.touch_batch import TouchBatch
-from belief.validation import require_count
+from belief.validation import Floats, require_count
 
 NUM_FOLDS = 5
 """Default number of folds of whole objects."""
@@ -154,7 +155,7 @@ def choose_observation_model(
     *,
     shape_labels: Sequence[str],
     num_poses: int,
-    candidates: Mapping[str, Fit] = OBSERVATION_MODELS,
+    candidates: Mapping[str, Fit] = MappingProxyType(fits()),
     num_folds: int = NUM_FOLDS,
 ) -> ModelChoice:
     """The candidate with the least :func:`cross_validated_nll`, fitted to all touches.
@@ -167,7 +168,7 @@ def choose_observation_model(
         >>> rng = np.random.default_rng(0)
         >>> source, ids = random_model(rng, num_shapes=2, num_poses=2), np.arange(400) // 4
         >>> touches = [touch for i in range(100) for touch in source.sample(i % 2, [0, 1, 0, 1], rng)]
-        >>> some = {name: OBSERVATION_MODELS[name] for name in ("confusion", "ratio")}
+        >>> some = {name: fits()[name] for name in ("confusion", "ratio")}
         >>> choice = choose_observation_model(
         ...     touches, ids % 2, ids, shape_labels=("cube", "cone"), num_poses=2, candidates=some
         ... )

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from belief.naming import checked_names
-from belief.observation_model import OutcomeTable
 from belief.observation_model.evidence import SummarisedEvidence
-from belief.problem import Floats, Touch
+from belief.observation_model.outcome_table import OutcomeTable
+from belief.problem import Touch
+from belief.validation import Floats
 
 
 @dataclass(frozen=True, eq=False)

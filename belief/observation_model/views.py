@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from belief.frozen import FrozenArrays
 from belief.observation_model.outcome_mixture import OutcomeMixture, with_nothing_new
 from belief.observation_model.outcome_table import OutcomeTable
-from belief.problem import Floats
-from belief.validation import SUM_TOLERANCE
+from belief.validation import SUM_TOLERANCE, Floats
 
 
 @dataclass(frozen=True, eq=False)

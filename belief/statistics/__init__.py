@@ -2,12 +2,12 @@
 
 Use Wilson intervals to show a rate, and Clopper-Pearson intervals for guaranteed coverage. Use McNemar's test or the
 paired bootstrap for two deciders on the same episodes, the cluster bootstrap for groups of values with correlated
-errors, the stratified bootstrap for equally weighted strata, and the Pareto front for trade-offs of cost and quality.
+errors, and the Pareto front for trade-offs of cost and quality.
 """
 
-from belief.statistics.bootstrap import cluster_bootstrap, paired_bootstrap, stratified_bootstrap
+from belief.statistics.bootstrap import cluster_bootstrap, paired_bootstrap
 from belief.statistics.mcnemar import McNemar, mcnemar_test
-from belief.statistics.pareto import pareto_front, pareto_probabilities
+from belief.statistics.pareto import pareto_front
 from belief.statistics.proportion import clopper_pearson_interval, wilson_interval
 
 __all__ = [
@@ -17,7 +17,5 @@ __all__ = [
     "mcnemar_test",
     "paired_bootstrap",
     "pareto_front",
-    "pareto_probabilities",
-    "stratified_bootstrap",
     "wilson_interval",
 ]

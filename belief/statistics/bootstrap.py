@@ -1,15 +1,13 @@
-"""Percentile bootstrap intervals of a mean: over pairs, over clusters, within strata (Efron and Tibshirani 1993)."""
+"""Percentile bootstrap intervals of a mean over pairs or over clusters (Efron and Tibshirani 1993)."""
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Mapping
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from belief.problem import Floats
-from belief.statistics.inputs import checked_values, require_fraction
-from belief.validation import require_count
+from belief.validation import Floats, checked_values, require_count, require_fraction
 
 _BLOCK = 4_000_000  # draws held in memory at a time
 
@@ -68,60 +66,6 @@ def cluster_bootstrap(
     blocks = _index_blocks(len(sizes), rng, num_resamples)
     means = np.concatenate([sums[drawn].sum(axis=1) / sizes[drawn].sum(axis=1) for drawn in blocks])
     return _with_bounds(x, means, confidence)
-
-
-def stratified_bootstrap(
-    values: ArrayLike,
-    strata: ArrayLike,
-    rng: np.random.Generator,
-    confidence: float = 0.95,
-    num_resamples: int = 2000,
-    weights: Mapping[Hashable, float] | None = None,
-) -> tuple[float, float, float]:
-    """Weighted mean of the means of strata, with a percentile bootstrap interval that resamples within strata.
-
-    The numbers of values per stratum are held fixed. For a comparison of deciders on the same episodes, pass the
-    differences as values.
-
-    Args:
-        values: ``(n,)``.
-        strata: stratum of each value, ``(n,)``; any labels.
-        rng: draws the resamples.
-        confidence: of the interval, in (0, 1).
-        num_resamples: bootstrap resamples.
-        weights: of each stratum, by label, ≥ 0 and not all zero; they are normalised. Equal by default.
-
-    Returns:
-        (weighted mean, lower bound, upper bound).
-
-    Raises:
-        ValueError: empty, of different lengths, not finite or beyond ±1e150; invalid weights, or weights of other
-            strata.
-
-    >>> rng = np.random.default_rng(0)
-    >>> [round(x, 2) for x in stratified_bootstrap([1, 1, 1, 1, 0, 1], ["cube"] * 4 + ["cone"] * 2, rng)]
-    [0.75, 0.5, 1.0]
-    """
-    x, groups = _labelled(values, strata, "strata")
-    require_fraction("confidence", confidence)
-    names, index = np.unique(groups, return_inverse=True)
-    shares = _shares(names.tolist(), weights)
-    members = [x[index == stratum] for stratum in range(len(names))]
-    means = np.stack([_resampled_means(inside, rng, num_resamples) for inside in members])  # (strata, resamples)
-    centres = np.array([inside.mean() for inside in members])
-    return float(shares @ centres), *_percentiles(shares @ means, confidence)
-
-
-def _shares(names: list[Hashable], weights: Mapping[Hashable, float] | None) -> Floats:
-    if weights is None:
-        return np.full(len(names), 1.0 / len(names))
-    if set(weights) != set(names):
-        raise ValueError(f"weights must name the strata {names}, got {list(weights)}")
-    w = checked_values("weights", [weights[name] for name in names])
-    if w.min() < 0.0 or w.max() == 0.0:
-        raise ValueError(f"weights must be ≥ 0 and not all zero, got {dict(weights)}")
-    w = w / w.max()
-    return np.asarray(w / w.sum())
 
 
 def _resampled_means(values: Floats, rng: np.random.Generator, num_resamples: int) -> Floats:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import betainc
 
-from belief.statistics.inputs import checked_outcomes
+from belief.validation import checked_outcomes
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from belief.problem import Floats
-from belief.statistics.inputs import checked_values
+from belief.validation import Floats, checked_values
 
 
 def pareto_front(costs: ArrayLike, qualities: ArrayLike) -> NDArray[np.bool_]:
@@ -42,23 +41,6 @@ def pareto_front(costs: ArrayLike, qualities: ArrayLike) -> NDArray[np.bool_]:
     result = np.empty_like(on_front)
     np.put_along_axis(result, order, on_front, -1)
     return result
-
-
-def pareto_probabilities(cost_samples: ArrayLike, quality_samples: ArrayLike) -> Floats:
-    """Fraction of samples ``(S, C)`` in which each of C configurations is on the Pareto front, ``(C,)``.
-
-    Samples are, for example, means over bootstrap resamples, with the same episodes for all configurations.
-
-    Raises:
-        ValueError: empty, shapes that differ, values not finite or beyond ±1e150.
-
-    >>> pareto_probabilities([[1.0, 2.0], [1.0, 2.0]], [[0.8, 0.9], [0.8, 0.7]]).tolist()
-    [1.0, 0.5]
-    """
-    c, q = _checked(cost_samples, quality_samples)
-    if c.ndim != 2:
-        raise ValueError(f"need samples (S, C), got shape {c.shape}")
-    return np.asarray(pareto_front(c, q).mean(axis=0))
 
 
 def _checked(costs: ArrayLike, qualities: ArrayLike) -> tuple[Floats, Floats]:

@@ -16,8 +16,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import ndtri
 
-from belief.statistics.inputs import require_fraction
 from belief.statistics.mcnemar import McNemar
+from belief.validation import require_fraction
 
 LEVEL, POWER = 0.05, 0.8
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from scipy.special import betainccinv, betaincinv
+from scipy.special import betainccinv, betaincinv, ndtri
 
-from belief.statistics.inputs import normal_quantile, require_fraction
+from belief.validation import require_fraction
 
 _MOST_TRIALS = 10**15  # below the largest exact integer of a float
 
@@ -62,3 +62,15 @@ def _checked(successes: int, trials: int, confidence: float) -> tuple[int, int]:
         )
     require_fraction("confidence", confidence)
     return int(successes), int(trials)
+
+
+def normal_quantile(confidence: float) -> float:
+    """The z for which a standard normal variable lies in [-z, z] with the probability ``confidence``.
+
+    It is finite for any confidence below one.
+
+    >>> round(normal_quantile(0.95), 2), round(normal_quantile(1 - 1e-16), 2)
+    (1.96, 8.29)
+    """
+    upper = 0.5 + 0.5 * confidence
+    return float(ndtri(upper)) if upper < 1.0 else -float(ndtri((1.0 - confidence) / 2.0))

@@ -90,8 +90,8 @@ class CongruentContacts:
             )
         if len(self.shapes) < 2:
             raise UnknownLikelihood(f"this bound is about shapes with flat faces, and {scene!r} has {len(self.shapes)}")
-        if scene.press_model.deforms or not isinstance(scene.presentation, Tumbled) or len(scene.aims):
-            raise UnknownLikelihood(f"this bound needs tumbled objects and rigid presses in the middle, not {scene!r}")
+        if not isinstance(scene.presentation, Tumbled) or scene.aims:
+            raise UnknownLikelihood(f"this bound needs tumbled objects and presses in the middle, not {scene!r}")
         for name, chance in (("size", vary.size), ("offset", vary.offset)):
             if not isinstance(chance, Uniform) or np.ptp(chance.support) == 0.0:
                 raise UnknownLikelihood(f"this bound needs a uniform {name}, not {chance}")

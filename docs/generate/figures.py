@@ -24,7 +24,7 @@ RECORDS = DOCS.parent / "records"
 
 def point(stored: dict[str, Any]) -> Any:
     """What the figure of the trade-off reads of a configuration's results."""
-    fields = stored["configuration"]
+    fields = {name: value for name, value in stored["configuration"].items() if name != "simulations"}
     configuration = Configuration(**{**fields, "network": Network(**fields["network"])})
     names = ("ms_per_search", "success", "interval")
     return SimpleNamespace(configuration=configuration, **{name: stored[name] for name in names})
@@ -34,7 +34,7 @@ def main() -> None:
     """Write docs/tradeoff/tradeoff.svg and docs/reproduction/figure3.svg."""
     points = [point(stored) for stored in _record("tradeoff/tradeoff")["points"]]
     fronts = [
-        Front(task, [one for one in points if one.configuration.scene in scenes], np.empty(0), np.empty(0))
+        Front(task, [one for one in points if one.configuration.scene in scenes], np.empty(0))
         for task, scenes in TASKS.items()
     ]
     front_picture(fronts).write(DOCS / "tradeoff")

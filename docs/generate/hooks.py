@@ -21,46 +21,49 @@ from mkdocs.structure.files import File  # noqa: E402
 OF_ROOT = {"README.md": "index.md", "CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
 """Files outside of the folder that are pages."""
 NAV: dict[str, list[str]] = {
-    "Learn": ["start.md", "your_own_objects.md", "install.md", "toy.md", "likelihood.md", "glossary.md"],
-    "Look up": ["commands.md", "columns.md", "environments.md", "extending.md"],
-    "Understand": [
+    "Start": ["index.md", "start.md", "install.md", "your_own_objects.md", "toy.md"],
+    "Learn": [
+        "philosophy.md",
         "world.md",
         "perception.md",
+        "likelihood.md",
         "calibration.md",
         "planners.md",
         "where_to_touch.md",
-        "ppo.md",
-        "real_touch.md",
-        "scale.md",
         "architecture.md",
     ],
-    "Check": ["results.md", "reproduction.md", "tradeoff.md", "benchmarks.md", "robustness.md", "limits.md"],
+    "How-to": ["extending.md", "environments.md", "ppo.md", "real_touch.md", "scale.md", "contributing.md"],
+    "Reference": ["commands.md", "columns.md", "scenes.md", "glossary.md"],
+    "Results": ["results.md", "reproduction.md", "tradeoff.md", "robustness.md", "benchmarks.md", "limits.md"],
 }
+"""Pages under each tab; generated pages are added to them."""
+FOLDERS = ("deciders", "worlds", "reference/api")
 REPOSITORY = "https://github.com/activetouch/activetouch/blob/main"
 _LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s#]*)(#[^)\s]*)?\)")
 
 
 def on_config(config: Any) -> Any:
-    """Set the contents."""
+    """Set the contents, a tab for each entry."""
     made = pages.generated()
+    deciders, worlds, api = ([name for name in made if name.startswith(f"{folder}/")] for folder in FOLDERS)
+    records = [f"decisions/{path.name}" for path in sorted((ROOT / "docs/decisions").glob("0*.md"))]
+    gallery_pages = ["gallery.md", *(f"gallery/{script.stem}.md" for script in gallery.scripts())]
     config["nav"] = [
-        "index.md",
-        {"Learn": NAV["Learn"]},
-        {"Gallery": ["gallery.md", *(f"gallery/{script.stem}.md" for script in gallery.scripts())]},
-        {"Deciders": [name for name in made if name.startswith("deciders/")]},
-        {"Worlds": [*(name for name in made if name.startswith("worlds/")), "scenes.md"]},
-        {"Look up": [*NAV["Look up"], "reference/commands.md", "reference/environments.md"]},
-        {"Understand": NAV["Understand"]},
-        {"Check": NAV["Check"]},
-        {"API": [name for name in made if name.startswith("reference/api/")]},
+        {"Start": NAV["Start"]},
+        {"Learn": [*NAV["Learn"], {"Gallery": gallery_pages}]},
+        {"How-to": NAV["How-to"]},
         {
-            "Decisions": [
-                "decisions/index.md",
-                *sorted(f"decisions/{p.name}" for p in (ROOT / "docs/decisions").glob("0*.md")),
+            "Reference": [
+                *NAV["Reference"],
+                "reference/commands.md",
+                "reference/environments.md",
+                {"Deciders": deciders},
+                {"Scenes": worlds},
+                {"API": api},
             ]
         },
-        "contributing.md",
-        "changelog.md",
+        {"Results": NAV["Results"]},
+        {"Decisions": ["decisions/index.md", "what_was_tried.md", "changelog.md", {"Records": records}]},
     ]
     return config
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import shelves
 
-from activetouch.envs import IDS, MOST_STEPS, VECTOR_IDS
+from activetouch.envs import IDS, MOST_STEPS
 from activetouch.named_scenes import SCENES
 from activetouch.sensor_files import MODELS, POLICIES
 from experiments.cli import COMMAND_GROUPS, commands
@@ -24,13 +24,12 @@ API = {
     "calibration": ("belief.calibration", "belief.metrics"),
     "statistics": ("belief.statistics",),
     "planners": ("planners", "planners.stopping", "planners.probing", "planners.stop_override", "planners.abstaining"),
-    "solver": ("planners.solve", "planners.bounds", "planners.export"),
+    "solver": ("planners.solve", "planners.one_touch", "planners.export"),
     "activetouch": ("activetouch", "activetouch.sensor", "activetouch.world", "activetouch.scene",
                     "activetouch.named_scenes"),
     "rendering": ("activetouch.rendering",),
     "environments": ("activetouch.envs.object_test", "activetouch.envs.object_goal", "activetouch.envs.object_search",
-                     "activetouch.envs.wrappers", "activetouch.envs.make", "activetouch.envs.touch_bank",
-                     "activetouch.envs.vector"),
+                     "activetouch.envs.wrappers", "activetouch.envs.batched_episodes", "activetouch.envs.touch_bank"),
 }  # fmt: skip
 """Modules of the API reference, by page."""
 _GIVEN = ("table", "model", "policies")
@@ -64,7 +63,7 @@ def _deciders() -> str:
 
 
 def _decider(name: str) -> str:
-    said = shelves.DECIDERS.get(name, shelves.NOTHING)
+    described = shelves.DECIDERS.get(name, shelves.NOTHING)
     settings = [
         (f"`{one.name}`", f"`{one.default!r}`")
         for one in inspect.signature(DECIDERS[name]).parameters.values()
@@ -84,7 +83,7 @@ def _decider(name: str) -> str:
 
 ## Idea
 
-{said.idea}
+{described.idea}
 
 ## Use
 
@@ -104,11 +103,11 @@ decider = make_decider("{name}", model.outcome_table(), model{argument})
 
 ## What its scores mean
 
-{said.scores}
+{described.scores}
 
 ## What it is bad at
 
-{said.weak}
+{described.weak}
 
 ## Beside the others
 
@@ -127,7 +126,7 @@ def _sensor_of(name: str) -> str:
 
 
 def _world(name: str) -> str:
-    said, named = shelves.WORLDS.get(name, shelves.NOTHING), SCENES[name]
+    described, named = shelves.WORLDS.get(name, shelves.NOTHING), SCENES[name]
     scene = named.scene
     fields = {
         "objects of a search": f"{named.num_objects}, {named.composition.value}",
@@ -146,7 +145,7 @@ def _world(name: str) -> str:
 
 ## Idea
 
-{said.idea}
+{described.idea}
 
 ## What it is
 
@@ -170,26 +169,27 @@ sensor = TactileSensor.shipped("{name}")
 
 ## What results here mean
 
-{said.scores}
+{described.scores}
 
 ## What it is bad at
 
-{said.weak}
+{described.weak}
 
 ## Figure
 
 {figure}
 
-`activetouch gallery --out docs/gallery.png` draws it. [All scenes](../scenes.md), [results](../results.md).
+`activetouch touch --all --seed 4 --out docs/gallery.png` draws it.
+[All scenes](../scenes.md), [results](../results.md).
 """
 
 
 def _worlds() -> str:
     rows = []
     for name, named in SCENES.items():
-        image, said = " × ".join(map(str, named.scene.image_shape)), shelves.WORLDS.get(name, shelves.NOTHING)
+        image, described = " × ".join(map(str, named.scene.image_shape)), shelves.WORLDS.get(name, shelves.NOTHING)
         objects = f"{named.num_objects}, {named.composition.value}"
-        rows.append((f"[`{name}`]({name}.md)", objects, len(named.scene.shape_labels), image, said.idea))
+        rows.append((f"[`{name}`]({name}.md)", objects, len(named.scene.shape_labels), image, described.idea))
     return f"# Worlds\n\n{table(('scene', 'objects of a search', 'shapes', 'image', 'idea'), rows)}\n"
 
 
@@ -198,10 +198,9 @@ def _environments() -> str:
     for name, place in IDS.items():
         module, _, kind = place.partition(":")
         text = _plain(inspect.cleandoc(getattr(import_module(module), kind).__doc__ or ""))
-        many = "recorded touches that come with the package" if name in VECTOR_IDS else "one after the other"
-        rows.append((f"`{name}`", text.partition("\n")[0], many))
+        rows.append((f"`{name}`", text.partition("\n")[0]))
         lines += [f"## {name.partition('/')[2]}", "", re.sub(r"^##", "###", text, flags=re.M), ""]
-    first = table(("id", "task", "`make_vec` plays"), rows)
+    first = table(("id", "task"), rows)
     words = f"`max_episode_steps` is {MOST_STEPS}; episodes end by their own touch limit. [More](../environments.md)."
     return "\n".join(["# Environments, from the code", "", first, "", words, "", *lines])
 
@@ -234,4 +233,5 @@ def _decisions() -> str:
     for path in sorted((ROOT / "docs/decisions").glob("0*.md")):
         title = path.read_text(encoding="utf-8").partition("\n")[0].lstrip("# ")
         rows.append((path.name[:4], f"[{re.sub(r'^[0-9]{4}[.:]? *', '', title)}]({path.name})"))
-    return f"# Decisions\n\nWhat was chosen and why, half a page each.\n\n{table(('', ''), rows)}\n"
+    words = "What was chosen and why. [What was tried](../what_was_tried.md) has a line for each of the others."
+    return f"# Decisions\n\n{words}\n\n{table(('', ''), rows)}\n"

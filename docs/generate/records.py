@@ -22,7 +22,7 @@ from experiments.search.compare import Compare
 
 RECORDS = Path(__file__).parent.parent.parent / "records" / "results" / "searches.json"
 IN_COMMAND = {"scene", "sensor", "deciders", "episodes", "seed"}
-FREE = IN_COMMAND | {"reference", "out", "bound", "jobs", "backend", "scheduler", "part"}
+FREE = IN_COMMAND | {"reference", "jobs"}
 """Arguments that a record may have in any form: its command has them, or they change no result."""
 
 

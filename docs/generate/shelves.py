@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 
-class Said(NamedTuple):
+class Description(NamedTuple):
     """Idea, meaning of the scores or results, and weaknesses of a decider or a scene."""
 
     idea: str
@@ -13,107 +13,97 @@ class Said(NamedTuple):
     weak: str
 
 
-NOTHING = Said("See its docstring.", "See [what the columns mean](../columns.md).", "Not described yet.")
+NOTHING = Description("See its docstring.", "See [what the columns mean](../columns.md).", "Not described yet.")
 
 _TARGET = "`target_prob`: posterior probability that the current object is the target."
 _GAINS = f"{_TARGET} `gain_POSE`: expected information of a touch in this pose in nats, discounted for repeats."
 _THRESHOLDS = "It confirms at a posterior of 0.99, rejects at 0.01 (lower for a prior below 1/12), and touches an object twelve times at most."
 
 DECIDERS = {
-    "random_confirm": Said(
+    "random_confirm": Description(
         "It confirms one of the objects at random and never touches. Its success is what touching has to beat.",
         "It has no scores.",
         "Everything, on purpose: it is the no-touch baseline.",
     ),
-    "threshold": Said(
+    "threshold": Description(
         "The paper's rule (§6.3). It reads the softmax of single touches: two in a row above 0.9 confirm, one below 0.1 rejects. Touches are not "
         "combined.",
         f"`frame_prob`: softmax of the last touch for the target, not calibrated. {_TARGET}",
         "Ambiguous touches: it rejects after one touch that looks unlike the target. In `paper` it is no better than a guess.",
     ),
-    "random_poses": Said(
+    "random_poses": Description(
         f"Posterior thresholds with poses in random order, each once before any is used again. {_THRESHOLDS}",
         _TARGET,
         "Scenes in which poses differ in quality. It is there to measure what choosing poses is worth.",
     ),
-    "fixed_poses": Said(
+    "fixed_poses": Description(
         f"Posterior thresholds with poses in a fixed order. {_THRESHOLDS}",
         _TARGET,
         "As `random_poses`; if the first pose is a poor one, every object is first touched there.",
     ),
-    "best_order": Said(
-        f"Posterior thresholds with the poses in the order that was best on calibration objects (`rank-poses`). {_THRESHOLDS}",
+    "best_order": Description(
+        f"Posterior thresholds with the poses in the order that was best on calibration objects (that `calibrate` finds). {_THRESHOLDS}",
         _TARGET,
         "Scenes in which the next touch depends on what was felt. It is there to measure what choosing poses is worth.",
     ),
-    "information_gain": Said(
+    "information_gain": Description(
         f"The next pose is the one that is expected to tell most about one question: is this object the target? {_THRESHOLDS} With a sensor of one "
         "body, the gain is that after the touches so far.",
         _GAINS,
         "Costs: it stops at a fixed posterior, whatever a touch costs and whatever is left to search.",
     ),
-    "shape_information_gain": Said(
+    "shape_information_gain": Description(
         f"As `information_gain`, but for the whole shape: it also pays to tell cube from cylinder when the target is a cone. {_THRESHOLDS}",
         _GAINS,
         "Searches with few touches for one target: part of what it learns does not matter for the answer. With many touches it is the better one.",
     ),
-    "repeat_aware": Said(
-        "As `information_gain`; a pose that was used before competes with its discounted gain instead of being left out.",
-        _GAINS,
-        "Nothing that `information_gain` is better at, but the two differ only where poses differ much.",
-    ),
-    "value_of_one_touch": Said(
-        "It compares answering now with one more touch and the best answer after it, in units of return.",
-        f"{_TARGET} Further scores are expected returns of the actions.",
-        "Doubts that one touch cannot resolve: it then answers too early.",
-    ),
-    "value_of_information": Said(
-        "As `value_of_one_touch`, two touches ahead. Rejecting is worth the value of the rest of the search.",
+    "value_of_information": Description(
+        "It has no thresholds: it stops when no plan of two more touches is worth its cost (`depth=1`: of one). Rejecting is worth the value of the rest of the search.",
         f"{_TARGET} Further scores are expected returns of the actions.",
         "Uninformative touches: where more than two are needed, it answers too early.",
     ),
-    "sequential_test": Said(
+    "sequential_test": Description(
         "Wald's test: it stops when touches have multiplied the odds of the target enough for given error rates. Poses are those of "
         "`information_gain`.",
         _GAINS,
         "Costs, which it ignores, and the touch limit, where its guarantee ends.",
     ),
-    "ppo": Said(
+    "ppo": Description(
         "A small network for each target, trained by PPO on the paper's state: the last softmax, the last action and the time.",
         f"{_TARGET} `confirm`, `reject`: probabilities that the policy gives these actions.",
         "Combining touches: its state holds only the last one. It knows single objects, not whole searches.",
     ),
-    "ppo_posterior": Said(
+    "ppo_posterior": Description(
         "As `ppo`, trained on the posterior instead of the last softmax.",
         f"{_TARGET} `confirm`, `reject`: probabilities that the policy gives these actions.",
         "Other scenes and costs than those it was trained with.",
     ),
-    "ppo_gains": Said(
+    "ppo_gains": Description(
         "As `ppo_posterior`, for sensors of one rigid body: the network also sees the gain of each pose that `information_gain` chooses by.",
         f"{_TARGET} `confirm`, `reject`: probabilities that the policy gives these actions.",
         "Other scenes and costs than those it was trained with, and `paper-independent`, for which there are no such gains.",
     ),
-    "ppo_goal": Said(
+    "ppo_goal": Description(
         "As `ppo_gains`, with one network for all targets, which sees the target.",
         f"{_TARGET} `confirm`, `reject`: probabilities that the policy gives these actions.",
         "As `ppo_gains`.",
     ),
-    "ppo_confident": Said(
+    "ppo_confident": Description(
         f"The poses of `ppo`, stopped by posterior thresholds. {_THRESHOLDS}",
         f"{_TARGET} `overruled`: the policy would have stopped.",
         "As `ppo`, in its choice of poses.",
     ),
-    "pouct": Said(
+    "pouct": Description(
         "Monte Carlo tree search by pomdp-py from the exact belief. Simulated searches end with the right decision for the simulated state.",
         "Expected returns and visit counts of the actions at the root of the tree.",
         "Time: a few hundred times that of `point_based` for each decision. It needs the extra `pomdp`.",
     ),
-    "pomcp": Said(
+    "pomcp": Description(
         "As `pouct`, from particles that are drawn from the belief.",
         "Expected returns and visit counts of the actions at the root of the tree.",
         "As `pouct`; rare shapes may have no particle.",
     ),
-    "point_based": Said(
+    "point_based": Description(
         "It solves the search as a POMDP once for each target, by point-based value iteration, and follows the plan with the "
         "exact belief.",
         f"{_TARGET} Further scores are expected returns of the actions under the plan.",
@@ -125,23 +115,23 @@ DECIDERS = {
 _SUCCESS = "A guess succeeds in {guess}. Differences between deciders show {where}."
 
 WORLDS = {
-    "paper": Said(
+    "paper": Description(
         "The paper's world: a finger comes from parking and presses until a small force is reached. The image shows the force vector as a dot, not "
         "the geometry of the contact.",
         _SUCCESS.format(guess="0.25", where="in success and in touches: single touches are ambiguous"),
         "Single touches: `paper-independent` reads 0.64 of them right. Only a belief about one body solves its searches.",
     ),
-    "coarse": Said(
+    "coarse": Description(
         "A cheap sensor: 4 × 4 taxels, 5 % noise, two of them dead. Several touches of a body are needed, so deciders differ.",
         _SUCCESS.format(guess="0.25", where="mostly in touches and return"),
         "Cones: at most 0.49 of single touches of a cone can be recognised by any reader.",
     ),
-    "gel": Said(
+    "gel": Description(
         "The default: 128 × 128 taxels of a gel pad. One touch nearly decides the shape.",
         _SUCCESS.format(guess="0.25", where="hardly: all sensible deciders succeed in 0.999 or more"),
         "Comparing deciders. Use it to see presses and images, or as a task that is nearly solved.",
     ),
-    "hard": Said(
+    "hard": Description(
         "Eight objects, any mixture of twelve shapes that share faces and edges, very different sizes, half the pad. The target may be absent or "
         "there several times.",
         _SUCCESS.format(
@@ -150,12 +140,12 @@ WORLDS = {
         ),
         "Pairs such as cube and cuboid, which some touches cannot tell apart.",
     ),
-    "many": Said(
+    "many": Description(
         "Twelve objects of twelve shapes with the default pad. What is learned about one object tells about the others.",
         _SUCCESS.format(guess="0.08", where="in touches: a search visits half of the objects on average"),
         "Time: the exact belief about twelve objects is the most expensive one.",
     ),
-    "keyed": Said(
+    "keyed": Description(
         "Cubes, shafts and plates that differ in one place each, such as a cut corner, touched from 26 directions. Here it matters where the next "
         "touch is ([where to touch next](../where_to_touch.md)).",
         _SUCCESS.format(

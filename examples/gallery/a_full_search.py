@@ -8,19 +8,15 @@ Run: python examples/gallery/a_full_search.py [FIGURE.png]
 
 import sys
 
-import numpy as np
 from matplotlib import pyplot as plt
 
-from activetouch import TactileSensor, TouchWorld
-from belief import SearchProblem
-from planners import make_decider, search
+from activetouch import TactileSensor
 
-ORDER, TARGET = ("cylinder", "cube", "cone", "sphere"), "cone"
+TARGET = "cone"
 sensor = TactileSensor.shipped("coarse")
-problem = SearchProblem(sensor.scene.shape_labels, sensor.scene.pose_labels, num_objects=4)
-world = TouchWorld.sample(sensor, ORDER, np.random.default_rng(5))
-decider = make_decider("point_based", sensor.model.outcome_table(), sensor.model)
-episode = search(world, decider, problem, TARGET, sensor.model, seed=5)
+episode = sensor.search(TARGET, decider="information_gain", seed=8)
+order = [sensor.scene.shape_labels[shape] for shape in episode.arrangement]
+print(episode)
 
 figure, axes = plt.subplots(figsize=(7, 3.4), layout="constrained")
 probs = [step.belief.prob(TARGET) for step in episode.steps]
@@ -28,10 +24,9 @@ colours = ["#9aa5b1", "#56b4e9", "#d55e00", "#009e73"]
 axes.bar(range(len(probs)), probs, color=[colours[step.object_index] for step in episode.steps])
 for number, step in enumerate(episode.steps):
     action = step.decision.action
-    words = f"touch\n{problem.pose_labels[action.pose]}" if step.touch else type(action).__name__.lower()
+    words = f"touch\n{sensor.scene.pose_labels[action.pose]}" if step.touch else type(action).__name__.lower()
     axes.text(number, probs[number] + 0.02, words, ha="center", fontsize=8)
-axes.set_xticks(range(len(probs)), [f"object {s.object_index + 1}\n{ORDER[s.object_index]}" for s in episode.steps])
+axes.set_xticks(range(len(probs)), [f"object {s.object_index + 1}\n{order[s.object_index]}" for s in episode.steps])
 axes.tick_params(axis="x", labelsize=8)
 axes.set(ylabel=f"probability of a {TARGET}\nbefore the step", ylim=(0, 1.18))
 figure.savefig(sys.argv[1] if len(sys.argv) > 1 else "a_full_search.png")
-print(f"{'found' if episode.success else 'not found'} after {episode.num_touches} touches")

@@ -1,6 +1,6 @@
 """Train PPO in Gymnasium: the return of the paper's test while Stable-Baselines3 learns it.
 
-`make_vec` plays many tests at once on touches that were recorded and come with the package, so that a step takes
+`BankEpisodes` plays many tests at once on touches that were recorded and come with the package, so that a step takes
 microseconds. The horizontal lines are the returns of a policy that never touches, and of one that gives the
 right answer at once.
 
@@ -14,7 +14,7 @@ from matplotlib import pyplot as plt
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 
-from activetouch.envs.make import bank_episodes
+from activetouch.envs.batched_episodes import BankEpisodes
 from activetouch.envs.sb3 import BankVecEnv
 
 ENVS, STEPS, TOTAL = (4, 16, 64) if "--short" in sys.argv else (64, 64, 120_000)
@@ -35,7 +35,7 @@ class Returns(BaseCallback):
         return True
 
 
-envs = BankVecEnv(bank_episodes("paper", target="cone", num_envs=ENVS, state="posterior"), seed=(0,))
+envs = BankVecEnv(BankEpisodes.shipped("paper", target="cone", num_envs=ENVS, state="posterior"), seed=(0,))
 returns = Returns()
 PPO("MlpPolicy", envs, n_steps=STEPS, batch_size=min(512, ENVS * STEPS), device="cpu", seed=0).learn(TOTAL, returns)
 

@@ -1,7 +1,7 @@
 """Simulation-based calibration of the posterior over orientation and size (Talts et al. 2018; Modrák et al. 2023).
 
 The rank of the true value of a quantity among draws from the posterior is uniform if the posterior is calibrated. A
-quantity is any function of the rotation, so symmetric shapes, whose orientations cannot all be told apart, need no
+quantity is any function of the rotation, so symmetric shapes, whose orientations cannot all be distinguished, need no
 canonical one: orientations that look alike are as probable in the prior as in the posterior. Here the rank is the
 posterior probability of smaller values, which has no error of drawing.
 
@@ -31,8 +31,6 @@ NUM_TOUCHES = (1, 2, 3, 6)
 """Numbers of touches in different poses after which the posterior is tested."""
 LEAST_P = 0.01
 """Smallest p-value, corrected for the number of quantities, of a posterior that passes."""
-BINS = 20
-"""Bins of a histogram of ranks."""
 _AT_ONCE = 1 << 24  # weights of hypotheses
 
 QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
@@ -57,20 +55,17 @@ class Ranks:
         mean: 0.5 for uniform ranks; of a distance to the likeliest, above 0.5 if the posterior is too narrow.
         spread: standard deviation relative to that of uniform ranks; above 1 the posterior is too narrow, below 1 too
             wide.
-        counts: number of ranks in each of :data:`BINS` equal parts of [0, 1].
     """
 
     p_value: float
     mean: float
     spread: float
-    counts: tuple[int, ...]
 
     @classmethod
     def of(cls, ranks: Floats) -> Ranks:
         """The summary of ranks ``(n,)`` in [0, 1]."""
-        counts, _ = np.histogram(ranks, BINS, (0.0, 1.0))
-        test = kstest(ranks, "uniform")
-        return cls(float(test.pvalue), float(ranks.mean()), float(ranks.std() * np.sqrt(12.0)), tuple(counts.tolist()))
+        p_value = float(kstest(ranks, "uniform").pvalue)
+        return cls(p_value, float(ranks.mean()), float(ranks.std() * np.sqrt(12.0)))
 
 
 @dataclass(frozen=True)
@@ -137,8 +132,8 @@ def rank_tests(
                 weights = np.empty((len(rows), model.num_hypotheses))
                 for shape in np.unique(rounds.shapes[rows]).tolist():
                     here = rounds.shapes[rows] == shape
-                    touches, some = batch.sequences(rows[here]).first(number), slice(shape, shape + 1)
-                    weights[here] = model.log_weights(touches, shapes=some)[:, 0]
+                    touches, own = batch.sequences(rows[here]).first(number), slice(shape, shape + 1)
+                    weights[here] = model.log_weights(touches, shapes=own)[:, 0]
                 for row, of_object in zip(rows, weights, strict=True):
                     shape = int(rounds.shapes[row])
                     ranks = _ranks(of_object, rotations, sizes, truths[row], rng)
@@ -147,10 +142,10 @@ def rank_tests(
         RankTest(
             model.shape_labels[shape],
             number,
-            len(some),
-            {name: Ranks.of(np.array([ranks[name] for ranks in some])) for name in QUANTITIES},
+            len(of_objects),
+            {name: Ranks.of(np.array([ranks[name] for ranks in of_objects])) for name in QUANTITIES},
         )
-        for (shape, number), some in sorted(found.items())
+        for (shape, number), of_objects in sorted(found.items())
     ]
 
 

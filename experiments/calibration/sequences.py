@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from activetouch.data.dataset import TouchSet
 from activetouch.envs.touch_bank import TouchRounds
-from belief.observation_model import ArrayModel
+from belief.observation_model.model import ArrayModel
 from belief.observation_model.selection import log_posteriors
 from belief.touch_batch import TouchBatch
 

@@ -28,14 +28,12 @@ class Check:
     """One target and its outcome.
 
     Attributes:
-        name: name with the limit, for the heading of a table.
         target: description.
         value: the worst value, as text.
         missed_by: excess over the limit; zero or less if the target is met, None if there is too little data.
         detail: where the worst value is, and the error by chance.
     """
 
-    name: str
     target: str
     value: str
     missed_by: float | None
@@ -46,19 +44,11 @@ class Check:
         """Whether the target was met."""
         return self.missed_by is not None and self.missed_by <= 0.0
 
-    @property
-    def outcome(self) -> str:
-        """The value and whether it meets the target, for a table."""
-        if self.missed_by is None:
-            return f"{self.value} too few stops".strip()
-        return f"{self.value} {'✓' if self.holds else f'✗ by {self.missed_by:.3f}'}"
-
 
 def judge_touches(scores: TouchScores) -> Check:
     """Check the classwise error of single touches."""
     error, (_, low, high) = scores.report.ece_classwise, scores.classwise
     return Check(
-        f"classwise error ≤ {CLASSWISE:.3f}",
         f"classwise error of a touch ≤ {CLASSWISE:.3f}, its 95 % bound ≤ {CLASSWISE_UPPER:.3f}",
         f"{error.value:.3f}",
         max(error.value - CLASSWISE, high - CLASSWISE_UPPER),
@@ -79,9 +69,8 @@ def judge_model(scores: ModelScores, confidence: float) -> dict[str, list[Check]
 
 
 def _judge_fused(fused: Sequence[Fused]) -> Check:
-    worst = max(fused, key=lambda some: some.ece.value)
+    worst = max(fused, key=lambda score: score.ece.value)
     return Check(
-        f"error ≤ {FUSED:.3f}",
         f"calibration error ≤ {FUSED:.3f} after every number of touches",
         f"{worst.ece.value:.3f}",
         worst.ece.value - FUSED,
@@ -90,15 +79,13 @@ def _judge_fused(fused: Sequence[Fused]) -> Check:
 
 
 def _judge_right(stopped: StopScores, confidence: float) -> Check:
-    name = f"accuracy ≥ {confidence:.3f}"
     target = f"accuracy at stopping ≥ {confidence:.3f} (lower Clopper-Pearson bound)"
     if stopped.claims is None or stopped.claims.overall.count < ENOUGH_IN_ALL:
         count = 0 if stopped.claims is None else stopped.claims.overall.count
-        return Check(name, target, "", None, f"{count} stops, {ENOUGH_IN_ALL} are needed")
+        return Check(target, "", None, f"{count} stops, {ENOUGH_IN_ALL} are needed")
     assert stopped.right is not None, "there are stops"
     overall, (_, low, high) = stopped.claims.overall, stopped.right
     return Check(
-        name,
         target,
         f"{overall.low:.3f}",
         confidence - overall.low,
@@ -108,15 +95,13 @@ def _judge_right(stopped: StopScores, confidence: float) -> Check:
 
 
 def _judge_gaps(stopped: StopScores) -> Check:
-    name = f"gap ≤ {GAP:.3f}"
     target = f"stated confidence within {GAP:.3f} of accuracy after every number of touches with ≥ {ENOUGH_STOPS} stops"
     judged = [] if stopped.claims is None else [s for s in stopped.claims.by_num_touches if s.count >= ENOUGH_STOPS]
     if not judged:
-        return Check(name, target, "", None, f"no number of touches has {ENOUGH_STOPS} stops")
+        return Check(target, "", None, f"no number of touches has {ENOUGH_STOPS} stops")
     worst = max(judged, key=_gap)
     chance = "within" if worst.is_consistent else "outside"
     return Check(
-        name,
         target,
         f"{_gap(worst):.3f}",
         _gap(worst) - GAP,
@@ -139,7 +124,7 @@ def verdict(touches: Check, fused: Mapping[str, Sequence[Check]], calibration: s
         model: name of the chosen observation model.
     """
     outcome = "meets its target" if touches.holds else f"misses its target by {touches.missed_by or 0.0:.3f}"
-    checks = [(kind, check) for kind, some in fused.items() for check in some]
+    checks = [(kind, check) for kind, of_kind in fused.items() for check in of_kind]
     judged = [(kind, check) for kind, check in checks if check.missed_by is not None]
     met = sum(check.holds for _, check in judged)
     unknown = f" ({len(checks) - len(judged)} more could not be judged)" if len(judged) < len(checks) else ""

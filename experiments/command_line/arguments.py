@@ -9,7 +9,20 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, Protocol, TypeAlias, get_args, get_origin, get_type_hints, runtime_checkable
+from typing import (
+    Annotated,
+    Any,
+    Literal,
+    Protocol,
+    TypeAlias,
+    TypeVar,
+    get_args,
+    get_origin,
+    get_type_hints,
+    runtime_checkable,
+)
+
+import tyro
 
 from belief.errors import ActiveTouchError
 
@@ -73,6 +86,9 @@ class Ending:
         return None if value.suffix.lower() in self.endings else f"end in {' or '.join(self.endings)}"
 
 
+T = TypeVar("T")
+InFile = Annotated[T, tyro.conf.Fixed, tyro.conf.Suppress]
+"""Type of an argument that Python and ``run.json`` can set, and the command line cannot."""
 Count: TypeAlias = Annotated[int, Within(1, 10**8)]
 """Positive number of things."""
 CountOrNone: TypeAlias = Annotated[int, Within(0, 10**8)]
@@ -95,6 +111,22 @@ Picture: TypeAlias = Annotated[Path, Ending((".png", ".svg", ".pdf", ".jpg"))]
 """File name of a figure."""
 JSONFile: TypeAlias = Annotated[Path, Ending((".json",))]
 """File name of JSON results."""
+
+
+def check_value(flag: str, value: Any, kind: Any) -> None:
+    """Check a value against the rules of an annotation such as :data:`Count`.
+
+    Args:
+        flag: name of the argument, for the message.
+        value: the value; None stands for a default.
+        kind: the annotation.
+
+    Raises:
+        BadArgument: The value breaks a rule.
+    """
+    for rule in _metadata(kind):
+        if isinstance(rule, Rule) and value is not None and (must := rule.broken(value)) is not None:
+            raise BadArgument(f"{flag} must {must}, got {_words(value)}")
 
 
 def check_arguments(command: Any, prefix: str = "--") -> None:
@@ -158,7 +190,7 @@ def arguments(
         value, metadata = getattr(command, field.name), list(_metadata(annotations[field.name]))
         flag = prefix + field.name.replace("_", "-")
         if is_dataclass(value):
-            unnamed = any(getattr(one, "name", None) == "" for one in metadata)  # tyro.conf.arg(name="")
+            unnamed = any(one is tyro.conf.OmitArgPrefixes or getattr(one, "name", None) == "" for one in metadata)
             yield from arguments(value, prefix if unnamed else f"{flag}.", (*path, field.name))
         else:
             yield flag, (*path, field.name), value, [one for one in metadata if isinstance(one, Rule)]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,6 @@ from numpy.typing import NDArray
 from activetouch.data.dataset import TouchSet
 from belief.statistics import wilson_interval
 from experiments.paper import table1
-from experiments.paper.table1 import Result
 from experiments.paper.table2 import PAPER, Column
 from experiments.reporting.style import INK, PALETTE, figure
 
@@ -35,29 +33,6 @@ def draw_figure2(images: TouchSet, labels: Sequence[str], path: Path) -> None:
             grid[shape][0].set_ylabel(label)
 
 
-def draw_confusions(results: dict[str, dict[str, Result]], labels: tuple[str, ...], path: Path) -> None:
-    """Draw a confusion matrix for every split (row) and set of images (column), as in the paper's Figure 3a.
-
-    Args:
-        results: those of :func:`experiments.paper.table1.both_splits`.
-        labels: names of the shapes.
-        path: file to write; the ending decides the format.
-
-    Raises:
-        CannotWrite: there is no room, or no permission.
-    """
-    rows, columns = list(results), list(next(iter(results.values())))
-    with figure((3.6 * len(columns), 3.7 * len(rows)), path) as drawn:
-        grid = drawn.subplots(len(rows), len(columns), squeeze=False)
-        for name, line in zip(rows, grid, strict=True):
-            for what, axes in zip(columns, line, strict=True):
-                result = results[name][what]
-                texts = [list(map(str, counts)) for counts in result.confusion]
-                _matrix(axes, np.array(result.confusion), texts, labels)
-                axes.set(title=f"split {name},\n{what}: {result.accuracy:.3f}", xlabel="predicted")
-            line[0].set_ylabel("true shape")
-
-
 def _matrix(axes: Axes, counts: NDArray[Any], texts: Sequence[Sequence[str]], labels: Sequence[str]) -> None:
     """Draw a confusion matrix, coloured by the fraction of a row, with a text in every cell."""
     fractions = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
@@ -74,28 +49,20 @@ def draw_figure3(confusion: Sequence[Sequence[int]] | None, columns: Sequence[Co
 
     Args:
         confusion: counts of (true shape, predicted shape); without it, (a) is left out.
-        columns: columns of Table 2; there is one panel per scene that has results. A decider has one colour in all.
+        columns: columns of Table 2.
         path: file to write.
 
     Raises:
-        CannotWrite: there is no room, or no permission.
+        CannotWrite: The disk is full, or the folder is not writable.
     """
-    played = [column for column in columns if not column.missing]
-    scenes = list(dict.fromkeys(column.scene for column in played))
-    deciders = list(dict.fromkeys(column.decider for column in played))
-    widths = [1.0] * (confusion is not None) + [1.5] * len(scenes)
+    widths = [1.0, 1.5] if confusion is not None else [1.5]
     with figure((3.2 * sum(widths), 4.2), path) as drawn:
         panels = list(drawn.subplots(1, len(widths), squeeze=False, width_ratios=widths)[0])
         if confusion is not None:
-            _confusion(panels.pop(0), confusion)
-        for axes, scene in zip(panels, scenes, strict=True):
-            _success(axes, [column for column in played if column.scene == scene], deciders)
-            axes.set_title(f"(b) searches, scene {scene}")
-        for axes in panels[:1]:
-            axes.set_ylabel("success")
-        found = [zip(*reversed(axes.get_legend_handles_labels()), strict=True) for axes in panels]
-        handles = dict(chain.from_iterable(found))  # by label
-        drawn.legend(handles.values(), handles, loc="outside lower right", ncols=4, frameon=False, fontsize=8)
+            _confusion(panels[0], confusion)
+        _success(panels[-1], columns)
+        panels[-1].set(title=f"(b) searches, scene {columns[0].scene}", ylabel="success")
+        drawn.legend(loc="outside lower right", ncols=4, frameon=False, fontsize=8)
 
 
 def _confusion(axes: Axes, confusion: Sequence[Sequence[int]]) -> None:
@@ -111,18 +78,17 @@ def _confusion(axes: Axes, confusion: Sequence[Sequence[int]]) -> None:
     axes.set(xlabel="predicted", ylabel="true", title="(a) classifier, split by image")
 
 
-def _success(axes: Axes, columns: Sequence[Column], deciders: Sequence[str]) -> None:
+def _success(axes: Axes, columns: Sequence[Column]) -> None:
     """Draw bars by target: the paper's (hatched), and ours with 95 % Wilson intervals."""
     targets = list(PAPER["PPO"])
-    width, x = 0.85 / (len(PAPER) + len(deciders)), np.arange(len(targets))
+    width, x = 0.85 / (len(PAPER) + len(columns)), np.arange(len(targets))
     first = -0.425 + width / 2
     for index, (name, printed) in enumerate(PAPER.items()):
         heights = [printed[target] for target in targets]
         place = x + first + index * width
         grey = str(0.6 + 0.3 * index)
         axes.bar(place, heights, 0.9 * width, color=grey, edgecolor="0.4", hatch="//", label=f"paper: {name}")
-    for column in columns:
-        index = deciders.index(column.decider)
+    for index, column in enumerate(columns):
         wins = np.array([column.successes[target] for target in targets])
         low, high = np.transpose([wilson_interval(int(n), column.trials) for n in wins])
         share, place = wins / column.trials, x + first + (len(PAPER) + index) * width

@@ -1,65 +1,50 @@
-"""Make a sensor and its PPO policies without any existing file: collect, train, collect repeats, calibrate, train PPO.
+"""A sensor for the paper's scene and its PPO policies: collect, train, collect repeats, calibrate, train PPO.
 
-A finished stage leaves a file and is skipped afterwards. An interrupted stage continues as its own command does: after
-the last shard, epoch or policy.
+A finished stage leaves a file and is skipped afterwards. An interrupted stage continues as its own command does.
 """
 
 from __future__ import annotations
 
-import shutil
-from dataclasses import dataclass, field
+from dataclasses import replace
 from pathlib import Path
 
-from activetouch.envs.touch_bank import MANIFEST
-from activetouch.sensor_files import OBSERVATION_FILE, POLICIES, READER_FILE
-from experiments.command_line.arguments import Count
-from experiments.command_line.collection_arguments import PlanArguments
-from experiments.ppo.touch_bank import TEST, MakeTouchBank
-from experiments.ppo.train_ppo import PPOChanges, TrainPPO
+from activetouch.data.manifest import CollectionPlan
+from activetouch.perception.reader import TactileReader
+from activetouch.perception.recipe import RECIPES
+from activetouch.sensor_files import OBSERVATION_FILE, POLICIES, READER_FILE, load_observation_model
+from experiments.ppo.recipe import PPO_RECIPES
+from experiments.ppo.touch_bank import TEST, TRAINING, kept_bank
+from experiments.ppo.train_ppo import train_policies
 from experiments.scene_choice import SceneChoice
-from experiments.sensor.calibrate import Calibrate
+from experiments.sensor.calibrate import calibrate
 from experiments.sensor.collect import collect
-from experiments.sensor.train import Changes, Train
+from experiments.sensor.train import train_reader
+
+TOUCHES, REPEATS = CollectionPlan(train=1500), CollectionPlan(train=0, repeats=6)
+"""Objects of each shape for the classifier; for the observation model and the policies."""
 
 
-@dataclass(frozen=True)
-class Effort:
-    """Size of the data sets and length of the training of a sensor and its policies."""
-
-    touches: PlanArguments = field(default_factory=lambda: PlanArguments(train=1500))
-    """Objects of each shape for the classifier."""
-    repeats: PlanArguments = field(default_factory=lambda: PlanArguments(train=0, repeats=6))
-    """Objects of each shape for the observation model and the policies."""
-    change: Changes = field(default_factory=lambda: Changes(epochs=6, batch_size=128))
-    """Changes to the recipe "large" of the classifier."""
-    ppo: PPOChanges = field(default_factory=PPOChanges)
-    """Changes to the recipes of PPO."""
-    ppo_seeds: Count = 3
-    """Number of trainings of each policy; the best is kept."""
-
-
-def sensor_from_nothing(scene: str, effort: Effort, folder: Path, jobs: int) -> Path:
-    """Make a sensor with its policies, and return its folder; finished stages are skipped.
+def make_sensor_with_policies(scene: str, folder: Path, jobs: int) -> Path:
+    """Make a sensor that reads shapes only, and its policies; return the sensor's folder.
 
     Args:
         scene: name of the scene.
-        effort: size of the data sets and length of the training.
         folder: folder for the sensor and all intermediate files.
         jobs: number of processes.
     """
-    choice, sensor, trained, bank = SceneChoice(scene), folder / "sensor", folder / "trained", folder / "bank"
-    touches, repeats, ppo, policies = folder / "touches", folder / "repeats", folder / "ppo", sensor / POLICIES
-    if not (trained / READER_FILE).exists():
-        collect(choice, effort.touches.plan, touches, jobs)
-        Train(scene, touches, trained, recipe="large", change=effort.change, threads=jobs).run()
+    choice, sensor, trained = SceneChoice(scene), folder / "sensor", folder / "trained"
+    if (trained / READER_FILE).exists():
+        reader = TactileReader.load(trained / READER_FILE)
+    else:
+        collect(choice, TOUCHES, folder / "touches", jobs)
+        recipe = replace(RECIPES["large"], epochs=6, batch_size=128)
+        reader = train_reader(folder / "touches", trained, recipe, "atto", choice.named.input_size, jobs=jobs)
     if not (sensor / OBSERVATION_FILE).exists():
-        collect(choice, effort.repeats.plan, repeats, jobs)
-        Calibrate(scene, trained / READER_FILE, repeats, sensor).run()
-    if not (bank / TEST / MANIFEST).exists():
-        MakeTouchBank(scene, repeats, sensor, bank).run()
-    if not policies.exists():
-        TrainPPO(scene, bank, sensor, ppo, change=effort.ppo, seeds=effort.ppo_seeds, jobs=jobs).run()
-        unfinished = sensor / f".{POLICIES}"
-        shutil.copytree(ppo / POLICIES, unfinished, dirs_exist_ok=True)
-        unfinished.rename(policies)  # so that the folder is complete as soon as it exists
+        collect(choice, REPEATS, folder / "repeats", jobs)
+        calibrate(reader, folder / "repeats", choice.named.scene).save(sensor)
+    if not (sensor / POLICIES).exists():
+        bank, test_bank = (kept_bank(reader, folder / "repeats", s, folder / "bank" / s) for s in (TRAINING, TEST))
+        recipes = [PPO_RECIPES["paper"], PPO_RECIPES["posterior"]]
+        model = load_observation_model(sensor)
+        train_policies(bank, test_bank, model, folder / "ppo", recipes, jobs=jobs).save(sensor)
     return sensor

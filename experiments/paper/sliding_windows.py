@@ -27,7 +27,6 @@ from activetouch.scene_description import scene_fields
 from belief.errors import CorruptFile
 from belief.files import atomic_path, read_npz, require_regular_file
 from belief.seeding import keyed_rng
-from experiments.command_line.arguments import Count, Seed, check_arguments
 from experiments.parallel import run_tasks
 
 
@@ -35,13 +34,13 @@ from experiments.parallel import run_tasks
 class WindowPlan:
     """Size of the data set; the default has 700 images of each shape, about as many as the paper."""
 
-    objects: Count = 35
+    objects: int = 35
     """Number of objects of each shape, of different sizes."""
-    presses: Count = 2
+    presses: int = 2
     """Number of presses of each object, each in a new random orientation."""
-    images: Count = 10
+    images: int = 10
     """Number of images of each press, evenly spread over the time of contact."""
-    seed: Seed = 0
+    seed: int = 0
     """Seed of all random numbers."""
 
 
@@ -57,11 +56,7 @@ def record_windows(scene: Scene, plan: WindowPlan, stream: int, jobs: int) -> To
     Returns:
         Images ordered by object, shapes in turn; ``poses`` numbers the presses of an object. An object that misses the
         pad has no images.
-
-    Raises:
-        BadArgument: a number of the plan is out of its range.
     """
-    check_arguments(plan, "images.")
     scene = replace(scene, presentation=Resampled())
     tasks = [partial(_press, scene, plan, stream, number) for number in range(plan.objects * len(scene.shapes))]
     parts = [part for part in run_tasks(tasks, jobs, "sliding windows over presses") if len(part.images)]
@@ -72,8 +67,7 @@ def kept_windows(scene: Scene, plan: WindowPlan, stream: int, jobs: int, folder:
     """:func:`record_windows` with a cache: a file of the folder is read if it exists, and written otherwise.
 
     Raises:
-        CorruptFile: the file is damaged.
-        BadArgument: a number of the plan is out of its range.
+        CorruptFile: The file is damaged.
     """
     key = hashlib.sha256(json.dumps([scene_fields(scene), asdict(plan)]).encode()).hexdigest()[:16]
     path = folder / f"windows-{stream}-{key}.npz"
@@ -94,17 +88,17 @@ def _press(scene: Scene, plan: WindowPlan, stream: int, number: int) -> TouchSet
     renderer = scene.renderer
     assert isinstance(renderer, ForcePatchRenderer), "the caller chose a scene with force patches"
     rng = keyed_rng([plan.seed, stream, number], is_fixed_length=True)
-    thing = scene.sample_object(number % len(scene.shapes), rng)
+    body = scene.sample_object(number % len(scene.shapes), rng)
     images: list[NDArray[np.uint8]] = []
     rows: list[Sequence[float]] = []
     for press in range(plan.presses):
-        contact = scene.contact(scene.place(thing, 0, rng), rng)
+        contact = scene.contact(scene.place(body, 0, rng), rng)
         assert contact.trace is not None, "guarded moves are always traced"
         in_contact = contact.trace.time[contact.trace.force.any(axis=1)]
         windows = list(renderer.windows(contact, np.ptp(in_contact) / plan.images)) if in_contact.size else []
         for index in np.linspace(0, len(windows) - 1, plan.images).round().astype(int) if windows else ():
             images.append(read_out(windows[index], scene.faults, rng))
-            rows.append((thing.shape_index, number, press, contact.force, contact.depth))
+            rows.append((body.shape_index, number, press, contact.force, contact.depth))
     shapes, object_ids, presses, forces, depths = np.reshape(rows, (-1, 5)).T
     taken = np.reshape(images, (-1, *scene.image_shape)).astype(np.uint8)
     return TouchSet(taken, shapes.astype(int), object_ids.astype(int), presses.astype(int), forces, depths)

@@ -8,24 +8,27 @@ pixels shows the accuracy that near copies alone give.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 
 from activetouch.data.dataset import TouchSet
-from activetouch.perception.classifier import TouchClassifier
-from activetouch.perception.recipe import TrainingRecipe
-from activetouch.perception.training import Trainer
+from activetouch.perception.reader import resized
+from activetouch.perception.recipe import RECIPES, TrainingRecipe
 from activetouch.scene import Scene
 from belief.metrics import ShapeScore, shape_scores
-from experiments.paper.sliding_windows import split_by_image, split_by_object
+from experiments.paper.sliding_windows import WindowPlan, split_by_image, split_by_object
 from experiments.reporting.tables import Table, interval
-from experiments.sensor.baseline import nearest_image_guesses
 from experiments.sensor.scores import accuracy_of_objects
 from experiments.sensor.train import STATE_FILE, card_for, new_classifier, run_to_the_end
+
+if TYPE_CHECKING:
+    from activetouch.perception.classifier import TouchClassifier
 
 Split = Callable[[TouchSet, float, np.random.Generator], tuple[TouchSet, TouchSet]]
 SPLITS: Mapping[str, Split] = MappingProxyType({"by image": split_by_image, "by object": split_by_object})
@@ -68,57 +71,51 @@ class Result:
 
 
 @dataclass(frozen=True)
-class Training:
-    """Settings of the training of both classifiers.
+class Settings:
+    """Number of images, and how both classifiers are trained; the default is as in the paper.
 
     Attributes:
-        scene: scene of the images.
+        images: number of images.
         backbone: a key of :data:`activetouch.perception.backbones.BACKBONES`.
         input_size: edge of the network's input [pixels].
-        recipe: optimiser settings.
+        recipe: settings of the training.
         weights: initial weights of the backbone; None for random weights.
-        folder: folder for the states of both trainings.
     """
 
-    scene: Scene
-    backbone: str
-    input_size: int
-    recipe: TrainingRecipe
-    weights: str | None
-    folder: Path
-
-    def classifier(self, name: str, train: TouchSet, held_out: TouchSet) -> TouchClassifier:
-        """Train the classifier of a split; a training with a state file is continued.
-
-        Args:
-            name: name of the split.
-            train: images to train on.
-            held_out: images to validate on.
-        """
-        card = card_for(train, self.backbone, self.input_size, self.scene.shape_labels, self.scene.pose_labels)
-        state = self.folder / name.replace(" ", "-") / STATE_FILE
-        classifier = new_classifier(card, self.recipe.seed, self.weights)
-        trainer = Trainer(classifier, self.recipe, train, held_out, state, self.scene.symmetry)
-        run_to_the_end(trainer, state.parent / "tensorboard")
-        return trainer.finish()
+    images: WindowPlan = field(default_factory=WindowPlan)
+    backbone: str = "tiny"
+    input_size: int = 128
+    recipe: TrainingRecipe = RECIPES["paper"]
+    weights: str | None = None
 
 
-def both_splits(training: Training, images: TouchSet, others: TouchSet, seed: int) -> dict[str, dict[str, Result]]:
+def both_splits(
+    settings: Settings, scene: Scene, images: TouchSet, others: TouchSet, seed: int, folder: Path
+) -> dict[str, dict[str, Result]]:
     """Train a classifier on each split and test it on the images held out by the split and on held-out objects.
 
     Args:
-        training: settings of the training.
+        settings: settings of the training.
+        scene: scene of the images.
         images: images to split 80/20.
         others: images of held-out objects.
         seed: seed of the splits and of the intervals.
+        folder: folder for the states of both trainings, which are continued after an interruption.
 
     Returns:
         Results by split, and by "held out" and "held-out objects".
     """
+    from activetouch.perception.training import Trainer  # loads torch
+
     results = {}
     for name, split in SPLITS.items():
         train, held_out = split(images, SHARE, np.random.default_rng(seed))
-        classifier = training.classifier(name, train, held_out)
+        card = card_for(train, settings.backbone, settings.input_size, scene.shape_labels, scene.pose_labels)
+        state = folder / name.replace(" ", "-") / STATE_FILE
+        classifier = new_classifier(card, settings.recipe.seed, settings.weights)
+        trainer = Trainer(classifier, settings.recipe, train, held_out, state, scene.symmetry)
+        run_to_the_end(trainer, state.parent / "tensorboard")
+        classifier = trainer.finish()
         results[name] = {
             what: _read(classifier, train, touches, np.random.default_rng(seed))
             for what, touches in (("held out", held_out), ("held-out objects", others))
@@ -135,6 +132,13 @@ def _read(classifier: TouchClassifier, train: TouchSet, touches: TouchSet, rng: 
     copied = nearest_image_guesses(train, touches) == touches.shapes
     nearest, *interval = accuracy_of_objects(copied, touches.object_ids, rng)
     return Result(accuracy, (low, high), confusion.tolist(), nearest, (interval[0], interval[1]))
+
+
+def nearest_image_guesses(known: TouchSet, test: TouchSet, size: int = 32) -> NDArray[np.int64]:
+    """Shape of the known image nearest to each test image, pixel by pixel, ``(m,)``; averaged to ``size`` pixels."""
+    small = (resized(touches.images, (size, size, *touches.images.shape[3:])) for touches in (test, known))
+    first, second = (images.reshape(len(images), -1).astype(float) for images in small)
+    return known.shapes[cdist(first, second).argmin(axis=1)]
 
 
 def table(results: Mapping[str, Mapping[str, Result]], labels: Sequence[str]) -> Table:

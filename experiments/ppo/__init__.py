@@ -1,1 +1,1 @@
-"""``touch-bank`` and ``train-ppo``: training PPO policies."""
+"""``train-ppo``: training PPO policies."""

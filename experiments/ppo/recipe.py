@@ -2,45 +2,26 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Literal, TypeAlias
 
-from belief.errors import ActiveTouchError
 from belief.policy_state import ENCODINGS, TOUCH_LIMIT
-
-
-class ImpossiblePPO(ActiveTouchError, ValueError):
-    """A setting of PPO is out of its range."""
-
-
-def _is_count(least: int) -> Callable[[Any], bool]:
-    return lambda value: isinstance(value, int) and not isinstance(value, bool) and value >= least
-
-
-def _is_prior(value: Any) -> bool:
-    ends = value if isinstance(value, tuple) else (value, value)
-    return len(ends) == 2 and bool(0.0 < ends[0] <= ends[1] < 1.0)
-
-
-_COUNT = (_is_count(1), "a whole number of at least 1")
-_WEIGHT = (lambda value: 0.0 <= value < math.inf, "a finite number ≥ 0")
-_DISCOUNT = (lambda value: 0.0 < value <= 1.0, "in (0, 1]")
-_RULES: Mapping[str, tuple[Callable[[Any], bool], str]] = MappingProxyType(
-    {
-        **dict.fromkeys(("steps", "num_envs", "rollout", "epochs", "touch_limit"), _COUNT),
-        **dict.fromkeys(("entropy", "beta", "touch_cost"), _WEIGHT),
-        **dict.fromkeys(("discount", "gae"), _DISCOUNT),
-        "state": (lambda value: value in ENCODINGS, f"one of {', '.join(ENCODINGS)}"),
-        "batch_size": (_is_count(2), "a whole number of at least 2"),
-        "learning_rate": (lambda value: 0.0 < value < math.inf, "a finite number > 0"),
-        "hidden": (lambda value: len(value) > 0 and all(map(_is_count(1), value)), "sizes of at least 1, one or more"),
-        "target_prob": (_is_prior, "in (0, 1), one number or two that rise"),
-    }
+from experiments.command_line.arguments import (
+    BadArgument,
+    Count,
+    NotEmpty,
+    NotNegative,
+    Positive,
+    Share,
+    Within,
+    check_arguments,
+    require_types,
 )
-"""By setting, a test of its value and the rule in words."""
+
+State: TypeAlias = Literal[tuple(ENCODINGS)]  # type: ignore[valid-type]
+_PROB = Within(0.0, 1.0, open_low=True, open_high=True)
 
 
 @dataclass(frozen=True)
@@ -49,7 +30,6 @@ class PPORecipe:
 
     Attributes:
         state: state that the policy observes, a key of :data:`belief.policy_state.ENCODINGS`.
-        masked: whether probes beyond the touch limit are masked (MaskablePPO of sb3-contrib).
         steps: total number of steps of all environments.
         num_envs: number of parallel environments.
         rollout: steps of each environment between two updates.
@@ -63,38 +43,33 @@ class PPORecipe:
         target_prob: prior probability of the target in training, or a range from which every test draws it.
 
     Raises:
-        ImpossiblePPO: a setting is out of its range; the message names it.
+        BadArgument: A setting is out of its range; the message names it.
     """
 
-    state: str = "paper"
-    masked: bool = False
-    steps: int = 320_000
-    num_envs: int = 256
-    rollout: int = 16
-    batch_size: int = 1024
-    epochs: int = 10
-    learning_rate: float = 3e-3
-    entropy: float = 0.003
-    discount: float = 1.0
-    gae: float = 0.95
-    hidden: tuple[int, ...] = (64, 64)
-    beta: float = 0.1
-    touch_cost: float = 0.02
-    touch_limit: int = TOUCH_LIMIT
-    target_prob: float | tuple[float, float] = 0.5
+    state: State = "paper"
+    steps: Count = 320_000
+    num_envs: Count = 256
+    rollout: Count = 16
+    batch_size: Annotated[int, Within(2, 10**8)] = 1024
+    epochs: Count = 10
+    learning_rate: Positive = 3e-3
+    entropy: NotNegative = 0.003
+    discount: Share = 1.0
+    gae: Share = 0.95
+    hidden: Annotated[tuple[int, ...], NotEmpty(), Within(1, 10**6)] = (64, 64)
+    beta: NotNegative = 0.1
+    touch_cost: NotNegative = 0.02
+    touch_limit: Count = TOUCH_LIMIT
+    target_prob: Annotated[float | tuple[float, float], _PROB] = 0.5
 
     def __post_init__(self) -> None:
-        for name, (is_right, rule) in _RULES.items():
-            value = getattr(self, name)
-            try:
-                fits = is_right(value)
-            except TypeError:  # not a number
-                fits = False
-            if not fits:
-                raise ImpossiblePPO(f"{name} must be {rule}, got {value!r}")
+        require_types(self, "")
+        check_arguments(self, "")
+        if isinstance(self.target_prob, tuple) and not self.target_prob[0] <= self.target_prob[1]:
+            raise BadArgument(f"target-prob must not end before it begins, got {self.target_prob}")
         if self.batch_size > self.num_envs * self.rollout:
             most = f"{self.num_envs} × {self.rollout} steps"
-            raise ImpossiblePPO(f"batch_size must be no larger than a rollout of {most}, got {self.batch_size}")
+            raise BadArgument(f"batch-size must be no larger than a rollout of {most}, got {self.batch_size}")
 
     @property
     def test_prob(self) -> float:
@@ -109,10 +84,9 @@ PPO_RECIPES: Mapping[str, PPORecipe] = MappingProxyType(
     {
         "paper": PPORecipe(),
         "posterior": _POSTERIOR,
-        "posterior_masked": replace(_POSTERIOR, masked=True),
         "gains": replace(_POSTERIOR, state="gains", steps=60_000),
         "goal": replace(_POSTERIOR, state="goal", steps=100_000),
     }
 )
-"""Recipes by name: the paper's state and shaping; the posterior at many priors (decision 0024); the same with masks;
-the gains of all poses beside the posterior; the same with the target, for one policy of all targets (decision 0058)."""
+"""Recipes by name of the state: the paper's state and shaping; the posterior at many priors (decision 0024); the gains
+of all poses and the posterior; the same with the target, for one policy of all targets (decision 0058)."""

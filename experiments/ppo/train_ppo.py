@@ -1,210 +1,210 @@
-"""``activetouch train-ppo``: PPO policies from touch banks, one per target or one for all."""
+"""``activetouch train-ppo``: PPO policies from recorded touches, one per target or one for all."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
-from activetouch.errors import WrongScene
 from activetouch.extras import require_extra
-from activetouch.scene_description import require_scene
-from activetouch.sensor_files import fitted_model
+from activetouch.perception.reader import TactileReader
+from activetouch.sensor_files import POLICIES, READER_FILE, fitted_model
 from belief.claims import claim_folder, ends_claims
-from belief.errors import CorruptFile, UnknownName
+from belief.errors import UnknownName
 from belief.files import atomic_path, in_file_name, write_text
-from belief.observation_model.registry import JOINT_MODELS
-from belief.policy_state import GOAL, WITH_GAINS
-from experiments.command_line.arguments import Count, Jobs, NotNegative, Positive, Within, check_arguments
+from belief.observation_model.model import ArrayModel
+from belief.policy_state import GOAL
+from experiments.command_line.arguments import BadArgument, Count, Jobs, check_arguments
 from experiments.parallel import default_jobs, run_tasks
-from experiments.ppo.recipe import PPO_RECIPES, ImpossiblePPO, PPORecipe
-from experiments.ppo.touch_bank import TEST, TRAINING
-from experiments.scene_choice import bank_folder, in_file_names, named_scene
-from experiments.sensor_choice import load_quietly, sensor_folder, tell_shift
-from experiments.sensor_commands import command
-from planners.ppo import policy_file
+from experiments.ppo.recipe import PPO_RECIPES, PPORecipe
+from experiments.scene_choice import in_file_names, named_scene, repeats_folder
+from experiments.sensor_choice import load_quietly, open_collection, require_collection, sensor_folder
+from planners.ppo import Policy, policy_file
 
 if TYPE_CHECKING:
+    from activetouch.envs.touch_bank import TouchBank
     from experiments.ppo.training import Score, Training
 
 ALL = "all"
-"""What stands for the target of a policy for all of them."""
-_PROB = Within(0.0, 1.0, open_low=True, open_high=True)
+"""Stands for the target of a policy for all of them."""
 RecipeName: TypeAlias = Literal[tuple(PPO_RECIPES)]  # type: ignore[valid-type]
-
-
-@dataclass(frozen=True)
-class PPOChanges:
-    """Changes to the named recipes."""
-
-    steps: Count | None = None
-    """Total number of steps of all environments."""
-    learning_rate: Positive | None = None
-    """Initial learning rate; it falls linearly to zero."""
-    entropy: NotNegative | None = None
-    """Weight of the entropy bonus."""
-    beta: NotNegative | None = None
-    """Weight of the shaping reward (decision 0031)."""
-    touch_cost: NotNegative | None = None
-    """Cost λ of a touch."""
-    touch_limit: Count | None = None
-    """Largest number T_max of touches per object."""
-    target_prob: Annotated[float | tuple[float, float] | None, _PROB] = None
-    """Prior probability of the target in training, or a range (decisions 0030 and 0024)."""
-
-    def of(self, recipe: PPORecipe) -> PPORecipe:
-        """The recipe with these changes."""
-        return replace(recipe, **{name: value for name, value in asdict(self).items() if value is not None})
 
 
 @dataclass(frozen=True)
 class TrainPPO:
     """Train PPO policies on recorded touches, one per target and seed, and keep the best seed of each target.
 
-    After an interruption, the same command continues. Learning curves are evaluated on the objects of the test split;
-    the seed is chosen on the objects of training. The deciders ppo, ppo_posterior and ppo_confident read
-    SENSOR/policies: copy OUT/policies there. If tensorboard is installed, the folder of each training has SB3's log.
+    Policies learn from the objects of a collection's calibration split, on which the sensor's reader was not trained.
+    Learning curves are evaluated on its test split. The deciders ppo, ppo_posterior and the like read SENSOR/policies:
+    copy OUT/policies there. After an interruption, the same command continues.
 
-    The recipes gains and goal, for ppo_gains and ppo_goal, need a sensor whose belief is about one rigid body, and a
-    bank that its reader wrote. Goal is one policy for all targets.
+    The recipes gains and goal, for ppo_gains and ppo_goal, need a sensor whose belief is about one rigid body. Goal is
+    one policy for all targets.
 
     For example:
 
-        activetouch touch-bank --scene coarse
+        activetouch collect --scene coarse --plan.train 0 --plan.repeats 6 --out data/coarse-repeats
         activetouch train-ppo --scene coarse
-        activetouch touch-bank --scene paper --sensor paper-independent --out data/paper-independent-bank
-        activetouch train-ppo --scene paper --sensor paper-independent --bank data/paper-independent-bank
+        activetouch train-ppo --scene paper --sensor paper-independent
         activetouch train-ppo --scene coarse --targets cone --recipes gains --seeds 1 --out runs/ppo-cone
     """
 
     scene: str = "gel"
     """Name of the scene, which gives the defaults of the next three."""
-    bank: Path | None = None
-    """Folder of the touch banks; data/SCENE-bank by default."""
+    data: Path | None = None
+    """Folder of the collection; data/SCENE-repeats by default."""
     sensor: Path | None = None
     """Folder of the sensor, or name of a shipped one; the scene's by default."""
     out: Path | None = None
-    """Folder for trainings and policies; runs/ppo-SCENE by default."""
+    """Folder for the touches as they are read, trainings and policies; runs/ppo-SCENE by default."""
     targets: tuple[str, ...] = ()
     """Shapes to train for, except of the recipe goal; all by default."""
     recipes: tuple[RecipeName, ...] = ()
-    """Recipes of training, at most one per state; by default gains and goal for a sensor of one rigid body, paper and
-    posterior for any other."""
-    change: PPOChanges = field(default_factory=PPOChanges)
-    """Changes to the recipes."""
+    """Recipes of training; by default gains and goal for a sensor of one rigid body, paper and posterior for any
+    other."""
+    steps: Count | None = None
+    """Total number of steps of all environments; that of the recipe by default."""
     seeds: Count = 3
     """Number of trainings of each policy."""
     jobs: Jobs = field(default_factory=default_jobs)
     """Number of processes."""
     anyway: bool = False
-    """Use banks of another scene than the sensor's."""
+    """Use a collection of another scene than the sensor's."""
 
     @ends_claims
     def run(self) -> None:
-        """Train what is missing, choose, and write policies and learning curves."""
+        """Read the touches, train what is missing, choose, and write policies and learning curves."""
         check_arguments(self)
         require_extra("rl")
-        from experiments.ppo.training import POLICY  # loads gymnasium
+        from experiments.ppo.touch_bank import TEST, TRAINING, kept_bank  # loads gymnasium
 
-        named_scene(self.scene)  # raises for an unknown name
+        named = named_scene(self.scene)
         out = self.out if self.out is not None else Path(f"runs/ppo-{in_file_names(self.scene)}")
         claim_folder(out)
-        trainings = self._trainings(out)
-        tasks = [partial(_run, index, training) for index, training in enumerate(trainings)]
-        curves: dict[int, list[Score]] = {}
-        for index, curve in run_tasks(tasks, self.jobs, "training policies"):
-            curves[index] = curve
-            training, last = trainings[index], curve[-1]
-            print(
-                f"{training.recipe.state} {training.target or ALL} seed {training.seed}: "
-                f"return {last.mean_return:.3f}, success {last.success:.3f}, {last.touches:.2f} touches"
-            )
-        groups: dict[tuple[str, str], list[int]] = {}
-        for index, training in enumerate(trainings):
-            groups.setdefault((training.recipe.state, training.target or ALL), []).append(index)
-        found: dict[str, dict[str, list[list[Score]]]] = {}
-        chosen: dict[int, list[Score]] = {}
-        for (state, target), members in groups.items():
-            best = max(members, key=lambda index: trainings[index].score().mean_return)
-            chosen[best] = curves[best]
-            with atomic_path(out / "policies" / policy_file(state, target)) as temporary:
-                temporary.write_bytes((trainings[best].folder / POLICY).read_bytes())
-            found.setdefault(state, {})[target] = [curves[index] for index in members]
-        compared = {index: curve for index, curve in chosen.items() if trainings[index].recipe.state not in WITH_GAINS}
-        if compared:  # references are those of sensors of independent touches
-            self._compare_with_references(trainings, compared, out)
-        write_text(out / "curves.json", json.dumps(found, indent=1) + "\n")
-        draw_curves(found, out / "curves.svg")
-        print(f"wrote {out / 'policies'} and the learning curves, {out / 'curves.svg'}")
-
-    @staticmethod
-    def _compare_with_references(trainings: Sequence[Training], chosen: Mapping[int, list[Score]], out: Path) -> None:
-        """Print and write the returns of the chosen policies and the reference returns."""
-        from experiments.ppo.reference import reference
-
-        rows = []
-        for index, curve in chosen.items():
-            one = trainings[index]
-            assert one.target is not None, "only policies on the joint belief are for all targets"
-            against = reference(one.bank, one.test_bank, one.model, one.target, one.recipe)
-            last, best = curve[-1], against.score
-            rows.append({"state": one.recipe.state, "target": one.target, **last._asdict(), **asdict(against)})
-            confirm, reject = against.thresholds
-            print(
-                f"{one.recipe.state} {one.target}: return {last.mean_return:.3f} is "
-                f"{last.mean_return / best.mean_return:.3f} of the {best.mean_return:.3f} of the best thresholds "
-                f"({reject}, {confirm}); upper bound {against.optimum:.3f} for the table of outcomes; with free "
-                f"touches {against.free:.3f}"
-            )
-        write_text(out / "references.json", json.dumps(rows, indent=1) + "\n")
-
-    def _recipes(self, is_joint: bool) -> dict[str, PPORecipe]:
-        """The changed recipes by name, for a sensor with a joint model or with another."""
-        names = self.recipes or (("gains", "goal") if is_joint else ("paper", "posterior"))
-        recipes = {name: self.change.of(PPO_RECIPES[name]) for name in names}
-        if len({recipe.state for recipe in recipes.values()}) < len(names):
-            raise ImpossiblePPO(f"--recipes must be one recipe a state, got {' '.join(self.recipes)!r}")
-        return recipes
-
-    def _trainings(self, out: Path) -> list[Training]:
-        """All trainings; errors are raised before any is started."""
-        from activetouch.envs.touch_bank import TouchBank  # loads gymnasium
-        from experiments.ppo.training import Training
-
-        folder = self.bank if self.bank is not None else bank_folder(self.scene)
+        data = self.data if self.data is not None else repeats_folder(self.scene)
         sensor = sensor_folder(self.sensor, self.scene)
-        model, fitted_to = fitted_model(sensor)
-        recipes = self._recipes(model.name in JOINT_MODELS)
-        if model.name in JOINT_MODELS:  # its reader embeds the hypotheses
-            model = load_quietly(sensor, named_scene(self.scene).scene, anyway=True).model
-        remedy = "Make it again with: " + command("touch-bank", scene=self.scene, sensor=sensor, out=folder)
-        try:
-            bank, test_bank = TouchBank.open(folder / TRAINING), TouchBank.open(folder / TEST)
-        except CorruptFile as error:
-            raise CorruptFile(f"{error}. {remedy}") from error
-        for one in (bank, test_bank):
-            if one.scene != fitted_to:
-                try:
-                    tell_shift(require_scene(f"the model in {sensor}", fitted_to, one.scene or {}, self.anyway))
-                except WrongScene as error:
-                    raise WrongScene(f"{folder} is a bank of another scene: {error}. {remedy}") from error
-        for target in self.targets:
-            if target not in bank.shape_labels:
-                raise UnknownName("target", target, list(bank.shape_labels))
-        each = list(dict.fromkeys(self.targets or bank.shape_labels))
-        return [
-            Training(
-                bank, test_bank, model, target, recipe, seed, out / f"{name}-{in_file_name(target or ALL, '-')}-{seed}"
-            )
-            for name, recipe in recipes.items()
-            for target in ([None] if recipe.state == GOAL else each)
-            for seed in range(self.seeds)
-        ]
+        manifest = open_collection(data, self.scene, repeats=True)
+        reader = TactileReader.load(sensor / READER_FILE)
+        filed = self.scene if self.out is None else None
+        require_collection(data, manifest, reader.card, filed, repeats=True, anyway=self.anyway)
+        model = fitted_model(sensor).model
+        if model.reads == "embeddings":  # its reader embeds the hypotheses
+            model = load_quietly(sensor, named.scene, anyway=True).model
+        names = self.recipes or (("gains", "goal") if model.reads == "embeddings" else ("paper", "posterior"))
+        recipes = [PPO_RECIPES[name] for name in names]
+        if self.steps is not None:
+            recipes = [replace(recipe, steps=self.steps) for recipe in recipes]
+        require_targets(self.targets, manifest.shape_labels)
+        bank, test_bank = (kept_bank(reader, data, split, out / "bank" / split) for split in (TRAINING, TEST))
+        found = train_policies(bank, test_bank, model, out, recipes, self.targets, self.seeds, self.jobs)
+        found.save(out)
+        print(f"{found}\nwrote {out / POLICIES} and the learning curves, {out / 'curves.svg'}")
+
+
+@dataclass(frozen=True)
+class TrainedPolicies:
+    """The best policy of each state and target, and the learning curves of all seeds.
+
+    Attributes:
+        policies: policy by state and target; the target is :data:`ALL` for a policy of all targets.
+        curves: learning curve of each seed, by state and target.
+        chosen: seed of each policy.
+    """
+
+    policies: Mapping[tuple[str, str], Policy]
+    curves: Mapping[tuple[str, str], Sequence[Sequence[Score]]]
+    chosen: Mapping[tuple[str, str], int]
+
+    def __str__(self) -> str:
+        lines = []
+        for (state, target), seed in self.chosen.items():
+            last = self.curves[state, target][seed][-1]
+            score = f"return {last.mean_return:.3f}, success {last.success:.3f}, {last.touches:.2f} touches"
+            lines.append(f"{state}, {target}: {score} on test objects (seed {seed})")
+        return "\n".join(lines)
+
+    def save(self, folder: Path) -> None:
+        """Write the policies, ``curves.json`` and ``curves.svg``.
+
+        Raises:
+            CannotWrite: The disk is full, or the folder is not writable.
+        """
+        for key, policy in self.policies.items():
+            with atomic_path(folder / POLICIES / policy_file(*key)) as temporary:
+                temporary.write_bytes(policy.to_bytes())
+        by_state: dict[str, dict[str, Sequence[Sequence[Score]]]] = {}
+        for (state, target), curves in self.curves.items():
+            by_state.setdefault(state, {})[target] = curves
+        write_text(folder / "curves.json", json.dumps(by_state, indent=1) + "\n")
+        draw_curves(by_state, folder / "curves.svg")
+
+
+def train_policies(
+    bank: TouchBank,
+    test_bank: TouchBank,
+    model: ArrayModel,
+    out: Path,
+    recipes: Iterable[PPORecipe],
+    targets: Iterable[str] = (),
+    seeds: int = 3,
+    jobs: int = 1,
+) -> TrainedPolicies:
+    """Train a policy for every recipe, target and seed, and choose the best seed on the objects of training.
+
+    Args:
+        bank: touches to learn from.
+        test_bank: touches of other objects, for the learning curves.
+        model: observation model that updates the belief.
+        out: folder of the trainings; finished ones are read from it.
+        recipes: settings, each for another state.
+        targets: labels of the shapes to train for; all by default.
+        seeds: number of trainings of each policy.
+        jobs: number of processes.
+
+    Raises:
+        BadArgument: Two recipes have the same state.
+        UnknownName: There is no such target.
+        OtherTraining: The folder holds trainings with other settings.
+    """
+    from experiments.ppo.training import Training
+
+    recipes = list(recipes)
+    by_state = {recipe.state: recipe for recipe in recipes}
+    if len(by_state) < len(recipes):
+        raise BadArgument("--recipes must be one recipe a state")
+    each = list(dict.fromkeys(targets)) or list(bank.shape_labels)
+    require_targets(each, bank.shape_labels)
+    trainings = [
+        Training(
+            bank, test_bank, model, target, recipe, seed, out / f"{state}-{in_file_name(target or ALL, '-')}-{seed}"
+        )
+        for state, recipe in by_state.items()
+        for target in ([None] if state == GOAL else each)
+        for seed in range(seeds)
+    ]
+    tasks = [partial(_run, index, training) for index, training in enumerate(trainings)]
+    finished = dict(run_tasks(tasks, jobs, "training policies"))
+    groups: dict[tuple[str, str], list[int]] = {}
+    for index, training in enumerate(trainings):
+        groups.setdefault((training.recipe.state, training.target or ALL), []).append(index)
+    best = {key: max(group, key=lambda index: trainings[index].score().mean_return) for key, group in groups.items()}
+    return TrainedPolicies(
+        {key: trainings[index].policy() for key, index in best.items()},
+        {key: [finished[index] for index in group] for key, group in groups.items()},
+        {key: trainings[index].seed for key, index in best.items()},
+    )
+
+
+def require_targets(targets: Iterable[str], shape_labels: Sequence[str]) -> None:
+    """Raise UnknownName for a target that is no shape."""
+    for target in targets:
+        if target not in shape_labels:
+            raise UnknownName("target", target, list(shape_labels))
 
 
 def _run(index: int, training: Training) -> tuple[int, list[Score]]:

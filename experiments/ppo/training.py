@@ -1,21 +1,20 @@
-"""Training of one policy on a touch bank with Stable-Baselines3, which continues after an interruption.
+"""Training of one policy on a touch bank with Stable-Baselines3.
 
-    FOLDER/state.safetensors  state to continue from, settings and learning curve: see :mod:`experiments.ppo.state`
     FOLDER/policy.safetensors the finished policy, for :mod:`planners.ppo`
-    FOLDER/learner.zip        the finished learner as SB3 saves it; ``PPO.load`` unpickles it
+    FOLDER/training.json      its settings and learning curve
 
-An interrupted training ends with the same policy and learning curve as an uninterrupted one. Continuing runs no code
-from a file.
+A finished training is read from its folder; an interrupted one starts again.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,18 +23,17 @@ from activetouch.envs.batched_episodes import BankEpisodes
 from activetouch.envs.priors import TargetProb
 from activetouch.envs.touch_bank import TouchBank
 from activetouch.errors import TrainingDiverged
-from activetouch.perception.sealed_tensors import read_tensors
-from belief.errors import ActiveTouchError, CorruptFile, MissingPackage
-from belief.files import array_digest, atomic_path
-from belief.observation_model import ArrayModel
+from belief.errors import ActiveTouchError, CorruptFile
+from belief.files import array_digest, atomic_path, require_regular_file, sealed_json, unsealed_json, write_text
+from belief.observation_model.model import ArrayModel
 from belief.policy_state import WITH_GAINS
 from experiments.ppo.recipe import PPORecipe
-from planners.ppo import BadPolicy, Policy, PolicyCard
+from planners.ppo import Policy, PolicyCard
 
 if TYPE_CHECKING:
     from stable_baselines3 import PPO
 
-STATE, LEARNER, POLICY = "state.safetensors", "learner.zip", "policy.safetensors"
+POLICY, SETTINGS = "policy.safetensors", "training.json"
 _EVALUATIONS = 12  # per training
 _EPISODES = 2000  # per evaluation
 _WEIGHED_EPISODES = 500  # the same where every touch is weighed by a joint model
@@ -92,64 +90,52 @@ class Training:
         """Finish the training and return the learning curve on the test bank.
 
         Raises:
-            OtherTraining: the folder holds a training with other settings.
-            CorruptFile: the folder's state is damaged.
-            TrainingDiverged: outputs of the policy are not finite.
+            OtherTraining: The folder holds a training with other settings.
+            CorruptFile: A file of the folder is damaged.
+            TrainingDiverged: Outputs of the policy are not finite.
         """
-        from experiments.ppo.state import global_chance_kept
-
-        steps, curve = self._progress()
-        if not ((self.folder / POLICY).is_file() and steps >= self.recipe.steps):
-            with global_chance_kept():
-                self._train(steps, curve)
+        curve = self._finished()
+        if curve is None:
+            with _global_generators_kept():
+                curve = self._train()
+            write_text(self.folder / SETTINGS, sealed_json({"settings": self._settings(), "curve": curve}) + "\n")
         return curve
 
-    def _train(self, done: int, curve: list[Score]) -> None:
-        """Continue from the state in the folder, and append to the curve."""
-        from experiments.ppo.state import restore_state, write_state
+    def _train(self) -> list[Score]:
+        learner, every = self._learner(), self.recipe.steps / _EVALUATIONS
+        curve: list[Score] = []
 
-        learner = self._learner()
-        if curve:
-            restore_state(self.folder / STATE, learner)
-        every = self.recipe.steps / _EVALUATIONS
+        def evaluate_now(steps: int) -> None:
+            if not curve or steps > curve[-1].steps:
+                tests = self._episodes(self.test_bank, self._evaluated, self.recipe.test_prob)
+                curve.append(evaluate(policy_of(learner, self.card), tests, steps))
 
         def report(steps: int) -> None:
-            if not curve or (steps > curve[-1].steps and steps >= len(curve) * every):
-                policy, number = policy_of(learner, self.card), self._evaluated
-                curve.append(evaluate(policy, self._episodes(self.test_bank, number, self.recipe.test_prob), steps))
-                write_state(self.folder / STATE, learner, {"settings": self._settings(), "curve": curve})
+            if steps >= len(curve) * every:
+                evaluate_now(steps)
 
         try:
-            learner.learn(
-                self.recipe.steps - done,
-                _callback(report),
-                reset_num_timesteps=False,
-                tb_log_name=self.target or self.recipe.state,
-            )
+            learner.learn(self.recipe.steps, _callback(report), tb_log_name=self.target or self.recipe.state)
         except ValueError as error:
             if not str(error).startswith("Expected parameter logits"):  # of torch, where they are not finite
                 raise
             raise TrainingDiverged(
-                f"{self.folder}: after {learner.num_timesteps} steps the policy's outputs are not finite. Train with a "
-                "lower --change.learning-rate and another --out"
+                f"{self.folder}: after {learner.num_timesteps} steps the policy's outputs are not finite. Train with "
+                "another seed or recipe, into another folder"
             ) from error
-        every = 0.0  # so that the last point is on the curve
-        report(learner.num_timesteps)
-        with atomic_path(self.folder / LEARNER) as temporary:
-            learner.save(temporary)
+        evaluate_now(learner.num_timesteps)
         with atomic_path(self.folder / POLICY) as temporary:
             temporary.write_bytes(policy_of(learner, self.card).to_bytes())
+        return curve
+
+    def policy(self) -> Policy:
+        """The finished policy."""
+        return Policy.from_bytes((self.folder / POLICY).read_bytes())
 
     def score(self) -> Score:
         """Score of the finished policy on the objects and priors of its training, to choose among seeds."""
-        path = self.folder / POLICY
-        try:
-            policy = Policy.from_bytes(path.read_bytes())
-        except BadPolicy as error:
-            raise CorruptFile(f"{path}: {error}; delete {self.folder} and start again") from error
-        return evaluate(
-            policy, self._episodes(self.bank, 2 * self._evaluated, self.recipe.target_prob), self.recipe.steps
-        )
+        episodes = self._episodes(self.bank, 2 * self._evaluated, self.recipe.target_prob)
+        return evaluate(self.policy(), episodes, self.recipe.steps)
 
     @property
     def _evaluated(self) -> int:
@@ -162,13 +148,14 @@ class Training:
 
     def _learner(self) -> PPO:
         """A new learner."""
+        from stable_baselines3 import PPO
         from stable_baselines3.common.logger import Logger
 
         from activetouch.envs.sb3 import BankVecEnv
 
         recipe = self.recipe
         episodes = self._episodes(self.bank, recipe.num_envs, recipe.target_prob, recipe.beta, recipe.discount)
-        learner = _learner_class(recipe.masked)(
+        learner = PPO(
             "MlpPolicy",
             BankVecEnv(episodes, seed=[self.seed, 0]),
             n_steps=recipe.rollout,
@@ -187,27 +174,25 @@ class Training:
             learner.set_logger(Logger(folder=None, output_formats=[]))  # SB3's default makes a temporary folder
         return learner
 
-    def _progress(self) -> tuple[int, list[Score]]:
-        """Finished steps and learning curve in the folder."""
-        path = self.folder / STATE
+    def _finished(self) -> list[Score] | None:
+        """The learning curve of the finished training in the folder; None if there is none."""
+        path, now = self.folder / SETTINGS, self._settings()
         if not path.is_file():
-            return 0, []
+            return None
         try:
-            _, fields = read_tensors(path)
+            fields = unsealed_json(require_regular_file(path).read_text(encoding="utf-8"))
             settings, curve = fields["settings"], [Score(*point) for point in fields["curve"]]
-            steps = int(fields["progress"]["steps"])
-        except CorruptFile as error:
-            raise CorruptFile(f"{error}; delete {self.folder} and start again") from error
-        except (KeyError, TypeError) as error:
-            raise OtherTraining(f"{path} is the state of no PPO training; name another --out") from error
-        now = self._settings()
+            policy = self.policy()
+        except (CorruptFile, OSError, ValueError, KeyError, TypeError) as error:
+            raise CorruptFile(f"{self.folder}: {error}; delete this folder and start again") from error
         if settings != now:
             other = [name for name in {**settings, **now} if settings.get(name) != now.get(name)]
             raise OtherTraining(
                 f"{self.folder} holds a training with other settings ({', '.join(other)}): {settings}; name another "
                 "--out"
             )
-        return steps, curve
+        assert policy.card == self.card, "which follows from the settings"
+        return curve
 
     def _settings(self) -> dict[str, Any]:
         """Everything that policy and curve depend on, as JSON types."""
@@ -258,7 +243,7 @@ def policy_of(learner: PPO, card: PolicyCard) -> Policy:
     """Convert the policy network of a Stable-Baselines3 learner to numpy.
 
     Args:
-        learner: a PPO or MaskablePPO with an ``MlpPolicy`` of tanh units.
+        learner: a PPO with an ``MlpPolicy`` of tanh units.
         card: card of the policy.
     """
     from torch import nn
@@ -270,18 +255,6 @@ def policy_of(learner: PPO, card: PolicyCard) -> Policy:
         for name in ("weight", "bias")
     ]
     return Policy(card, *arrays)
-
-
-def _learner_class(masked: bool) -> type[PPO]:
-    if not masked:
-        from stable_baselines3 import PPO
-
-        return PPO
-    try:
-        from sb3_contrib import MaskablePPO
-    except ImportError as error:
-        raise MissingPackage("masked recipes need sb3-contrib: pip install activetouch[contrib]") from error
-    return cast("type[PPO]", MaskablePPO)  # not a subclass, but with the same interface
 
 
 def _callback(report: Callable[[int], None]) -> Any:
@@ -296,6 +269,19 @@ def _callback(report: Callable[[int], None]) -> Any:
             return True
 
     return Report()
+
+
+@contextmanager
+def _global_generators_kept() -> Iterator[None]:
+    """Restore the global generators, which Stable-Baselines3 seeds and draws from, afterwards."""
+    import torch
+
+    before = np.random.get_state()  # noqa: NPY002
+    try:
+        with torch.random.fork_rng(devices=[]):
+            yield
+    finally:
+        np.random.set_state(before)  # noqa: NPY002
 
 
 def _has_tensorboard() -> bool:

@@ -1,1 +1,1 @@
-"""``touch``, ``gallery``, ``record``, ``view``, ``explain``: single presses."""
+"""``touch`` and ``explain``: single presses, and what a scene models."""

@@ -122,7 +122,7 @@ class _Compared:
     Attributes:
         label: of the shape.
         reach: of its touches.
-        told: distances, where the search also starts at the true orientation.
+        informed: distances, where the search also starts at the true orientation.
         nearest: distances from the nearest images in the bank.
         found: presses of this shape that look most like all touches, by touched shape.
         frames: rotations from the frame of this shape to that of the touched one.
@@ -130,7 +130,7 @@ class _Compared:
 
     label: str
     reach: tuple[float, float]
-    told: dict[tuple[str, int], Floats] = field(default_factory=dict)
+    informed: dict[tuple[str, int], Floats] = field(default_factory=dict)
     nearest: dict[tuple[str, int], Floats] = field(default_factory=dict)
     found: dict[str, Floats] = field(default_factory=dict)
     frames: dict[str, Floats] = field(default_factory=dict)
@@ -198,7 +198,7 @@ class _Study:
         truth, least = self.truth[touched][:, : 5 + 3 * num_touches], total.min(axis=1)
         part.nearest[touched, num_touches] = np.sqrt(least)
         if touched == part.label:
-            part.told[touched, num_touches] = np.zeros(len(truth))
+            part.informed[touched, num_touches] = np.zeros(len(truth))
             return
         better, is_all = partial(self._better, part.label, touched), num_touches == len(self.poses)
         starts = [truth]
@@ -219,8 +219,8 @@ class _Study:
             if (
                 is_all and np.isfinite(cost).any()
             ):  # the frames of the shapes lie to each other as where these look most alike
-                some = np.where(np.argsort(np.argsort(cost)) < _ALIGNED, cost, np.inf)
-                found, refined = better(found, some, found, 4 * _STEPS)
+                nearest = np.where(np.argsort(np.argsort(cost)) < _ALIGNED, cost, np.inf)
+                found, refined = better(found, nearest, found, 4 * _STEPS)
                 best, cost = int(np.argmin(refined)), np.minimum(cost, refined)
                 part.frames[touched] = np.array(hamilton_product(truth[best, :4] * (1, -1, -1, -1), found[best, :4]))
             if touched in part.frames:
@@ -230,7 +230,7 @@ class _Study:
         cost = np.minimum(cost, polished)
         if is_all:
             part.found[touched] = found
-        part.told[touched, num_touches] = np.sqrt(np.minimum(cost, least))
+        part.informed[touched, num_touches] = np.sqrt(np.minimum(cost, least))
 
     def _better(
         self, label: str, touched: str, presses: Floats, cost: Floats, start: Floats, steps: int = _STEPS
@@ -266,15 +266,15 @@ class _Study:
         ways = ((one.label, other), (other.label, one))  # the touched shape, and what was compared with it
 
         def errors(num_touches: int) -> tuple[float, tuple[float, float], float]:
-            told = [_confused(part.told[label, num_touches]) for label, part in ways]
-            least = min(told, key=np.mean)  # a reader that takes doubtful touches for the other shape
+            informed = [_confused(part.informed[label, num_touches]) for label, part in ways]
+            least = min(informed, key=np.mean)  # a reader that takes doubtful touches for the other shape
             own = [part.nearest[part.label, num_touches] for part in (one, other)]
             wrong = [part.nearest[label, num_touches] < o for (label, part), o in zip(ways, own, strict=True)]
             error = float(least.mean())
             return error, _interval(least), min(max(float(np.mean(wrong)), error), 0.5)
 
         num = len(self.poses)
-        shown = max(float((_confused(part.told[label, num]) < SHOWN).mean()) for label, part in ways)
+        shown = max(float((_confused(part.informed[label, num]) < SHOWN).mean()) for label, part in ways)
         return Likeness((one.label, other.label), *errors(1), *errors(num), shown)
 
     def _shown_from_26(self, part: _Compared, touched: str) -> float:

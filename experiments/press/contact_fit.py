@@ -149,7 +149,7 @@ class ContactFit:
         chunk = max(1, _CHUNK // len(poses) ** 2)
         if len(images) > chunk:
             rows = np.array_split(np.arange(len(images)), -(-len(images) // chunk))
-            parts = [self.fit(body, images[some], start[some], poses, num_steps) for some in rows]
+            parts = [self.fit(body, images[part], start[part], poses, num_steps) for part in rows]
             return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
         best, damping = start, np.full(len(images), 1e-2)
         residual, slopes = self._linearised(body, images, start, poses)

@@ -11,12 +11,12 @@ from activetouch.pressing.trace import Trace, join
 from activetouch.scene import Scene, WorldObject
 
 
-def record_cycles(scene: Scene, thing: WorldObject, num_cycles: int, rng: np.random.Generator) -> list[Trace]:
+def record_cycles(scene: Scene, pressed: WorldObject, num_cycles: int, rng: np.random.Generator) -> list[Trace]:
     """Press an object repeatedly, with a rotation to a new random orientation after each press.
 
     Args:
         scene: its presses must simulate rotations, as guarded moves do.
-        thing: the object.
+        pressed: the object.
         num_cycles: number of presses.
         rng: of offsets, thresholds and rotations.
 
@@ -28,7 +28,7 @@ def record_cycles(scene: Scene, thing: WorldObject, num_cycles: int, rng: np.ran
         UnstablePress: the simulation diverged.
     """
     scene = replace(scene, press_model=scene.press_model.with_trace())
-    placement = scene.place(thing, 0, rng)
+    placement = scene.place(pressed, 0, rng)
     cycles = []
     for _ in range(num_cycles):
         contact = scene.contact(placement, rng)

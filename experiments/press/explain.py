@@ -1,38 +1,115 @@
-"""``activetouch explain``: parts of a scene, and lower bounds on the touches that its sensor needs."""
+"""``activetouch explain``: what a scene models, what that costs, and which of its shapes feel alike."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from itertools import combinations
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import tyro
+from numpy.typing import NDArray
 from rich.progress import track
 
-from activetouch.errors import LabelMismatch, MissingRobot, NoIndependentModel, WrongScene
+from activetouch.errors import LabelMismatch, NoIndependentModel, WrongScene
 from activetouch.named_scenes import NamedScene
+from activetouch.pressing.contact import surface_gap
 from activetouch.scene import Scene
-from activetouch.sensor_files import READER_FILE, load_observation_model, reader_file, sensor_shift
-from belief import Composition
-from belief.observation_model import OutcomeTable
+from activetouch.sensor import TactileSensor
+from activetouch.sensor_files import READER_FILE, reader_file, sensor_shift
+from belief.observation_model.rigid_body import joint_model
 from experiments.command_line.arguments import Count, Jobs, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs
-from experiments.press.alike import alike as compare_shapes
-from experiments.press.belief_table import belief_table
-from experiments.press.felt_tables import alike_table, felt_table
-from experiments.press.inventory import InventoryItem, inventory, leaner, richer
-from experiments.press.step_counter import Cost, press_cost
+from experiments.press.alike import SHOWN, Alike, Likeness, alike
+from experiments.press.inventory import Item, inventory, latent, leaner, richer
+from experiments.press.press_cost import Cost, press_cost
 from experiments.reporting.tables import Table
 from experiments.scene_choice import SceneChoice
+from experiments.sensor.belief_cost import belief_cost
 from experiments.sensor_choice import sensor_folder
-from planners.bounds.touch_count import touch_count_bounds
 
-_HARDEST = 6  # pairs of shapes to show
-_SECONDS = (1.0, 0.25)  # that comparing takes for each shape and for each pair, about
+_PRESSES = 50  # of each shape, to see where the layer bottoms out
+_FEW = 0.05  # share of presses that may bottom out
+_FEWEST_PAIRS, _MOST_PAIRS = 3, 12
+_WIDE = 0.95  # share of the surface below which an aim is offered
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """What a scene models, and what that costs; it prints as tables and sentences.
+
+    Attributes:
+        name: of the scene.
+        items: the parts of the model.
+        costs: of the next simpler scene, this scene and the next richer one, by what they are.
+        remarks: sentences about the belief, and about presses that show less than they could.
+        alike: how alike the shapes feel; None where they were not compared.
+    """
+
+    name: str
+    items: Sequence[Item]
+    costs: Mapping[str, Cost]
+    remarks: Sequence[str]
+    alike: Alike | None = None
+
+    def tables(self) -> list[Table]:
+        """What the scene models, what a press costs, and which shapes feel alike if they were compared."""
+        rows = [(item.number, item.part, item.why) for item in self.items]
+        columns = [("number", "d"), ("part", ""), ("what", "")]
+        what = Table(f"what the scene '{self.name}' models", columns, rows)
+        return [what, self._cost_table(), *([] if self.alike is None else [alike_table(self.alike)])]
+
+    def _cost_table(self) -> Table:
+        rows = [
+            (what, 1e3 * cost.press, 1e3 * cost.image, cost.memory, ", ".join(cost.imports) or "none")
+            for what, cost in self.costs.items()
+        ]
+        columns = ["scene", ("ms/press", ".2f"), ("ms/image", ".2f"), ("MB", ".0f"), ("large imports", "")]
+        return Table("what a press costs on one core", columns, rows)
+
+    def __str__(self) -> str:
+        return "\n\n".join([*(table.markdown() for table in self.tables()), *self.remarks])
+
+
+def explain(
+    named: NamedScene,
+    *,
+    name: str = "scene",
+    presses: int = 60,
+    compare: bool = True,
+    jobs: int = 1,
+    sensor: Path | None = None,
+) -> Explanation:
+    """What a scene models, and what that costs beside the next simpler and the next richer scene.
+
+    Args:
+        named: the scene, and its search.
+        name: of the scene.
+        presses: number of presses to measure in each scene.
+        compare: whether to compare all pairs of shapes, which takes about a quarter of a second for a pair.
+        jobs: number of processes that compare shapes.
+        sensor: folder of a sensor, whose belief is measured if it fits the scene; None for none.
+    """
+    scene = named.scene
+    remarks = [_belief_words(scene, sensor if sensor is not None and _fits(sensor, scene) else None)]
+    likeness = None
+    if scene.families:
+        remarks.append(f"Shapes are not compared: the proportions of {', '.join(scene.families)} vary.")
+    elif compare and len(scene.shapes) > 1:
+        likeness = alike(scene, jobs=jobs)
+    variants = [("leaner", leaner(scene)), ("", ("this scene", scene)), ("richer", richer(scene))]
+    costs = {}
+    for relation, variant in track(variants, "measuring", transient=True):
+        if variant is not None:
+            what = f"{relation}: {variant[0]}" if relation else variant[0]
+            costs[what] = press_cost(variant[1], presses)
+    remarks += _bottoming_words(scene, np.random.default_rng(0))
+    if likeness and (partly := [label for label, (ever, _) in likeness.reach.items() if ever < _WIDE]):
+        remarks.append(f"No touch meets all of {', '.join(partly)}: aim beside the axis (activetouch.poses.aimed).")
+    return Explanation(name, inventory(named), costs, remarks, likeness)
 
 
 @dataclass(frozen=True)
@@ -41,13 +118,13 @@ class Explain:
 
     Also shows what the belief about an object holds hidden (orientation and size, if touches share them), and its
     memory and time beside the leaner model that takes touches as independent. Says which shapes feel alike to the pad,
-    where touches land, and at which force the pad's layer bottoms out.
+    and where touches show less than they could.
 
     For example:
 
         activetouch explain
-        activetouch explain --scene paper --robot panda_allegro
-        activetouch explain --meshes mug.obj bowl.stl --mesh-scale 0.001
+        activetouch explain --scene paper
+        activetouch explain --meshes mug.obj@0.001 bowl.stl
     """
 
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
@@ -55,43 +132,110 @@ class Explain:
     presses: Count = 60
     """Number of presses to measure in each scene."""
     alike: bool = True
-    """Compare all pairs of shapes."""
+    """Compare all pairs of shapes; a second for each shape and a quarter for each pair."""
     jobs: Jobs = field(default_factory=default_jobs)
     """Number of processes that compare shapes."""
 
     def run(self) -> None:
-        """Print the tables; the lower bounds only for solids, if a sensor of the package fits the scene."""
+        """Measure and print; the belief only if a sensor of the package fits the scene."""
         check_arguments(self)
-        named, console = self.choice.named, plain_console()
-        console.print(_what_table(self.choice.scene, [*inventory(named.scene), *hidden_variables(named)]).rich())
-        likeness = None
-        if named.scene.families:
-            console.print(f"shapes are not compared: the proportions of {', '.join(named.scene.families)} vary")
-        elif self.alike and len(named.scene.shapes) > 1:
-            shapes = len(named.scene.shapes)
-            seconds = (_SECONDS[0] * shapes + _SECONDS[1] * shapes * (shapes - 1) / 2) / self.jobs
-            console.print(f"comparing {shapes} shapes takes about {seconds:.0f} s; --no-alike leaves it out")
-            likeness = compare_shapes(named.scene, jobs=self.jobs)
-            console.print(alike_table(self.choice.scene, likeness).rich())
-        console.print(felt_table(self.choice.scene, named.scene, likeness).rich())
-        folder, scene = sensor_folder(None, self.choice.scene), named.scene
-        shipped = folder if folder.exists() and _fits(folder, scene) else None
-        if shipped is not None and not scene.families:  # it knows the nominal solids
-            with suppress(NoIndependentModel):
-                model = load_observation_model(shipped, independent=True)
-                console.print(limits_table(model.outcome_table(), model.shape_labels).rich())
-        console.print(belief_table(self.choice.scene, scene, shipped).rich())
-        variants = [("", "this scene", scene)]
-        for position, found, relation in ((0, leaner(scene), "leaner"), (2, richer(scene), "richer")):
-            if found is not None:
-                variants.insert(position, (relation, *found))
-        rows = []
-        for relation, change, variant in track(variants, "measuring", console=console, transient=True):
-            try:
-                rows.append((relation, change, press_cost(variant, self.presses)))
-            except MissingRobot:
-                console.print(f"not measured: {change} (no Menagerie checkout; set MENAGERIE_ROOT)")
-        console.print(_cost_table(rows).rich())
+        folder, name = sensor_folder(None, self.choice.scene), self.choice.scene
+        shipped = folder if folder.exists() else None
+        found = explain(
+            self.choice.named, name=name, presses=self.presses, compare=self.alike, jobs=self.jobs, sensor=shipped
+        )
+        console = plain_console()
+        for table in found.tables():
+            console.print(table.rich())
+        for remark in found.remarks:
+            console.print(f"- {remark}")
+
+
+def alike_table(found: Alike) -> Table:
+    """The pairs of shapes that feel most alike: all that are confused at times, and three at least."""
+    confused = {pair: max(pair.one_compared, pair.all_compared) > SHOWN for pair in found.pairs}
+    pairs = sorted(found.pairs, key=lambda pair: not confused[pair])
+    rows = [
+        (
+            *pair.shapes,
+            (pair.one_interval[0], max(pair.one_interval[1], pair.one_compared)),
+            (pair.all_interval[0], max(pair.all_interval[1], pair.all_compared)),
+            pair.shown,
+            pair.shown_from_26,
+        )
+        for pair in pairs[: min(max(sum(confused.values()), _FEWEST_PAIRS), _MOST_PAIRS)]
+    ]
+    hard = [pair for pair in found.pairs if pair.all_interval[1] >= 0.5 - SHOWN]
+    same, hard = ([pair for pair in hard if (pair.all_interval[0] == 0.5) == is_same] for is_same in (True, False))
+    columns = ["shape", ("other shape", ""), ("one touch", ".2f"), (f"{found.num_touches} touches", ".2f")]
+    return Table(
+        "shapes that feel most alike: error of distinguishing two (0.5 is chance)",
+        [*columns, ("objects that show it", ".0%"), ("from 26 directions", ".0%")],
+        rows,
+        "Estimated by simulated contacts (see activetouch.alike). "
+        + (f"The same body: {_names(same)}. " if same else "")
+        + f"Hardly distinguished: {_names(hard) or 'none'}"
+        + ("; try --poses directions26, or aim beside the axis (activetouch.poses.aimed)." if hard else "."),
+    )
+
+
+def _names(pairs: list[Likeness]) -> str:
+    return ", ".join(" and ".join(pair.shapes) for pair in pairs)
+
+
+def bearing_forces(scene: Scene, shape: str, num_presses: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    """The forces that the pad's layer carries before it bottoms out under a shape, in random presses ``(n,)`` [N].
+
+    Args:
+        scene: sizes, offsets, orientations, stiffness and poses.
+        shape: its label.
+        num_presses: how many; those that miss are left out.
+        rng: generator for objects and presses.
+    """
+    pad, forces = scene.pad, []
+    for number in range(num_presses):
+        placement = scene.place(scene.sample_object(shape, rng), number % len(scene.poses), rng)
+        most = np.maximum(pad.max_depth - surface_gap(pad, placement), 0.0).sum()
+        forces.append(most * pad.stiffness * placement.stiffness * pad.taxel_area)
+    return np.array([force for force in forces if force > 0.0])
+
+
+def _bottoming_words(scene: Scene, rng: np.random.Generator) -> list[str]:
+    """How often the layer bottoms out, and the forces at which it rarely does; nothing where it rarely does."""
+    shares, ratios = {}, [np.empty(0)]
+    for label in scene.shape_labels:
+        carried = bearing_forces(scene, label, _PRESSES, rng)
+        given = np.array([scene.variation.force.sample(rng) for _ in carried])
+        if (share := float((carried <= given).mean()) if len(given) else 0.0) > _FEW:
+            shares[label] = f"{share:.0%} of {label}"
+        ratios.append(carried[given > 0.0] / given[given > 0.0])
+    together, (low, high) = np.concatenate(ratios), scene.variation.force.support
+    if not shares or (factor := float(np.quantile(together, _FEW))) >= 1.0:
+        return []
+    forces = f"{low * factor:.2g}, {high * factor:.2g}"
+    return [
+        f"The pad's layer bottoms out in presses with {low:g} to {high:g} N: {', '.join(shares.values())}. With "
+        f"force=Uniform({forces}) in the scene's variation it does in {_FEW:.0%}."
+    ]
+
+
+def _belief_words(scene: Scene, folder: Path | None) -> str:
+    """What the belief about one object holds, and what it costs with a sensor in a folder."""
+    hidden = latent(scene)
+    words = f"The belief about an object holds its shape, {', '.join(hidden)}"
+    if not hidden:
+        words = "The belief about an object holds its shape; each touch has its own orientation"
+    sensor = None if folder is None else TactileSensor.load(folder, scene, anyway=True)
+    model = None if sensor is None else joint_model(sensor.model)
+    if sensor is None or folder is None or model is None:
+        return f"{words}. No shipped sensor with a joint model was fitted to these objects."
+    width = sensor.reader.card.embedding
+    costs = [belief_cost(sensor.model, width)]
+    with suppress(NoIndependentModel):
+        costs.append(belief_cost(TactileSensor.load(folder, scene, anyway=True, independent=True).model, width))
+    measured = [f"{cost.memory:.1f} MB and {cost.update:.2f} ms a touch" for cost in costs]
+    plain = f"; {measured[1]} where touches count as independent" if len(measured) > 1 else ""
+    return f"{words}: {model.num_hypotheses} hypotheses for each shape, {measured[0]}{plain}."
 
 
 def _fits(sensor: Path, scene: Scene) -> bool:
@@ -103,72 +247,3 @@ def _fits(sensor: Path, scene: Scene) -> bool:
     except (LabelMismatch, WrongScene):
         return False
     return True
-
-
-def hidden_variables(named: NamedScene) -> list[InventoryItem]:
-    """The hidden variables of the belief about the scene."""
-    shapes, objects = len(named.scene.shapes), named.num_objects
-    if named.composition is Composition.DISTINCT:
-        return [
-            InventoryItem(
-                objects * shapes, "hidden probabilities", "shape of every object, coupled because no two are alike"
-            ),
-            InventoryItem(
-                objects,
-                "objects",
-                f"their coupling is summed exactly over {2**shapes} subsets of shapes, not {shapes}! orders",
-            ),
-        ]
-    return [
-        InventoryItem(shapes, "hidden probabilities", "shape of the current object; the others are independent of it"),
-        InventoryItem(objects, "objects", "any mixture of shapes"),
-    ]
-
-
-def limits_table(table: OutcomeTable, shape_labels: Sequence[str], error: float = 0.01) -> Table:
-    """The pairs of shapes that are hardest to distinguish, and lower bounds on the touches that this takes."""
-    limits = touch_count_bounds(table, error)
-    pairs = sorted(combinations(range(table.num_shapes), 2), key=lambda pair: limits.chernoff[pair])[:_HARDEST]
-    rows = [
-        (
-            *(shape_labels[one], shape_labels[other]),
-            *(limits.least_touches[pair] for pair in ((one, other), (other, one))),
-            limits.chernoff[one, other],
-        )
-        for one, other in pairs
-    ]
-    alike = [f"{shape_labels[one]} and {shape_labels[other]}" for one, other in limits.indistinguishable]
-    return Table(
-        f"lower bounds on the touches that distinguish two shapes with {error:.0%} error",
-        [
-            "true shape",
-            ("other shape", ""),
-            ("touches", ".1f"),
-            ("with shapes exchanged", ".1f"),
-            ("Chernoff, nats", ".2f"),
-        ],
-        rows,
-        "Mean over searches, for any decider: Wald's bound for independent touches in the best pose. Pairs that no "
-        f"pose distinguishes: {', '.join(alike) or 'none'}.",
-    )
-
-
-def _what_table(name: str, entries: list[InventoryItem]) -> Table:
-    rows = [(entry.number, entry.part, entry.why) for entry in entries]
-    return Table(f"what the scene '{name}' models", [("number", "d"), ("part", ""), ("why", "")], rows)
-
-
-def _cost_table(rows: list[tuple[str, str, Cost]]) -> Table:
-    loaded = [f"{relation or 'this'}: {', '.join(cost.imports) or 'none'}" for relation, _, cost in rows]
-    return Table(
-        "what a press costs on one core",
-        ["scene", ("µs/step", ".1f"), ("steps", ".0f"), ("ms/press", ".2f"), ("ms/image", ".2f"), ("MB", ".0f")],
-        [
-            (
-                *(f"{relation}: {change}" if relation else change, 1e6 * cost.step if cost.num_steps else None),
-                *(cost.num_steps, 1e3 * cost.press, 1e3 * cost.image, cost.memory),
-            )
-            for relation, change, cost in rows
-        ],
-        f"Heavy imports: {'; '.join(loaded)}.",
-    )

@@ -1,25 +1,23 @@
-"""The parts that a scene models, counted in the compiled model, and their purpose."""
+"""The parts that a scene models, counted in the compiled model, and scenes with one part less or more."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from activetouch.pressing.deformable import Deformable
+from activetouch.named_scenes import NamedScene
+from activetouch.orientations import Resampled, Upright
 from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.press import Quasistatic
-from activetouch.pressing.robot import ROBOTS
 from activetouch.scene import Scene
-from activetouch.shapes import Family
+from belief.composition import Composition
 
 if TYPE_CHECKING:
     import mujoco
 
 
 @dataclass(frozen=True)
-class InventoryItem:
+class Item:
     """A kind of part of a scene: its number, its name and its purpose."""
 
     number: int
@@ -27,92 +25,69 @@ class InventoryItem:
     why: str
 
 
-def inventory(scene: Scene) -> list[InventoryItem]:
-    """The parts in the model of one press of the scene."""
-    pad, faults = scene.pad, [type(fault).__name__ for fault in scene.faults]
+def inventory(named: NamedScene) -> list[Item]:
+    """The parts in the model of one press of a scene, and the hidden variables of the belief about a search."""
+    scene, pad = named.scene, named.scene.pad
     spacing = 1e3 * 2 * pad.half_width / pad.num_taxels
-    entries = [
-        InventoryItem(len(scene.shapes), "shapes", "what an object can be: " + ", ".join(scene.shape_labels)),
-        InventoryItem(len(scene.poses), "poses", "sides of an object that can be turned to the pad"),
-        InventoryItem(pad.num_taxels**2, "points of the pad", f"one ray each, {spacing:.2f} mm apart"),
-        InventoryItem(len(scene.faults), "faults", "of the sensor: " + ", ".join(faults)),
+    families = [
+        "{} ({})".format(label, ", ".join("{} {:g} to {:g}".format(name, *d.support) for name, d in family.parameters))
+        for label, family in scene.families.items()
     ]
-    if families := scene.families:
-        why = "shapes whose proportions differ from object to object: "
-        entries.append(
-            InventoryItem(
-                len(families), "families", why + ", ".join(map(_ranges, *zip(*families.items(), strict=True)))
-            )
-        )
-    entries.append(InventoryItem(len(scene.shapes), "surfaces", _surfaces(scene)))
+    items = [
+        Item(len(scene.shapes), "shapes", ", ".join(scene.shape_labels)),
+        Item(len(families), "families", f"whose proportions differ by object: {', '.join(families)}"),
+        Item(len(scene.poses), "poses", "sides of an object to turn to the pad"),
+        Item(pad.num_taxels**2, "points of the pad", f"one ray each, {spacing:.2f} mm apart"),
+        Item(len(scene.faults), "faults of the sensor", ", ".join(type(fault).__name__ for fault in scene.faults)),
+    ]
     model = scene.press_model.compiled(scene.setup, next(iter(scene.solids.values())))
     if model is not None:
-        entries += _soft_bodies(model) if model.nflex else _rigid_bodies(model)
-    return [entry for entry in entries if entry.number]
+        items += [*_surfaces(scene), *_rigid_bodies(model)]
+    coupled = named.composition is Composition.DISTINCT
+    number = len(scene.shapes) * (named.num_objects if coupled else 1)
+    of = f"of {named.num_objects} objects, no two alike" if coupled else "of the current object; others are independent"
+    return [item for item in (*items, Item(number, "hidden probabilities", f"shape {of}")) if item.number]
 
 
-def _ranges(label: str, family: Family) -> str:
-    """A family and the ranges of its parameters."""
-    ranges = ("{} {:g} to {:g}".format(name, *given.support) for name, given in family.parameters)
-    return f"{label} ({', '.join(ranges)})"
+def latent(scene: Scene) -> list[str]:
+    """What all touches of an object share besides its shape, and a joint belief can infer.
+
+    >>> latent(Scene())
+    ['orientation', 'size']
+    """
+    if isinstance(scene.presentation, Resampled):
+        return []  # every touch has its own orientation
+    low, high = scene.variation.size.support
+    turned = ["heading", "tilt"] if isinstance(scene.presentation, Upright) else ["orientation"]
+    of_families = [f"{name} of {label}" for label, family in scene.families.items() for name, _ in family.parameters]
+    return turned + (["size"] if low < high else []) + of_families
 
 
-def _surfaces(scene: Scene) -> str:
-    """Which surface is shown, and which is pressed."""
-    shown = "the image shows the true surface"
-    if not scene.press_model.moves:
-        return f"{shown}, and it is what is pressed"
+def _surfaces(scene: Scene) -> list[Item]:
+    """Shapes of which something simpler is pressed than the image shows."""
     hollow = {kind: [k for k, v in scene.solids.items() if v.geom.presses == kind] for kind in ("surface", "hull")}
-    what = "the convex hull of what lies in front of the pad" + (
-        "" if scene.press_model.deforms else ", which has the same first touch"
-    )
-    parts = [f"of {', '.join(hollow['surface'])}, {what}"] if hollow["surface"] else []
-    parts += [f"of {', '.join(hollow['hull'])}, the convex hull, so force and image may disagree"] * bool(
-        hollow["hull"]
-    )
-    return f"{shown}, and it is what is pressed" + "".join(f"; {part}" for part in parts)
+    words = {
+        "surface": "pressed as the convex hull of what lies in front of the pad, with the same first touch: ",
+        "hull": "pressed as the convex hull, so force and image may disagree: ",
+    }
+    return [Item(len(found), "hollow shapes", words[kind] + ", ".join(found)) for kind, found in hollow.items()]
 
 
-def _rigid_bodies(model: mujoco.MjModel) -> list[InventoryItem]:
+def _rigid_bodies(model: mujoco.MjModel) -> list[Item]:
     names = [model.geom(index).name for index in range(model.ngeom)]
-    robot = np.array([name.startswith("robot_") for name in names])
-    meeting = int(np.count_nonzero(robot & ((model.geom_contype | model.geom_conaffinity) != 0)))
     return [
-        InventoryItem(
-            2, "moving bodies", "the guide, and on it the object, so that turning it does not turn the guide"
-        ),
-        InventoryItem(1, "slide joint", "the guide's, along x"),
-        InventoryItem(model.njnt - 1, "hinge joints", "of the robot"),
-        InventoryItem(1, "actuator", "the servo that moves the guide"),
-        InventoryItem(model.nu - 1, "servos", "that hold the robot"),
-        InventoryItem(model.npair, "contact pair", "pad and pressed object; nothing else can touch"),
-        InventoryItem(meeting, "parts in the way", "of the robot: what an object that misses the pad can bump into"),
-        InventoryItem(model.nsensor, "sensor", "force vector and contact point in every step"),
-        InventoryItem(
-            sum(name.startswith("finger") for name in names), "finger segments", "carry the pad, as in the paper"
-        ),
-        InventoryItem(
-            sum(name.startswith("parked") for name in names), "parked objects", "fixed to the world, no contact"
-        ),
-        InventoryItem(int(np.count_nonzero(robot)), "robot parts", "to be seen and bumped into; they stand still"),
-    ]
-
-
-def _soft_bodies(model: mujoco.MjModel) -> list[InventoryItem]:
-    return [
-        InventoryItem(model.nflexvert, "flex nodes", "of the soft pad, which deforms where it is touched"),
-        InventoryItem(model.nflexelem, "flex elements", "of the soft pad"),
-        InventoryItem(model.nv, "degrees of freedom", "of the nodes and the guide"),
+        Item(2, "moving bodies", "a guide, and on it the object"),
+        Item(1, "slide joint", "of the guide, with a servo"),
+        Item(model.npair, "contact pair", "pad and object; nothing else can touch"),
+        Item(model.nsensor, "sensor", "force vector and contact point in every step"),
+        Item(sum(name.startswith("finger") for name in names), "finger segments", "carry the pad, as in the paper"),
+        Item(sum(name.startswith("parked") for name in names), "parked objects", "fixed to the world, no contact"),
     ]
 
 
 def leaner(scene: Scene) -> tuple[str, Scene] | None:
     """The next simpler scene, and the difference; None for the simplest."""
     press = scene.press_model
-    if scene.robot is not None:
-        return "without the robot", replace(scene, robot=None)
-    if press.deforms:
-        return "a rigid pad, with the force law for its imprint", replace(scene, press_model=Dynamic())
     if scene.parking or scene.finger:
         return "without finger and parked objects", replace(scene, parking=False, finger=False)
     if press.traced:
@@ -123,8 +98,6 @@ def leaner(scene: Scene) -> tuple[str, Scene] | None:
 def richer(scene: Scene) -> tuple[str, Scene] | None:
     """The next richer scene, and the difference; None for the richest."""
     press = scene.press_model
-    if press.deforms:
-        return None
     if not press.moves:
         return "stepped motion", replace(scene, press_model=Dynamic())
     if not press.traced:
@@ -133,6 +106,4 @@ def richer(scene: Scene) -> tuple[str, Scene] | None:
         parks = not scene.families
         change = "the finger, and all objects loaded" if parks else "the finger"
         return change, replace(scene, parking=parks, finger=True)
-    if scene.robot is None:
-        return "a robot behind the pad", replace(scene, robot=ROBOTS["panda_allegro"])
-    return "a soft pad", replace(scene, press_model=Deformable(), robot=None)
+    return None

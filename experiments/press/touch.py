@@ -1,10 +1,11 @@
-"""The commands ``touch``, ``gallery``, ``record`` and ``view``, which show single presses."""
+"""``activetouch touch``: look at presses of a scene in a picture, in a window, or as a table of every time step."""
 
 from __future__ import annotations
 
 import itertools
 import time
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import ModuleType
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import tyro
+from numpy.typing import NDArray
 from rich.progress import track
 
 from activetouch.errors import WrongPress
@@ -23,12 +25,14 @@ from belief.claims import claim_folder, ends_claims
 from belief.errors import MissingPackage
 from belief.files import in_file_name, require_writable_file
 from belief.seeding import keyed_rng
-from experiments.command_line.arguments import Count, Picture, Seed, check_arguments
+from experiments.command_line.arguments import BadArgument, Picture, Seed, check_arguments
 from experiments.press.cycles import record_cycles
 from experiments.scene_choice import SceneChoice
 
 if TYPE_CHECKING:
     from activetouch.pressing.contact import Contact
+
+_CYCLES = 10  # presses of each object in a table
 
 
 def traced(scene: Scene) -> Scene:
@@ -36,49 +40,14 @@ def traced(scene: Scene) -> Scene:
     return replace(scene, press_model=scene.press_model.with_trace())
 
 
-@dataclass(frozen=True)
-class TouchCommand:
-    """Draw one press: the scene, the height map, the images of three renderers, and the force over time.
-
-    For example:
-
-        activetouch touch --shape cone --pose corner --out cone.png
-        activetouch touch --scene paper --robot panda_allegro --seed 3
-    """
-
-    choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
-    """The world."""
-    shape: str | None = None
-    """Label of the shape to press; the scene's first by default."""
-    pose: str | None = None
-    """Label of the pose; the scene's first by default."""
-    seed: Seed = 0
-    """Seed of the object's size and orientation and of the press."""
-    out: Picture = Path("runs/touch.png")
-    """File for the picture; the ending decides the format."""
-
-    def run(self) -> None:
-        """Press once and draw."""
-        check_arguments(self)
-        from activetouch.view.picture import GL_HINT, press_picture
-        from experiments.press.figures import draw_touch
-
-        require_writable_file(self.out)
-        scene = traced(self.choice.named.scene)
-        shape, pose = self.shape or scene.shape_labels[0], self.pose or scene.pose_labels[0]
-        placement, contact = press_new_object(scene, shape, pose, self.seed)
-        view, by_opengl = press_picture(scene.setup, placement, contact.depth)
-        if not by_opengl:
-            print(GL_HINT)
-        title = f"a {shape} in pose {pose}: {contact.force:.2f} N, {1e3 * contact.depth:.2f} mm deep" + (
-            " (bottomed out)" if contact.is_bottomed_out else ""
-        )
-        draw_touch(title, view, contact, self.out)
-        print(f"wrote {self.out}")
-
-
 def press_new_object(scene: Scene, shape: str, pose: str, seed: int) -> tuple[Placement, Contact]:
     """Placement and contact of one press of a new random object.
+
+    Args:
+        scene: the world.
+        shape: label of the object's shape.
+        pose: label of the pose.
+        seed: of the object's size and orientation and of the press.
 
     Raises:
         UnknownName: the scene has no such shape or pose.
@@ -88,82 +57,140 @@ def press_new_object(scene: Scene, shape: str, pose: str, seed: int) -> tuple[Pl
     return pressed.placement, pressed.contact
 
 
+def press_all(scene: Scene, seed: int) -> Mapping[tuple[str, str, str], NDArray[np.float64]]:
+    """Images of an object of every shape in every pose by every renderer, by (shape, renderer, pose).
+
+    Args:
+        scene: the world.
+        seed: of the objects and their presses.
+    """
+    images: dict[tuple[str, str, str], NDArray[np.float64]] = {}
+    for shape_index, shape in enumerate(track(scene.shape_labels, "pressing")):
+        pressed = scene.sample_object(shape_index, keyed_rng([seed, shape_index], is_fixed_length=True))
+        for pose_index, pose in enumerate(scene.pose_labels):
+            rng = keyed_rng([seed, shape_index, pose_index], is_fixed_length=True)
+            contact = scene.press(pressed, pose_index, rng).contact
+            images |= {(shape, name, pose): renderer(contact) for name, renderer in RENDERERS.items()}
+    return images
+
+
+def write_presses(scene: Scene, seed: int, folder: Path, num_cycles: int = _CYCLES) -> None:
+    """Press an object of each shape repeatedly and write every step, one CSV file per object (paper §5.4).
+
+    Args:
+        scene: its presses must simulate rotations, as guarded moves do.
+        seed: of the objects and their presses.
+        folder: for the files, which exists.
+        num_cycles: presses of each object.
+
+    Raises:
+        WrongPress: the scene's presses do not simulate rotations.
+    """
+    for shape_index, shape in enumerate(track(scene.shape_labels, "pressing")):
+        rng = keyed_rng([seed, shape_index], is_fixed_length=True)
+        cycles = record_cycles(scene, scene.sample_object(shape_index, rng), num_cycles, rng)
+        write_csv(folder / f"{in_file_name(shape, '-')}.csv", cycles)
+
+
 @dataclass(frozen=True)
-class Gallery:
-    """Draw the images of every shape in every pose by every renderer.
+class TouchCommand:
+    """Draw one press: the scene, the height map, the images of three renderers, and the force over time.
+
+    A table from --csv has the columns cycle, time [s], position x, y, z [m], force fx, fy, fz [N] and phase (approach,
+    contact, pause, withdraw, rotate), for ten presses of an object of each shape. Only the scene "paper" and others
+    with guarded moves rotate objects, as a table needs.
 
     For example:
 
-        activetouch gallery --out docs/gallery.png
+        activetouch touch --shape cone --pose corner --out cone.png
+        activetouch touch --scene paper --seed 3
+        activetouch touch --all --out gallery.png
+        activetouch touch --scene paper --csv runs/log
     """
 
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
     """The world."""
-    seed: Seed = 4
-    """Seed of the objects' sizes and orientations."""
-    out: Picture = Path("docs/gallery.png")
-    """File for the picture; the ending decides the format."""
-
-    def run(self) -> None:
-        """Press every shape in every pose and draw."""
-        check_arguments(self)
-        from experiments.press.figures import draw_gallery
-
-        require_writable_file(self.out)
-        scene = traced(self.choice.named.scene)
-        images = {}
-        for shape_index, shape in enumerate(track(scene.shape_labels, "pressing")):
-            thing = scene.sample_object(shape_index, keyed_rng([self.seed, shape_index], is_fixed_length=True))
-            for pose_index, pose in enumerate(scene.pose_labels):
-                contact, *_ = scene.press(
-                    thing, pose_index, keyed_rng([self.seed, shape_index, pose_index], is_fixed_length=True)
-                )
-                for name, renderer in RENDERERS.items():
-                    images[shape, name, pose] = renderer(contact)
-        draw_gallery(images, scene.pose_labels, self.out)
-        print(f"wrote {self.out}")
-
-
-@dataclass(frozen=True)
-class Record:
-    """Press an object of each shape repeatedly and write every step, one CSV file per object (paper §5.4).
-
-    The columns are cycle, time [s], position x, y, z [m], force fx, fy, fz [N] and phase (approach, contact, pause,
-    withdraw, rotate). Rotations need guarded moves, as in the default scene "paper".
-
-    For example:
-
-        activetouch record --cycles 20 --out runs/log
-    """
-
-    choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=lambda: SceneChoice(scene="paper"))
-    """The world."""
-    cycles: Count = 10
-    """Number of presses of each object."""
+    shape: str | None = None
+    """Label of the shape to press; the scene's first by default."""
+    pose: str | None = None
+    """Label of the pose; the scene's first by default."""
+    all: bool = False
+    """Draw the images of every shape in every pose by every renderer instead."""
+    view: bool = False
+    """Show the press in MuJoCo's window instead; this needs the extra "viewer" and a display."""
+    csv: Path | None = None
+    """Write presses as time series into this folder instead, one CSV file for an object of each shape."""
     seed: Seed = 0
-    """Seed of the objects and their presses."""
-    out: Path = Path("runs/log")
-    """Folder for the files."""
+    """Seed of the objects' sizes and orientations and of the presses."""
+    out: Picture = Path("runs/touch.png")
+    """File for the picture; the ending decides the format."""
 
     @ends_claims
     def run(self) -> None:
-        """Press and write."""
+        """Press, and draw, show or write."""
         check_arguments(self)
-        claim_folder(self.out)
-        scene = self.choice.named.scene
-        for shape_index, shape in enumerate(track(scene.shape_labels, "pressing")):
-            rng = keyed_rng([self.seed, shape_index], is_fixed_length=True)
-            cycles = record_cycles(scene, scene.sample_object(shape_index, rng), self.cycles, rng)
-            write_csv(self.out / f"{in_file_name(shape, '-')}.csv", cycles)
-        print(f"wrote {len(scene.shapes)} files to {self.out}")
+        if self.all + self.view + (self.csv is not None) > 1:
+            raise BadArgument("--all, --view and --csv are different outputs; give one of them")
+        if self.csv is not None:
+            claim_folder(self.csv)
+            write_presses(self.choice.named.scene, self.seed, self.csv)
+            print(f"wrote {len(self.choice.named.scene.shapes)} files to {self.csv}")
+            return
+        if not self.view:
+            require_writable_file(self.out)
+        scene = traced(self.choice.named.scene)
+        if self.all:
+            from experiments.press.figures import draw_gallery
+
+            draw_gallery(press_all(scene, self.seed), scene.pose_labels, self.out)
+        else:
+            shape, pose = self.shape or scene.shape_labels[0], self.pose or scene.pose_labels[0]
+            placement, contact = press_new_object(scene, shape, pose, self.seed)
+            if self.view:
+                show_press(scene, placement, contact)
+                return
+            from activetouch.view.picture import press_picture
+            from experiments.press.figures import draw_touch
+
+            title = f"a {shape} in pose {pose}: {contact.force:.2f} N, {1e3 * contact.depth:.2f} mm deep"
+            view = press_picture(scene.setup, placement, contact.depth)
+            draw_touch(title + " (bottomed out)" * contact.is_bottomed_out, view, contact, self.out)
+        print(f"wrote {self.out}")
+
+
+def show_press(scene: Scene, placement: Placement, contact: Contact) -> None:
+    """Show a press in MuJoCo's window until it is closed.
+
+    Args:
+        scene: the world.
+        placement: of the object.
+        contact: of the press, with its trace.
+
+    Raises:
+        WrongPress: the press has no trace, because nothing moves in it.
+        MissingPackage: the viewer is not installed, or there is no display.
+    """
+    import mujoco
+
+    from activetouch.pressing.rig import Rig
+
+    if contact.trace is None:
+        raise WrongPress("nothing moves in a quasistatic press; choose --fidelity dynamic or guarded_move")
+    viewer = _require_viewer()
+    rig = Rig(scene.setup, placement.shape, timestep=float(contact.trace.time[0]))
+    rig.place(float(contact.trace.position[0, 0]), placement)
+    with viewer.launch_passive(rig.model, rig.data) as window:
+        for position in itertools.cycle(contact.trace.position[:, 0]):
+            if not window.is_running():
+                break
+            rig.data.qpos[0] = position
+            mujoco.mj_forward(rig.model, rig.data)
+            window.sync()
+            time.sleep(rig.model.opt.timestep)
 
 
 def _require_viewer() -> ModuleType:
-    """MuJoCo's viewer.
-
-    Raises:
-        MissingPackage: it is not installed, or there is no display, which would end the process.
-    """
+    """MuJoCo's viewer; without a display it would end the process."""
     try:
         import glfw  # type: ignore[import-not-found]  # of an extra
         from mujoco import viewer
@@ -176,46 +203,3 @@ def _require_viewer() -> ModuleType:
         if not glfw.init():
             raise MissingPackage("there is no display for a window; activetouch touch draws into a file")
     return viewer
-
-
-@dataclass(frozen=True)
-class View:
-    """Show a press in MuJoCo's window; this needs the extra "viewer" and a display.
-
-    For example:
-
-        activetouch view --scene paper --shape cone
-    """
-
-    choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
-    """The world."""
-    shape: str | None = None
-    """Label of the shape to press; the scene's first by default."""
-    pose: str | None = None
-    """Label of the pose; the scene's first by default."""
-    seed: Seed = 0
-    """Seed of the object's size and orientation and of the press."""
-
-    def run(self) -> None:
-        """Show the press until the window is closed."""
-        check_arguments(self)
-        import mujoco
-
-        from activetouch.pressing.rig import Rig
-
-        scene = traced(self.choice.named.scene)
-        shape, pose = self.shape or scene.shape_labels[0], self.pose or scene.pose_labels[0]
-        placement, contact = press_new_object(scene, shape, pose, self.seed)
-        if contact.trace is None:
-            raise WrongPress("nothing moves in a quasistatic press; choose --fidelity dynamic or guarded_move")
-        viewer = _require_viewer()
-        rig = Rig(scene.setup, placement.shape, timestep=float(contact.trace.time[0]))
-        rig.place(float(contact.trace.position[0, 0]), placement)
-        with viewer.launch_passive(rig.model, rig.data) as window:
-            for position in itertools.cycle(contact.trace.position[:, 0]):
-                if not window.is_running():
-                    break
-                rig.data.qpos[0] = position
-                mujoco.mj_forward(rig.model, rig.data)
-                window.sync()
-                time.sleep(rig.model.opt.timestep)

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from activetouch.recorded.world import RecordedBank, RecordedWorld
-from belief import SceneBelief, SearchProblem
 from belief.observation_model.action_kernel import ActionKernelModel
+from belief.problem import SearchProblem
+from belief.scene_belief import SceneBelief
 from experiments.recorded.fold import Fold
 from planners.decider import Decider, SequentialDecider
 from planners.episode import Episode
@@ -71,14 +72,14 @@ def find_all(
         bank, model = fold.bank.among(names), fold.models["kernel"].among(names)
         problem = SearchProblem(names, bank.action_names, num_objects, touch_limit=limit * num_objects)
         order = rng.permutation(num_objects)
-        things = [int(rng.choice(bank.objects_of(int(label)))) for label in order]
+        objects = [int(rng.choice(bank.objects_of(int(label)))) for label in order]
         made = {name: _decider(name, model, fold.order, limit) for name in deciders}
         scene = int(seed[-1]) * num_scenes + number
         for target in range(num_objects):
             words = [*seed, number, target]
-            oracle.append((scene, _oracle_is_right(bank, model, problem, things, words, target)))
+            oracle.append((scene, _oracle_is_right(bank, model, problem, objects, words, target)))
             for name, decider in made.items():
-                world = RecordedWorld(bank, things, words)
+                world = RecordedWorld(bank, objects, words)
                 episode = search(world, decider, problem, target, model, words)
                 found.append(Found(name, scene, episode, episode.reward(problem)))
     return found, oracle
@@ -94,17 +95,17 @@ def _oracle_is_right(
     bank: RecordedBank,
     model: ActionKernelModel,
     problem: SearchProblem,
-    things: Sequence[int],
+    objects: Sequence[int],
     seed: Sequence[int],
     target: int,
 ) -> bool:
     """Whether the object that is most probably the target after all recordings is the target."""
-    world, scene = RecordedWorld(bank, things, seed), SceneBelief(problem, model)
+    world, scene = RecordedWorld(bank, objects, seed), SceneBelief(problem, model)
     rng = np.random.default_rng(0)
-    for number in range(len(things)):
+    for number in range(len(objects)):
         touches = [world.touch(action, rng) for action in range(len(bank.action_names)) for _ in range(bank.repeats)]
         scene.update(number, touches)
-        if number + 1 < len(things):
+        if number + 1 < len(objects):
             world.advance()
-    best = int(np.argmax([scene.belief(number).log_probs[target] for number in range(len(things))]))
+    best = int(np.argmax([scene.belief(number).log_probs[target] for number in range(len(objects))]))
     return world.arrangement[best] == target

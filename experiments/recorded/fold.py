@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import get_args
 
 from activetouch.recorded.reader import Reading, read
 from activetouch.recorded.splits import Split, by_object, by_session
@@ -14,7 +13,8 @@ from belief.observation_model.action_kernel import ActionKernelModel, Law
 from belief.observation_model.calibration_data import LabelledTouches
 from experiments.recorded.order import best_order
 
-LAWS: tuple[Law, ...] = get_args(Law)
+LAWS: tuple[Law, ...] = ("none", "kernel")
+"""Correlations of touches: none, and a kernel by the likeness of the actions."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,23 +55,15 @@ def main_splits(touches: TaskTouches, folds: int) -> tuple[str, list[Split]]:
     return "unseen objects", by_object(touches, min(folds, len(set(touches.objects.tolist()))))
 
 
-def prepare(
-    touches: TaskTouches,
-    split: Split,
-    threshold: float,
-    laws: Sequence[Law] = LAWS,
-    advance: Callable[[], object] = lambda: None,
-) -> Fold:
+def prepare(touches: TaskTouches, split: Split, threshold: float) -> Fold:
     """Read a split, and fit what its searches need.
 
     Args:
         touches: of the task.
         split: the rows.
         threshold: probability at which searches stop, for the ranking of fixed orders.
-        laws: of the observation models; ``kernel`` among them.
-        advance: is called after each classifier that was tried.
     """
-    reading = read(touches, split, advance=advance)
+    reading = read(touches, split)
     test = split.test
     bank = RecordedBank(
         touches.label_names,
@@ -95,7 +87,7 @@ def prepare(
             repeats=bank.repeats,
             law=law,
         )
-        for law in laws
+        for law in LAWS
     }
     order = best_order(data, touches.sessions_of(rows), models["kernel"].kernel, threshold)
     return Fold(touches, split, reading, bank, models, tuple(bank.action_names[action] for action in order))

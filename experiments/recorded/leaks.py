@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from activetouch.recorded.reader import Reading, num_tried, read
+from activetouch.recorded.reader import Reading, read
 from activetouch.recorded.splits import Split, by_session
 from activetouch.recorded.touches import TaskTouches
 from experiments.recorded.order import by_session as table_by_session
@@ -35,13 +35,7 @@ class Control:
 
 
 def controls(
-    touches: TaskTouches,
-    splits: list[Split],
-    readings: list[Reading],
-    main: str,
-    seed: int,
-    num_random: int,
-    advance: Callable[[], object] = lambda: None,
+    touches: TaskTouches, splits: list[Split], readings: list[Reading], main: str, seed: int, num_random: int
 ) -> list[Control]:
     """The main reading, the most frequent label, the reading of random splits, and those of the set's controls.
 
@@ -55,33 +49,19 @@ def controls(
         main: name of the main split.
         seed: of random splits and intervals.
         num_random: number of random splits.
-        advance: is called after each classifier that was tried.
     """
     found = [_control(touches, splits, readings, main, ALL, seed), _most_frequent(touches, splits, main, seed)]
     kind = readings[0].reader.calibration.kind
-    drawn = random_splits(touches, seed, num_random)
+    drawn = [by_session(touches, np.random.default_rng([seed, number])) for number in range(num_random)]
+    drawn = [split for split in drawn if len(split.test)]
     name = "random sessions" if touches.task == "objects" else "random sessions of objects that were learned too"
     if drawn:
-        random = [read(touches, split, None, kind, advance) for split in drawn]
+        random = [read(touches, split, None, kind) for split in drawn]
         found.append(_control(touches, drawn, random, name, ALL, seed))
     for control in touches.source.controls:
-        known = [read(touches, split, control, kind, advance) for split in splits]
+        known = [read(touches, split, control, kind) for split in splits]
         found.append(_control(touches, splits, known, main, control, seed))
     return found
-
-
-def random_splits(touches: TaskTouches, seed: int, number: int) -> list[Split]:
-    """Splits of each object's sessions in random order; none where no object has enough of them."""
-    drawn = [by_session(touches, np.random.default_rng([seed, n])) for n in range(number)]
-    return [split for split in drawn if len(split.test)]
-
-
-def num_steps(touches: TaskTouches, splits: Sequence[Split], seed: int, num_random: int) -> int:
-    """Number of classifiers that are tried for the main splits and all controls."""
-    main, drawn = (
-        sum(num_tried(touches, split) for split in some) for some in (splits, random_splits(touches, seed, num_random))
-    )
-    return main * (1 + len(touches.source.controls)) + drawn
 
 
 def _most_frequent(touches: TaskTouches, splits: list[Split], split_name: str, seed: int) -> Control:

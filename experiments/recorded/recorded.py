@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
 from activetouch.extras import require_extra
-from activetouch.recorded import TaskTouches, check_recorded, read_recorded, without_incomplete
+from activetouch.recorded import RecordedTouches, check_recorded, read_recorded, without_incomplete
 from activetouch.recorded.formats import Format
-from activetouch.recorded.reader import num_tried
 from belief.claims import claim_folder, ends_claims
 from experiments.command_line.arguments import (
     BadArgument,
@@ -29,9 +27,10 @@ from experiments.command_line.console import plain_console
 from experiments.parallel import progress_bar
 from experiments.recorded.finding import FIXED, find_all
 from experiments.recorded.fold import Fold, main_splits, prepare
-from experiments.recorded.identifying import after_touches, fewest_touches, identify_all
-from experiments.recorded.leaks import controls, num_steps, random_splits
-from experiments.recorded.results import Measured, Part
+from experiments.recorded.identifying import after_touches, identify_all
+from experiments.recorded.leaks import controls
+from experiments.recorded.report import RecordedReport
+from experiments.recorded.results import Measured
 from planners.registry import find_decider, trained_state
 
 DECIDERS = (
@@ -41,7 +40,104 @@ DECIDERS = (
     FIXED,
     "random_poses(max_touches={max_touches})",
 )
+Task = Literal["objects", "categories", "shapes"]
 _WIDTH = 136  # of the tables [characters]
+
+
+def recorded(
+    touches: RecordedTouches,
+    task: Task = "objects",
+    *,
+    name: str = "own",
+    threshold: float = 0.9,
+    objects: int = 4,
+    scenes: int = 10,
+    deciders: Sequence[str] = DECIDERS,
+    folds: int = 5,
+    random_splits: int = 1,
+    rounds: int = 5,
+    max_touches: int = 12,
+    seed: int = 0,
+    notes: Sequence[str] = (),
+) -> RecordedReport:
+    """Identify and search for recorded objects by their held-out recordings, with several deciders.
+
+    Args:
+        touches: the set.
+        task: labels: objects are tested on later recordings, categories and shapes on objects that were not learned
+            from.
+        name: of the set.
+        threshold: probability of a label at which an object is named.
+        objects: of a search, all with different labels.
+        scenes: per split, each with a search for each object; 0 for no searches.
+        deciders: of searches; "best fixed order" has posterior thresholds and the order ranked on calibration touches.
+            {max_touches} stands for ``max_touches``, or the number of different touches of an object if it is smaller.
+        folds: of objects for categories and shapes.
+        random_splits: for the leak control.
+        rounds: identifications of each object by each decider, each with another order of its recordings.
+        max_touches: of an object.
+        seed: of splits, orders, scenes and intervals.
+        notes: sentences about how the set was read, for the report.
+
+    Raises:
+        BadRecording: the task has too few labels, objects or touches.
+        BadArgument: a threshold that a guess reaches, or a decider that needs a file of a sensor's folder.
+        UnknownName: there is no such decider.
+        MissingPackage: scikit-learn is not installed.
+    """
+    require_extra("recorded")
+    for decider in deciders:
+        _require_plain(decider, max_touches)
+    remarks = check_recorded(touches, task)
+    chosen = touches.for_task(task)
+    if threshold <= (guess := 1.0 / len(chosen.label_names)):
+        raise BadArgument(
+            f"--threshold must be above {guess:.3g}, the probability of each of the {len(chosen.label_names)} "
+            f"{task} before the first touch, got {threshold:g}"
+        )
+    split_name, splits = main_splits(chosen, folds)
+    with progress_bar() as bar:
+        steps = bar.add_task("reading, naming and searching", total=2 * len(splits) + 1)
+        made = []
+        for split in splits:
+            made.append(prepare(chosen, split, threshold))
+            bar.advance(steps)
+        leaks = controls(chosen, splits, [fold.reading for fold in made], split_name, seed, random_splits)
+        bar.advance(steps)
+        named, after, losses, found, oracle = [], [], [], [], []
+        for number, fold in enumerate(made):
+            key = [seed, number]
+            named += identify_all(fold, key, threshold, max_touches, rounds)
+            beliefs, by_law = after_touches(fold, seed)
+            after += beliefs
+            losses.append(by_law)
+            if scenes:
+                searches, known = find_all(fold, deciders, key, objects, scenes, max_touches)
+                found += searches
+                oracle += known
+            bar.advance(steps)
+    missing = _missing_searches(made, objects, task) if scenes else []
+    facts = {
+        "name": name,
+        "task": task,
+        "provenance": touches.provenance,
+        "licence": touches.licence,
+        "touches": len(chosen.rows),
+        "labels": len(chosen.label_names),
+        "num_objects": len(set(chosen.objects.tolist())),
+        "actions": list(touches.action_names),
+        "threshold": threshold,
+        "objects": objects,
+        "scenes": scenes,
+        "deciders": list(deciders),
+        "folds": folds,
+        "random_splits": random_splits,
+        "rounds": rounds,
+        "max_touches": max_touches,
+        "seed": seed,
+        "notes": [*notes, *remarks, *missing],
+    }
+    return RecordedReport(Measured(split_name, made, named, after, losses, found, oracle, leaks, threshold), facts)
 
 
 @dataclass(frozen=True)
@@ -51,20 +147,20 @@ class Recorded:
     The set is split by time or by object, a classifier is trained and calibrated, correlations between touches are
     fitted, and objects are then identified, and searched for, by their held-out recordings. Needs the extra
     "recorded".
-    docs/real_touch.md describes the formats; "csv" and "npz" are for touches of your own.
+    docs/real_touch.md describes the formats; "csv" and "npz" are for touches of your own, "bts3" is a public set.
 
     For example:
 
         activetouch recorded --data my_touches --format csv
-        activetouch recorded --data cy101 --format cy101 --task categories
-        activetouch recorded --data sdh2 --format sdh2 --task shapes --objects 3
+        activetouch recorded --data my_touches.npz --format npz --task categories
+        activetouch recorded --data tests/fixtures/bts3 --format bts3
     """
 
     data: Path
     """Folder of the recordings; for npz also the file."""
     format: Format
     """Format of the recordings."""
-    task: Literal["objects", "categories", "shapes"] = "objects"
+    task: Task = "objects"
     """Labels: objects are tested on later recordings, categories and shapes on objects that were not learned from."""
     threshold: Share = 0.9
     """Probability of a label at which an object is named."""
@@ -77,8 +173,6 @@ class Recorded:
     {max_touches} stands for --max-touches, or the number of different touches of an object if it is smaller."""
     folds: Annotated[int, Within(2, 100)] = 5
     """Folds of objects for categories and shapes."""
-    random_splits: Count = 3
-    """Random splits for the leak control."""
     rounds: Count = 5
     """Identifications of each object by each decider, each with another order of its recordings."""
     leave_out_incomplete: bool = False
@@ -94,127 +188,56 @@ class Recorded:
     def run(self) -> None:
         """Read, split, search, print and write."""
         check_arguments(self)
-        require_extra("recorded")
-        for name in self.deciders:
-            if name != FIXED:
-                given = name.replace("{max_touches}", str(self.max_touches))
-                find_decider(given)  # raises UnknownName
-                if trained_state(given) is not None or name == "best_order":
-                    raise BadArgument(
-                        f"--deciders {name} needs a file of a sensor's folder, and recorded touches have no sensor; "
-                        f'the order that is ranked on them is "{FIXED}"'
-                    )
+        for decider in self.deciders:
+            _require_plain(decider, self.max_touches)
         out = self.out if self.out is not None else Path(f"runs/recorded-{self.format}-{self.task}")
         claim_folder(out)
         touches, notes = read_recorded(self.data, self.format)
         if self.leave_out_incomplete:
             touches, left_out = without_incomplete(touches, self.task)
             notes = (*notes, *left_out)
-        remarks = check_recorded(touches, self.task)
-        chosen = touches.for_task(self.task)
-        if self.threshold <= (guess := 1.0 / len(chosen.label_names)):
-            raise BadArgument(
-                f"--threshold must be above {guess:.3g}, the probability of each of the {len(chosen.label_names)} "
-                f"{self.task} before the first touch, got {self.threshold:g}"
-            )
-        console = plain_console()
-        console.print(
-            f"{len(chosen.rows)} touches, {len(chosen.label_names)} {self.task}, actions: "
-            f"{', '.join(touches.action_names)}"
-        )
-        for note in (*notes, *remarks):
+        console, known = plain_console(), (*notes, *check_recorded(touches, self.task))
+        console.print(f"{touches.num_touches} touches, actions: {', '.join(touches.action_names)}")
+        for note in known:
             console.print(f"- {note}")
-        measured = measure(chosen, self)
-        if self.scenes and (remark := self._too_few(measured.main)):
-            console.print(f"- {remark}")
-            remarks = (*remarks, remark)
-        from experiments.recorded.report import write_report  # loads matplotlib
-
-        tables, verdict = write_report(out, measured, self._facts(chosen, (*notes, *remarks)))
+        names = "threshold", "objects", "scenes", "deciders", "folds", "rounds", "max_touches", "seed"
+        settings = {name: getattr(self, name) for name in names}
+        report = recorded(touches, self.task, name=self.format, notes=notes, **settings)
+        for note in report.facts["notes"][len(known) :]:
+            console.print(f"- {note}")
         wide = plain_console(width=max(_WIDTH, console.width))  # rich leaves out columns for which there is no room
-        for table in tables:
+        for table in report.tables():
             wide.print(table.rich())
-        for sentence in verdict:
+        for sentence in report.verdict():
             console.print(f"- {sentence}")
+        report.save(out)
         print(f"wrote report.html, recorded.md, results.json, episodes.jsonl and figures into {out}")
 
-    def _too_few(self, part: Part) -> str:
-        """What to say if a split tests too few labels for searches; empty if each tests enough."""
-        numbers = [len(np.unique(fold.bank.labels)) for fold in part.folds]
-        able, most = sum(number >= self.objects for number in numbers), max(numbers)
-        if able == len(numbers):
-            return ""
-        if able:
-            return (
-                f"there are searches among {self.objects} objects in {able} of {len(numbers)} splits only; the others "
-                f"test fewer different {self.task}"
-            )
-        return (
-            f"there are no searches among {self.objects} objects: those that a split tests have at most {most} "
-            f"different {self.task}; give " + (f"--objects {most}" if most > 1 else "fewer --folds")
+
+def _require_plain(decider: str, max_touches: int) -> None:
+    """Refuse a decider that does not exist, or needs a file of a sensor's folder."""
+    if decider == FIXED:
+        return
+    given = decider.replace("{max_touches}", str(max_touches))
+    find_decider(given)  # raises UnknownName
+    if trained_state(given) is not None or decider == "best_order":
+        raise BadArgument(
+            f"--deciders {decider} needs a file of a sensor's folder, and recorded touches have no sensor; the order "
+            f'that is ranked on them is "{FIXED}"'
         )
 
-    def _facts(self, chosen: TaskTouches, notes: tuple[str, ...]) -> dict[str, Any]:
-        source = chosen.source
-        return {
-            "format": self.format,
-            "task": self.task,
-            "provenance": source.provenance,
-            "licence": source.licence,
-            "touches": len(chosen.rows),
-            "labels": len(chosen.label_names),
-            "things": len(set(chosen.objects.tolist())),
-            "actions": list(source.action_names),
-            "threshold": self.threshold,
-            "objects": self.objects,
-            "scenes": self.scenes,
-            "deciders": list(self.deciders),
-            "folds": self.folds,
-            "random_splits": self.random_splits,
-            "rounds": self.rounds,
-            "max_touches": self.max_touches,
-            "leave_out_incomplete": self.leave_out_incomplete,
-            "seed": self.seed,
-            "notes": list(notes),
-        }
 
-
-def measure(chosen: TaskTouches, command: Recorded) -> Measured:
-    """Everything that the command reports.
-
-    Args:
-        chosen: touches of a task.
-        command: its settings.
-    """
-    main, splits = main_splits(chosen, command.folds)
-    choice = command.seed, command.random_splits
-    drawn = random_splits(chosen, *choice) if chosen.task == "objects" else []
-    total = num_steps(chosen, splits, *choice) + sum(num_tried(chosen, split) for split in drawn)
-    with progress_bar() as bar:
-        advance = partial(bar.advance, bar.add_task("reading touches", total=total))
-        folds = [prepare(chosen, split, command.threshold, advance=advance) for split in splits]
-        known = [prepare(chosen, split, command.threshold, ("kernel",), advance) for split in drawn]
-        found = controls(chosen, splits, [fold.reading for fold in folds], main, *choice, advance)
-        played = partial(bar.advance, bar.add_task("naming and searching", total=len(folds) + len(known)))
-        others = [_part("random sessions", known, command, played, False)] if drawn else []
-        return Measured(_part(main, folds, command, played), others, found)
-
-
-def _part(name: str, folds: list[Fold], command: Recorded, advance: Callable[[], object], is_main: bool = True) -> Part:
-    named, after, losses, fewest, found, oracle = [], [], [], [], [], []
-    for number, fold in enumerate(folds):
-        seed = [command.seed, number]
-        limits = command.threshold, command.max_touches, command.rounds
-        named += identify_all(fold, seed, *limits, tuple(fold.models))
-        beliefs, by_law = after_touches(fold, command.seed)
-        after += beliefs
-        losses.append(by_law)
-        fewest.append(fewest_touches(fold, command.threshold, command.max_touches))
-        if is_main and command.scenes:
-            searches, known = find_all(
-                fold, command.deciders, seed, command.objects, command.scenes, command.max_touches
-            )
-            found += searches
-            oracle += known
-        advance()
-    return Part(name, folds, named, after, losses, fewest, found, oracle)
+def _missing_searches(folds: Sequence[Fold], objects: int, task: str) -> list[str]:
+    """A sentence if splits test too few labels for searches."""
+    numbers = [len(np.unique(fold.bank.labels)) for fold in folds]
+    able, most = sum(number >= objects for number in numbers), max(numbers)
+    if able == len(numbers):
+        return []
+    if able:
+        where = f"there are searches among {objects} objects in {able} of {len(numbers)} splits only"
+        return [f"{where}; the others test fewer different {task}"]
+    cure = f"--objects {most}" if most > 1 else "fewer --folds"
+    return [
+        f"there are no searches among {objects} objects: those that a split tests have at most {most} different "
+        f"{task}; give {cure}"
+    ]

@@ -1,1 +1,1 @@
-"""``robustness``: measure a sensor under faults, other objects, other presses and unseen shapes."""
+"""``robustness``: measure a sensor under faults, other objects, other presses and unknown shapes."""

@@ -46,10 +46,9 @@ def _dead(share: float) -> Change:
     """More dead taxels, in addition to those of the sensor."""
 
     def changed(scene: Scene) -> Scene:
-        number, old = scene.image_shape[0] ** 2, faults_of(DeadTaxels, scene.faults)
-        dead = old[0] if old else DeadTaxels(0.0)
-        more = replace(dead, share=min(dead.share + share, 1.0))
-        added = round(more.share * number) - round(dead.share * number)
+        number, old = scene.image_shape[0] ** 2, faults_of(DeadTaxels, scene.faults) or [DeadTaxels(0.0)]
+        more = replace(old[0], share=min(old[0].share + share, 1.0))
+        added = round(more.share * number) - round(old[0].share * number)
         _require_taxels(added, f"{100 * share:g} % of its {number} taxels")
         return _faulty(lambda faults: (*(fault for fault in faults if fault not in old), more))(scene)
 

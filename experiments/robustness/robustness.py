@@ -1,8 +1,8 @@
 """``activetouch robustness``: accuracy and calibration of a sensor outside the world it was trained in.
 
 The same objects are touched in every pose under many conditions, so differences to the training world are paired. A
-sensor with a joint observation model is compared with its own independent one. Touches of unseen shapes measure two
-out-of-distribution scores by their AUROC.
+sensor with a joint observation model is compared with its own independent one. Touches of unknown shapes measure how
+well the conflict test distinguishes them.
 """
 
 from __future__ import annotations
@@ -14,82 +14,156 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import tyro
 from numpy.typing import NDArray
 
+from activetouch.named_scenes import NamedScene
 from activetouch.sensor import TactileSensor
 from activetouch.sensor_files import load_observation_model, observation_file
 from activetouch.shapes import EXTENDED_SHAPES
 from belief.claims import claim_folder, ends_claims
-from belief.errors import UnknownName
 from belief.files import write_text
 from belief.metrics import expected_calibration_error, negative_log_likelihood
-from belief.observation_model import ArrayModel
+from belief.observation_model.model import ArrayModel
 from belief.observation_model.selection import log_posteriors
-from belief.out_of_distribution import MahalanobisScore, auroc_interval, energy_score
 from belief.statistics import clopper_pearson_interval, paired_bootstrap
 from experiments.calibration.sequences import Sequences, Stops, stops
 from experiments.command_line.arguments import BadArgument, CountOrNone, Jobs, Seed, Within, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs
-from experiments.robustness.conditions import CONDITIONS
-from experiments.robustness.conflict import (
-    AFTER,
-    SO_FAR,
-    alarms,
-    log_e_values,
-    stranger_scores,
-    stream_scores,
-    tested,
-)
-from experiments.robustness.kept import results_folder
+from experiments.reporting.tables import Table
 from experiments.robustness.searches import CONFIDENCE, confidence_at_stops, search_scores
-from experiments.robustness.shifted_touches import (
-    AS_TRAINED,
-    ClassifierOutputs,
-    ShiftedScene,
-    applicable_conditions,
-    measure_touches,
-)
-from experiments.robustness.stranger_searches import stranger_searches
+from experiments.robustness.strangers import alarms, e_values, stranger_scores
+from experiments.robustness.touches import AS_TRAINED, ClassifierOutputs, applicable_conditions, measure_touches
 from experiments.scene_choice import SceneChoice, in_file_names
 from experiments.sensor.scores import accuracy_of_objects
 from experiments.sensor_choice import open_sensor, sensor_folder
 
 INDEPENDENT_MODEL = "independent"
 """Name of the model that takes touches as independent given the shape, beside a joint one."""
-_REFERENCE, _UNSEEN = "more known objects", "unseen shapes"
+_UNKNOWN = "unknown shapes"
+
+
+@dataclass(frozen=True)
+class RobustnessReport:
+    """Accuracy and calibration of a sensor by condition; it prints as tables.
+
+    Attributes:
+        numbers: all figures, of JSON types.
+    """
+
+    numbers: Mapping[str, Any]
+
+    def tables(self) -> list[Table]:
+        """The tables of the report."""
+        from experiments.robustness.report import robustness_tables  # loads matplotlib
+
+        return robustness_tables(self.numbers)
+
+    def __str__(self) -> str:
+        return "\n\n".join(table.markdown() for table in self.tables())
+
+    def save(self, folder: Path) -> None:
+        """Write robustness.json, tables (robustness.md) and a figure (robustness.svg and .png) into a folder.
+
+        Raises:
+            CannotWrite: the disk is full, or the folder cannot be written.
+        """
+        from experiments.robustness.report import draw_conditions
+
+        write_text(folder / "robustness.json", json.dumps(self.numbers, indent=1) + "\n")
+        write_text(folder / "robustness.md", f"{self}\n")
+        draw_conditions(self.numbers, folder / "robustness.svg", folder / "robustness.png")
+
+
+def robustness(
+    sensor: TactileSensor,
+    named: NamedScene,
+    *,
+    name: str = "scene",
+    models: Mapping[str, ArrayModel] | None = None,
+    conditions: Sequence[str] = (),
+    objects: int = 100,
+    searches: int = 0,
+    abstain: float | None = None,
+    seed: int = 0,
+    jobs: int = 1,
+) -> RobustnessReport:
+    """Touch the same objects, and search among them, under changed conditions.
+
+    Args:
+        sensor: to measure.
+        named: the scene that the sensor was trained in, and its search.
+        name: of the scene.
+        models: observation models by name, the sensor's own first; only this one by default.
+        conditions: keys of :data:`~experiments.robustness.conditions.CONDITIONS`; all whose presses are fast by
+            default.
+        objects: of every shape, at least two; each is touched once in every pose, under every condition.
+        searches: live searches for every target, by information gain with each observation model.
+        abstain: false-alarm rate of the conflict test, with which searches may end with "I do not know"; also if the
+            stated confidence is below that of stops. They never do by default.
+        seed: of the objects, their touches, the searches and the bootstrap.
+        jobs: number of processes that press; the results do not depend on it.
+
+    Raises:
+        UnknownName: there is no such condition.
+        UnstablePress: no object could be pressed under a condition.
+    """
+    scene, models = named.scene, {sensor.model.name: sensor.model} if models is None else models
+    scenes, left_out = applicable_conditions(scene, conditions)
+    novel = {label: shape for label, shape in EXTENDED_SHAPES.items() if label not in scene.shapes}
+    touched = scenes | ({_UNKNOWN: replace(scene, shapes=novel)} if novel else {})
+    if not novel:
+        left_out[_UNKNOWN] = "the sensor was trained on all known shapes"
+    outputs = measure_touches(sensor, touched, objects, seed, jobs)
+    scores = {c: condition_scores(outputs[c], outputs[AS_TRAINED], models, seed) for c in scenes}
+    unseen: dict[str, Any] = {}
+    if novel:
+        unseen = stranger_scores(outputs[AS_TRAINED], outputs[_UNKNOWN], sensor.model, tuple(novel), seed)
+    if searches:
+        found = search_scores(sensor, models, scenes, named, searches, seed, jobs, abstain)
+        for (condition, model), searched in found.items():
+            scores[condition]["models"][model]["searches"] = searched
+    return RobustnessReport(
+        {
+            "scene": name,
+            "seed": seed,
+            "objects_per_shape": objects,
+            "num_poses": len(scene.poses),
+            "chance": 1.0 / len(scene.shapes),
+            "conditions": scores,
+            "unseen": unseen,
+            "left_out": left_out,
+            "shift": list(sensor.shift),
+        }
+    )
 
 
 @dataclass(frozen=True)
 class Robustness:
-    """Measure a sensor under faults, other objects, other presses and unseen shapes.
+    """Measure a sensor under faults, other objects, other presses and unknown shapes.
 
     A sensor whose observation model is about one rigid body is measured beside its model that takes touches as
-    independent. Writes robustness.json, tables (robustness.md) and a figure (robustness.svg and .png). Finished
-    searches are kept: after an interruption, the same command plays those that are missing.
+    independent. Writes robustness.json, tables (robustness.md) and a figure (robustness.svg and .png).
 
     For example:
 
         activetouch robustness --scene gel --objects 100
         activetouch robustness --scene coarse --searches 100
         activetouch robustness --scene coarse --conditions "noise × 2" "size ± 25 %"
-        activetouch robustness --scene coarse --sensor runs/sensor-coarse --deformable 5
     """
 
-    choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
-    """The world that the sensor was trained in."""
+    scene: str = "gel"
+    """The world that the sensor was trained in: paper, coarse, gel, hard, many or keyed; or module:attribute of your
+    own scene."""
     sensor: Path | None = None
     """Folder from activetouch calibrate, or name of a shipped sensor; that of the scene by default."""
     objects: Annotated[int, Within(2, 10**8)] = 100
     """Number of objects of every shape, at least two; each is touched once in every pose, under every condition."""
     conditions: tuple[str, ...] = ()
     """Conditions to measure, such as "noise × 2"; all by default."""
-    deformable: CountOrNone = 0
-    """Number of objects of every shape to press into the soft pad too, which takes seconds per press."""
     searches: CountOrNone = 0
     """Number of live searches for every target, by information gain with each observation model, under every
-    condition, and among objects of unseen shapes."""
+    condition."""
     abstain: Annotated[float, Within(0.0, 1.0, open_low=True, open_high=True)] | None = None
     """False-alarm rate of the conflict test, such as 0.02, with which searches may end with "I do not know"; also if
     the stated confidence is below that of stops. They never do by default."""
@@ -108,74 +182,34 @@ class Robustness:
         check_arguments(self)
         if self.abstain is not None and not self.searches:
             raise BadArgument("--abstain is for live searches; add --searches 25")
-        from experiments.robustness.report import draw_conditions, robustness_tables  # loads matplotlib
-
-        scene, name = self.choice.named.scene, self.choice.scene
-        out = self.out if self.out is not None else Path(f"runs/robustness-{in_file_names(name)}")
+        choice = SceneChoice(self.scene)
+        out = self.out if self.out is not None else Path(f"runs/robustness-{in_file_names(self.scene)}")
         claim_folder(out)
-        sensor = open_sensor(self.sensor, self.choice, self.anyway)
-        shifted, left_out = applicable_conditions(scene, self.objects, self.deformable)
-        for condition in self.conditions:
-            if condition not in CONDITIONS:
-                raise UnknownName("condition", condition, list(CONDITIONS))
-        if self.conditions:
-            kept = (AS_TRAINED, *self.conditions)
-            shifted = {condition: some for condition, some in shifted.items() if condition in kept}
-            left_out = {condition: why for condition, why in left_out.items() if condition in kept}
-        conditions, novel = list(shifted), {k: v for k, v in EXTENDED_SHAPES.items() if k not in scene.shapes}
-        if novel:
-            shifted[_REFERENCE] = ShiftedScene(scene, self.objects, stream=1)
-            shifted[_UNSEEN] = ShiftedScene(replace(scene, shapes=novel), self.objects)
-        else:
-            left_out[_UNSEEN] = "the sensor was trained on all known shapes"
-        models = self._models(sensor)
-        outputs = measure_touches(sensor, shifted, self.seed, self.jobs)
-        trained = outputs[AS_TRAINED]
-        scores = {c: condition_scores(outputs[c], trained, models, self.seed) for c in conditions}
-        folder = sensor_folder(self.sensor, name)
-        done = results_folder(out, sorted(path for path in folder.iterdir() if path.is_file()))
-        if self.searches:
-            scenes = {name: some.scene for name, some in shifted.items() if name in scores}
-            searched = search_scores(
-                sensor, models, scenes, self.choice.named, self.searches, self.seed, self.jobs, self.abstain, done
-            )
-            for (condition, model), found in searched.items():
-                scores[condition]["models"][model]["searches"] = found
-        unseen: dict[str, Any] = {}
-        among_strangers: dict[str, Any] = {}
-        if novel:
-            unseen = out_of_distribution(outputs[_REFERENCE], trained, outputs[_UNSEEN], sensor.model, tuple(novel))
-            if self.searches and sensor.model.start().log_bets is not None:
-                among_strangers = stranger_searches(
-                    sensor, self.choice.named, self.searches, self.seed, self.jobs, done
-                )
-        numbers = {
-            "scene": name,
-            "seed": self.seed,
-            "objects_per_shape": self.objects,
-            "num_poses": len(scene.poses),
-            "chance": 1.0 / len(scene.shapes),
-            "conditions": scores,
-            "unseen": unseen,
-            "among_strangers": among_strangers,
-            "left_out": left_out,
-            "shift": list(sensor.shift),
-        }
-        tables = robustness_tables(numbers)
-        for table in tables:
+        sensor = open_sensor(self.sensor, choice, self.anyway)
+        found = robustness(
+            sensor,
+            choice.named,
+            name=self.scene,
+            models=_models(sensor, sensor_folder(self.sensor, self.scene)),
+            conditions=self.conditions,
+            objects=self.objects,
+            searches=self.searches,
+            abstain=self.abstain,
+            seed=self.seed,
+            jobs=self.jobs,
+        )
+        for table in found.tables():
             plain_console().print(table.rich())
-        write_text(out / "robustness.json", json.dumps(numbers, indent=1) + "\n")
-        write_text(out / "robustness.md", "\n\n".join(table.markdown() for table in tables) + "\n")
-        draw_conditions(numbers, out / "robustness.svg", out / "robustness.png")
+        found.save(out)
         print(f"wrote {out}")
 
-    def _models(self, sensor: TactileSensor) -> dict[str, ArrayModel]:
-        """The sensor's observation model, and the independent one beside a joint one, by name."""
-        folder = sensor_folder(self.sensor, self.choice.scene)
-        models: dict[str, ArrayModel] = {sensor.model.name: sensor.model}
-        if observation_file(folder, independent=True) != observation_file(folder):
-            models[INDEPENDENT_MODEL] = load_observation_model(folder, independent=True)
-        return models
+
+def _models(sensor: TactileSensor, folder: Path) -> dict[str, ArrayModel]:
+    """The sensor's observation model, and the independent one beside a joint one, by name."""
+    models: dict[str, ArrayModel] = {sensor.model.name: sensor.model}
+    if observation_file(folder, independent=True) != observation_file(folder):
+        models[INDEPENDENT_MODEL] = load_observation_model(folder, independent=True)
+    return models
 
 
 def condition_scores(
@@ -221,26 +255,22 @@ def model_scores(outputs: ClassifierOutputs, model: ArrayModel, seed: int) -> di
 
     Returns:
         ``nll`` and ``ece`` of single touches; ``fused_accuracy`` of all touches of an object, with its exact binomial
-        interval; ``stops``: see :func:`stops_scores`; ``conflict``:
-        :func:`~experiments.robustness.conflict.stream_scores`, None for a model without a conflict test.
+        interval; ``stops``: see :func:`stops_scores`; ``alarms``: fraction of objects for which the conflict test
+        fires, with its interval, None for a model without a conflict test.
     """
     num_objects, num_poses, _ = outputs.logits.shape
     probs, labels = np.exp(log_posteriors(model, outputs.singles())), outputs.shapes.repeat(num_poses)
-    poses = np.tile(np.arange(num_poses), (num_objects, 1))
-    touches = Sequences(
-        outputs.sequences(np.random.default_rng(seed).permuted(poses, axis=1)), outputs.shapes, outputs.numbers
-    )
+    touches = Sequences(outputs.shuffled(seed), outputs.shapes, outputs.numbers)
     by_number = touches.log_posteriors(model)
-    num_found = int((by_number[:, -1].argmax(axis=1) == outputs.shapes).sum())
-    stopped = stops(by_number, outputs.shapes, CONFIDENCE)
-    found = tested(model, touches.batch)
+    num_right = int((by_number[:, -1].argmax(axis=1) == outputs.shapes).sum())
+    tested = e_values(model, touches.batch)
     return {
         "nll": negative_log_likelihood(probs, labels),
         "ece": expected_calibration_error(probs, labels),
-        "fused_accuracy": num_found / num_objects,
-        "fused_interval": clopper_pearson_interval(num_found, num_objects),
-        "stops": stops_scores(stopped, outputs.shapes, model.shape_labels),
-        "conflict": None if found is None else stream_scores(found[0], stopped, seed),
+        "fused_accuracy": num_right / num_objects,
+        "fused_interval": clopper_pearson_interval(num_right, num_objects),
+        "stops": stops_scores(stops(by_number, outputs.shapes, CONFIDENCE), outputs.shapes, model.shape_labels),
+        "alarms": None if tested is None else alarms(tested["conflict"]),
     }
 
 
@@ -262,78 +292,3 @@ def stops_scores(stopped: Stops, shapes: NDArray[np.int64], labels: Sequence[str
     here = shapes[stopped.sequences]
     right = {labels[k]: float(stopped.correct[here == k].mean()) for k in np.unique(here).tolist()}
     return found | {"worst_shape": min(right.items(), key=lambda item: item[1])}
-
-
-def out_of_distribution(
-    fit: ClassifierOutputs,
-    known: ClassifierOutputs,
-    novel: ClassifierOutputs,
-    model: ArrayModel,
-    novel_labels: tuple[str, ...],
-) -> dict[str, dict[str, Any]]:
-    """How well two scores separate unseen from known shapes, for each unseen shape and for all together.
-
-    Args:
-        fit: outputs for known shapes that the Mahalanobis score is fitted to.
-        known: outputs for other objects of known shapes.
-        novel: outputs for objects of unseen shapes.
-        model: gives the calibrated confidence of one touch.
-        novel_labels: names of the unseen shapes.
-
-    Returns:
-        Per shape ``num_objects``; ``auroc`` by score, of touches and of means over an object's touches, each with its
-        95 % interval; ``after``: by number of touches, AUROC of objects by score, those of :data:`SO_FAR` for a
-        model with a conflict test only, and the fraction of known objects and of strangers for which the test fires as
-        ``false_alarms`` and ``alarms``; ``taken_for``, the most frequently predicted known shape, and its ``share``;
-        ``confidence``, the mean calibrated probability of the predicted shapes.
-    """
-    mahalanobis = MahalanobisScore.fit(np.concatenate(fit.features), fit.shapes.repeat(fit.features.shape[1]))
-    scores = {
-        "energy": [energy_score(outputs.logits) for outputs in (known, novel)],
-        "mahalanobis": [
-            mahalanobis.score(np.concatenate(outputs.features)).reshape(outputs.features.shape[:2])
-            for outputs in (known, novel)
-        ],
-    }
-    num_poses, tests = known.logits.shape[1], {}
-    for place, outputs in enumerate((known, novel)):
-        order = np.tile(np.arange(num_poses), (len(outputs.shapes), 1))
-        found = tested(model, outputs.sequences(np.random.default_rng(place).permuted(order, axis=1)))
-        if found is not None:
-            tests[place] = log_e_values(found[0])
-            for name, score in zip(SO_FAR, (tests[place], found[1]), strict=True):
-                scores.setdefault(name, []).append(score)
-    counts_of_touches = [number for number in AFTER if number <= num_poses]
-    taken = novel.logits.argmax(axis=2)
-    confidence = np.exp(log_posteriors(model, novel.singles())).max(axis=1).reshape(taken.shape)
-    every = {label: novel.shapes == k for k, label in enumerate(novel_labels)} | {"all": novel.shapes >= 0}
-    results = {}
-    for label, rows in every.items():
-        counts = np.bincount(taken[rows].ravel(), minlength=len(model.shape_labels))
-        results[label] = {
-            "num_objects": int(rows.sum()),
-            "auroc": {
-                name: {
-                    "touch": auroc_interval(old, new[rows]),
-                    "object": auroc_interval(old.mean(axis=1), new[rows].mean(axis=1)),
-                }
-                for name, (old, new) in scores.items()
-                if name not in SO_FAR
-            },
-            "after": {
-                str(number): {
-                    "auroc": stranger_scores(
-                        {name: old for name, (old, _) in scores.items()},
-                        {name: new[rows] for name, (_, new) in scores.items()},
-                        number,
-                    ),
-                    "false_alarms": alarms(tests[0], number) if tests else None,
-                    "alarms": alarms(tests[1][rows], number) if tests else None,
-                }
-                for number in counts_of_touches
-            },
-            "taken_for": model.shape_labels[int(counts.argmax())],
-            "share": float(counts.max() / counts.sum()),
-            "confidence": float(confidence[rows].mean()),
-        }
-    return results

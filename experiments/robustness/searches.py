@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import accumulate, count
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,17 +13,13 @@ from numpy.typing import ArrayLike
 
 from activetouch import Scene, TactileSensor, TouchWorld
 from activetouch.named_scenes import NamedScene
-from activetouch.scene_description import scene_fields
 from activetouch.world import touch_many
-from belief import SearchProblem, Touch
-from belief.observation_model import ArrayModel, ObservationModel
+from belief.observation_model.model import ArrayModel, ObservationModel
+from belief.problem import SearchProblem, Touch
 from belief.seeding import arrangement_rng
 from belief.statistics import clopper_pearson_interval, cluster_bootstrap
 from belief.synthetic import sample_arrangement
 from experiments.parallel import run_tasks
-from experiments.robustness.kept import kept
-from experiments.search.episode_statistics import calibration_of_confirmations
-from experiments.search.fingerprint import fingerprint
 from planners import Decider, Episode, Outcome, make_decider, search_lockstep
 from planners.abstaining import ANSWER, Abstaining
 from planners.search import TouchRequest
@@ -32,10 +27,10 @@ from planners.set_up import search_in_turn
 
 CONFIDENCE = 0.95
 """Posterior of a shape at which touching stops."""
+ROBOTS = 8
+"""Most robots that share the searches of a condition, where they may answer "I do not know"."""
 _DECIDER = "information_gain"
 _TOGETHER = 25  # searches in lockstep
-SET_UPS = 8
-"""Most robots that share the searches of a condition, where they may answer "I do not know"."""
 
 
 def confidence_at_stops(stated: ArrayLike, correct: ArrayLike, num_touches: ArrayLike) -> dict[str, Any] | None:
@@ -67,31 +62,28 @@ def search_scores(
     seed: int,
     jobs: int,
     abstain: float | None = None,
-    folder: Path | None = None,
 ) -> dict[tuple[str, str], dict[str, Any]]:
     """Success and calibration at confirmation of live searches, by condition and model.
 
     Args:
         sensor: reads the touches; its observation model is not used.
         models: observation models by name, the sensor's own first.
-        scenes: by condition.
+        scenes: by condition; those whose presses take seconds are left out.
         named: the scene of the sensor and its search.
         episodes: for every target, the same for all models.
         seed: of the episodes.
         jobs: number of processes.
         abstain: false-alarm rate of the conflict test, with which the first model's decider makes the same searches
             again and may answer "I do not know", also below a stated confidence of :data:`CONFIDENCE`; not by default.
-        folder: of finished results, which are read and not played again; none are kept by default.
 
     Returns:
-        By condition and model: ``success`` with its ``interval``, ``touches`` a search, ``stated`` confidence and
-        ``achieved`` accuracy at confirmation, and ``wrong``: fraction of searches with a wrong confirmation, with its
-        interval. With ``abstain`` the first model has ``abstaining``: ``wrong`` and ``unsure``, fraction that ended
+        By condition and model: :func:`success_scores`, and ``stated`` confidence and ``achieved`` accuracy at
+        confirmation. With ``abstain`` the first model has ``abstaining``: ``wrong`` and ``unsure``, fraction that ended
         with "I do not know", with their intervals; ``sure``: calibration of the confirmations that state
         :data:`CONFIDENCE` or more, as :func:`confidence_at_stops`; ``alarms``: how many robots had an alarm of their
-        test, which runs on from search to search (there are :data:`SET_UPS` of them, or one for each of fewer
-        searches, which search for all targets in random order); ``searches_to_alarm`` and ``touches_to_alarm``: median
-        number of the search in which, and of all touches until then.
+        test, which runs on from search to search (there are :data:`ROBOTS` of them, or one for each of fewer searches,
+        which search for all targets in random order); ``searches_to_alarm`` and ``touches_to_alarm``: median number of
+        the search in which, and of all touches until then.
     """
     problem = SearchProblem(
         named.scene.shape_labels,
@@ -101,31 +93,23 @@ def search_scores(
         touch_limit=named.touches_per_object * named.num_objects,
     )
     kinds = [(name, None) for name in models] + [(name, abstain) for name in list(models)[:1] if abstain is not None]
-    tasks = [
-        partial(_search_all, (condition, name), replace(sensor, scene=scene, model=models[name]), problem, episodes,
-                seed, rate, folder)
+    tasks = {
+        (condition, name, rate): partial(
+            _scores, replace(sensor, scene=scene, model=models[name]), problem, episodes, seed, rate
+        )
         for condition, scene in scenes.items()
-        if not scene.press_model.is_slow
         for name, rate in kinds
-    ]  # fmt: skip
-    found: dict[tuple[str, str], dict[str, Any]] = {task.args[0]: {} for task in tasks}
-    finished = run_tasks(tasks, jobs, "searching under every condition")
-    for key, scores in sorted(finished, key=lambda one: "abstaining" in one[1]):
-        found[key] |= scores
+    }
+    keyed = [partial(_with_key, key, task) for key, task in tasks.items()]
+    done = dict(run_tasks(keyed, jobs, "searching under every condition"))
+    found: dict[tuple[str, str], dict[str, Any]] = {}
+    for condition, name, rate in tasks:
+        found.setdefault((condition, name), {}).update(done[condition, name, rate])
     return found
 
 
-def _search_all(
-    key: tuple[str, str],
-    sensor: TactileSensor,
-    problem: SearchProblem,
-    number: int,
-    seed: int,
-    abstain: float | None,
-    folder: Path | None,
-) -> tuple[tuple[str, str], dict[str, Any]]:
-    words = [*key, scene_fields(sensor.scene), fingerprint(sensor.scene), repr(problem), number, seed, abstain]
-    return key, kept(folder, words, partial(_scores, sensor, problem, number, seed, abstain))
+def _with_key(key: Any, task: partial[Any]) -> tuple[Any, Any]:
+    return key, task()
 
 
 def _scores(
@@ -137,10 +121,9 @@ def _scores(
     for seed_of_episode in seeds:
         rng = arrangement_rng(seed_of_episode)
         worlds.append(TouchWorld.sample(sensor, sample_arrangement(problem, rng), rng))
-
     if abstain is not None:
         order = np.random.default_rng(seed).permutation(len(seeds)).tolist()  # a robot seeks all targets from the start
-        parts = [order[first::SET_UPS] for first in range(SET_UPS)]
+        parts = [order[first::ROBOTS] for first in range(ROBOTS)]
         by_robot = search_in_turn(
             [[worlds[n] for n in part] for part in parts],
             Abstaining(decider, abstain, CONFIDENCE),
@@ -152,12 +135,12 @@ def _scores(
         )
         return {"abstaining": _abstention(by_robot)}
     played = played_together(sensor, worlds, decider, problem, targets, sensor.model, seeds)
-    confirmed = calibration_of_confirmations(played)
-    overall = None if confirmed is None else confirmed.overall
+    confirmed = [episode for episode in played if episode.outcome is Outcome.CONFIRMED]
+    stated = [float(episode.steps[-1].belief.probs[episode.target]) for episode in confirmed]
     return {
         **success_scores(played),
-        "stated": None if overall is None else overall.mean_stated,
-        "achieved": None if overall is None else overall.share_right,
+        "stated": float(np.mean(stated)) if confirmed else None,
+        "achieved": float(np.mean([episode.success for episode in confirmed])) if confirmed else None,
     }
 
 
@@ -170,7 +153,7 @@ def played_together(
     model: ObservationModel,
     seeds: Sequence[Sequence[int]],
 ) -> list[Episode]:
-    """Searches in lockstep, some at a time, whose images the sensor reads together.
+    """Searches in lockstep, a batch at a time, whose images the sensor reads together.
 
     Args:
         sensor: reads the touches; its observation model is not used.
@@ -214,8 +197,8 @@ def _is_wrong(episode: Episode) -> bool:
 
 def _abstention(by_robot: Sequence[Sequence[Episode]]) -> dict[str, Any]:
     """How often robots were wrong and unsure, and when their conflict tests had an alarm."""
-    played = [episode for some in by_robot for episode in some]
-    robots = np.repeat(np.arange(len(by_robot)), [len(some) for some in by_robot])
+    played = [episode for episodes in by_robot for episode in episodes]
+    robots = np.repeat(np.arange(len(by_robot)), list(map(len, by_robot)))
 
     def rate(events: Sequence[bool]) -> list[float]:
         """With an interval that resamples robots, because the searches of one are not independent.
@@ -231,7 +214,7 @@ def _abstention(by_robot: Sequence[Sequence[Episode]]) -> dict[str, Any]:
         for episode in played
         if episode.outcome is Outcome.CONFIRMED
     ]
-    alarms = [found for some in by_robot if (found := _to_alarm(some)) is not None]
+    alarms = [alarm for episodes in by_robot if (alarm := _to_alarm(episodes)) is not None]
     searches, touches = np.median(alarms, axis=0).tolist() if alarms else (None, None)
     return {
         "wrong": rate([_is_wrong(episode) for episode in played]),
@@ -244,7 +227,7 @@ def _abstention(by_robot: Sequence[Sequence[Episode]]) -> dict[str, Any]:
 
 
 def _to_alarm(episodes: Sequence[Episode]) -> tuple[int, int] | None:
-    """Searches and touches of a set-up until its conflict test first stopped it; None if it did not."""
+    """Searches and touches of a robot until its conflict test first stopped it; None if it did not."""
     touches = accumulate(episode.num_touches for episode in episodes)
     after = zip(count(1), touches, episodes, strict=False)
     return next(

@@ -18,7 +18,7 @@ from activetouch.placement import WorldObject
 from activetouch.poses import to_matrices
 from activetouch.sensor import TactileSensor
 from activetouch.solids.solid import Shape
-from belief.observation_model.rigid_body import RigidBodyModel
+from belief.observation_model.rigid_body import joint_model
 from belief.observation_model.rigid_body_evidence import RigidBodyEvidence
 
 Floats = NDArray[np.float64]
@@ -55,8 +55,8 @@ class Bodies:
             pixels: width and height of a picture.
             draws: bodies of which a picture is the mean.
         """
-        model = sensor.model
-        if not isinstance(model, RigidBodyModel):
+        model = joint_model(sensor.model)
+        if model is None:
             return None
         rests, sizes, _ = HypothesisTable(sensor.reader, sensor.scene).hypotheses(model.num_hypotheses)
         return cls(sensor.scene.solids, rests, sizes, pixels, draws)

@@ -1,14 +1,14 @@
-"""Statistics of episodes: calibration at stopping, success by position of the target, regret, gap to the bound."""
+"""Statistics of episodes: calibration at stopping, success by position of the target, regret, overprobing."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from belief import Confirm, SearchProblem
 from belief.metrics import CalibrationAtStop, calibration_at_stop
+from belief.problem import Confirm, Reject, SearchProblem
 from belief.statistics import paired_bootstrap, wilson_interval
 from planners import Episode
 
@@ -87,30 +87,6 @@ def by_position(episodes: Sequence[Episode]) -> list[Place]:
     ]
 
 
-def gap(
-    episodes: Mapping[str, Sequence[Episode]],
-    bounds: Mapping[str, float | None],
-    problem: SearchProblem,
-    rng: np.random.Generator,
-) -> tuple[float, float, float] | None:
-    """Upper bound of the discretised model minus the return of a decider: mean and 95 % interval.
-
-    Args:
-        episodes: searches of the decider, by target.
-        bounds: upper bound on the expected return, by target; None where unknown.
-        problem: rules of the search.
-        rng: random generator of the bootstrap.
-
-    Returns:
-        None if the bound is unknown for a target.
-    """
-    known = {target: bound for target, bound in bounds.items() if bound is not None}
-    if not episodes.keys() <= known.keys():
-        return None
-    best = [known[target] for target, some in episodes.items() for _ in some]
-    return paired_bootstrap(best, [e.reward(problem) for some in episodes.values() for e in some], rng)
-
-
 def regret(
     episodes: Mapping[str, Sequence[Episode]],
     solved: Mapping[str, Sequence[bool]],
@@ -134,3 +110,65 @@ def regret(
         for episode, _ in zip(some, solved[target], strict=False)
     ]
     return paired_bootstrap(best, got, rng)
+
+
+CERTAIN = 0.95
+"""Posterior probability from which it counts as certain whether an object is the target."""
+
+
+@dataclass(frozen=True)
+class Overprobing:
+    """Touches and errors of a decider after the posterior was certain whether an object is the target (paper §7.2).
+
+    Attributes:
+        objects: number of objects for which the posterior became certain.
+        late_touches: mean number of touches after the first touch with a certain posterior.
+        went_on: number of these objects that were touched again.
+        doubted: number for which a later touch made the posterior uncertain again.
+        first_wrong: number for which the first certain decision would have been wrong.
+        wrong: number for which the final decision was wrong; no decision counts as wrong.
+    """
+
+    objects: int
+    late_touches: float
+    went_on: int
+    doubted: int
+    first_wrong: int
+    wrong: int
+
+
+def overprobing(episodes: Iterable[Episode], confidence: float = CERTAIN) -> Overprobing | None:
+    """Count touches and errors after certainty, over all objects of all episodes.
+
+    Args:
+        episodes: searches of one decider.
+        confidence: smallest posterior that counts as certain.
+
+    Returns:
+        None if the posterior never became certain.
+    """
+    found = [
+        counted
+        for episode in episodes
+        for index in range(len(episode.arrangement))
+        if (counted := _after_certainty(episode, index, confidence)) is not None
+    ]
+    if not found:
+        return None
+    late, doubted, first_wrong, wrong = zip(*found, strict=True)
+    went_on = sum(number > 0 for number in late)
+    return Overprobing(len(found), float(np.mean(late)), went_on, sum(doubted), sum(first_wrong), sum(wrong))
+
+
+def _after_certainty(episode: Episode, index: int, confidence: float) -> tuple[int, bool, bool, bool] | None:
+    """Late touches, and whether the posterior was doubted, first wrong and wrong; None if it never was certain."""
+    steps = [step for step in episode.steps if step.object_index == index]
+    probs = np.array([step.belief.probs[episode.target] for step in steps])
+    sure = np.maximum(probs, 1.0 - probs) >= confidence
+    sure[:1] = False  # before the first touch
+    if not sure.any():
+        return None
+    is_target, first, last = episode.arrangement[index] == episode.target, int(sure.argmax()), steps[-1].decision.action
+    right = isinstance(last, Confirm) if is_target else isinstance(last, Reject)
+    late = sum(step.touch is not None for step in steps[first:])
+    return late, not bool(sure[first:].all()), bool(probs[first] >= 0.5) != is_target, not right

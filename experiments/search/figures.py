@@ -12,20 +12,20 @@ from matplotlib.axis import Axis
 
 from experiments.reporting.style import INK, PALETTE, Picture
 from experiments.search.selective import RANKINGS
-from experiments.search.summary import ALL, Cell, Comparison
+from experiments.search.summary import ALL, Cell, Summary
 
 _WIDTH = 5.2  # inches; narrow, so that text stays readable on a phone
 _MARKERS = "osD^vP*X"
 _SMALLEST_ERROR = 1e-4
 
 
-def pictures(comparison: Comparison) -> list[Picture]:
+def pictures(comparison: Summary) -> list[Picture]:
     """All figures of a comparison that have something to show."""
     found = _pictures(comparison)
     return [*found, _selective_risk(comparison)] if comparison.is_selective else found
 
 
-def _pictures(comparison: Comparison) -> list[Picture]:
+def _pictures(comparison: Summary) -> list[Picture]:
     num_deciders, num_groups = len(comparison.deciders), len(comparison.targets) + 1
     wide, flat = 2.6 + 0.1 * num_deciders, 0.9 + 0.2 * num_deciders
     empty = {
@@ -63,7 +63,7 @@ _STATED = (
 _TIMES = "Time per touch by component."
 
 
-def _draw_success(axes: Axes, comparison: Comparison) -> None:
+def _draw_success(axes: Axes, comparison: Summary) -> None:
     groups, least = [*comparison.targets, ALL], _least_failure(comparison)
     axes.axvline(1.0 - comparison.no_touch_baseline, color=INK, linestyle=":", linewidth=1)
     for index, decider in enumerate(comparison.deciders):
@@ -78,7 +78,7 @@ def _draw_success(axes: Axes, comparison: Comparison) -> None:
     _legend(axes, comparison)
 
 
-def _draw_frontier(axes: Axes, comparison: Comparison) -> None:
+def _draw_frontier(axes: Axes, comparison: Summary) -> None:
     least, count = _least_failure(comparison), len(comparison.deciders)
     axes.axhline(1.0 - comparison.no_touch_baseline, color=INK, linestyle=":", linewidth=1)
     for index, decider in enumerate(comparison.deciders):
@@ -91,7 +91,7 @@ def _draw_frontier(axes: Axes, comparison: Comparison) -> None:
     _legend(axes, comparison)
 
 
-def _least_failure(comparison: Comparison) -> float:
+def _least_failure(comparison: Summary) -> float:
     """Where a fraction of zero is drawn on a logarithmic axis: half a failure in the largest group."""
     return 0.5 / max(cell.num_episodes for cell in comparison.cells.values())
 
@@ -105,7 +105,7 @@ def _failures(cell: Cell, least: float, index: int) -> tuple[float, list[list[fl
     return value, [[value - max(low, least)], [max(high - value, 0.0)]], style
 
 
-def _draw_positions(axes: Axes, comparison: Comparison) -> None:
+def _draw_positions(axes: Axes, comparison: Summary) -> None:
     labels = list(dict.fromkeys(place.label for places in comparison.positions.values() for place in places))
     labels.sort(key=lambda label: (label == "absent", label.zfill(4)))
     for index, (decider, places) in enumerate(comparison.positions.items()):
@@ -118,7 +118,7 @@ def _draw_positions(axes: Axes, comparison: Comparison) -> None:
     _legend(axes, comparison)
 
 
-def _draw_touches(axes: Axes, comparison: Comparison) -> None:
+def _draw_touches(axes: Axes, comparison: Summary) -> None:
     for index, decider in enumerate(comparison.deciders):
         numbers = np.sort([episode.num_touches for episode in comparison.of(decider)])
         shares = np.arange(1, len(numbers) + 1) / len(numbers)
@@ -129,7 +129,7 @@ def _draw_touches(axes: Axes, comparison: Comparison) -> None:
     _legend(axes, comparison)
 
 
-def _draw_stated_confidence(axes: Axes, comparison: Comparison) -> None:
+def _draw_stated_confidence(axes: Axes, comparison: Summary) -> None:
     found = {name: stops for name, stops in comparison.calibration.items() if stops is not None}
     names = list(found)
     for y, name in enumerate(names):
@@ -144,7 +144,7 @@ def _draw_stated_confidence(axes: Axes, comparison: Comparison) -> None:
     axes.set(yticks=range(len(names)), yticklabels=names, ylim=(len(names) - 0.4, -0.6))
 
 
-def _draw_times(axes: Axes, comparison: Comparison) -> None:
+def _draw_times(axes: Axes, comparison: Summary) -> None:
     names = [name for name in comparison.deciders if comparison.cells[name, ALL].seconds.num_touches]
     left = np.zeros(len(names))
     for part, colour in zip(("physics", "network", "decision"), PALETTE, strict=False):
@@ -155,7 +155,7 @@ def _draw_times(axes: Axes, comparison: Comparison) -> None:
     axes.legend(frameon=False, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1))
 
 
-def _selective_risk(comparison: Comparison) -> Picture:
+def _selective_risk(comparison: Summary) -> Picture:
     names = [name for name, found in comparison.selective.items() if found is not None]
     return Picture(
         "selective_risk",
@@ -170,7 +170,7 @@ def _selective_risk(comparison: Comparison) -> Picture:
     )
 
 
-def _draw_selective_risk(axes: Axes, comparison: Comparison, ranking: str) -> None:
+def _draw_selective_risk(axes: Axes, comparison: Summary, ranking: str) -> None:
     for name, found in comparison.selective.items():
         if found is not None and ranking in found.curves:
             curve = found.curves[ranking]
@@ -220,7 +220,7 @@ def _earlier(index: int, count: int) -> float:
     return (count - 1 - index) / max(count - 1, 1)
 
 
-def _legend(axes: Axes, comparison: Comparison) -> None:
+def _legend(axes: Axes, comparison: Summary) -> None:
     widest = 0.55 + 0.075 * max(map(len, comparison.deciders))  # inches
     columns = min(max(int(_WIDTH / widest), 1), len(comparison.deciders))
     axes.legend(frameon=False, ncols=columns, loc="lower center", bbox_to_anchor=(0.5, 1), fontsize=9)

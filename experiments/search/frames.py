@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from activetouch import TactileSensor
 from activetouch.scene import WorldObject
-from belief import Probe, Reject, SearchProblem
-from belief.observation_model.rigid_body_evidence import RigidBodyEvidence
-from belief.problem import Action
+from belief.observation_model.rigid_body_evidence import RigidBodyEvidence, joint_evidence
+from belief.problem import Action, Probe, Reject, SearchProblem
 from belief.seeding import touch_rng
-from experiments.search.setting import Setting, load_sensor, make_world
+from experiments.search.play import make_world
 from planners import Episode, Step
 from planners.episode import ACTION_NAMES
 
@@ -46,10 +46,15 @@ def action_words(action: Action, problem: SearchProblem) -> str:
     return ACTION_NAMES[type(action)]
 
 
-def replay(setting: Setting, episode: Episode) -> list[Frame]:
-    """Repeat the touches of an episode of a run with this setting; return its frames."""
-    sensor = load_sensor(setting)
-    world = make_world(setting, sensor, episode.seed)
+def replay(sensor: TactileSensor, problem: SearchProblem, episode: Episode) -> list[Frame]:
+    """Repeat the touches of an episode.
+
+    Args:
+        sensor: the sensor of the run.
+        problem: rules of its searches.
+        episode: one of them.
+    """
+    world = make_world(problem, sensor, episode.seed)
     uses: Counter[tuple[int, int]] = Counter()
     frames, nothing = [], sensor.model.start()
     evidence = nothing
@@ -61,13 +66,14 @@ def replay(setting: Setting, episode: Episode) -> list[Frame]:
             rng = touch_rng(episode.seed, step.object_index, pose, uses[step.object_index, pose])
             image, _ = world.press(pose, rng)
             uses[step.object_index, pose] += 1
-            if isinstance(evidence, RigidBodyEvidence):
+            if joint_evidence(evidence) is not None:
                 [touch] = replace(sensor, with_logits=False).read(image[None], [pose])  # recorded were logits alone
                 evidence = evidence.update(touch)
             posterior = episode.steps[number + 1].belief.probs  # a touch is always followed by a decision
         elif isinstance(step.decision.action, Reject) and number + 1 < len(episode.steps):
             world.advance()
-        known = evidence if isinstance(evidence, RigidBodyEvidence) else None
-        frames.append(Frame(step, episode.arrangement[step.object_index], image, posterior, body, known))
+        frames.append(
+            Frame(step, episode.arrangement[step.object_index], image, posterior, body, joint_evidence(evidence))
+        )
         evidence = nothing if isinstance(step.decision.action, Reject) else evidence
     return frames

@@ -9,47 +9,41 @@ answer all but 1e-9 of the probability, it answers without the remaining poses.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch import TactileSensor, TouchWorld
+from activetouch import TouchWorld
 from activetouch.perception.reader import Reading
-from belief import SceneBelief
+from belief.scene_belief import SceneBelief
 from belief.touch_batch import TouchBatch
-from experiments.search.setting import Setting, episode_seed, load_sensor, make_world
-from experiments.search.touch_memo import TouchMemo
+from experiments.search.play import Searches, Seed, TouchMemo, episode_seed, make_world
 from planners.search import TouchRequest
-
-Seed: TypeAlias = tuple[int, ...]
 
 _CERTAIN = 1.0 - 1e-9
 
 
 def solved_by_full_information(
-    setting: Setting, target: int, seed: int, numbers: Sequence[int], memo: TouchMemo | None = None
+    searches: Searches, target: int, numbers: Sequence[int], memo: TouchMemo | None = None
 ) -> list[bool]:
     """Whether the full-information oracle succeeds, for each of the given episodes.
 
     Args:
-        setting: setting of the run.
+        searches: what determines the searches.
         target: index of the target shape.
-        seed: seed of the run.
         numbers: numbers of the episodes.
-        memo: images of touches in this setting.
+        memo: images of touches that deciders of the same episodes made.
     """
-    sensor, memo = load_sensor(setting), TouchMemo() if memo is None else memo
-    before = SceneBelief(setting.problem, sensor.model)
-    return [_is_solved(setting, sensor, before, target, episode_seed(seed, target, n), memo) for n in numbers]
+    memo = TouchMemo() if memo is None else memo
+    before = SceneBelief(searches.problem, searches.sensor.model)
+    return [_is_solved(searches, before, target, episode_seed(searches.seed, target, n), memo) for n in numbers]
 
 
-def _is_solved(
-    setting: Setting, sensor: TactileSensor, before: SceneBelief, target: int, key: Seed, memo: TouchMemo
-) -> bool:
+def _is_solved(searches: Searches, before: SceneBelief, target: int, key: Seed, memo: TouchMemo) -> bool:
+    sensor, problem = searches.sensor, searches.problem
     readings: list[Reading] = []
-    for pose in range(setting.problem.num_poses):
-        world = make_world(setting, sensor, key)
+    for pose in range(problem.num_poses):
+        world = make_world(problem, sensor, key)
         readings.append(sensor.reader.read(_touched(world, pose, key, memo)))
         scene = before.supposing(sensor.model.log_likelihood_batch(_batch(readings)))
         here, absent = scene.marginals()[:, target], 1.0 - scene.prob_present(target)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from belief import SearchProblem
+from belief.problem import SearchProblem
 from belief.statistics import McNemar, mcnemar_test, paired_bootstrap
 from belief.statistics.power import LEVEL, episodes_for_success, holm
 from planners import Episode

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -11,8 +12,10 @@ from belief.files import atomic_path, require_writable_file
 from experiments.command_line.arguments import CountOrNone, Ending, check_arguments
 from experiments.command_line.trust import Trust
 from experiments.search.frames import replay
-from experiments.search.run_folder import RunFolder, read_episode
-from experiments.search.setting import Setting, load_sensor
+from experiments.search.run_folder import RunFolder
+from experiments.search.setting import Setting
+from experiments.sensor_commands import command
+from planners import Episode
 
 _ANIMATED = (".gif", ".webp")
 
@@ -56,33 +59,31 @@ class Replay:
         from experiments.search.replay_figures import animate_search, draw_search
 
         require_writable_file(self.out)
-        run = RunFolder(self.folder)
-        setting = Setting.from_dict(
-            run.read_run()["arguments"].get("setting"), Trust(self.folder, everything=self.trust)
-        )
-        episode = read_episode(self._line(run), tuple(setting.problem.shape_labels))
+        run = RunFolder(self.folder).read_run()
+        setting = Setting.from_dict(run["arguments"].get("setting"), Trust(self.folder, everything=self.trust))
+        sensor, problem = setting.open_sensor(), setting.problem
+        episode = self._episode(tuple(problem.shape_labels))
         draw = animate_search if self.out.suffix in _ANIMATED else draw_search
         with atomic_path(self.out) as temporary:
-            draw(episode, replay(setting, episode), setting.problem, temporary, Bodies.of(load_sensor(setting)))
+            draw(episode, replay(sensor, problem, episode), problem, temporary, Bodies.of(sensor))
         print(f"wrote {self.out}")
 
-    def _line(self, run: RunFolder) -> str:
-        """JSON line of the requested search."""
-        there: dict[tuple[str, str], list[int]] = {}
-        for key in run.complete_keys():
-            if key.is_played:
-                numbers = key.episodes(len(run.lines(key)))
-                if (key.decider, key.target) == (self.decider, self.target) and self.number in numbers:
-                    return run.lines(key)[self.number - numbers.start]
-                there.setdefault((key.decider, key.target), []).extend(numbers)
-        held = sorted(there.get((self.decider, self.target), []))
-        if held:
+    def _episode(self, labels: tuple[str, ...]) -> Episode:
+        """The requested search."""
+        held: dict[tuple[str, str], list[int]] = {}
+        for line in (self.folder / "episodes.jsonl").read_text(encoding="utf-8").splitlines():
+            fields = json.loads(line)
+            found, number = (fields["decider"], labels[fields["target"]]), fields["seed"][-1]
+            if (*found, number) == (self.decider, self.target, self.number):
+                return Episode.from_dict(fields, labels)
+            held.setdefault(found, []).append(number)
+        if numbers := held.get((self.decider, self.target)):
+            more = command("compare", config=self.folder / "run.json", episodes=self.number + 1)
             raise NoSuchEpisode(
-                f"--number {self.number}: {self.folder} holds {len(held)} searches of {self.decider} for "
-                f"{self.target}, numbers {held[0]} to {held[-1]}. For more searches, run:\n"
-                f"{run.again(episodes=max(self.number, 0) + 1)}"
+                f"--number {self.number}: {self.folder} holds {len(numbers)} searches of {self.decider} for "
+                f"{self.target}, numbers {numbers[0]} to {numbers[-1]}. For more searches, run:\n{more}"
             )
-        others = ", ".join(f"{decider} for {target}" for decider, target in there) or "none"
+        others = ", ".join(f"{decider} for {target}" for decider, target in held) or "none"
         raise NoSuchEpisode(
             f"{self.folder} holds no searches of {self.decider!r} for {self.target!r}. Choose --decider and --target "
             f"from what it holds: {others}"

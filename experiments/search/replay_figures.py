@@ -12,7 +12,7 @@ from matplotlib.colors import LinearSegmentedColormap
 from numpy.typing import NDArray
 from PIL import Image
 
-from belief import SearchProblem
+from belief.problem import SearchProblem
 from experiments.reporting.style import INK, PALETTE, figure
 from experiments.search.body_picture import Bodies
 from experiments.search.frames import Frame, action_words

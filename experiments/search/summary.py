@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from types import MappingProxyType
-from typing import Any
+from dataclasses import dataclass, fields, replace
+from typing import Any, Self
 
 import numpy as np
 
-from belief import SearchProblem
 from belief.metrics import CalibrationAtStop
+from belief.problem import SearchProblem
 from belief.statistics import wilson_interval
-from experiments.search.bound import RevealedBody
-from experiments.search.episode_statistics import Place, by_position, calibration_of_confirmations, gap, regret
+from experiments.search.episode_statistics import (
+    Overprobing,
+    Place,
+    by_position,
+    calibration_of_confirmations,
+    overprobing,
+    regret,
+)
 from experiments.search.paired import Difference, differences, prob_best
-from experiments.search.run_folder import Seconds
+from experiments.search.play import Seconds
 from experiments.search.selective import Selective, selective
 from planners import Episode, Outcome
 
@@ -88,8 +93,8 @@ def summarise(episodes: Sequence[Episode], seconds: Seconds, problem: SearchProb
 
 
 @dataclass(frozen=True)
-class Comparison:
-    """Episodes of a finished run and the numbers computed from them.
+class Summary:
+    """Episodes of a comparison and the numbers computed from them.
 
     Attributes:
         problem: rules of the search.
@@ -99,15 +104,12 @@ class Comparison:
         positions: success by position of the target, by decider.
         calibration: calibration at stopping, by decider; None for a decider that never confirmed.
         regret: return of the full-information oracle minus that of the decider: mean and 95 % interval.
-        gap: upper bound on the expected return of the discretised sensor model minus the mean return: mean and 95 %
-            interval; None where the bound is not known.
+        overprobing: touches after the posterior was certain, by decider; None for a decider whose posterior never was.
         prob_best: fraction of bootstrap resamples in which the decider has the highest mean return, by decider.
         solved: whether the full-information oracle succeeds in each of the first episodes, by target
             (:mod:`experiments.search.oracle`).
         selective: answers and abstention, by decider; None for a decider whose answers do not carry the statistics.
         reference: decider that the others are compared with.
-        revealed_body: upper bound on the expected return if the body of each object were revealed, with its standard
-            error (:func:`experiments.search.bound.best_return_with_revealed_bodies`); None where it is not known.
     """
 
     problem: SearchProblem
@@ -117,12 +119,11 @@ class Comparison:
     positions: Mapping[str, Sequence[Place]]
     calibration: Mapping[str, CalibrationAtStop | None]
     regret: Mapping[str, tuple[float, float, float]]
-    gap: Mapping[str, tuple[float, float, float] | None]
+    overprobing: Mapping[str, Overprobing | None]
     prob_best: Mapping[str, float]
     solved: Mapping[str, Sequence[bool]]
     selective: Mapping[str, Selective | None]
     reference: str
-    revealed_body: RevealedBody | None = None
 
     @property
     def deciders(self) -> list[str]:
@@ -156,73 +157,65 @@ class Comparison:
         best = np.maximum(problem.prior_probs, problem.prior_absent_probs)
         return float(np.mean([best[problem.shape_labels.index(target)] for target in self.targets]))
 
-    def renamed(self, names: Mapping[str, str]) -> Comparison:
+    def renamed(self, names: Mapping[str, str]) -> Self:
         """The same comparison with other names of the deciders."""
 
-        def by_pair(found: Mapping[tuple[str, str], Any]) -> dict[tuple[str, str], Any]:
-            return {(names[decider], target): value for (decider, target), value in found.items()}
+        def key(found: Any) -> Any:
+            return (names[found[0]], found[1]) if isinstance(found, tuple) else names[found]
 
-        def by_name(found: Mapping[str, Any]) -> dict[str, Any]:
-            return {names[decider]: value for decider, value in found.items()}
-
-        return replace(
-            self,
-            episodes=by_pair(self.episodes),
-            cells=by_pair(self.cells),
-            differences=by_name(self.differences),
-            positions=by_name(self.positions),
-            calibration=by_name(self.calibration),
-            regret=by_name(self.regret),
-            gap=by_name(self.gap),
-            prob_best=by_name(self.prob_best),
-            selective=by_name(self.selective),
-            reference=names[self.reference],
-        )
+        values = {field.name: getattr(self, field.name) for field in fields(self) if field.name != "solved"}
+        tables = {name: found for name, found in values.items() if isinstance(found, Mapping)}
+        renamed: dict[str, Any] = {
+            name: {key(one): value for one, value in found.items()} for name, found in tables.items()
+        }
+        return replace(self, **renamed, reference=names[self.reference])
 
     def of(self, decider: str) -> list[Episode]:
         """All episodes of a decider, target by target; every decider has the same ones in the same order."""
         return [episode for target in self.targets for episode in self.episodes[decider, target]]
 
+    @classmethod
+    def from_episodes(
+        cls,
+        problem: SearchProblem,
+        episodes: Mapping[tuple[str, str], Sequence[Episode]],
+        seconds: Mapping[tuple[str, str], Seconds],
+        solved: Mapping[str, Sequence[bool]],
+        reference: str,
+        rng: np.random.Generator,
+        **others: Any,
+    ) -> Self:
+        """Compute all numbers of a comparison.
 
-def compare_episodes(
-    problem: SearchProblem,
-    episodes: Mapping[tuple[str, str], Sequence[Episode]],
-    seconds: Mapping[tuple[str, str], Seconds],
-    solved: Mapping[str, Sequence[bool]],
-    reference: str,
-    rng: np.random.Generator,
-    bounds: Mapping[str, float | None] = MappingProxyType({}),
-) -> Comparison:
-    """Compute all numbers of a comparison.
-
-    Args:
-        problem: rules of the search.
-        episodes: searches by (decider, target label); every decider has the same ones in the same order.
-        seconds: time they took, by the same keys.
-        solved: whether the full-information oracle succeeds in each of the first episodes, by target.
-        reference: decider that the others are compared with.
-        rng: random generator of the bootstraps.
-        bounds: upper bounds on the expected return for the discretised sensor model, by target, where known.
-    """
-    cells = {key: summarise(episodes[key], seconds[key], problem) for key in episodes}
-    by_decider: dict[str, dict[str, Sequence[Episode]]] = {}
-    for (decider, target), some in episodes.items():
-        by_decider.setdefault(decider, {})[target] = some
-    together = {name: [e for some in by_target.values() for e in some] for name, by_target in by_decider.items()}
-    for decider, some in together.items():
-        spent = sum((seconds[key] for key in episodes if key[0] == decider), Seconds())
-        cells[decider, ALL] = summarise(some, spent, problem)
-    return Comparison(
-        problem=problem,
-        episodes=episodes,
-        cells=cells,
-        differences=differences(together, reference, problem, rng),
-        positions={name: by_position(some) for name, some in together.items()},
-        calibration={name: calibration_of_confirmations(some) for name, some in together.items()},
-        regret={name: regret(by_target, solved, problem, rng) for name, by_target in by_decider.items()},
-        gap={name: gap(by_target, bounds, problem, rng) for name, by_target in by_decider.items()},
-        prob_best=prob_best({name: [e.reward(problem) for e in some] for name, some in together.items()}, rng),
-        solved=solved,
-        selective={name: selective(some, rng) for name, some in together.items()},
-        reference=reference,
-    )
+        Args:
+            problem: rules of the search.
+            episodes: searches by (decider, target label); every decider has the same ones in the same order.
+            seconds: time they took, by the same keys.
+            solved: whether the full-information oracle succeeds in each of the first episodes, by target.
+            reference: decider that the others are compared with.
+            rng: random generator of the bootstraps.
+            others: further fields of the class.
+        """
+        cells = {key: summarise(episodes[key], seconds[key], problem) for key in episodes}
+        by_decider: dict[str, dict[str, Sequence[Episode]]] = {}
+        for (decider, target), some in episodes.items():
+            by_decider.setdefault(decider, {})[target] = some
+        together = {name: [e for some in by_target.values() for e in some] for name, by_target in by_decider.items()}
+        for decider, some in together.items():
+            spent = sum((seconds[key] for key in episodes if key[0] == decider), Seconds())
+            cells[decider, ALL] = summarise(some, spent, problem)
+        return cls(
+            problem=problem,
+            episodes=episodes,
+            cells=cells,
+            differences=differences(together, reference, problem, rng),
+            positions={name: by_position(some) for name, some in together.items()},
+            calibration={name: calibration_of_confirmations(some) for name, some in together.items()},
+            regret={name: regret(by_target, solved, problem, rng) for name, by_target in by_decider.items()},
+            overprobing={name: overprobing(some) for name, some in together.items()},
+            prob_best=prob_best({name: [e.reward(problem) for e in some] for name, some in together.items()}, rng),
+            solved=solved,
+            selective={name: selective(some, rng) for name, some in together.items()},
+            reference=reference,
+            **others,
+        )

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 
+from belief.statistics import wilson_interval
+from experiments.command_line.console import plain_console
 from experiments.reporting.tables import Table, Value
-from experiments.search.cards import ENOUGH
-from experiments.search.selective_tables import abstention_table, selective_risk_table
-from experiments.search.summary import ALL, Comparison
+from experiments.search.episode_statistics import CERTAIN
+from experiments.search.summary import ALL, Summary
+from experiments.search.verdict import ENOUGH
 
+_MOST_ROWS = 40  # a longer table has no rows of single targets
+_DROPPED = ("ms/touch", "none", "wrong", "95 %", "touches")  # columns to omit on a narrow terminal, in this order
 _SEARCHES = ("searches", "d")
 _SUCCESS = (("success", ".3f"), ("95 %", ".3f"))
 
 
-def comparison_tables(comparison: Comparison) -> list[Table]:
+def comparison_tables(comparison: Summary) -> list[Table]:
     """All tables of a comparison."""
     return [
         _results(comparison),
@@ -23,13 +28,14 @@ def comparison_tables(comparison: Comparison) -> list[Table]:
         _positions(comparison),
         _stated_confidence(comparison),
         _calibration_at_stopping(comparison),
-        *([abstention_table(comparison), selective_risk_table(comparison)] if comparison.is_selective else []),
+        *([_abstention(comparison), _selective_risk(comparison)] if comparison.is_selective else []),
         _touches(comparison),
+        _overprobing(comparison),
         _times(comparison),
     ]
 
 
-def _results(comparison: Comparison) -> Table:
+def _results(comparison: Summary) -> Table:
     rows = []
     for decider in comparison.deciders:
         for target in [*comparison.targets, ALL]:
@@ -53,7 +59,7 @@ def _results(comparison: Comparison) -> Table:
     return table if comparison.is_selective else table.without(["unsure"])
 
 
-def _differences(comparison: Comparison) -> Table:
+def _differences(comparison: Summary) -> Table:
     rows = [
         (
             *(name, d.success[0], d.success[1:], d.mcnemar.first_only, d.mcnemar.second_only, d.p_value),
@@ -78,39 +84,30 @@ def _differences(comparison: Comparison) -> Table:
     )
 
 
-def _returns(comparison: Comparison) -> Table:
-    rows = []
-    for name, (mean, *interval) in comparison.regret.items():
-        gap = comparison.gap[name]
-        to_bound = (None, None) if gap is None else (gap[0], gap[1:])
-        own = (name, comparison.cells[name, ALL].reward, comparison.prob_best[name])
-        rows.append((*own, mean, tuple(interval), *to_bound))
+def _returns(comparison: Summary) -> Table:
+    rows = [
+        (name, comparison.cells[name, ALL].reward, comparison.prob_best[name], mean, (low, high))
+        for name, (mean, low, high) in comparison.regret.items()
+    ]
     return Table(
         "Return and regret",
-        [
-            *("decider", ("return", ".3f"), ("P(best)", ".3f"), ("regret", ".3f"), ("95 %", ".3f")),
-            *(("to bound", ".3f"), ("95 % ", ".3f")),
-        ],
+        ["decider", ("return", ".3f"), ("P(best)", ".3f"), ("regret", ".3f"), ("95 %", ".3f")],
         rows,
         f"Return: +1 for success, {_unsure_reward(comparison)}−1 otherwise, minus "
         f"{comparison.problem.touch_cost:g} per touch. P(best): fraction "
         "of bootstrap resamples of the episodes in which the mean return is the highest. Regret: difference to the "
         "return of the full-information oracle, which touches every object in every pose free of charge before it "
-        f"answers, on the {comparison.oracle[1]} episodes on which the oracle was run. To "
-        "bound: difference to an upper bound on the expected return for the discretised sensor model. In that model "
-        "touches are independent given the shape, and repeats are discounted as the observation model says. Live "
-        "touches satisfy neither, so live returns can exceed the bound and the difference can be negative. It is "
-        "given for searches that are small enough to solve.",
+        f"answers, on the {comparison.oracle[1]} episodes on which the oracle was run.",
         "returns",
     )
 
 
-def _unsure_reward(comparison: Comparison) -> str:
+def _unsure_reward(comparison: Summary) -> str:
     reward = comparison.problem.unsure_reward
     return "" if reward is None else f"{reward:g} for “I do not know”, "
 
 
-def _positions(comparison: Comparison) -> Table:
+def _positions(comparison: Summary) -> Table:
     rows = [
         (name, place.label, place.num_episodes, place.success, place.interval, place.wrong, place.touches)
         for name, places in comparison.positions.items()
@@ -125,7 +122,7 @@ def _positions(comparison: Comparison) -> Table:
     )
 
 
-def _stated_confidence(comparison: Comparison) -> Table:
+def _stated_confidence(comparison: Summary) -> Table:
     rows: list[Sequence[Value]] = []
     for name, found in comparison.calibration.items():
         if found is None:
@@ -147,7 +144,7 @@ def _stated_confidence(comparison: Comparison) -> Table:
     )
 
 
-def _calibration_at_stopping(comparison: Comparison) -> Table:
+def _calibration_at_stopping(comparison: Summary) -> Table:
     rows = [
         (name, str(s.num_touches), s.count, s.mean_stated, s.share_right, (s.low, s.high))
         for name, found in comparison.calibration.items()
@@ -166,7 +163,7 @@ def _calibration_at_stopping(comparison: Comparison) -> Table:
     )
 
 
-def _touches(comparison: Comparison) -> Table:
+def _touches(comparison: Summary) -> Table:
     rows = [
         (name, number, count)
         for name in comparison.deciders
@@ -175,7 +172,7 @@ def _touches(comparison: Comparison) -> Table:
     return Table("Touches per search", ["decider", ("touches", "d"), _SEARCHES], rows, name="touches", is_long=True)
 
 
-def _times(comparison: Comparison) -> Table:
+def _times(comparison: Summary) -> Table:
     rows = []
     for name in comparison.deciders:
         seconds = comparison.cells[name, ALL].seconds
@@ -184,3 +181,124 @@ def _times(comparison: Comparison) -> Table:
             rows.append((name, seconds.num_touches, *ms.values(), sum(ms.values())))
     parts = ((part, ".2f") for part in ("physics", "network", "decision", "sum"))
     return Table("Milliseconds per touch", ["decider", ("touches", "d"), *parts], rows, name="times")
+
+
+def _overprobing(comparison: Summary) -> Table:
+    rows: list[Sequence[Value]] = []
+    for name, found in comparison.overprobing.items():
+        if found is not None:
+            counts = (found.went_on, found.doubted, found.first_wrong, found.wrong)
+            shares = [
+                share for count in counts for share in (count / found.objects, wilson_interval(count, found.objects))
+            ]
+            rows.append((name, found.objects, found.late_touches, *shares))
+    headings = ("touched again", "revised", "first wrong", "wrong")
+    columns = [column for n, name in enumerate(headings) for column in ((name, ".3f"), (f"95 %{' ' * n}", ".3f"))]
+    return Table(
+        "Touches after certainty",
+        ["decider", ("objects", "d"), ("touches after", ".2f"), *columns],
+        rows,
+        f"Objects whose posterior reached {CERTAIN:g} at some touch, with 95 % Wilson intervals. Revised: a later "
+        "touch made the posterior uncertain again. First wrong: the first certain decision would have been wrong.",
+        "overprobing",
+    )
+
+
+def _abstention(comparison: Summary) -> Table:
+    """Success, wrong answers and abstention of every decider; stated and achieved confidence of its answers."""
+    rows: list[Sequence[Value]] = []
+    for name, found in comparison.selective.items():
+        if found is None:
+            continue
+        achieved: tuple[Value, Value] = (
+            (None, None) if found.achieved is None else (found.achieved[0], found.achieved[1:])
+        )
+        unsure: tuple[Value, ...] = (found.unsure[0], found.unsure[1:], *found.reasons.values())
+        rows.append(
+            (
+                *(name, found.num_episodes, comparison.cells[name, ALL].success, found.wrong[0], found.wrong[1:]),
+                *unsure,
+                *(found.num_answered, found.stated, *achieved),
+            )
+        )
+    return Table(
+        "Answers and “I do not know”",
+        [
+            *("decider", ("searches", "d"), ("success", ".3f"), ("wrong", ".3f"), ("95 %", ".3f")),
+            *(
+                ("unsure", ".3f"),
+                ("95 % ", ".3f"),
+                ("conflict", "d"),
+                ("doubtful", "d"),
+                ("suspicious", "d"),
+                ("touch limit", "d"),
+            ),
+            *(("answered", "d"), ("stated", ".3f"), ("right", ".3f"), ("95 %  ", ".3f")),
+        ],
+        rows,
+        "Fractions of all searches with Clopper-Pearson intervals: success, wrong answer, “I do not know” (unsure). "
+        "Conflict: the touches do not fit the world that the sensor knows. Doubtful: the answer would have been right "
+        "with too small a probability. Touch limit: a further touch was not allowed. Stated: mean stated probability "
+        "that an answer is right. Right: fraction of answers that are.",
+        "abstention",
+    )
+
+
+def _selective_risk(comparison: Summary) -> Table:
+    """Selective risk of every decider at full and at half coverage, and the area under its curve."""
+    rows: list[Sequence[Value]] = []
+    for name, found in comparison.selective.items():
+        for ranking, curve in ({} if found is None else found.curves).items():
+            half = float(curve.risk[(len(curve.risk) - 1) // 2])
+            rows.append((name, ranking, curve.coverage[-1], curve.full_risk, half, curve.area, curve.interval))
+    return Table(
+        "Selective risk",
+        [
+            *("decider", ("ranked by", ""), ("coverage", ".3f"), ("risk", ".4f"), ("risk of the better half", ".4f")),
+            *(("area", ".4f"), ("95 %", ".4f")),
+        ],
+        rows,
+        "Coverage: fraction of searches that were answered. Risk: fraction of these answers that are wrong. The better "
+        "half: the answers with the highest stated confidence, or with the least conflict. Area: mean risk over all "
+        "coverages, with a bootstrap interval over answers; without a wrong answer it is [0, 0], which does not mean "
+        "that no answer can be wrong.",
+        "selective_risk",
+    )
+
+
+def terminal_table(comparison: Summary, width: int = 80) -> Table:
+    """The comparison as a table for a terminal; columns that do not fit are omitted.
+
+    Args:
+        comparison: results to show.
+        width: width of the terminal [characters].
+    """
+    whole, omitted = _terminal_rows(comparison), 0
+    whole = whole if comparison.is_selective else whole.without(["unsure"])
+    table, console = whole, plain_console(width=10_000)
+    while omitted < len(_DROPPED) and console.measure(table.rich()).maximum > width:
+        omitted += 1
+        table = whole.without(_DROPPED[:omitted])
+    last = f"Omitted: {', '.join(_DROPPED[:omitted])}" if omitted else "ms/touch = physics+network+decision"
+    note = (
+        f"{next(iter(comparison.cells.values())).num_episodes} live searches per decider and target, 95 % Wilson "
+        f"intervals. No-touch baseline {comparison.no_touch_baseline:.2f}; full-information oracle "
+        f"{comparison.oracle[0]}/{comparison.oracle[1]}. {last}"
+    )
+    return replace(table, note=note)
+
+
+def _terminal_rows(comparison: Summary) -> Table:
+    by_target = len(comparison.deciders) * (len(comparison.targets) + 1) <= _MOST_ROWS
+    rows: list[tuple[str, ...]] = []
+    for decider in comparison.deciders:
+        rows.append((decider,))
+        for target in [*(comparison.targets if by_target else ()), ALL]:
+            cell = comparison.cells[decider, target]
+            low, high = cell.success_interval
+            ms = "+".join(f"{part:.{part < 10:d}f}" for part in cell.seconds.ms_per_touch().values())
+            counts = (str(cell.wrong), str(cell.none + cell.truncated), str(cell.unsure), f"{cell.touches:.2f}")
+            rows.append(
+                (f"  {target}", f"{cell.success:.3f}", f"{low:.2f}–{high:.2f}", *counts, ms if cell.touches else "–")
+            )
+    return Table("", ["target", "success", "95 %", "wrong", "none", "unsure", "touches", "ms/touch"], rows)

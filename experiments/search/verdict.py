@@ -1,19 +1,123 @@
-"""Verdict of a comparison in sentences: significant differences, and the searches needed to resolve the others."""
+"""Verdict of a comparison: who is best or tied, significant differences, and searches needed to resolve the others."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from statistics import fmean
+from typing import NamedTuple
 
 from belief.statistics.power import LEVEL, POWER
-from experiments.search.cards import ENOUGH, by_return, is_small, tie_sentence, tied
 from experiments.search.paired import Difference
 from experiments.search.selective import Selective
-from experiments.search.summary import ALL, Comparison
-from planners.bounds.one_touch import one_touch_bound
+from experiments.search.summary import ALL, Summary
+from planners.one_touch import one_touch_bound
+
+LONGEST = 36
+"""Length from which a name is replaced by a short one."""
+LEAST_DOUBT = 0.025
+"""A decider whose return is the highest in at least this fraction of bootstrap resamples may be the best."""
+ENOUGH = 20
+"""Least number of searches after which a decider is called the best; resamples of fewer are too much alike."""
 
 
-def verdict_sentences(comparison: Comparison) -> list[str]:
+class Card(NamedTuple):
+    """What a decider reached, as text and numbers.
+
+    Attributes:
+        name: of the decider.
+        rank: "best", "tied for best", or "".
+        success: fraction of searches, with its interval.
+        touches: mean number of a search.
+        reward: mean return.
+        stated: how stated confidence and fraction correct agree, in words.
+    """
+
+    name: str
+    rank: str
+    success: tuple[float, float, float]
+    touches: float
+    reward: float
+    stated: str
+
+
+def tied(comparison: Summary) -> list[str]:
+    """Deciders that may be the best, by return; more than one is a tie."""
+    names = by_return(comparison)
+    found = [name for name in names if comparison.prob_best[name] >= LEAST_DOUBT]
+    return found or names[:1]
+
+
+def is_small(comparison: Summary) -> bool:
+    """Whether there are too few searches to tell deciders apart."""
+    return comparison.cells[comparison.reference, ALL].num_episodes < ENOUGH
+
+
+def by_return(comparison: Summary) -> list[str]:
+    """All deciders, the highest mean return first."""
+    return sorted(comparison.deciders, key=lambda name: -comparison.cells[name, ALL].reward)
+
+
+def cards(comparison: Summary) -> list[Card]:
+    """A card for each decider, the highest return first."""
+    best, found = tied(comparison), []
+    for name in by_return(comparison):
+        cell = comparison.cells[name, ALL]
+        is_ranked = name in best and len(comparison.deciders) > 1 and not is_small(comparison)
+        rank = ("tied for best" if len(best) > 1 else "best") if is_ranked else ""
+        success = (cell.success, *cell.success_interval)
+        found.append(Card(name, rank, success, cell.touches, cell.reward, _stated(comparison, name)))
+    return found
+
+
+def tie_sentence(names: Sequence[str], comparison: Summary) -> str:
+    """A tie in words; empty where one decider is certainly the best."""
+    if len(names) < 2:
+        return ""
+    shares = ", ".join(f"that of {name} in {100 * comparison.prob_best[name]:.0f} %" for name in names)
+    return (
+        f"This is a tie of {len(names)}: no return is certainly the highest. In bootstrap resamples of the episodes, "
+        f"the highest return is {shares}."
+    )
+
+
+def _stated(comparison: Summary, name: str) -> str:
+    found = comparison.calibration[name]
+    if found is None:
+        return "never confirmed"
+    score = found.overall
+    word = (
+        "as stated"
+        if score.is_consistent
+        else ("overconfident" if score.mean_stated > score.high else "underconfident")
+    )
+    return f"{word}: {score.share_right:.3f} right, {score.mean_stated:.3f} stated"
+
+
+def short_names(names: Sequence[str]) -> tuple[dict[str, str], list[str]]:
+    """What deciders are called where space is short, and sentences that say what was left out.
+
+    A long name is replaced by its first word, with a number if several deciders begin with that word.
+
+    Args:
+        names: deciders as on the command line, all different.
+
+    >>> found, said = short_names(["information_gain(given='shape', confirm=0.98)", "random_poses"])
+    >>> list(found.values())
+    ['information_gain', 'random_poses']
+    >>> said
+    ["information_gain is information_gain(given='shape', confirm=0.98)."]
+    """
+    long = [name for name in names if len(name) > LONGEST]
+    words = {name: name.partition("(")[0].partition(":")[0] for name in long}
+    short = {name: name for name in names}
+    for name in long:
+        alone = sum(other.startswith(words[name]) for other in names) == 1
+        short[name] = words[name] if alone else f"{words[name]} {list(names).index(name) + 1}"
+    return short, [f"{short[name]} is {name}." for name in long]
+
+
+def verdict_sentences(comparison: Summary) -> list[str]:
     """Sentences on the best decider, on the differences from the reference, and on stated confidence."""
     sentences = [_best(comparison), _frame(comparison)]
     sentences += [_against(name, difference, comparison) for name, difference in comparison.differences.items()]
@@ -24,7 +128,7 @@ def verdict_sentences(comparison: Comparison) -> list[str]:
     return sentences
 
 
-def _best(comparison: Comparison) -> str:
+def _best(comparison: Summary) -> str:
     names, equals = by_return(comparison), tied(comparison)
     best = comparison.cells[names[0], ALL]
     low, high = best.success_interval
@@ -49,44 +153,17 @@ def _best(comparison: Comparison) -> str:
     )
 
 
-def _frame(comparison: Comparison) -> str:
+def _frame(comparison: Summary) -> str:
     solved, tried = comparison.oracle
     most = fmean(one_touch_bound(comparison.problem, target) for target in comparison.targets)
     return (
         f"The no-touch baseline succeeds in {_share(comparison.no_touch_baseline)} of searches. The full-information "
         f"oracle, which touches every object in every pose before it answers, succeeds in {solved} of {tried}. "
         f"With any sensor, the expected return is at most {most:.3f}, that of touches which reveal the shape."
-        f"{_revealed_body(comparison)}{_bound(comparison)}"
     )
 
 
-def _revealed_body(comparison: Comparison) -> str:
-    """Bound for deciders that are shown the body; empty if it is not known."""
-    found = comparison.revealed_body
-    if found is None:
-        return ""
-    return (
-        " If orientation and size of each object were revealed at first sight, and touches were as the "
-        f"sensor model predicts them, it is at most {found.mean:.3f} (standard error {found.standard_error:.3f})."
-    )
-
-
-def _bound(comparison: Comparison) -> str:
-    """Comparison of the best decider with the upper bound of the discretised sensor model; empty without a bound."""
-    name = max(comparison.deciders, key=lambda name: comparison.cells[name, ALL].reward)
-    gap = comparison.gap[name]
-    if gap is None:
-        return ""
-    mean, low, high = gap
-    bound = comparison.cells[name, ALL].reward + mean
-    return (
-        f" The upper bound on the expected return is {bound:.3f} for the discretised sensor model, in which touches "
-        f"are independent given the shape; live returns can exceed it. {name} is {abs(mean):.3f} "
-        f"{'below' if mean >= 0.0 else 'above'} [{low:+.3f}, {high:+.3f}]."
-    )
-
-
-def _against(name: str, difference: Difference, comparison: Comparison) -> str:
+def _against(name: str, difference: Difference, comparison: Summary) -> str:
     pairs, reference = difference.mcnemar, comparison.reference
     either = (
         f"of {pairs.num_episodes} episodes, {pairs.first_only} succeed only with {name} and {pairs.second_only} only "
@@ -103,7 +180,7 @@ def _against(name: str, difference: Difference, comparison: Comparison) -> str:
     return f"{name} {success}. {_touches(name, difference, comparison)}"
 
 
-def _needed(difference: Difference, comparison: Comparison) -> str:
+def _needed(difference: Difference, comparison: Summary) -> str:
     """Number of further searches at which the difference would probably be significant, in words."""
     pairs, needed = difference.mcnemar, difference.episodes_for_success
     if needed is None:
@@ -118,7 +195,7 @@ def _needed(difference: Difference, comparison: Comparison) -> str:
     )
 
 
-def _touches(name: str, difference: Difference, comparison: Comparison) -> str:
+def _touches(name: str, difference: Difference, comparison: Summary) -> str:
     mean, low, high = difference.touches
     if is_small(comparison):
         return (
@@ -131,7 +208,7 @@ def _touches(name: str, difference: Difference, comparison: Comparison) -> str:
     return f"{name} takes {abs(mean):.2f} touches {more} than {comparison.reference} [{low:+.2f}, {high:+.2f}]."
 
 
-def _calibration(comparison: Comparison) -> list[str]:
+def _calibration(comparison: Summary) -> list[str]:
     """Sentences on the agreement of stated confidence and fraction correct, for each decider."""
     scores = {name: found.overall for name, found in comparison.calibration.items() if found is not None}
     kept = [name for name, score in scores.items() if score.is_consistent]

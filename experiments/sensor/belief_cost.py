@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from belief import Touch
-from belief.observation_model import ArrayModel
+from belief.observation_model.model import ArrayModel
+from belief.problem import Touch
 
 _UPDATES = 50
 

@@ -1,4 +1,4 @@
-"""``activetouch calibrate``: select and fit the observation model, and evaluate the sensor on held-out objects."""
+"""``activetouch calibrate``: select and fit the observation model, rank poses, evaluate on held-out objects."""
 
 from __future__ import annotations
 
@@ -8,12 +8,14 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cache, partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from activetouch.data.dataset import TouchSet, read_split
-from activetouch.data.manifest import CollectionPlan, Manifest
+from activetouch.data.manifest import CollectionPlan, Manifest, read_manifest
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
 from activetouch.scene import Scene
@@ -24,9 +26,10 @@ from belief.claims import claim_folder, ends_claims
 from belief.errors import ActiveTouchError
 from belief.files import write_text
 from belief.metrics import confusion_matrix, expected_calibration_error, negative_log_likelihood, shape_scores
-from belief.observation_model import ArrayModel
-from belief.observation_model.registry import JOINT_MODELS, OBSERVATION_MODELS, Fit, fit_named, require_readable
+from belief.observation_model.model import ArrayModel
+from belief.observation_model.registry import Fit, fit_named, fits, require_readable
 from belief.observation_model.selection import NUM_FOLDS, ModelChoice, choose_observation_model, log_posteriors
+from belief.problem import Floats
 from belief.statistics import clopper_pearson_interval
 from belief.touch_batch import TouchBatch
 from experiments.command_line.arguments import BadArgument, Count, Seed, check_arguments
@@ -34,10 +37,12 @@ from experiments.command_line.console import plain_console
 from experiments.command_line.trust import Trust
 from experiments.reporting.tables import Table
 from experiments.scene_choice import SceneChoice, in_file_names, named_scene, repeats_folder, training_folder
-from experiments.sensor.baseline import depth_and_force_accuracy
 from experiments.sensor.scores import accuracy_of_objects, read_touches
 from experiments.sensor_choice import NoSensor, open_collection, require_collection
 from experiments.sensor_commands import command
+from planners.pose_order import greedy_order, write_order
+
+_RANKED, _ORDERED = 120, 16  # calibration objects that rank poses, and largest number of poses in the order
 
 
 @dataclass(frozen=True)
@@ -46,8 +51,9 @@ class Calibrate:
 
     The collection should touch its objects several times in every pose (collect --plan.repeats 6): how far touches
     repeat each other can be learned from nothing else. Cross-validation on the calibration split selects the model.
-    Writes the reader, the observation model and evaluation.json into one folder that the other commands use.
-    If the chosen model is about one rigid body, the best model that takes touches as independent is kept beside it.
+    Writes the reader, the observation model, evaluation.json and the best fixed order of poses (for the decider
+    best_order) into one folder that the other commands use. If the chosen model is about one rigid body, the best model
+    that takes touches as independent is kept beside it.
 
     For example:
 
@@ -77,17 +83,13 @@ class Calibrate:
     """Run code of your own that the collection names beside --scene, such as a renderer module:attribute."""
 
     @ends_claims
-    def run(self, scene: Scene | None = None) -> None:
-        """Choose, fit, write, and print the evaluation.
-
-        Args:
-            scene: of the collection, where a program recorded it; that of the manifest by default.
-        """
+    def run(self) -> None:
+        """Choose, fit, write, and print the evaluation."""
         check_arguments(self)
         named_scene(self.scene)  # raises for an unknown name
         data = self.data if self.data is not None else repeats_folder(self.scene)
         out = self.out if self.out is not None else Path(f"runs/sensor-{in_file_names(self.scene)}")
-        chosen_from = {name: fit_named(name) for name in self.observation_model}
+        models = {name: fit_named(name) for name in self.observation_model}
         claim_folder(out)
         trained = self.reader if self.reader is not None else training_folder(self.scene) / READER_FILE
         manifest = open_collection(data, self.scene, repeats=True)
@@ -97,44 +99,152 @@ class Calibrate:
         filed = self.scene if self.out is None else None
         require_collection(data, manifest, reader.card, filed, repeats=True, anyway=self.anyway)
         require_enough(manifest, data)
-        scene = scene if scene is not None else scene_of(manifest, Trust(data, [self.scene], self.trust))
-        candidates = candidate_models(chosen_from, reader, scene, self.hypotheses)
-        calibration, test = read_split(data, "calibration"), read_split(data, "test")
-        known = read_touches(reader, calibration, "reading calibration touches")
-        tested = read_touches(reader, test, "reading test touches")
-        print("fitting the observation model …")
-        touches = (known.sequence(0), calibration.shapes, calibration.object_ids)
-        labels: dict[str, Any] = {"shape_labels": manifest.shape_labels, "num_poses": len(manifest.pose_labels)}
-        if len(candidates) == 1:  # nothing to choose from
-            ((name, fit),) = candidates.items()
-            choice = ModelChoice(name, fit(*touches, **labels), {})
-        else:
-            choice = choose_observation_model(*touches, **labels, candidates=candidates)
-        require_readable(choice.model)
-        others = {name: loss for name, loss in choice.losses.items() if name not in JOINT_MODELS}
-        leaner = min(others, key=others.__getitem__) if choice.name in JOINT_MODELS and others else None
-        evaluation = {
-            "observation_model": choice.name,
-            "cross_validated_nll": dict(choice.losses),
-            "rounds": manifest.plan.repeats,
-            "depth_and_force_accuracy": depth_and_force_accuracy(calibration, test),
-            **evaluate(choice.model, tested, test, np.random.default_rng(self.seed)),
-        }
-        independent = candidates[leaner](*touches, **labels) if leaner is not None else None
-        reader.save(out / READER_FILE)
-        write_observation_model(out, choice.model, manifest.scene)
-        if independent is not None:
-            write_observation_model(out, independent, manifest.scene, INDEPENDENT_FILE)
-        else:
-            (out / INDEPENDENT_FILE).unlink(missing_ok=True)
-        write_text(out / "evaluation.json", json.dumps(evaluation, indent=1) + "\n")
-        _show(evaluation, choice)
+        scene = scene_of(manifest, Trust(data, [self.scene], self.trust))
+        found = calibrate(reader, data, scene, models, self.hypotheses, self.seed)
+        found.save(out)
+        plain_console().print(str(found), found.table().rich(), sep="\n")
         if manifest.plan.repeats == 1:
             print(
                 "No object was touched twice in a pose, so how far touches repeat each other is an assumption. To "
-                f"measure it, record several rounds{again(manifest, data)}"
+                f"measure it, record several rounds{how_to_record(manifest, data)}"
             )
         print(f"wrote {out}")
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """A reader with its observation model, and how good both are on objects that neither was fitted to.
+
+    Attributes:
+        reader: reader of the touches.
+        choice: observation model with the cross-validated losses of all candidates.
+        independent: best model that takes touches as independent, beside a joint model; None for any other.
+        order: labels of the poses in the best fixed order, each with the NLL of the shape after it [nats].
+        evaluation: figures of test objects, as in ``evaluation.json``.
+        scene: fields of the scene of the touches.
+    """
+
+    reader: TactileReader
+    choice: ModelChoice
+    independent: ArrayModel | None
+    order: Mapping[str, float]
+    evaluation: Mapping[str, Any]
+    scene: Mapping[str, Any]
+
+    def save(self, folder: Path) -> None:
+        """Write a sensor, from which :meth:`activetouch.TactileSensor.load` reads.
+
+        Raises:
+            CannotWrite: The disk is full, or the folder is not writable.
+        """
+        self.reader.save(folder / READER_FILE)
+        write_observation_model(folder, self.choice.model, self.scene)
+        if self.independent is not None:
+            write_observation_model(folder, self.independent, self.scene, INDEPENDENT_FILE)
+        else:
+            (folder / INDEPENDENT_FILE).unlink(missing_ok=True)
+        write_order(folder, list(self.order), np.array(list(self.order.values())))
+        write_text(folder / "evaluation.json", json.dumps(self.evaluation, indent=1) + "\n")
+
+    def __str__(self) -> str:
+        e, (low, high) = self.evaluation, self.evaluation["accuracy_interval"]
+        fused_low, fused_high = e["fused_accuracy_interval"]
+        losses = sorted(self.choice.losses.items(), key=lambda pair: pair[1])
+        words = ", ".join(f"{name} {loss:.4f}" for name, loss in losses)
+        chosen = f" (cross-validated sequence NLL: {words})" if words else ""
+        return (
+            f"{e['num_touches']} test touches of {e['num_objects']} unseen objects\n"
+            f"single touch: accuracy {e['accuracy']:.4f} [{low:.4f}, {high:.4f}]\n"
+            f"observation model: {self.choice.name}{chosen}\n"
+            f"single touch, from raw to calibrated: NLL {e['nll_raw']:.4f} → {e['nll_calibrated']:.4f}, "
+            f"ECE {e['ece_raw']:.4f} → {e['ece_calibrated']:.4f}\n"
+            f"an object's first touch in every pose fused: accuracy {e['fused_accuracy']:.4f} "
+            f"[{fused_low:.4f}, {fused_high:.4f}], NLL {e['fused_nll']:.4f}, ECE {e['fused_ece']:.4f}\n"
+            "best order of poses, with the NLL after each on the objects by which they are ranked: "
+            + ", ".join(f"{label} {loss:.4f}" for label, loss in self.order.items())
+        )
+
+    def table(self) -> Table:
+        """Precision, recall and F1 of single touches by shape, and the shapes that it is most often read as."""
+        rows, labels = [], self.choice.model.shape_labels
+        for k, (label, row) in enumerate(zip(labels, self.evaluation["confusion"], strict=True)):
+            score = self.evaluation["shapes"][label]
+            ratios = (score[name] for name in ("precision", "recall", "f1"))
+            others = sorted((j for j in range(len(row)) if j != k and row[j]), key=lambda j: -row[j])[:2]
+            rows.append((label, *ratios, ", ".join(f"{labels[j]} {row[j] / sum(row):.1%}" for j in others)))
+        headings = ["shape", ("precision", ".3f"), ("recall", ".3f"), ("F1", ".3f"), ("most often read as", "")]
+        return Table("single touches by shape; all confusions are in evaluation.json", headings, rows)
+
+
+def calibrate(
+    reader: TactileReader,
+    data: Path,
+    scene: Scene | None = None,
+    models: Mapping[str, Fit] = MappingProxyType({}),
+    hypotheses: int | None = None,
+    seed: int = 0,
+) -> Calibration:
+    """Fit observation models to the calibration split of a collection, keep the best, and evaluate on the test split.
+
+    Args:
+        reader: reader of the touches.
+        data: folder of the collection, whose objects are better touched several times in every pose.
+        scene: scene of the touches, if it is known; without it, no model is about one rigid body.
+        models: functions that fit the models to choose from, by name; all by default.
+        hypotheses: number of hypotheses of each shape in a model about one rigid body.
+        seed: seed of the intervals.
+
+    Raises:
+        BadArgument: A model does not work with this reader.
+        BadReference: No command could read the file of the chosen model.
+    """
+    manifest = read_manifest(data)
+    candidates = candidate_models(models, reader, scene, hypotheses)
+    calibration, test = read_split(data, "calibration"), read_split(data, "test")
+    known = read_touches(reader, calibration, "reading calibration touches")
+    tested = read_touches(reader, test, "reading test touches")
+    print("fitting the observation model …")
+    touches = (known.sequence(0), calibration.shapes, calibration.object_ids)
+    labels: dict[str, Any] = {"shape_labels": manifest.shape_labels, "num_poses": len(manifest.pose_labels)}
+    if len(candidates) == 1:  # nothing to choose from
+        ((name, fit),) = candidates.items()
+        choice = ModelChoice(name, fit(*touches, **labels), {})
+    else:
+        choice = choose_observation_model(*touches, **labels, candidates=candidates)
+    require_readable(choice.model)
+    others = {name: loss for name, loss in choice.losses.items() if name not in fits("embeddings")}
+    leaner = min(others, key=others.__getitem__) if choice.model.reads == "embeddings" and others else None
+    independent = candidates[leaner](*touches, **labels) if leaner is not None else None
+    evaluation = {
+        "observation_model": choice.name,
+        "cross_validated_nll": dict(choice.losses),
+        "rounds": manifest.plan.repeats,
+        **evaluate(choice.model, tested, test, np.random.default_rng(seed)),
+    }
+    rounds = known.reshaped((len(np.unique(calibration.object_ids)), -1))
+    poses, losses = best_order(choice.model, rounds, calibration.shapes[:: rounds.num_touches])
+    order = {manifest.pose_labels[pose]: float(loss) for pose, loss in zip(poses, losses, strict=True)}
+    return Calibration(reader, choice, independent, order, evaluation, manifest.scene)
+
+
+def best_order(model: ArrayModel, rounds: TouchBatch, shapes: NDArray[np.int64]) -> tuple[tuple[int, ...], Floats]:
+    """The best fixed order of poses on calibration objects, and the NLL of the shape after each of its touches [nats].
+
+    The order is greedy: each pose is the one with which the touches so far leave the lowest NLL. The model was fitted
+    to these objects, so the NLL is lower than on others.
+
+    Args:
+        model: observation model.
+        rounds: touches of each object, the first of them one in every pose in order.
+        shapes: true shapes of the objects.
+    """
+    batch, truth = rounds.sequences(np.arange(min(_RANKED, len(shapes)))), shapes[:_RANKED]
+
+    def loss(poses: tuple[int, ...]) -> float:
+        found = log_posteriors(model, batch.take((slice(None), list(poses))))
+        return -float(found[np.arange(len(truth)), truth].mean())
+
+    return greedy_order(model.num_poses, min(_ORDERED, model.num_poses), loss)
 
 
 def scene_of(manifest: Manifest, trust: Trust) -> Scene | None:
@@ -161,15 +271,16 @@ def candidate_models(
         BadArgument: a model works with hypotheses, which this reader does not embed; or their number is given, and no
             model works with them.
     """
-    joint = {name: fit for name, fit in (asked or JOINT_MODELS).items() if name in JOINT_MODELS}
-    others = {name: fit for name, fit in (asked or OBSERVATION_MODELS).items() if name not in JOINT_MODELS}
+    all_joint = fits("embeddings")
+    joint = {name: fit for name, fit in (asked or all_joint).items() if name in all_joint}
+    others = {name: fit for name, fit in (asked or fits()).items() if name not in all_joint}
     if not joint or reader.hypotheses is None or scene is None:
         if asked and joint:
             raise BadArgument(
                 f"{in_words(list(joint))} needs a reader of a named scene, trained with --recipe contrast"
             )
         if num_hypotheses is not None:
-            known = in_words(list(JOINT_MODELS))
+            known = in_words(list(all_joint))
             raise BadArgument(f"--hypotheses {num_hypotheses} is a setting of {known}, which is none of these models")
         return others
     table = HypothesisTable(reader, scene)
@@ -196,11 +307,11 @@ def require_enough(manifest: Manifest, data: Path) -> None:
         raise TooFewObjects(
             f"{data} has {plan.calibration} calibration objects and {plan.test} test objects of every shape; choosing "
             f"the observation model takes at least {least} and 1, and a few hundred make it a good one. Record "
-            f"more{again(manifest, data)}"
+            f"more{how_to_record(manifest, data)}"
         )
 
 
-def again(manifest: Manifest, data: Path) -> str:
+def how_to_record(manifest: Manifest, data: Path) -> str:
     """How to record a collection of the same scene that will do, as the end of a sentence."""
     if manifest.choice is None:
         return ", with the program that recorded these"
@@ -244,30 +355,3 @@ def evaluate(model: ArrayModel, touches: TouchBatch, truth: TouchSet, rng: np.ra
         "fused_nll": negative_log_likelihood(fused, object_shapes),
         "fused_ece": expected_calibration_error(fused, object_shapes),
     }
-
-
-def _show(evaluation: dict[str, Any], choice: ModelChoice) -> None:
-    console = plain_console()
-    low, high = evaluation["accuracy_interval"]
-    fused_low, fused_high = evaluation["fused_accuracy_interval"]
-    e, labels = evaluation, choice.model.shape_labels
-    losses = ", ".join(f"{name} {loss:.4f}" for name, loss in sorted(choice.losses.items(), key=lambda pair: pair[1]))
-    chosen = f" (cross-validated sequence NLL: {losses})" if losses else ""
-    console.print(
-        f"{e['num_touches']} test touches of {e['num_objects']} unseen objects\n"
-        f"single touch: accuracy {e['accuracy']:.4f} [{low:.4f}, {high:.4f}]\n"
-        f"from force and depth alone, without the image: {e['depth_and_force_accuracy']:.4f}\n"
-        f"observation model: {choice.name}{chosen}\n"
-        f"single touch, from raw to calibrated: NLL {e['nll_raw']:.4f} → {e['nll_calibrated']:.4f}, "
-        f"ECE {e['ece_raw']:.4f} → {e['ece_calibrated']:.4f}\n"
-        f"an object's first touch in every pose fused: accuracy {e['fused_accuracy']:.4f} "
-        f"[{fused_low:.4f}, {fused_high:.4f}], NLL {e['fused_nll']:.4f}, ECE {e['fused_ece']:.4f}"
-    )
-    rows = []
-    for k, (label, row) in enumerate(zip(labels, e["confusion"], strict=True)):
-        score = e["shapes"][label]
-        ratios = (score[name] for name in ("precision", "recall", "f1"))
-        others = sorted((j for j in range(len(row)) if j != k and row[j]), key=lambda j: -row[j])[:2]
-        rows.append((label, *ratios, ", ".join(f"{labels[j]} {row[j] / sum(row):.1%}" for j in others)))
-    headings = ["shape", ("precision", ".3f"), ("recall", ".3f"), ("F1", ".3f"), ("most often read as", "")]
-    console.print(Table("single touches by shape; all confusions are in evaluation.json", headings, rows).rich())

@@ -1,34 +1,28 @@
-"""``activetouch collect``: record touches, go on after an interruption, check them, or make a collection once more."""
+"""``activetouch collect``: record touches, continue after an interruption, check them, or repeat a collection."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import tyro
 
 from activetouch import Scene
-from activetouch.data.dataset import CollectionPlan, num_redrawn, read_shard, record_shard, shard_path, shard_size
+from activetouch.data.dataset import CollectionPlan, num_redrawn, read_shard, record_shard, shard_path
 from activetouch.data.manifest import Manifest, read_manifest, seal, write_manifest
-from activetouch.errors import UnstablePress
 from activetouch.scene_description import in_words, scene_differences, scene_fields
 from belief.errors import ActiveTouchError
 from experiments.command_line.arguments import Jobs, check_arguments
 from experiments.command_line.collection_arguments import PlanArguments
 from experiments.command_line.trust import Trust
-from experiments.parallel import default_jobs, run_tasks
+from experiments.parallel import run_tasks
 from experiments.scene_choice import SceneChoice, collection_folder
 from experiments.sensor_commands import choice_name
 
-_TIMED_SHAPES = 8
 _TEMPORARY = ("*/.?????.npz.*.npz", "*/.?????.seal.json.*.json", ".manifest.json.*.json")  # of atomic_path
-_LONGEST_TIMING = 3.0  # of the presses that are timed, until the next shape [s]
 
 
 class NotReproduced(ActiveTouchError):
@@ -66,7 +60,7 @@ class Collect:
         """Record all missing shards, and check all."""
         check_arguments(self)
         if self.from_manifest is not None:
-            self._again(self.from_manifest)
+            self._make_again(self.from_manifest)
         else:
             name = choice_name(self.choice) if self.choice.meshes or self.choice.family else self.choice.scene
             folder = self.out if self.out is not None else collection_folder(name)
@@ -75,7 +69,7 @@ class Collect:
             if manifest.redrawn:
                 print(f"{manifest.redrawn} objects were drawn anew, because a press of the first did not settle")
 
-    def _again(self, source: Path) -> None:
+    def _make_again(self, source: Path) -> None:
         """Make the collection of a manifest in another folder, and compare."""
         if self.choice != SceneChoice() or self.plan != PlanArguments():
             raise NotReproduced("--from-manifest says scene and plan; leave out --scene, --plan and the like")
@@ -88,12 +82,12 @@ class Collect:
                 f"{source} is not complete, there is no SHA-256 to compare with; finish it {recorded.how(original)}"
             )
         choice = _choice(recorded, Trust(source, everything=self.trust))
-        again = collect(choice, recorded.plan, self.out, self.jobs)
-        assert again.sha256 is not None, "a collection ends with its digests"
-        if differing := [name for name, digest in recorded.sha256.items() if again.sha256[name] != digest]:
+        repeated = collect(choice, recorded.plan, self.out, self.jobs)
+        assert repeated.sha256 is not None, "a collection ends with its digests"
+        if differing := [name for name, digest in recorded.sha256.items() if repeated.sha256[name] != digest]:
             raise NotReproduced(
                 f"{len(differing)} of {len(recorded.sha256)} shards in {self.out} differ from those of {source}: "
-                f"{_some(differing)}. {_sentence(recorded.differences(again))}."
+                f"{_first_names(differing)}. {_sentence(recorded.differences(repeated))}."
             )
         print(f"{len(recorded.sha256)} shards identical")
 
@@ -118,7 +112,7 @@ def record(
     Raises:
         LabelMismatch: the folder holds another collection, or a shard names what the collection does not have.
         CorruptFile: a shard is damaged, foreign, or was changed after it was recorded.
-        UnstablePress: no object of some shape can be pressed in all poses.
+        UnstablePress: no object of a shape can be pressed in all poses.
         NotReproduced: a lost shard of a complete collection came out with other bytes than it had.
     """
     # A killed run leaves temporary files of atomic_path behind; those that appear later are another process's.
@@ -127,12 +121,10 @@ def record(
     here = {shard: shard_path(folder, *shard[:2]).exists() for shard in manifest.shards()}
     if unknown := [s for s, is_here in here.items() if is_here and manifest.digest(folder, *s[:2]) is None]:
         names = [shard_path(Path(), *shard[:2]).as_posix() for shard in unknown]
-        print(f"{folder}: {_some(names)} do not say which collection they belong to; they are recorded again")
+        print(f"{folder}: {_first_names(names)} do not say which collection they belong to; they are recorded again")
         here |= dict.fromkeys(unknown, False)
     missing = [partial(_record, folder, scene, manifest, *shard) for shard, is_here in here.items() if not is_here]
     checks = [partial(_check, folder, manifest, *shard) for shard, is_here in here.items() if is_here]
-    if missing:
-        print(_cost(scene, manifest, [shard[2] for shard, is_here in here.items() if not is_here], jobs))
     new = list(run_tasks(missing, jobs, f"touching objects → {folder}")) if missing else []
     old = list(run_tasks(checks, jobs, f"checking shards in {folder}")) if checks else []
     sha256 = {name: digest for name, digest, _ in new + old}
@@ -143,25 +135,6 @@ def record(
     for path in litter:
         path.unlink(missing_ok=True)
     return manifest
-
-
-def _cost(scene: Scene, manifest: Manifest, shards: list[range], jobs: int | None) -> str:
-    """Touches, time and size of shards with these objects, from timed presses of at most eight of the shapes."""
-    touches = sum(map(len, shards)) * manifest.touches_per_object
-    rng, times, begun = np.random.default_rng(0), [], time.perf_counter()
-    for shape in np.unique(np.linspace(0, len(scene.shapes) - 1, _TIMED_SHAPES).astype(int)).tolist():
-        for pose in (0, -1):  # what the first press of a shape prepares, later ones find
-            started = time.perf_counter()
-            with suppress(UnstablePress):  # it takes as long as another, and collecting says more
-                scene.press(scene.sample_object(shape, rng), pose % len(scene.poses), rng, attempts=1)
-        times.append(time.perf_counter() - started)
-        if time.perf_counter() - begun > _LONGEST_TIMING:
-            break
-    processes = default_jobs() if jobs is None else jobs
-    seconds, size = touches * float(np.mean(times)) / processes, sum(shard_size(manifest, shard) for shard in shards)
-    unit, name = (1, "s") if seconds < 120 else (60, "min") if seconds < 7200 else (3600, "h")
-    by = "one process" if processes == 1 else f"{processes} processes, once they have started"
-    return f"{touches} touches: about {seconds / unit:.2g} {name} on {by}; {size / 1e6:.3g} MB"
 
 
 def _record(
@@ -185,8 +158,8 @@ def _require_recorded(folder: Path, manifest: Manifest, here: Manifest, sha256: 
     if differing:
         raise NotReproduced(
             f"{len(differing)} lost shards of {folder} came out with other bytes than they had: "
-            f"{_some(sorted(differing))}. {_sentence(manifest.differences(here))}. Restore them from a copy, or record "
-            "all in another folder."
+            f"{_first_names(sorted(differing))}. {_sentence(manifest.differences(here))}. Restore them from a copy, or "
+            "record all in another folder."
         )
 
 
@@ -213,7 +186,7 @@ def _choice(recorded: Manifest, trust: Trust) -> SceneChoice:
     return choice
 
 
-def _some(names: list[str]) -> str:
+def _first_names(names: list[str]) -> str:
     """Names in a row, the first ten at most."""
     return ", ".join(names[:10]) + (f" and {len(names) - 10} more" if len(names) > 10 else "")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import filecmp
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +13,14 @@ from activetouch.errors import LabelMismatch
 from activetouch.extras import require_extra
 from activetouch.named_scenes import NamedScene
 from activetouch.perception.card import read_card
-from activetouch.perception.recipe import RECIPES
+from activetouch.perception.reader import TactileReader
+from activetouch.perception.recipe import RECIPES, TrainingRecipe
 from activetouch.sensor_files import READER_FILE
 from experiments.parallel import default_jobs
 from experiments.scene_choice import as_named, named_scene
-from experiments.sensor.calibrate import Calibrate, require_enough
+from experiments.sensor.calibrate import calibrate, require_enough
 from experiments.sensor.collect import record
-from experiments.sensor.train import Changes, Train, require_input_size
+from experiments.sensor.train import in_safe_precision, require_input_size, train_reader
 
 
 def make_sensor(
@@ -37,7 +39,7 @@ def make_sensor(
 
     It does what the commands ``collect``, ``train`` and ``calibrate`` do. The same call goes on after an interruption,
     and only loads the sensor once it is finished. The sizes by default make a usable sensor of a scene of four shapes
-    in some minutes; the sensors that come with the package were made from several times as many touches.
+    within minutes; the sensors that come with the package were made from several times as many touches.
 
     Args:
         scene: to be sensed; its name, or an object.
@@ -48,7 +50,7 @@ def make_sensor(
         repeats: how often each of these is touched in every pose.
         seed: of the touches.
         jobs: processes for touches and threads for training; all cores by default.
-        change: settings of the training (:class:`experiments.sensor.train.Changes`), such as ``epochs=20``.
+        change: settings of the training (:class:`activetouch.perception.recipe.TrainingRecipe`), such as ``epochs=20``.
 
     Returns:
         The sensor in this scene.
@@ -65,21 +67,24 @@ def make_sensor(
     else:
         named = scene if isinstance(scene, NamedScene) else as_named(scene)
     folder, jobs = Path(out), jobs if jobs is not None else default_jobs()
-    touches, again, trained = folder / "touches", folder / "repeats", folder / "training"
+    touches, repeated, trained = folder / "touches", folder / "repeats", folder / "training"
     plan = CollectionPlan(train=train, calibration=calibration, test=0, seed=seed)
-    repeated = CollectionPlan(train=0, calibration=calibration, test=test, seed=seed, repeats=repeats)
-    changes = Changes(**{"seed": seed, **change})
+    repeated_plan = CollectionPlan(train=0, calibration=calibration, test=test, seed=seed, repeats=repeats)
+    recipe = in_safe_precision(replace(RECIPES["large"], **{"seed": seed, **change}), named.input_size)
     network: dict[str, Any] = {"backbone": named.backbone, "input_size": named.input_size}
     require_input_size(named.input_size, named.scene.image_shape[0], named.backbone)
-    require_enough(Manifest.of(named.scene, repeated), again)
-    if (trained / READER_FILE).exists():
-        _require_same_training(trained / READER_FILE, changes, **network)
+    require_enough(Manifest.of(named.scene, repeated_plan), repeated)
+    finished = trained / READER_FILE
+    if finished.exists():
+        _require_same_training(finished, recipe, **network)
     record(named.scene, plan, touches, jobs)
-    record(named.scene, repeated, again, jobs)
-    if not (trained / READER_FILE).exists():
-        Train(data=touches, out=trained, recipe="large", change=changes, threads=jobs, **network).run()
-    if not ((folder / "evaluation.json").exists() and _same(folder / READER_FILE, trained / READER_FILE)):
-        Calibrate(reader=trained / READER_FILE, data=again, out=folder, seed=seed).run(named.scene)
+    record(named.scene, repeated_plan, repeated, jobs)
+    if finished.exists():
+        reader = TactileReader.load(finished)
+    else:
+        reader = train_reader(touches, trained, recipe, **network, jobs=jobs)
+    if not ((folder / "evaluation.json").exists() and _same(folder / READER_FILE, finished)):
+        calibrate(reader, repeated, named.scene, seed=seed).save(folder)
     return TactileSensor.load(folder, named.scene)
 
 
@@ -87,13 +92,13 @@ def _same(one: Path, other: Path) -> bool:
     return one.exists() and filecmp.cmp(one, other, shallow=False)
 
 
-def _require_same_training(reader: Path, changes: Changes, backbone: str, input_size: int) -> None:
+def _require_same_training(reader: Path, recipe: TrainingRecipe, backbone: str, input_size: int) -> None:
     """Check that a finished reader was trained as asked for.
 
     Raises:
         LabelMismatch: it was trained with other settings.
     """
-    card, wanted = read_card(reader), changes.of(RECIPES["large"]).words
+    card, wanted = read_card(reader), recipe.words
     found = card.training.partition(";")[0]
     if (found, card.backbone, card.input_size) != (wanted, backbone, input_size):
         raise LabelMismatch(

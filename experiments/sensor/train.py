@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 
 from activetouch.data.dataset import TouchSet, read_split
-from activetouch.data.manifest import Manifest
+from activetouch.data.manifest import read_manifest
 from activetouch.errors import MissingWeights
 from activetouch.extras import require_extra
 from activetouch.perception.backbones import BACKBONES, ConvNeXt
 from activetouch.perception.card import CLASSIFIER_FILE
-from activetouch.perception.reader import resized
+from activetouch.perception.reader import TactileReader, resized
 from activetouch.perception.recipe import RECIPES, TrainingRecipe
+from activetouch.scene import Scene
 from activetouch.sensor_files import ANY_OBJECT_FILE, READER_FILE
 from belief.claims import claim_folder, ends_claims
 from experiments.command_line.arguments import (
@@ -34,21 +35,11 @@ from experiments.scene_choice import collection_folder, named_scene, training_fo
 from experiments.sensor_choice import open_collection, require_named_scene
 
 if TYPE_CHECKING:
-    from torch import nn
-
     from activetouch.perception.card import ClassifierCard
     from activetouch.perception.classifier import TouchClassifier
     from activetouch.perception.training import Trainer
 
 STATE_FILE = "state.safetensors"
-_STANDARDISING = (
-    "pixel_mean",
-    "pixel_std",
-    "log_size_mean",
-    "log_size_std",
-    "aim_scale",
-)
-"""Fields of a card that centre and scale the inputs of its network."""
 BackboneName: TypeAlias = Literal[tuple(BACKBONES)]  # type: ignore[valid-type]
 
 
@@ -58,32 +49,16 @@ class Changes:
 
     epochs: Count | None = None
     """Passes over the training split."""
-    optimizer: Literal["adamw", "muon"] | None = None
-    """AdamW, or Muon for the matrices and AdamW for the rest: slower steps, and fewer are needed."""
     batch_size: Count | None = None
     """Images per step."""
     learning_rate: Positive | None = None
     """Peak of the cosine schedule."""
-    weight_decay: NotNegative | None = None
-    """Weight decay of matrices and kernels."""
     patience: Count | None = None
     """Stop after so many epochs without a lower loss on the calibration split, and keep the best epoch."""
-    embedding: Count | None = None
-    """Length of the embeddings, by contrast only."""
-    negatives: Count | None = None
-    """Hypotheses drawn for every step, by contrast only."""
     cell: NotNegative | None = None
-    """Standard deviation of a random rotation of the true hypothesis [degrees], by contrast only."""
+    """Standard deviation of a random rotation of the true hypothesis [degrees]; recipes contrast and worn only."""
     focus: tuple[str, ...] | None = None
-    """Shapes that are hard to tell apart and are drawn four times as often, by contrast only."""
-    gain: NotNegative | None = None
-    """In half of the images, the gain differs by up to this share, as if the pad were worn."""
-    noise: NotNegative | None = None
-    """In the same images, taxels have noise of up to this standard deviation, relative to full scale."""
-    dead: NotNegative | None = None
-    """In the same images, up to this share of the taxels is dead."""
-    bf16: bool | None = None
-    """Whether to compute in bfloat16; images of 8 pixels need single precision."""
+    """Shapes that are hard to tell apart and are drawn four times as often; recipes contrast and worn only."""
     seed: Seed | None = None
     """Seed of initialisation, shuffling and augmentation."""
 
@@ -97,18 +72,17 @@ class Train:
     """Train a reader: of any object, on random bodies; or of the shapes of a collection.
 
     A reader of any object (--recipe contacts) learns the sensor, needs no collection, and reads shapes that it never
-    saw. The others learn a table of shapes, with their orientations and sizes or without.
+    saw. The others learn the shapes of a collection: contrast and worn with their orientations and sizes (worn is for
+    pads that wear), large and paper without.
 
-    The state is saved again and again; the same command continues from it.
-
-    With tensorboard installed (the extra of that name), the losses are written to OUT/tensorboard.
+    The state is saved regularly; after an interruption, the same command continues. With tensorboard installed (the
+    extra of that name), the losses are written to OUT/tensorboard.
 
     For example:
 
         activetouch train --scene coarse
         activetouch train --scene gel --recipe contacts --steps 2000 --device cuda
-        activetouch train --scene gel --recipe large
-        activetouch train --scene hard --change.focus cube cuboid wedge
+        activetouch train --scene hard --recipe worn --change.focus cube cuboid wedge
         activetouch train --recipe paper --backbone tiny --weights facebook/convnext-tiny-224   (a hub's, or a folder)
         activetouch train --data data/mug --out runs/train-mug --input-size 32 --recipe large --change.epochs 5
     """
@@ -124,32 +98,30 @@ class Train:
     backbone: BackboneName | None = None
     """The network: a plain small CNN, or a ConvNeXt by size; the scene's by default."""
     weights: str | None = None
-    """Where the network starts from: a checkpoint of ours (a file; its backbone only, unless it reads the same shapes
-    alike), a published ConvNeXt such as ImageNet's in a local folder, or by name on the Hugging Face hub, which is the
-    only case that goes online; random weights without."""
-    objects: Count | None = None
-    """Learn from the first so many objects of the training split only; from all by default."""
-    recipe: Literal["contacts", "contrast", "large", "paper"] = "contrast"
-    """For a reader of any object; of the collection's shapes, which knows orientations; or for a plain classifier of
-    shapes: ours, or the paper's."""
+    """Weights that a ConvNeXt starts from, such as ImageNet's: a local folder, or a name on the Hugging Face hub, which
+    is the only case that goes online; random weights by default."""
+    recipe: Literal["contacts", "contrast", "worn", "large", "paper"] = "contrast"
+    """What to learn, and how."""
     steps: Count | None = None
     """Steps, each of 512 touches of random bodies, for a reader of any object; 8000 by default."""
     device: Literal["cpu", "cuda"] = "cpu"
     """Where a reader of any object is trained."""
     change: Changes = field(default_factory=Changes)
     """Settings that differ from the recipe's."""
-    threads: Jobs = field(default_factory=default_jobs)
-    """Threads of the linear algebra."""
+    jobs: Jobs = field(default_factory=default_jobs)
+    """Number of threads."""
 
     @ends_claims
     def run(self) -> None:
-        """Train to the end of the recipe and write ``classifier.safetensors`` and ``reader.safetensors``."""
+        """Train to the end of the recipe and write the reader."""
         check_arguments(self)
         require_extra("train")
+        named = named_scene(self.scene)
         if self.recipe == "contacts":
-            self._train_on_random_bodies()
+            out = self.out if self.out is not None else training_folder(f"{self.scene}-contacts")
+            claim_folder(out)
+            train_any_object(named.scene, out, self.steps, self.change.seed, self.device, self.jobs)
             return
-        recipe, named = self.change.of(RECIPES[self.recipe]), named_scene(self.scene)
         data = self.data if self.data is not None else collection_folder(self.scene)
         out = self.out if self.out is not None else training_folder(self.scene)
         claim_folder(out)
@@ -157,58 +129,108 @@ class Train:
         require_named_scene(data, manifest, self.scene if self.out is None else None, repeats=False)
         size = self.input_size if self.input_size is not None else named.input_size
         backbone = self.backbone if self.backbone is not None else named.backbone
-        require_input_size(size, manifest.image_shape[0], backbone)
-        if self.objects is not None:
-            _require_objects(self.objects, manifest, data)
-        import torch
+        train_reader(data, out, self.change.of(RECIPES[self.recipe]), backbone, size, self.weights, self.jobs)
 
-        from activetouch.perception.export import export_reader, fixed_hypotheses
-        from activetouch.perception.training import Trainer
 
-        torch.set_num_threads(self.threads)
-        train, calibration = (_split(data, name, size) for name in ("train", "calibration"))
-        if self.objects is not None:
-            train = train.select(train.object_ids < self.objects)
-        labels = (manifest.shape_labels, manifest.pose_labels)
-        card = replace(
-            card_for(train, backbone, size, *labels, recipe.embedding),
-            scene=manifest.scene,
-            mujoco_version=manifest.versions["mujoco"],
-            training=f"{recipe.words}; {len(train.images)} images",
-        )
-        classifier = new_classifier(card, recipe.seed, self.weights)
-        print(f"{backbone} at {size} pixels, {classifier.card.training}")
-        taxels = (manifest.image_shape[0] // train.images.shape[1]) ** 2
-        trainer = Trainer(classifier, recipe, train, calibration, out / STATE_FILE, manifest.symmetry, taxels)
-        run_to_the_end(trainer, out / "tensorboard")
-        classifier = trainer.finish()
-        classifier.save(out / CLASSIFIER_FILE)
-        hypotheses = fixed_hypotheses(classifier, train) if recipe.embedding else None
-        export_reader(classifier, manifest.image_shape, hypotheses).save(out / READER_FILE)
-        kept = trainer.best_epoch if recipe.patience is not None else trainer.epochs_done
-        print(f"kept epoch {kept}, wrote {out / READER_FILE}")
+def train_reader(
+    data: Path,
+    out: Path,
+    recipe: TrainingRecipe,
+    backbone: str,
+    input_size: int,
+    weights: str | None = None,
+    jobs: int = 1,
+) -> TactileReader:
+    """Train a network on a collection; after an interruption, the same call continues.
 
-    def _train_on_random_bodies(self) -> None:
-        import torch
+    Args:
+        data: folder of the collection.
+        out: folder for ``reader.safetensors``, ``classifier.safetensors`` and the state of the training.
+        recipe: settings of the training.
+        backbone: a key of :data:`activetouch.perception.backbones.BACKBONES`.
+        input_size: edge that images are brought to [pixels].
+        weights: see :class:`Train`.
+        jobs: number of threads.
 
-        from activetouch.perception.contact_training import ContactRecipe, ContactTrainer, export
-        from activetouch.perception.contacts.told import imaging_of
+    Returns:
+        The reader, which has been written to ``out``.
 
-        scene = named_scene(self.scene).scene
-        out = self.out if self.out is not None else training_folder(f"{self.scene}-contacts")
-        claim_folder(out)
-        torch.set_num_threads(max(1, self.threads - 1))
-        imaging, changes = imaging_of(scene), {"steps": self.steps, "seed": self.change.seed}
-        recipe = ContactRecipe.of(imaging, **{name: value for name, value in changes.items() if value is not None})
-        trainer = ContactTrainer(imaging, recipe, out, self.device, workers=1 if self.threads > 1 else 0)
-        with progress_bar() as progress:
-            bar = progress.add_task("touching random bodies", total=recipe.steps, completed=trainer.step)
-            for report in trainer.run(lambda step: progress.update(bar, completed=step)):
-                words = ", ".join(f"{name} {value:g}" for name, value in report.items())
-                progress.console.print(words, highlight=False)
-        reader = export(trainer.network, imaging, scene, f"{trainer.step} steps of {recipe.groups * recipe.touches}")
-        reader.save(out / ANY_OBJECT_FILE)
-        print(f"wrote {out / ANY_OBJECT_FILE}; {out} is a sensor for any objects: compare --sensor {out}")
+    Raises:
+        BadArgument: The network cannot read images of this size.
+        MissingWeights: The weights cannot be read, or belong to another network.
+    """
+    import torch
+
+    from activetouch.perception.export import export_reader, fixed_hypotheses
+    from activetouch.perception.training import Trainer
+
+    manifest = read_manifest(data)
+    require_input_size(input_size, manifest.image_shape[0], backbone)
+    recipe = in_safe_precision(recipe, input_size)
+    torch.set_num_threads(jobs)
+    train, calibration = (_split(data, name, input_size) for name in ("train", "calibration"))
+    labels = (manifest.shape_labels, manifest.pose_labels)
+    card = replace(
+        card_for(train, backbone, input_size, *labels, recipe.embedding),
+        scene=manifest.scene,
+        mujoco_version=manifest.versions["mujoco"],
+        training=f"{recipe.words}; {len(train.images)} images",
+    )
+    classifier = new_classifier(card, recipe.seed, weights)
+    print(f"{backbone} at {input_size} pixels, {classifier.card.training}")
+    taxels = (manifest.image_shape[0] // train.images.shape[1]) ** 2
+    trainer = Trainer(classifier, recipe, train, calibration, out / STATE_FILE, manifest.symmetry, taxels)
+    run_to_the_end(trainer, out / "tensorboard")
+    classifier = trainer.finish()
+    classifier.save(out / CLASSIFIER_FILE)
+    reader = export_reader(
+        classifier, manifest.image_shape, fixed_hypotheses(classifier, train) if recipe.embedding else None
+    )
+    reader.save(out / READER_FILE)
+    kept = trainer.best_epoch if recipe.patience is not None else trainer.epochs_done
+    print(f"kept epoch {kept}, wrote {out / READER_FILE}")
+    return reader
+
+
+def in_safe_precision(recipe: TrainingRecipe, input_size: int) -> TrainingRecipe:
+    """The recipe, in single precision for images for which bfloat16 is too coarse."""
+    return replace(recipe, bf16=recipe.bf16 and input_size > 8)
+
+
+def train_any_object(
+    scene: Scene, out: Path, steps: int | None = None, seed: int | None = None, device: str = "cpu", jobs: int = 1
+) -> TactileReader:
+    """Train a reader of any object on random bodies; after an interruption, the same call continues.
+
+    Args:
+        scene: scene whose pad and renderer it learns.
+        out: folder for ``any_object.safetensors`` and the state of the training.
+        steps: number of steps; that of :class:`~activetouch.perception.contact_training.ContactRecipe` by default.
+        seed: seed of the training; that of the recipe by default.
+        device: ``"cpu"`` or ``"cuda"``.
+        jobs: number of threads.
+
+    Returns:
+        The reader, which has been written to ``out``.
+    """
+    import torch
+
+    from activetouch.perception.contact_training import ContactRecipe, ContactTrainer, export
+    from activetouch.perception.contacts.sensor_state import imaging_of
+
+    torch.set_num_threads(max(1, jobs - 1))
+    imaging, changes = imaging_of(scene), {"steps": steps, "seed": seed}
+    recipe = ContactRecipe.of(imaging, **{name: value for name, value in changes.items() if value is not None})
+    trainer = ContactTrainer(imaging, recipe, out, device, workers=1 if jobs > 1 else 0)
+    with progress_bar() as progress:
+        bar = progress.add_task("touching random bodies", total=recipe.steps, completed=trainer.step)
+        for report in trainer.run(lambda step: progress.update(bar, completed=step)):
+            words = ", ".join(f"{name} {value:g}" for name, value in report.items())
+            progress.console.print(words, highlight=False)
+    reader = export(trainer.network, imaging, scene, f"{trainer.step} steps of {recipe.groups * recipe.touches}")
+    reader.save(out / ANY_OBJECT_FILE)
+    print(f"wrote {out / ANY_OBJECT_FILE}; {out} is a sensor for any objects: compare --sensor {out}")
+    return reader
 
 
 def _split(data: Path, name: str, size: int) -> TouchSet:
@@ -237,17 +259,6 @@ def require_input_size(size: int, edge: int, backbone: str) -> None:
         raise BadArgument(
             f"--input-size must divide the {edge} pixels of the images, or be a multiple of them, got {size}; "
             f"{', '.join(fitting) or f'{edge} and its multiples'} do"
-        )
-
-
-def _require_objects(number: int, manifest: Manifest, data: Path) -> None:
-    """Check that a collection has so many objects to learn from, and that every shape is among them."""
-    labels = manifest.shape_labels
-    total = manifest.plan.train * len(labels)
-    if not len(labels) <= number <= total:
-        raise BadArgument(
-            f"--objects must be in [{len(labels)}, {total}]: one of each shape ({', '.join(labels)}), and no more than "
-            f"{data} has to learn from; got {number}"
         )
 
 
@@ -280,69 +291,30 @@ def card_for(
 
 
 def new_classifier(card: ClassifierCard, seed: int, weights: str | None = None) -> TouchClassifier:
-    """A classifier with random weights, or with weights that were trained before; its card says which.
-
-    Of a checkpoint that reads the same shapes alike, it also takes how inputs are standardised.
+    """A classifier with random weights, or with a published backbone; its card says which.
 
     Args:
-        card: of the network to train.
-        seed: of random weights.
+        card: card of the network to train.
+        seed: seed of random weights.
         weights: see :class:`Train`.
 
     Raises:
-        MissingWeights: the weights are not to be had, or belong to another network.
-        CorruptFile: the checkpoint to start from is damaged.
+        MissingWeights: The weights cannot be read, or belong to another network.
     """
     import torch
 
     from activetouch.perception.classifier import TouchClassifier, TouchNetwork
 
-    checkpoint = _checkpoint(card, weights) if weights is not None and Path(weights).is_file() else None
-    whole = checkpoint if checkpoint is not None and _reads_alike(checkpoint.card, card) else None
-    features: nn.Module | None = None
-    if checkpoint is not None:
-        features, start = checkpoint.network.backbone, f"the {'backbone' if whole is None else 'weights'} of {weights}"
-    elif weights is not None:
-        features, start = _published(card, weights), f"the weights of {weights}"
-    else:
-        start = "random weights"
+    features, start = None, "random weights"
+    if weights is not None:
+        kind = BACKBONES[card.backbone]
+        if not isinstance(kind, ConvNeXt):
+            raise MissingWeights(f"there are no published weights of {card.backbone!r}; leave out --weights {weights}")
+        features, start = kind.build_pretrained(weights, card.channels), f"the weights of {weights}"
     card = replace(card, training=f"{card.training}, from {start}" if card.training else f"from {start}")
-    if whole is not None:
-        card = replace(card, **{name: getattr(whole.card, name) for name in _STANDARDISING})
     with torch.random.fork_rng():  # torch draws initial weights from its global generator only
         torch.manual_seed(seed)
-        network = TouchNetwork(card, features)
-    if whole is not None:
-        network.load_state_dict(whole.network.state_dict())
-    return TouchClassifier(card, network)
-
-
-def _checkpoint(card: ClassifierCard, path: str) -> TouchClassifier:
-    """A checkpoint of ours with the same backbone."""
-    from activetouch.perception.classifier import TouchClassifier
-
-    found = TouchClassifier.load(Path(path))
-    if (found.card.backbone, found.card.channels) != (card.backbone, card.channels):
-        raise MissingWeights(
-            f"{path} holds the backbone {found.card.backbone} for {found.card.channels} channels, wanted is "
-            f"{card.backbone} for {card.channels}"
-        )
-    return found
-
-
-def _reads_alike(one: ClassifierCard, other: ClassifierCard) -> bool:
-    """Whether two networks have the same shapes, inputs and outputs, perhaps standardised by other numbers."""
-    apart = {"scene", "mujoco_version", "training", "pose_labels", "image_shape", *_STANDARDISING}
-    same = all(getattr(one, each.name) == getattr(other, each.name) for each in fields(one) if each.name not in apart)
-    return same and one.knows_aims == other.knows_aims
-
-
-def _published(card: ClassifierCard, weights: str) -> nn.Module:
-    """A trained backbone from elsewhere."""
-    kind = BACKBONES[card.backbone]
-    if not isinstance(kind, ConvNeXt):
-        raise MissingWeights(f"{weights} is no checkpoint, and there are no published weights of {card.backbone!r}")
-    return kind.build_pretrained(weights, card.channels)
+        return TouchClassifier(card, TouchNetwork(card, features))
 
 
 def run_to_the_end(trainer: Trainer, log: Path) -> None:

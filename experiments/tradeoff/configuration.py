@@ -1,7 +1,7 @@
 """Configurations of the trade-off between speed and accuracy.
 
 A configuration has a readable name and a key for file names. The key is a digest of everything that determines the
-result, including the contents of the reader and of a sensor's observation model.
+result, including the version of this package and the contents of the reader and of a sensor's observation model.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from importlib.metadata import version
 from pathlib import Path
 from types import MappingProxyType
 
@@ -43,7 +44,7 @@ SHARES: Mapping[str, float] = MappingProxyType({"gel": 1.0, "coarse": 1.0, "pape
 _WHOLE = ("gel", "coarse")  # scenes in which everything is varied
 _MAIN = ("information_gain", "point_based", "threshold", "value_of_information")
 _USUAL_HYPOTHESES = 2048
-_TREES = ("pouct", "pomcp")  # deciders that use simulations for each decision
+_SLOW = ("pouct", "pomcp")  # tree searches, whose decisions take hundreds of times as long
 _TOUCH_COSTS = (0.005, 0.05, 0.1)  # besides the default
 _WEIGH_COSTS = ("point_based", "value_of_information")  # deciders that weigh the cost of a touch
 
@@ -116,7 +117,6 @@ class Configuration:
         decider: key of :data:`planners.DECIDERS`.
         touch_cost: cost λ of one touch.
         fidelity: press model; that of the scene by default.
-        simulations: simulations per decision of tree searches.
         episodes: searches per target.
         seed: seed of the episodes.
         num_hypotheses: of each shape, of a joint observation model that is fitted; None for any other.
@@ -127,7 +127,6 @@ class Configuration:
     decider: str = _MAIN[0]
     touch_cost: float = 0.02
     fidelity: str | None = None
-    simulations: int = 1000
     episodes: int = 250
     seed: int = 0
     num_hypotheses: int | None = None
@@ -144,7 +143,7 @@ class Configuration:
         parts = [network.sensor or f"{self.scene}, {network.label}"]
         if model != SHIPPED:
             parts.append(model + (f" × {self.num_hypotheses}" if self.num_hypotheses else ""))
-        parts.append(self.decider + (f" × {self.simulations}" if self.decider in _TREES else ""))
+        parts.append(self.decider)
         return ", ".join([*parts, f"λ {self.touch_cost:g}", *([self.fidelity] if self.fidelity else [])])
 
     @property
@@ -163,10 +162,8 @@ class Configuration:
     @property
     def key(self) -> str:
         """Digest of everything that determines the result; independent of the reader's path."""
-        fields = asdict(self)
+        fields = {**asdict(self), "version": version("activetouch")}
         del fields["network"]["file"], fields["network"]["knows_orientation"]
-        if self.decider not in _TREES:
-            del fields["simulations"]  # they have no effect
         if self.num_hypotheses is None:
             del fields["num_hypotheses"]
         if self.observation_model == SHIPPED:
@@ -178,16 +175,19 @@ class Configuration:
         """The setting of a comparison with this configuration."""
         return Setting(SceneChoice(self.scene, self.fidelity), touch_cost=self.touch_cost)
 
-    def command(self, sensor: Path | None) -> str:
-        """The ``compare`` command for this configuration; ``sensor`` is the folder of its sensor, None if shipped."""
-        named = str(sensor if sensor is not None else self.network.sensor)
+    def command(self, sensor: Path) -> str:
+        """The ``compare`` command for this configuration with the sensor in a folder."""
         return command(
             "compare",
             scene=self.scene,
             deciders=self.decider,
             touch_cost=f"{self.touch_cost:g}",
             fidelity=self.fidelity,
-            sensor=None if named == self.scene else named,
+            sensor=None
+            if sensor == MODELS / self.scene
+            else self.network.sensor
+            if sensor.parent == MODELS
+            else sensor,
             out=f"runs/compare-{self.key}",
         )
 
@@ -221,11 +221,9 @@ def sweep(networks: Sequence[Network], calibrated: Sequence[str], episodes: int,
 def _variants(base: Configuration, others: Sequence[Network]) -> list[list[Configuration]]:
     """Variants of a scene's default in groups, most important first; ``others`` are further networks of the scene."""
     own, is_whole = SCENES[base.scene].scene.press_model, base.scene in _WHOLE
-    # Force patches need a guarded move, and deformable pads take seconds per press.
-    presses = [] if base.scene == "paper" else [name for name in FIDELITIES if name != "deformable"]
+    presses = [] if base.scene == "paper" else list(FIDELITIES)  # force patches need a guarded move
     joint = replace(base, observation_model=JOINT, num_hypotheses=_USUAL_HYPOTHESES)
-    not_varied = {"random_confirm", *NEED_FILES, *_TREES}
-    fewer = max(1, base.episodes // 20)  # decisions of tree searches take hundreds of times as long
+    not_varied = {"random_confirm", *NEED_FILES, *_SLOW}
     return [
         [replace(base, decider=decider) for decider in _MAIN],
         [replace(base, network=n, decider=decider) for n in others if n.sensor for decider in _MAIN[:2]],
@@ -242,9 +240,4 @@ def _variants(base: Configuration, others: Sequence[Network]) -> list[list[Confi
         [replace(joint, num_hypotheses=number) for number in NUM_HYPOTHESES if base.network.knows_orientation],
         [replace(base, fidelity=name) for name in presses if type(FIDELITIES[name]) is not type(own)],
         [replace(base, decider=decider) for decider in DECIDERS if is_whole and decider not in not_varied],
-        [
-            replace(base, decider=decider, simulations=simulations, episodes=fewer)
-            for decider in (_TREES if is_whole else ())
-            for simulations in (100, 1000)
-        ],
     ]

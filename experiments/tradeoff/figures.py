@@ -11,8 +11,9 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullForma
 
 from belief.statistics import pareto_front
 from experiments.reporting.style import INK, PALETTE, Picture
-from experiments.tradeoff.configuration import SHARES, Configuration
-from experiments.tradeoff.picks import Candidate, Front
+from experiments.tradeoff.configuration import SHARES
+from experiments.tradeoff.measure import Measured
+from experiments.tradeoff.picks import Front
 
 _DEFAULT = "nothing"
 _STYLES = {  # colour, marker, and name in the legend, by what differs from the default
@@ -25,10 +26,9 @@ _STYLES = {  # colour, marker, and name in the legend, by what differs from the 
     _DEFAULT: (INK, "*", "the scene's default"),
 }
 _LEAST_ERROR = 3e-4  # lower end of the axis, where an error of zero is drawn
-_NAMED = 0.05  # fraction of failed searches above which a point may have a word
 _CAPTION = (
     "Failed searches against time, one panel per scene. Each point is a configuration that differs from the scene's "
-    "default in one thing, with its 95 % Wilson interval. Lines join the settings of a number. Dashed: no "
+    "default in one property, with its 95 % Wilson interval. Lines join the settings of a number. Dashed: no "
     "configuration of the scene is both faster and more successful."
 )
 
@@ -45,20 +45,16 @@ def front_picture(fronts: Sequence[Front]) -> Picture:
     return Picture("tradeoff", _CAPTION, panels, legend, size=(3.6, 3.0), columns=3)
 
 
-def _draw(axes: Axes, scene: str, points: Sequence[Candidate]) -> None:
+def _draw(axes: Axes, scene: str, points: Sequence[Measured]) -> None:
     for what, (colour, marker, _) in _STYLES.items():
-        some = [point for point in points if point.configuration.varied == what]
-        for point in some:
+        of_kind = [point for point in points if point.configuration.varied == what]
+        for point in of_kind:
             low, high = point.interval
             axes.plot([point.ms_per_search] * 2, [_error(high), _error(low)], color=colour, linewidth=0.6, alpha=0.35)
         size = 150 if what == _DEFAULT else 30
-        times, errors = [point.ms_per_search for point in some], [_error(point.success) for point in some]
+        times, errors = [point.ms_per_search for point in of_kind], [_error(point.success) for point in of_kind]
         axes.scatter(times, errors, size, colour, marker=marker, alpha=0.85, linewidths=0, zorder=3)
-        for point in some:
-            if 1 - point.success > _NAMED:
-                at, offset = (point.ms_per_search, _error(point.success)), (4, -9 if what == "fidelity" else 3)
-                axes.annotate(_word(point), at, offset, textcoords="offset points", fontsize=7, color=colour)
-        for line in _dials(some):
+        for line in _dials(of_kind):
             path = [(point.ms_per_search, _error(point.success)) for point in line]
             axes.plot(*np.transpose(path), color=colour, linewidth=1.2, alpha=0.7)
     best = _front(points)
@@ -73,18 +69,10 @@ def _draw(axes: Axes, scene: str, points: Sequence[Candidate]) -> None:
     axes.xaxis.set_minor_formatter(NullFormatter())
 
 
-def _word(point: Candidate) -> str:
-    """What is written beside a point that fails often; most have nothing."""
-    c = point.configuration
-    if c.varied == "sensor" and c.decider == Configuration.decider:
-        return c.network.sensor.removeprefix(f"{c.scene}-")
-    return {"threshold": "the paper's rule"}.get(c.decider, c.fidelity or "").replace("_", " ")
-
-
-def _dials(points: Sequence[Candidate]) -> list[list[Candidate]]:
+def _dials(points: Sequence[Measured]) -> list[list[Measured]]:
     """Configurations that differ in one number, in the order of this number: one list for each decider."""
 
-    def setting(point: Candidate) -> float:
+    def setting(point: Measured) -> float:
         c = point.configuration
         return c.num_hypotheses or -c.touch_cost
 
@@ -93,7 +81,7 @@ def _dials(points: Sequence[Candidate]) -> list[list[Candidate]]:
     return [sorted((p for p in numbered if p.configuration.decider == name), key=setting) for name in deciders]
 
 
-def _front(points: Sequence[Candidate]) -> list[tuple[float, float]]:
+def _front(points: Sequence[Measured]) -> list[tuple[float, float]]:
     """Time and error of the configurations than which none is both faster and at least as successful."""
     times, successes = np.array([p.ms_per_search for p in points]), np.array([p.success for p in points])
     return sorted(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from belief.problem import Floats
+from belief.validation import Floats
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from belief.problem import Floats
+from belief.validation import Floats
 from planners.pomdp.alpha_vectors import AlphaVectors
 from planners.pomdp.stages import StagedProblem
 

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from belief.errors import InvalidArgument
-from belief.problem import Floats
-from belief.validation import require_count
+from belief.validation import Floats, require_count
 from planners.pomdp.problem import TouchProblem
 
 _MAX_NUMBERS = 50_000_000  # in all stored histories and their weights

@@ -14,12 +14,11 @@ from numbers import Integral, Real
 import numpy as np
 from numpy.typing import ArrayLike
 
-from belief import Composition
+from belief.composition import Composition
 from belief.errors import InvalidArgument
 from belief.frozen import FrozenArrays
-from belief.observation_model import OutcomeTable
-from belief.problem import Floats
-from belief.validation import as_real, normalise_probs, require_count, require_index
+from belief.observation_model.outcome_table import OutcomeTable
+from belief.validation import Floats, as_real, normalise_probs, require_count, require_index
 
 
 @dataclass(frozen=True, eq=False)

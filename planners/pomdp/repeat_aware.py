@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from belief.problem import Floats
+from belief.validation import Floats
 from planners.pomdp.alpha_vectors import AlphaVectors
 from planners.pomdp.belief_sampling import sample_beliefs
 from planners.pomdp.solver import backup, different, improving, stopping_vectors

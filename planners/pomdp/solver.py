@@ -18,7 +18,7 @@ from math import ceil
 
 import numpy as np
 
-from belief.problem import Floats
+from belief.validation import Floats
 from planners.pomdp.alpha_vectors import AlphaVectors
 from planners.pomdp.belief_sampling import sample_beliefs
 from planners.pomdp.stages import Stage, StagedProblem

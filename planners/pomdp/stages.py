@@ -16,9 +16,9 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from belief import Composition
+from belief.composition import Composition
 from belief.errors import InvalidArgument
-from belief.problem import Floats
+from belief.validation import Floats
 from planners.pomdp.problem import SearchTouchProblem, TouchProblem
 
 MAX_STATES = 2000

@@ -14,12 +14,12 @@ from activetouch import SCENES, SHAPES, Quasistatic, predicted_contacts
 from activetouch.distributions import Constant, Uniform
 from activetouch.hypotheses import member_shares, quaternions, sizes
 from activetouch.named_scenes import NamedScene
-from activetouch.placement import Placement, WorldObject
+from activetouch.placement import WorldObject
 from activetouch.poses import to_matrices
 from activetouch.pressing.height_maps import Window
 from activetouch.pressing.pad import Pad
 from activetouch.scene_description import require_scene, scene_fields
-from activetouch.shapes import Box, Cone, Cylinder, Family, Mesh, Prism, Torus
+from activetouch.shapes import Box, Cone, Cylinder, Family, Prism, Torus
 from belief.errors import InvalidArgument, UnknownName
 from experiments.command_line.trust import Trust
 from experiments.scene_choice import SceneChoice
@@ -77,14 +77,6 @@ def test_a_press_of_a_member_is_that_of_its_solid(press):
         same = WorldObject(thing.shape_index, thing.scale, thing.orientation)
         images = [s.press(t, "y90", np.random.default_rng(5)).image for s, t in ((scene, thing), (alone, same))]
         np.testing.assert_array_equal(*images)
-
-
-def test_lengths_are_felt():
-    scene, standing = replace(SCENE, pad=Pad(half_width=0.06)), np.array([1.0, 0.0, 0.0, 0.0])
-    placed = [Placement(Cylinder(0.016, length), 1.0, standing) for length in (0.010, 0.040)]
-    felt = [scene.contact(one, np.random.default_rng(0)) for one in placed]
-    rows = [(contact.gap < 0.001).any(axis=1).sum() for contact in felt]
-    assert rows[1] / rows[0] == pytest.approx(4.0, rel=0.05)
 
 
 def test_members_cover_the_range_evenly_in_order_of_the_first_parameter():
@@ -184,13 +176,11 @@ class _WithoutHash:
         (lambda: Family(ROD), r"needs a parameter, such as radius=Uniform"),
         (lambda: Family(ROD, half_length=Uniform(-0.01, 0.04)), r"members that are no solids, at half_length=-0\.01:"),
         (lambda: Family(Cone(0.018, 0.036), height=Uniform(0.01, 1e400)), "must be finite"),
-        (lambda: Family(ROD, half_length=Constant(float("nan"))), "must be finite"),
         (lambda: Family(Torus(0.016, 0.007), tube_radius=Uniform(0.005, 0.02)), r"no solids, at tube_radius=0\.02:"),
         (lambda: Family(Prism(6, 0.02, 0.02), num_sides=Uniform(3.0, 8.0)), r"no solids, at num_sides=3\.0:"),
         (lambda: Family(_Own(0.02), width=Uniform(-0.01, 0.02)), r"its bounding radius is -0\.01 m"),
         (lambda: Family(_WithoutHash(0.02), width=Uniform(0.01, 0.02)), "unhashable type"),
         (lambda: Family(Box((0.01, 0.01, 0.01)), half_extents=Uniform(0.01, 0.02)), "no field of Box.* is a number"),
-        (lambda: Family(Cylinder, half_length=Uniform(0.01, 0.02)), "no field of .*Cylinder.* is a number"),
         (lambda: Family(RODS, half_length=Uniform(0.01, 0.02)), "no field of Family.* is a number"),
         (lambda: RODS.members(0), "num must be an integer, at least 1, got 0"),
         (lambda: SCENE.bodies("cone", np.array([0.5, 1.0])), "shares must be in .0, 1., from"),
@@ -250,12 +240,11 @@ def test_the_command_line_gives_factors_on_nominal_numbers():
     assert scene.solids == SCENES["gel"].scene.solids
 
 
-def test_a_choice_with_families_survives_words_and_files_and_one_without_is_written_as_ever():
+def test_a_choice_with_families_survives_words_and_files():
     words = scene_words(CHOICE)
     assert tyro.cli(SceneChoice, args=shlex.split(shlex.join(words))) == CHOICE
     assert SceneChoice.from_dict(json.loads(json.dumps(CHOICE.to_dict())), Trust(Path("run.json"))) == CHOICE
     assert choice_name(CHOICE) == "gel-cylinder-half_length-0.5..2-radius-0.9..1.1-cone-height-0.8..1.5"
-    assert "family" not in SceneChoice().to_dict()
     assert scene_words(SceneChoice()) == ["--scene", "gel"]
 
 
@@ -263,15 +252,11 @@ def test_a_choice_with_families_survives_words_and_files_and_one_without_is_writ
     ("text", "words"),
     [
         ("cylinder", "--family must be SHAPE:PARAMETER=LOW..HIGH"),
-        ("cylinder:half_length", "got 'cylinder:half_length'"),
-        ("cylinder:half_length=2", "--family must be"),
         ("cylinder:half_length=a..b", "could not convert"),
         ("cylinder:half_length=0.5..2,", "told once, with LOW..HIGH"),
         ("cylinder:half_length=0.5..2,half_length=1..2", "told once"),
         ("cylinder:half_length=2..0.5", "low must not exceed high"),
-        ("cylinder:half_length=nan..2", "must be finite"),
         ("cylinder:half_length=0..2", r"no solids, at half_length=0\.0"),
-        ("cube:half_extents=0.5..2", "no field of Box"),
     ],
 )
 def test_a_family_that_cannot_be_read_is_refused(text, words):
@@ -290,12 +275,6 @@ def test_a_family_of_unknown_names_a_shape_told_twice_and_parked_objects_are_ref
         _ = SceneChoice("paper", family=("cone:height=0.5..2",)).named
 
 
-def test_a_family_of_a_mesh_is_refused():
-    corners, faces = np.eye(4, 3) * 0.02, np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
-    with pytest.raises(InvalidArgument, match="no field of Mesh"):
-        Family(Mesh("pebble", corners, faces), size=Uniform(0.5, 1.0))
-
-
 def test_what_compares_solids_refuses_families():
     from experiments.press.alike import alike
 
@@ -304,10 +283,10 @@ def test_what_compares_solids_refuses_families():
 
 
 def test_a_changed_world_presses_the_same_objects_but_for_their_members():
-    from experiments.robustness.shifted_touches import _press_some
+    from experiments.robustness.touches import _press_some
 
     numbers = range(4)
-    (kept, some), (also, others) = (_press_some(scene, {"clean": ()}, numbers, (0, 0)) for scene in (SCENE, GEL))
+    (kept, some), (also, others) = (_press_some(scene, {"clean": ()}, numbers, 0) for scene in (SCENE, GEL))
     assert kept == also == list(numbers)
     same = (some["clean"] == others["clean"]).reshape(4, -1).all(axis=1)
     assert same.tolist() == [label != "cylinder" for label in GEL.shape_labels]
@@ -315,12 +294,10 @@ def test_a_changed_world_presses_the_same_objects_but_for_their_members():
 
 @pytest.mark.mujoco
 def test_explain_lists_the_parameters():
-    from experiments.press.belief_table import belief_table, latent
-    from experiments.press.inventory import inventory, leaner, richer
+    from experiments.press.inventory import inventory, latent, leaner, richer
 
     assert latent(SCENE) == ["orientation", "size", "half_length of cylinder"]
-    assert "half_length of cylinder" in belief_table("gel", SCENE, None).markdown()
-    [item] = [item for item in inventory(SCENE) if item.part == "families"]
+    [item] = [item for item in inventory(NamedScene(SCENE, 4, 32)) if item.part == "families"]
     assert item.why.endswith("cylinder (half_length 0.01 to 0.04)")
     scene, seen = SCENE, []
     while found := richer(scene):

@@ -8,16 +8,15 @@ import numpy as np
 import pytest
 
 from activetouch import SCENES, SHAPES, Quasistatic, Scene
-from activetouch.distributions import Constant, LogUniform, Normal, Uniform
+from activetouch.distributions import LogUniform, Uniform
 from activetouch.errors import BadMesh
 from activetouch.orientations import Inexact, Resampled, Tumbled, Upright
 from activetouch.poses import aimed, to_matrix, turn
-from activetouch.pressing.robot import ROBOTS
 from activetouch.pressing.setup import Setup
 from activetouch.rendering import DeadTaxels, GelSightRenderer
 from activetouch.scene import Symmetry, Variation
 from activetouch.shapes import Box, ConvexPolyhedron, Cut, Cylinder, Mesh, Pyramid, Union
-from belief.errors import InvalidArgument, UnknownName
+from belief.errors import InvalidArgument
 
 STILL = Scene(press_model=Quasistatic())
 
@@ -137,39 +136,6 @@ def test_a_presentation_that_would_stretch_objects_is_refused(rng):
         scene.press(scene.sample_object("cone", rng), "front", rng)
 
 
-@pytest.mark.parametrize(
-    ("distribution", "low", "high"),
-    [
-        (Constant(2.0), 2.0, 2.0),
-        (Uniform(1.0, 3.0), 1.0, 3.0),
-        (LogUniform(0.5, 2.0), 0.5, 2.0),
-        (Normal(1.0, 0.1), 0.7, 1.3),
-        (Normal(1.0, 0.1, limit=0.05), 0.995, 1.005),
-        (Normal(0.0, 1.0, limit=1e-300), -1e-300, 1e-300),
-    ],
-)
-def test_a_distribution_stays_within_its_limits_and_repeats_with_its_seed(distribution, low, high):
-    draws = [distribution.sample(np.random.default_rng(seed)) for seed in range(500)]
-    assert low <= min(draws) <= max(draws) <= high
-    assert draws == [distribution.sample(np.random.default_rng(seed)) for seed in range(500)]
-    assert np.ptp(draws) >= 0.8 * (high - low)
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        lambda: Uniform(2.0, 1.0),
-        lambda: Uniform(0.0, np.inf),
-        lambda: Constant(np.nan),
-        lambda: LogUniform(0.0, 1.0),
-        lambda: Normal(0.0, -1.0),
-    ],
-)
-def test_a_distribution_that_is_none_is_refused(wrong):
-    with pytest.raises(ValueError, match="got"):
-        wrong()
-
-
 def test_an_object_keeps_its_friction_and_stiffness_through_the_episode(rng):
     scene = replace(STILL, variation=Variation(friction=Uniform(0.2, 1.0), stiffness=LogUniform(0.5, 2.0)))
     thing = scene.sample_object(0, rng)
@@ -192,15 +158,10 @@ def test_a_path_stands_for_the_mesh_in_the_file(tmp_path):
         Scene(shapes={"mine": path})
 
 
-def test_an_unknown_robot_suggests_the_nearest():
-    with pytest.raises(UnknownName, match="Did you mean 'panda_allegro'"):
-        Scene(robot="panda_alegro")
-
-
-def test_all_shapes_are_in_the_model_only_where_they_are_parked_and_a_robot_is_known_by_its_name():
+def test_all_shapes_are_in_the_model_only_where_they_are_parked():
     assert STILL.setup == Setup(STILL.pad)
-    parked = replace(STILL, parking=True, height=0.07, finger=True, robot="panda_allegro")
-    assert parked.setup == Setup(STILL.pad, 0.07, True, tuple(SHAPES.values()), ROBOTS["panda_allegro"])
+    parked = replace(STILL, parking=True, height=0.07, finger=True)
+    assert parked.setup == Setup(STILL.pad, 0.07, True, tuple(SHAPES.values()))
 
 
 @pytest.mark.parametrize("part", [{"press_model": Quasistatic}, {"press_model": "dynamic"}, {"presentation": Upright}])

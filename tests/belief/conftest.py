@@ -9,17 +9,9 @@ from scipy.linalg import helmert
 
 from belief import Touch
 from belief.calibration import TemperatureScaling
-from belief.observation_model import (
-    ConfusionModel,
-    FeatureEmbedding,
-    GaussianModel,
-    LogitEmbedding,
-    PLDAModel,
-    RatioModel,
-    SignatureModel,
-)
-from belief.observation_model.baselines.variance_components import Components
-from belief.observation_model.calibration_data import LabelledTouches
+from belief.observation_model import ConfusionModel, GaussianModel, PLDAModel, RatioModel
+from belief.observation_model.logit_embedding import LogitEmbedding
+from belief.observation_model.variance_components import Components
 from belief.synthetic import random_model
 
 LABELS = ("ball", "cube", "cone")
@@ -27,12 +19,12 @@ EDGES = (0.6, 0.9)
 
 
 def plda_world(of_object=0.2, of_pose=0.5, of_touch=0.5, num_poses=2, seed=0):
-    """A PLDA model of three shapes, each of whose parts has this variance in every direction, about 1.4 apart."""
+    """A PLDA model of three shapes, each component of which has this variance in every direction, about 1.4 apart."""
     rng = np.random.default_rng(seed)
     logits = 2.0 * np.eye(3) + 0.4 * rng.normal(size=(num_poses, 3, 3))
     embedding = LogitEmbedding(np.full(3, -99.0), np.full(3, 99.0))
     means = (logits - logits.mean(axis=2, keepdims=True)) @ helmert(3).T
-    parts = (np.stack([variance * np.eye(2)] * 3) for variance in (of_object, of_pose, of_touch))
+    parts = (variance * np.eye(2) for variance in (of_object, of_pose, of_touch))
     return PLDAModel(LABELS, embedding, means, Components(*parts))
 
 
@@ -67,7 +59,6 @@ def parts():
         once=once,
         alone=[part[::2] for part in once],  # one touch of each object, in pose 0
         no_cones=collection(world, shapes=2),
-        features=FeatureEmbedding.fit(LabelledTouches.of(*data).batch, num_components=2),
         binned=ConfusionModel(LABELS, table, TemperatureScaling(1.7, "ok"), EDGES),
         floored=ConfusionModel(LABELS, table, TemperatureScaling(1e-6, "separable", floor=0.05), (0.9, 0.95)),
         impossible=ConfusionModel(LABELS, zeros, TemperatureScaling(1.0, "ok"), EDGES),
@@ -86,18 +77,10 @@ MODELS = {
     "confusion, impossible outcomes": lambda: parts().impossible,
     "confusion, fitted": lambda: fit(ConfusionModel, parts().data, confidence_edges=EDGES),
     "confusion, a shape never seen": lambda: fit(ConfusionModel, parts().no_cones),
-    "signature": lambda: SignatureModel(parts().binned, 0.6),
-    "signature, impossible outcomes": lambda: SignatureModel(parts().impossible, 0.3),
-    "signature, fitted": lambda: fit(SignatureModel, parts().data, confidence_edges=EDGES),
-    "signature, no repeats": lambda: fit(SignatureModel, parts().once),
     "gaussian": lambda: fit(GaussianModel, parts().data),
-    "gaussian, quadratic": lambda: fit(GaussianModel, parts().data, pooling=0.0),
-    "gaussian of features": lambda: fit(GaussianModel, parts().data, embedding=parts().features),
     "gaussian, a shape never seen": lambda: fit(GaussianModel, parts().no_cones),
     "plda": plda_world,
     "plda, fitted": lambda: fit(PLDAModel, parts().data),
-    "plda, own covariances": lambda: fit(PLDAModel, parts().data, pooling=50.0),
-    "plda of features": lambda: fit(PLDAModel, parts().data, embedding=parts().features),
     "plda, no repeats": lambda: fit(PLDAModel, parts().once),
     "plda, one touch per object": lambda: fit(PLDAModel, parts().alone),
     "plda, a shape never seen": lambda: fit(PLDAModel, parts().no_cones),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from belief.conflict import MOST_TOUCHES, ConflictTest, log_conflict, stranger_probability
+from belief.conflict import MOST_TOUCHES, ConflictTest, log_conflict
 from belief.novelty import Novelty
 from belief.usual_misfit import UsualMisfit
 
@@ -204,14 +204,3 @@ def test_novelty_is_comparable_between_shapes():
     touches = spread * rng.normal(size=(2000, D)) + 300.0 * shapes[:, None]
     scores = Novelty.fit(touches, shapes).score(touches)
     assert np.quantile(scores[shapes == 0], 0.9) == pytest.approx(np.quantile(scores[shapes == 1], 0.9), abs=0.4)
-
-
-@pytest.mark.parametrize(("log_e_value", "prior", "expected"), [(1e3, 0.0, 0.0), (-1e3, 1.0, 1.0), (0.0, 0.3, 0.3)])
-def test_posterior_of_strangers_keeps_certain_priors(log_e_value, prior, expected):
-    assert stranger_probability(log_e_value, prior) == pytest.approx(expected)
-
-
-@pytest.mark.parametrize("prior", [-0.1, 1.1, float("nan")])
-def test_a_prior_of_strangers_is_a_probability(prior):
-    with pytest.raises(ValueError, match="prior of strangers"):
-        stranger_probability(0.0, prior)

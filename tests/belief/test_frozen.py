@@ -16,22 +16,20 @@ from belief.metrics import RiskCoverage, reliability_curve
 from belief.novelty import Novelty
 from belief.observation_model import (
     ConfusionModel,
-    FeatureEmbedding,
     FittedRigidBody,
     FixedHypotheses,
     GaussianModel,
-    LogitEmbedding,
     OutcomeTable,
     PLDAModel,
     RatioModel,
     RigidBodyModel,
-    SignatureModel,
 )
 from belief.observation_model.action_kernel import ActionKernelModel
-from belief.observation_model.baselines.variance_components import Components
 from belief.observation_model.calibration_data import LabelledTouches
+from belief.observation_model.logit_embedding import LogitEmbedding
 from belief.observation_model.outcome_mixture import OutcomeMixture
 from belief.observation_model.tabular import TabularModel
+from belief.observation_model.variance_components import Components
 from belief.observation_model.views import SharedMixture, Views
 from belief.out_of_distribution import MahalanobisScore
 from belief.synthetic import random_model
@@ -44,7 +42,7 @@ LABELS = ("ball", "cube")
 ROWS = np.array([[2.0, 0.0], [0.0, 1.0], [1.0, 0.0], [0.5, 3.0]])
 TRUTH = np.array([0, 1, 0, 1])
 TABLE = np.array([[[0.9, 0.1], [0.2, 0.8]]])
-IDENTITY = np.stack([np.eye(1)] * 2)
+IDENTITY = np.eye(1)
 
 
 def embedding():
@@ -67,15 +65,7 @@ HOLDERS = {
     ),
     "TabularModel": (lambda a: TabularModel(LABELS, OutcomeTable(a)), [TABLE]),
     "LogitEmbedding": (LogitEmbedding, [np.full(2, -9.0), np.full(2, 9.0)]),
-    "FeatureEmbedding": (
-        FeatureEmbedding,
-        [np.zeros(3), np.eye(1, 3), np.full(1, -9.0), np.full(1, 9.0), np.ones((1, 2)), np.zeros(2)],
-    ),
     "ConfusionModel": (lambda a: ConfusionModel(LABELS, a, TemperatureScaling(1.0, "ok")), [TABLE]),
-    "SignatureModel": (
-        lambda a: SignatureModel(ConfusionModel(LABELS, a, TemperatureScaling(1.0, "ok")), 0.5),
-        [TABLE],
-    ),
     "GaussianModel": (lambda a, b: GaussianModel(LABELS, embedding(), a, b), [np.array([[[0.0], [1.0]]]), IDENTITY]),
     "PLDAModel": (
         lambda a, b: PLDAModel(LABELS, embedding(), a, Components(b, b, b)),
@@ -147,7 +137,7 @@ def subclasses(kind):
 def test_every_holder_of_this_package_is_tried():
     tried = {type(made(name)[0]).__name__ for name in HOLDERS}
     known = {kind.__name__ for kind in subclasses(FrozenArrays) if kind.__module__.startswith(("belief.", "planners."))}
-    assert known - tried <= {"ArrayModel", "PoseStatisticsModel", "AffineCalibration"}
+    assert known - tried <= {"ArrayModel", "PoseMeansModel", "AffineCalibration"}
 
 
 @pytest.mark.parametrize("name", HOLDERS)

@@ -5,12 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from scipy.special import logsumexp
 from scipy.stats import binomtest, norm
 
-from belief.out_of_distribution import MahalanobisScore, auroc, auroc_interval, energy_score
+from belief.out_of_distribution import MahalanobisScore, auroc, auroc_interval
 
-LARGEST = np.finfo(np.float64).max
 few_scores = arrays(np.float64, st.integers(1, 12), elements=st.integers(-3, 3).map(float))  # with many ties
 
 
@@ -19,48 +17,6 @@ def clouds(rng, number=300, dimensions=4, classes=3):
     labels = np.arange(number) % classes
     centres = 5.0 * rng.normal(size=(classes, dimensions))
     return (centres[labels] + rng.normal(size=(number, dimensions))) @ rng.normal(size=(dimensions,) * 2), labels
-
-
-@given(arrays(np.float64, (3, 4), elements=st.floats(-50, 50)), st.floats(0.1, 10))
-def test_energy_is_the_scaled_log_sum_of_exponentials(logits, temperature):
-    expected = -temperature * logsumexp(logits / temperature, axis=1)
-    np.testing.assert_allclose(energy_score(logits, temperature), expected, rtol=1e-12, atol=1e-12)
-
-
-def test_energy_is_higher_where_no_logit_is_large():
-    assert energy_score([0.1, -0.2, 0.0]) > energy_score([8.0, -3.0, -3.0])
-
-
-@pytest.mark.parametrize(
-    ("logits", "temperature", "energy"),
-    [
-        ([1e308, -1e308], 1.0, -1e308),
-        ([-1e308, -1e308], 1.0, 1e308),
-        ([LARGEST, LARGEST], 1.0, -LARGEST),
-        ([3.0, 1.0], 1e-300, -3.0),
-        ([2.0, 2.0], 1e6, -2.0 - 1e6 * np.log(2.0)),
-        ([5.0], 1.0, -5.0),
-        (np.array([60000.0, -60000.0], np.float16), 1.0, -60000.0),  # 60000 is a float16
-    ],
-)
-def test_energy_of_extreme_logits_is_right(logits, temperature, energy):
-    assert energy_score(logits, temperature) == pytest.approx(energy, rel=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("logits", "temperature", "message"),
-    [
-        (np.zeros((0, 3)), 1.0, "none of the axes empty"),
-        (1.0, 1.0, r"logits \(..., K\)"),
-        ([[0.0, 1.0], [np.nan, 0.0]], 1.0, "row 1 are not finite"),
-        ([[np.inf, 0.0]], 1.0, "row 0 are not finite"),
-        ([0.0, 1.0], 0.0, "temperature"),
-        ([0.0, 1.0], np.nan, "temperature"),
-    ],
-)
-def test_energy_refuses_what_is_no_score(logits, temperature, message):
-    with pytest.raises(ValueError, match=message):
-        energy_score(logits, temperature)
 
 
 def test_mahalanobis_distance_is_the_one_with_the_inverse_covariance(rng):

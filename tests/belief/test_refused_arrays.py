@@ -11,22 +11,19 @@ from belief.calibration import CALIBRATIONS, PerPose
 from belief.errors import InvalidArgument
 from belief.observation_model import (
     ConfusionModel,
-    FeatureEmbedding,
     FixedHypotheses,
     GaussianModel,
     OutcomeTable,
     PLDAModel,
     RatioModel,
     RigidBodyModel,
-    SignatureModel,
 )
-from belief.observation_model.registry import JOINT_MODELS, KERNEL_MODELS, OBSERVATION_MODELS
+from belief.observation_model.registry import OBSERVATION_MODELS
 from belief.observation_model.tabular import TabularModel
-from belief.out_of_distribution import MahalanobisScore, auroc, energy_score
-from belief.touch_batch import TouchBatch
+from belief.out_of_distribution import MahalanobisScore, auroc
 
 pytestmark = pytest.mark.filterwarnings("ignore:logits has no negative number:UserWarning")
-FITS = {**OBSERVATION_MODELS, **JOINT_MODELS, **KERNEL_MODELS}
+FITS = {name: kind.fit for name, kind in OBSERVATION_MODELS.items()}
 PROBS = np.array([[0.8, 0.2], [0.3, 0.7], [0.6, 0.4], [0.5, 0.5]])
 TRUTH = np.array([0, 1, 0, 1])
 NO_NUMBERS = {
@@ -46,7 +43,6 @@ OF_NUMBERS = {
     "null_quantile": lambda a: metrics.null_quantile(a, metrics.brier_score, np.random.default_rng(0)),
     "calibration_at_stop": lambda a: metrics.calibration_at_stop(a[:, 0], TRUTH, TRUTH),
     "MahalanobisScore": lambda a: MahalanobisScore.fit(a, TRUTH),
-    "energy_score": energy_score,
     "auroc": lambda a: auroc(a[:2, 0], a[2:, 0]),
 }
 
@@ -85,7 +81,7 @@ def test_masked_labels_are_refused():
 
 
 @pytest.mark.parametrize("options", [{}, {"num_poses": 10**9}])
-@pytest.mark.parametrize("kind", [ConfusionModel, SignatureModel, GaussianModel, PLDAModel, RatioModel, PerPose])
+@pytest.mark.parametrize("kind", [ConfusionModel, GaussianModel, PLDAModel, RatioModel, PerPose])
 def test_a_pose_number_that_no_data_can_have_is_refused_before_it_takes_memory(kind, options):
     poses = [0, 1, 0, 1 if options else 10**9]
     touches = [Touch(pose, row) for pose, row in zip(poses, PROBS, strict=True)]
@@ -125,7 +121,11 @@ def test_what_is_no_confidence_is_refused(confidence):
 
 @pytest.mark.parametrize("name", FITS)
 def test_an_array_in_place_of_touches_is_told_what_works(name):
-    embed = {"embed": lambda number: np.zeros((1, 2, number, 2), np.float32)} if name in JOINT_MODELS else {}
+    embed = (
+        {"embed": lambda number: np.zeros((1, 2, number, 2), np.float32)}
+        if OBSERVATION_MODELS[name].reads == "embeddings"
+        else {}
+    )
     for wrong in (PROBS, PROBS.tolist(), [Touch(0, PROBS[0]), *PROBS[1:]]):
         with pytest.raises(
             ActiveTouchError, match=r"touch [01] of sequence 0 must be a Touch, such as Touch\(pose, log"
@@ -139,7 +139,7 @@ def fitted_models():
     touches = [Touch(i % 2, 2.0 * np.eye(2)[i % 2] + rng.normal(size=2), rng.normal(size=4)) for i in range(40)]
     labels, ids = np.arange(40) % 2, np.arange(40) // 4 * 2 + np.arange(40) % 2
     hypotheses, references = rng.normal(size=(2, 2, 3, 4)).astype(np.float32), rng.normal(size=(2, 5, 4))
-    found = {name: fit(touches, labels, ids) for name, fit in {**OBSERVATION_MODELS, **KERNEL_MODELS}.items()}
+    found = {name: fit(touches, labels, ids) for name, fit in FITS.items() if name != "rigid body"}
     table = OutcomeTable(np.full((2, 2, 2), 0.5))
     return {
         **found,
@@ -150,7 +150,6 @@ def fitted_models():
         "TabularModel": TabularModel(("a", "b"), table),
         "OutcomeTable": table,
         "LogitEmbedding": found["plda"].embedding,
-        "FeatureEmbedding": FeatureEmbedding.fit(TouchBatch.of([touches]), 2),
         "VectorScaling": CALIBRATIONS["vector"]().fit(logits=2.0 * np.eye(2), labels=[0, 1]),
         "MahalanobisScore": MahalanobisScore.fit(rng.normal(size=(20, 3)), np.arange(20) % 2),
     }

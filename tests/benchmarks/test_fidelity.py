@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 from benchmarks.fidelity import FidelityCommand, Pressed, agreement_of, shape_accuracy
-from experiments.press.explain import Explain, hidden_variables
-from experiments.scene_choice import SceneChoice
 
 pytestmark = pytest.mark.mujoco
 
@@ -58,19 +56,3 @@ def test_the_comparison_is_written_whatever_the_number_of_workers(tmp_path):
         assert row["num_presses"] == 30
         assert row["correlation"] > 0.98
         assert row["force_error_high"] < 0.11
-
-
-@pytest.mark.slow
-def test_explain_prints_what_is_modelled_and_what_it_costs(capsys):
-    Explain(presses=12).run()
-    text = capsys.readouterr().out
-    for expected in ("contact pair", "leaner: no time stepping", "this scene", "richer: a trace", "µs/step", "mujoco"):
-        assert expected in " ".join(text.split())
-
-
-def test_the_belief_of_the_smallest_exact_state_is_told():
-    distinct = {entry.part: entry for entry in hidden_variables(SceneChoice().named)}
-    assert distinct["hidden probabilities"].number == 16
-    assert "16 subsets" in distinct["objects"].why
-    independent = {entry.part: entry.number for entry in hidden_variables(SceneChoice(scene="hard").named)}
-    assert independent["hidden probabilities"] == 12

@@ -7,11 +7,9 @@ import numpy as np
 import pytest
 
 from activetouch import SHAPES, Quasistatic, Scene
-from activetouch.errors import WrongPress
 from activetouch.placement import Placement
 from activetouch.poses import random_orientation
-from activetouch.pressing.contact import contact_at_depth, elastic_contact, surface_gap
-from activetouch.pressing.deformable import Deformable
+from activetouch.pressing.contact import elastic_contact, surface_gap
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Press
 from activetouch.pressing.trace import Phase, Trace
@@ -21,6 +19,7 @@ from benchmarks.leak import (
     REMOVED,
     SHUFFLED,
     Leak,
+    contact_at_depth,
     cross_fitted_guesses,
     exchange,
     judged,
@@ -104,11 +103,6 @@ def test_other_streams_and_seeds_touch_other_objects():
     numbers = [exchange(scene, 2, key, depth_reader).numbers for key in ((0, 0), (0, 1), (1, 0))]
     assert not (set(numbers[0][:, 0]) & set(numbers[1][:, 0]))
     assert not (set(numbers[0][:, 0]) & set(numbers[2][:, 0]))
-
-
-def test_an_imprint_that_does_not_follow_from_a_depth_cannot_be_lent_one():
-    with pytest.raises(WrongPress, match="deformable pad"):
-        exchange(Scene(press_model=Deformable()), 2, KEY, depth_reader)
 
 
 def test_a_single_object_is_too_few():

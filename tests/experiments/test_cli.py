@@ -52,12 +52,12 @@ def test_an_unknown_command_suggests_the_nearest():
 
 
 def test_only_the_chosen_command_is_imported():
-    code = "import sys; sys.argv = ['activetouch', 'merge', 'a']; from experiments import cli\n"
+    code = "import sys; sys.argv = ['activetouch', 'replay', '--folder', 'none']; from experiments import cli\n"
     code += "try: cli.main()\nexcept SystemExit: print(*sys.modules)"
     found = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     loaded = set(found.stdout.split())
     others = {f"experiments.{entry.place.partition(':')[0]}" for entry in cli.REGISTRY.values()} & loaded
-    assert others == {"experiments.search.merge"}
+    assert others == {"experiments.search.replay"}
 
 
 @pytest.mark.parametrize("arguments", ["--help", "compare --help", "--tyro-print-completion bash"])

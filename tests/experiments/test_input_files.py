@@ -17,9 +17,7 @@ from experiments.search.fingerprint import files_digest
 from experiments.search.replay import Replay
 from experiments.search.run_folder import RunFolder
 from experiments.search.setting import Setting
-from experiments.tradeoff.measure import finished
 from planners.sb3_policy import _model
-from planners.solve.policy_files import load_policy
 
 pytestmark = [pytest.mark.torch, pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="makes a pipe")]
 
@@ -38,10 +36,8 @@ READERS = {
     "replay": ("run.json", lambda path: Replay(path.parent, out=path.parent / "out.png").run()),
     "a collection": ("manifest.json", lambda path: read_manifest(path.parent)),
     "a touch bank": ("manifest.json", lambda path: TouchBank.open(path.parent)),
-    "a policy": ("policy.npz", load_policy),
     "a policy of SB3": ("model.zip", lambda path: _model(path, (0, 0))),
     "a digest": ("any", lambda path: files_digest([path])),
-    "results of tradeoff": ("results/x.json", lambda path: finished(path.parent.parent, 0)),
     "--sensor, the reader": ("reader.safetensors", compare_with_sensor),
     "--sensor, the model": ("observation_model.json", compare_with_sensor),
 }
@@ -63,10 +59,8 @@ def test_a_pipe_or_a_device_is_no_file_to_read(name, tmp_path):
         path.unlink()
 
 
-def test_a_shard_that_is_a_pipe_counts_as_missing(tmp_path):
-    (tmp_path / "shards").mkdir()
-    folder = RunFolder(tmp_path)
-    folder.open({}, {})
-    os.mkfifo(tmp_path / "shards" / "threshold-cone-00000.jsonl")
-    os.mkfifo(tmp_path / "shards" / "threshold-cone-00000.seal.json")
-    assert folder.complete_keys() == []
+def test_a_cell_that_is_a_pipe_is_refused(tmp_path):
+    (tmp_path / "cells").mkdir()
+    os.mkfifo(tmp_path / "cells" / "threshold-cone.jsonl")
+    with pytest.raises(ActiveTouchError, match="is a pipe"):
+        RunFolder(tmp_path).batches(("threshold", "cone"))

@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from activetouch import named_scenes
-from experiments.press.touch import Record
+from experiments.press.touch import write_presses
 from experiments.scene_choice import SceneChoice, collection_folder, in_file_names
 from experiments.search.compare import Compare
-from experiments.search.run_folder import ShardKey
+from experiments.search.run_folder import _file_name
 from experiments.search.setting import Setting
 from planners.ppo import policy_file
 
@@ -31,8 +31,8 @@ LABELS = [
 ]
 NAMES = {
     "policies": lambda label: policy_file("paper", label),
-    "deciders of shards": lambda label: ShardKey(label, "cone", 0).stem,
-    "targets of shards": lambda label: ShardKey("threshold", label, 0).stem,
+    "deciders of cells": lambda label: _file_name((label, "cone")),
+    "targets of cells": lambda label: _file_name(("threshold", label)),
     "folders of scenes": lambda label: collection_folder(label).name,
     "folders of runs": lambda label: Compare(setting=Setting(SceneChoice(label)), jobs=1).folder.name,
 }
@@ -51,12 +51,12 @@ def test_a_label_becomes_one_part_of_a_path(kind):
 
 
 @pytest.mark.mujoco
-def test_recordings_of_a_shape_with_a_path_as_its_label_stay_in_the_folder(tmp_path, monkeypatch):
+def test_recordings_of_a_shape_with_a_path_as_its_label_stay_in_the_folder(tmp_path):
     named = named_scenes.SCENES["paper"]
     cube = named.scene.shapes["cube"]
     scene = replace(named.scene, shapes=dict.fromkeys(LABELS, cube))
-    monkeypatch.setattr(SceneChoice, "named", replace(named, scene=scene))
-    Record(SceneChoice("paper"), out=tmp_path / "out", cycles=1).run()
+    (tmp_path / "out").mkdir()
+    write_presses(scene, 0, tmp_path / "out", num_cycles=1)
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
     assert len(list((tmp_path / "out").glob("*.csv"))) == len(LABELS)
     assert (tmp_path / "out" / "cube.csv").exists()

@@ -43,17 +43,17 @@ def test_parts_of_a_scene_can_be_changed_by_name():
 
 
 def test_a_mesh_adds_a_shape_called_like_its_file(mesh):
-    named = SceneChoice(meshes=(mesh,), mesh_scale=0.001).named
+    named = SceneChoice(meshes=(Path(f"{mesh}@0.001"),)).named
     assert named.scene.shape_labels == ("sphere", "cube", "cylinder", "cone", "pebble")
     assert named.scene.shapes["pebble"].bounding_radius == pytest.approx(0.0252, abs=1e-3)
 
 
 def test_two_shapes_of_one_name_are_refused(mesh):
     with pytest.raises(DuplicateShape, match="must have other names"):
-        _ = SceneChoice(meshes=(mesh, mesh), mesh_scale=0.001).named
+        _ = SceneChoice(meshes=(Path(f"{mesh}@0.001"),) * 2).named
     cone = mesh.rename(mesh.with_name("cone.off"))
     with pytest.raises(DuplicateShape, match="sphere, cube, cylinder, cone"):
-        _ = SceneChoice(meshes=(cone,), mesh_scale=0.001).named
+        _ = SceneChoice(meshes=(Path(f"{cone}@0.001"),)).named
 
 
 def test_an_unknown_scene_suggests_the_nearest():
@@ -62,7 +62,7 @@ def test_an_unknown_scene_suggests_the_nearest():
 
 
 def test_a_choice_survives_the_way_through_a_run_file(mesh):
-    choice = SceneChoice(scene="hard", fidelity="dynamic", meshes=(mesh,), mesh_scale=0.001)
+    choice = SceneChoice(scene="hard", fidelity="dynamic", meshes=(Path(f"{mesh}@0.001"),))
     assert SceneChoice.from_dict(choice.to_dict(), Trust(Path("run.json"))) == choice
 
 
@@ -73,32 +73,29 @@ def test_settings_of_a_renderer_that_is_ready_are_refused_rather_than_ignored():
 
 
 def test_only_the_meshes_are_left_and_their_sizes_do_not_vary_unless_asked(mesh):
-    choice = SceneChoice(scene="many", meshes=(mesh, Path(f"big={mesh}@0.0015")), mesh_scale=0.001, only=True)
+    choice = SceneChoice(scene="many", meshes=(Path(f"{mesh}@0.001"), Path(f"big={mesh}@0.0015")), only=True)
     named = choice.named
     assert named.scene.shape_labels == ("pebble", "big")
     assert named.scene.variation.size == Constant(1.0)
     assert named.scene.variation.force == SCENES["many"].scene.variation.force
     assert named.num_objects == 2
-    varied = replace(choice, size_range=(0.9, 1.2))
+    varied = replace(choice, family=("size=0.9..1.2",))
     assert varied.named.scene.variation.size == Uniform(0.9, 1.2)
     for one in (choice, varied):
         plain = json.loads(json.dumps(one.to_dict()))
         assert SceneChoice.from_dict(plain, Trust(Path("run.json"))) == one
 
 
-def test_a_choice_without_meshes_is_written_as_ever():
-    plain = SceneChoice().to_dict()
-    assert plain["mesh_scale"] == 1.0
-    assert not plain.keys() & {"only", "size_range"}
-    for given in (plain, {**plain, "randomised": False}):  # as files of earlier versions say
-        assert SceneChoice.from_dict(given, Trust(Path("run.json"))) == SceneChoice()
+def test_options_of_earlier_versions_that_had_no_effect_are_read():
+    earlier = {**SceneChoice().to_dict(), "mesh_scale": 1.0, "robot": None, "randomised": False}
+    assert SceneChoice.from_dict(earlier, Trust(Path("run.json"))) == SceneChoice()
 
 
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
         ({"only": True}, "--only leaves out the scene's own shapes; give others with --meshes"),
-        ({"size_range": (1.1, 0.9)}, r"--size-range must not end before it begins, got \(1\.1, 0\.9\)"),
+        ({"family": ("size=1.1..0.9",)}, "--family 'size=1.1..0.9' is no range of sizes"),
     ],
 )
 def test_a_choice_that_makes_no_scene_is_refused(changes, words):
@@ -109,8 +106,8 @@ def test_a_choice_that_makes_no_scene_is_refused(changes, words):
 def test_a_file_called_like_a_shape_is_told_how_to_be_called_otherwise(mesh):
     cube = mesh.rename(mesh.with_name("cube.off"))
     with pytest.raises(DuplicateShape, match=r"my_cube=cube\.obj, or leave the scene's own shapes out with --only"):
-        _ = SceneChoice(meshes=(cube,), mesh_scale=0.001).named
-    assert SceneChoice(meshes=(cube,), mesh_scale=0.001, only=True).named.scene.shape_labels == ("cube",)
+        _ = SceneChoice(meshes=(Path(f"{cube}@0.001"),)).named
+    assert SceneChoice(meshes=(Path(f"{cube}@0.001"),), only=True).named.scene.shape_labels == ("cube",)
     assert "my_cube" in SceneChoice(meshes=(Path(f"my_cube={cube}@0.001"),)).named.scene.shape_labels
 
 

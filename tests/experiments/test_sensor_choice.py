@@ -12,7 +12,6 @@ import tyro
 from activetouch import SCENES
 from activetouch.data.dataset import CollectionPlan
 from activetouch.data.manifest import NoCollection, read_manifest
-from activetouch.envs.touch_bank import TouchBank
 from activetouch.errors import LabelMismatch, NoIndependentModel, SceneShift, WrongScene
 from activetouch.perception import preparation
 from activetouch.perception.contacts import hypotheses
@@ -23,18 +22,16 @@ from experiments.calibration.calibration_report import CalibrationReport
 from experiments.cli import commands
 from experiments.command_line.arguments import BadArgument
 from experiments.command_line.trust import Trust
-from experiments.ppo.touch_bank import MakeTouchBank
+from experiments.ppo.touch_bank import kept_bank
 from experiments.ppo.train_ppo import TrainPPO
 from experiments.robustness.robustness import Robustness
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
-from experiments.search.objects import SceneObject
-from experiments.search.setting import Setting, known_model
-from experiments.search.shards import identity
+from experiments.search.setting import Setting
 from experiments.sensor.calibrate import Calibrate, TooFewObjects
 from experiments.sensor.collect import Collect, collect
 from experiments.sensor.train import Train
-from experiments.sensor_choice import NoSensor, check_sensor, policy_commands
+from experiments.sensor_choice import NoSensor, open_sensor, policy_commands
 from experiments.sensor_commands import sensor_commands
 from planners.ppo import MissingPolicy
 
@@ -59,7 +56,7 @@ REFUSED = {
     "no policies": (
         lambda out: Compare(setting=Setting(SceneChoice("hard")), deciders=("ppo",), out=out / "run").run(),
         MissingPolicy,
-        "touch-bank --scene hard",
+        "train-ppo --scene hard",
     ),
     "policies of another sensor": (
         lambda out: Compare(setting=Setting(SceneChoice("paper")), deciders=("ppo",), out=out / "run").run(),
@@ -67,9 +64,9 @@ REFUSED = {
         "The sensor paper-independent has policies: add --sensor paper-independent",
     ),
     "robustness": (
-        lambda out: Robustness(SceneChoice(renderer="gelsight"), out=out / "run").run(),
+        lambda out: Robustness("coarse", sensor=Path("gel"), out=out / "run").run(),
         WrongScene,
-        "GelSightRenderer",
+        "num_taxels",
     ),
     "train without a collection": (
         lambda out: Train(scene="coarse", data=out / "none", out=out / "run").run(),
@@ -81,10 +78,10 @@ REFUSED = {
         NoCollection,
         "collect --scene coarse --plan.train 0 --plan.repeats 6 --out",
     ),
-    "train-ppo without a bank": (
-        lambda out: TrainPPO(scene="coarse", bank=out / "none", out=out / "run").run(),
-        CorruptFile,
-        "touch-bank --scene coarse",
+    "train-ppo without a collection": (
+        lambda out: TrainPPO(scene="coarse", data=out / "none", out=out / "run").run(),
+        NoCollection,
+        "collect --scene coarse --plan.train 0 --plan.repeats 6 --out",
     ),
 }
 
@@ -115,7 +112,7 @@ def quick(tmp_path_factory):
 
 
 @pytest.mark.torch
-@pytest.mark.parametrize("command", [CalibrationReport, MakeTouchBank])
+@pytest.mark.parametrize("command", [CalibrationReport, TrainPPO])
 def test_a_collection_of_another_scene_than_the_sensors_is_refused(command, quick, tmp_path):
     with pytest.raises(WrongScene, match=r"pad\.num_taxels is 32, not 128") as found:
         command(scene="gel", data=quick, out=tmp_path / "out").run()
@@ -165,11 +162,11 @@ def test_a_sensor_remembers_the_scene_it_was_calibrated_in(tmp_path):
     with pytest.warns(SceneShift, match="press_model is Quasistatic, not Dynamic"):
         sensor = TactileSensor.load(out, QUICK.named.scene)
     assert sensor.shift == ("press_model is Quasistatic, not Dynamic",)
-    MakeTouchBank(scene="coarse", data=data, sensor=out, out=tmp_path / "bank").run()
-    assert TouchBank.open(tmp_path / "bank" / "test").scene == read_manifest(data).scene
-    with pytest.raises(WrongScene, match=r"num_taxels.*touch-bank --scene gel") as found:
-        TrainPPO(scene="gel", bank=tmp_path / "bank", out=tmp_path / "ppo").run()
-    pastes(str(found.value))
+    bank = kept_bank(sensor.reader, data, "test", tmp_path / "bank")
+    assert bank.scene == read_manifest(data).scene
+    before = [path.stat().st_mtime_ns for path in (tmp_path / "bank").iterdir()]
+    kept_bank(sensor.reader, data, "test", tmp_path / "bank")
+    assert [path.stat().st_mtime_ns for path in (tmp_path / "bank").iterdir()] == before
 
 
 @pytest.mark.torch
@@ -202,7 +199,7 @@ def test_a_sensor_of_another_scene_is_used_anyway_when_asked_to(tmp_path, capsys
     monkeypatch.setattr(preparation, "_TOUCHES", 300)
     setting = Setting(QUICK, sensor=GEL, anyway=True)
     with pytest.raises(WrongScene, match="num_taxels"):
-        _ = replace(setting, anyway=False).shift
+        replace(setting, anyway=False).open_sensor()
     Compare(setting=setting, deciders=("threshold",), targets=("cone",), episodes=1, jobs=1, out=tmp_path / "run").run()
     for text in (capsys.readouterr().err, (tmp_path / "run" / "report.html").read_text(encoding="utf-8")):
         assert "pad.num_taxels is 32, not 128" in text
@@ -212,16 +209,16 @@ def test_a_sensor_of_another_scene_is_used_anyway_when_asked_to(tmp_path, capsys
 def test_anyway_is_not_offered_where_the_network_cannot_read_the_images():
     for choice, offered in ((SceneChoice("coarse"), True), (SceneChoice(renderer="gelsight"), False)):
         with pytest.raises(WrongScene) as found:
-            _ = Setting(choice, sensor=GEL).shift
+            Setting(choice, sensor=GEL).open_sensor()
         assert ("--anyway" in str(found.value)) == offered
     with pytest.raises(WrongScene, match="takes images of 1 channels"):
-        _ = Setting(SceneChoice(renderer="gelsight"), anyway=True).shift
+        Setting(SceneChoice(renderer="gelsight"), anyway=True).open_sensor()
 
 
 @pytest.mark.parametrize("name", list(SCENES))
 def test_a_shipped_sensor_belongs_to_its_scene(name):
-    assert Setting(SceneChoice(name)).shift == ()
-    assert Setting(SceneChoice(name, fidelity="deformable")).shift != ()
+    assert Setting(SceneChoice(name)).open_sensor().shift == ()
+    assert Setting(SceneChoice(name, presentation="upright")).open_sensor().shift != ()
 
 
 @pytest.mark.parametrize("file", [READER_FILE, OBSERVATION_FILE])
@@ -230,7 +227,7 @@ def test_a_damaged_sensor_is_refused_before_any_work(file, tmp_path):
     path = tmp_path / "sensor" / file
     path.write_bytes(path.read_bytes()[:200])
     with pytest.raises(CorruptFile, match=file):
-        _ = Setting(SceneChoice("coarse"), sensor=tmp_path / "sensor").shift
+        Setting(SceneChoice("coarse"), sensor=tmp_path / "sensor").open_sensor()
 
 
 def test_an_observation_model_in_which_one_digit_flipped_is_refused(tmp_path):
@@ -251,14 +248,12 @@ MUG = (Path("a mug.stl"), Path("b.stl"))
     ("choice", "contacts"),
     [
         (SceneChoice("coarse", fidelity="guarded_move", renderer="force_patch", presentation="upright"), False),
-        (SceneChoice(meshes=MUG, mesh_scale=0.001), True),
-        (SceneObject.of(SCENES["hard"]), False),
+        (SceneChoice(meshes=MUG), True),
     ],
 )
 def test_commands_for_a_sensor_make_it_for_that_scene(choice, contacts):
     text = sensor_commands(choice)
-    if not isinstance(choice, SceneObject):  # which no command can name
-        pastes(text)
+    pastes(text)
     if contacts:  # a reader of any object comes first, and one command makes its sensor
         any_object, told, alone, *own = text.splitlines()
         train = tyro.cli(Train, args=shlex.split(any_object)[2:])
@@ -268,7 +263,7 @@ def test_commands_for_a_sensor_make_it_for_that_scene(choice, contacts):
     else:
         own = text.splitlines()
     first = tyro.cli(Collect, args=shlex.split(own[0])[2:])
-    assert first.choice == choice or isinstance(choice, SceneObject)
+    assert first.choice == choice
     assert [line.split()[0] == "activetouch" for line in own] == [True] * 4 + [False]
     pastes(policy_commands("hard", Path("some where"), "paper"))
 
@@ -278,7 +273,7 @@ def test_commands_for_a_sensor_make_it_for_that_scene(choice, contacts):
     [
         (SceneChoice("coarse", poses="directions26"), MODELS / "hard", "Leave out --sensor"),
         (SceneChoice("many", poses="directions26"), MODELS / "many", "Add --sensor gel"),
-        (SceneObject.of(replace(SCENES["many"], scene=SCENES["gel"].scene)), MODELS / "hard", "Add --sensor gel"),
+        (replace(SCENES["many"], scene=SCENES["gel"].scene), MODELS / "hard", "Add --sensor gel"),
         (
             SceneChoice("hard", poses="directions26"),
             MODELS / "hard",
@@ -289,12 +284,12 @@ def test_commands_for_a_sensor_make_it_for_that_scene(choice, contacts):
 )
 def test_a_remedy_names_a_sensor_that_ships_or_the_commands_that_make_one(choice, given, remedy):
     with pytest.raises((LabelMismatch, WrongScene)) as found:
-        check_sensor(given, choice)
+        open_sensor(given, choice)
     assert re.search(rf"(\. |:\n){re.escape(remedy)}", str(found.value))
     pastes(str(found.value))
 
 
-_IN_NEED = "collect|train|calibrate|touch-bank|train-ppo|compare|merge"
+_IN_NEED = "collect|train|calibrate|train-ppo|compare"
 HALF = rf"(with|run|calibrate|scene|again)[:,]? `?activetouch ({_IN_NEED})\b(?! \{{)"
 
 
@@ -314,21 +309,19 @@ def test_a_joint_sensor_keeps_its_independent_model_and_compare_can_play_it(tmp_
     assert load_observation_model(MODELS / "paper-independent", independent=True).name == "ratio"  # it has no other
     own = Setting(SceneChoice("coarse"))
     independent = replace(own, observation_model="independent")
-    assert (known_model(own)[0].name, known_model(independent)[0].name) == ("rigid body", "ratio")
-    assert identity(own, 0)["sensor_sha256"] != identity(independent, 0)["sensor_sha256"]
+    assert [setting.open_sensor().model.name for setting in (own, independent)] == ["rigid body", "ratio"]
+    assert own.sensor_files(own.scene) != independent.sensor_files(own.scene)
     assert Setting.from_dict(independent.to_dict(), Trust(Path("run.json"))) == independent
     shutil.copytree(joint, tmp_path / "sensor")
     (tmp_path / "sensor" / INDEPENDENT_FILE).unlink()
     with pytest.raises(NoIndependentModel, match="calibrate writes both"):
-        known_model(replace(independent, sensor=tmp_path / "sensor"))
-    with pytest.raises(NoIndependentModel, match="calibrate writes both"):
-        _ = replace(independent, sensor=tmp_path / "sensor").shift
+        replace(independent, sensor=tmp_path / "sensor").open_sensor()
 
 
 def test_only_the_model_that_is_asked_for_is_checked(tmp_path):
     shutil.copytree(MODELS / "coarse", tmp_path / "sensor")
     (tmp_path / "sensor" / OBSERVATION_FILE).write_text("{}")
     joint = Setting(SceneChoice("coarse"), sensor=tmp_path / "sensor")
-    assert replace(joint, observation_model="independent").shift == ()
+    assert replace(joint, observation_model="independent").open_sensor().shift == ()
     with pytest.raises(CorruptFile, match=OBSERVATION_FILE):
-        _ = joint.shift
+        joint.open_sensor()

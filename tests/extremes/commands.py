@@ -20,7 +20,7 @@ from experiments.press.touch import TouchCommand
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
 from experiments.search.replay import Replay
-from experiments.search.run_folder import RunFolder, RunMismatch, ShardKey
+from experiments.search.run_folder import RunFolder, RunMismatch
 from experiments.search.setting import Setting
 from experiments.sensor.collect import Collect
 from experiments.sensor.train import Changes, Train
@@ -59,13 +59,14 @@ def _unchanged(folder: Path) -> None:
     pass
 
 
-def _without_shard(folder: Path) -> None:
-    [shard] = (folder / "shards").glob("random_confirm-*.jsonl")
-    shard.unlink()
+def _without_cell(folder: Path) -> None:
+    [cell] = (folder / "cells").glob("random_confirm-*.jsonl")
+    cell.unlink()
 
 
-def _with_unfinished_file(folder: Path) -> None:
-    (folder / "shards" / ".cone.jsonl.half").write_text('{"half a li')
+def _with_unfinished_batch(folder: Path) -> None:
+    for cell in (folder / "cells").glob("*.jsonl"):
+        cell.write_bytes(cell.read_bytes()[:-99])
 
 
 def _truncated(folder: Path) -> None:
@@ -85,12 +86,8 @@ def _with_versions(folder: Path) -> None:
     (folder / "run.json").write_text(sealed_json(run))
 
 
-def _missing_shard(folder: Path) -> None:
-    RunFolder(folder).lines(ShardKey("a", "b", 0))
-
-
 def _missing_episode(folder: Path) -> None:
-    _compare(folder).play()
+    _compare(folder).run()
     Replay(folder / "run", "random_confirm", "cone", number=30, out=folder / "x.png").run()
 
 
@@ -119,11 +116,10 @@ CASES: tuple[Case, ...] = (
     refuses("compare", "a missing sensor", _in_setting(sensor=Path("nowhere")), NoSensor, "holds no sensor"),
     refuses("compare", "a run of another seed in the folder", _after(_unchanged, seed=1), RunMismatch, "other seed"),
     refuses("compare", "a run of other versions in the folder", _after(_with_versions), RunMismatch, "other versions"),
-    answers("compare", "a missing shard: played again", _after(_without_shard), equal_to(3)),
-    answers("compare", "an unfinished file of a killed run", _after(_with_unfinished_file), equal_to(3)),
+    answers("compare", "a missing cell: played again", _after(_without_cell), equal_to(3)),
+    answers("compare", "an unfinished batch of a killed run", _after(_with_unfinished_batch), equal_to(3)),
     answers("compare", "more episodes than there are", _after(_unchanged, episodes=5), equal_to(5)),
     refuses("RunFolder", "no run.json", in_folder(lambda f: RunFolder(f).read_run()), FileNotFoundError, "compare"),
-    refuses("RunFolder", "a missing shard", in_folder(_missing_shard), FileNotFoundError, "make it with"),
     refuses("replay", "an empty folder", in_folder(lambda f: Replay(f).run()), FileNotFoundError, "holds no run"),
     refuses("replay", "a missing episode", in_folder(_missing_episode), FileNotFoundError, "numbers 0 to 2"),
     refuses("touch", "a misspelt shape", TouchCommand(shape="conee").run, UnknownName, "Did you mean 'cone'"),

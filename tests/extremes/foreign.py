@@ -21,7 +21,7 @@ from belief import Confirm, Probe, SearchProblem, Unsure
 from belief.errors import ActiveTouchError
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
 from experiments.calibration.calibration_report import CalibrationReport
-from experiments.ppo.touch_bank import MakeTouchBank
+from experiments.ppo.train_ppo import TrainPPO
 from experiments.robustness.robustness import Robustness
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
@@ -76,9 +76,9 @@ def _with_gel(command: Callable[[Path, Path], Any]) -> Callable[[], object]:
 
 def _sensors() -> list[Case]:
     pairs = [(scene, sensor) for scene in ("coarse", "gel", "hard") for sensor in ("coarse", "gel", "many", "paper")]
-    coarse, gel = SceneChoice("coarse"), MODELS / "gel"
+    gel = MODELS / "gel"
     commands: dict[str, Any] = {
-        "robustness": Robustness(coarse, sensor=gel),
+        "robustness": Robustness("coarse", sensor=gel),
     }
     other = SceneChoice("coarse", renderer="gelsight").named.scene
     return [
@@ -106,7 +106,7 @@ def _collections() -> list[Case]:
     commands: dict[str, Callable[[Path, Path], Any]] = {
         "calibrate": lambda data, out: Calibrate("coarse", reader, data, out),
         "calibration-report": lambda data, out: CalibrationReport("coarse", data, out=out, jobs=1),
-        "touch-bank": lambda data, out: MakeTouchBank("coarse", data, out=out),
+        "train-ppo": lambda data, out: TrainPPO("coarse", data, out=out, jobs=1),
     }
     return [
         refuses(name, "--scene coarse and a collection of gel", _with_gel(command), ActiveTouchError, pattern)

@@ -20,7 +20,7 @@ CASES = [(part.__name__.rpartition(".")[2], case) for part in (touch, files, com
 WORDS = {"ActiveTouchError", "Probe", "Confirm", "Reject", "ObjectEvidence", "ObservationModel", "ArrayModel"}
 WORDS |= {"McNemar", "BrierDecomposition", "CalibrationError", "ReliabilityCurve", "ShapeScore", "StopScore", "Status"}
 WORDS |= {"CalibrationAtStop", "CalibrationReport", "Choice", "Calibration", "PerPose", "CALIBRATIONS"}
-WORDS |= {"calibration_from_json", "GaussianModel", "PLDAModel", "RatioModel", "SignatureModel"}
+WORDS |= {"calibration_from_json", "GaussianModel", "PLDAModel", "RatioModel"}
 WORDS |= {"FeatureEmbedding", "LogitEmbedding", "SceneView", "TouchHistory", "read_origin", "check_observation_model"}
 
 

@@ -5,8 +5,7 @@ import math
 import pytest
 
 from activetouch import Dynamic
-from activetouch.distributions import Constant, LogUniform, Normal, Uniform
-from activetouch.pressing.deformable import Deformable
+from activetouch.distributions import Constant, LogUniform, Uniform
 from activetouch.pressing.guarded_move import GuardedMove
 from activetouch.pressing.pad import Pad
 from activetouch.rendering import DeadTaxels, Gain, Hysteresis, Noise, PressureRenderer, Quantisation
@@ -26,7 +25,6 @@ _NAN, _INF = math.nan, math.inf
         pytest.param(lambda: Dynamic(timestep=0.0), "timestep", id="Dynamic: a time step of zero"),
         pytest.param(lambda: Dynamic(timestep=_NAN), "timestep", id="Dynamic: a time step of NaN"),
         pytest.param(lambda: GuardedMove(pause=0.0), "pause", id="GuardedMove: no pause"),
-        pytest.param(lambda: Deformable(nodes=1), "nodes", id="Deformable: one node"),
         pytest.param(lambda: Pad(num_taxels=0), "num_taxels", id="Pad: no taxels"),
         pytest.param(lambda: Pad(half_width=_NAN), "positive", id="Pad: a width of NaN"),
         pytest.param(lambda: Pad(stiffness=0.0), "positive", id="Pad: a stiffness of zero"),
@@ -38,7 +36,6 @@ _NAN, _INF = math.nan, math.inf
         pytest.param(lambda: Uniform(2.0, 1.0), "low must not exceed high", id="Uniform: low above high"),
         pytest.param(lambda: Constant(_NAN), "finite", id="Constant: NaN"),
         pytest.param(lambda: LogUniform(0.0, 1.0), "0 < low", id="LogUniform: a low end of zero"),
-        pytest.param(lambda: Normal(0.0, -1.0), "std", id="Normal: a negative deviation"),
         pytest.param(lambda: PressureRenderer(binning=0), "binning", id="PressureRenderer: bins of zero"),
         pytest.param(lambda: DeadTaxels(1.5), "1.5", id="DeadTaxels: a share of 1.5"),
         pytest.param(lambda: Quantisation(0), "bits", id="Quantisation: no bits"),

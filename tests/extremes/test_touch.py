@@ -10,11 +10,8 @@ import numpy as np
 import pytest
 
 from activetouch import Dynamic, Quasistatic, Scene
-from activetouch.distributions import Normal
 from activetouch.errors import UnstablePress
-from activetouch.placement import Placement
-from activetouch.pressing.contact import Contact, contact_at_depth, surface_gap
-from activetouch.pressing.deformable import Deformable
+from activetouch.pressing.contact import Contact
 from activetouch.pressing.guarded_move import GuardedMove
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Press
@@ -28,7 +25,7 @@ from activetouch.rendering import (
     Quantisation,
     read_out,
 )
-from activetouch.shapes import EXTENDED_SHAPES, SHAPES, Shape
+from activetouch.shapes import EXTENDED_SHAPES, Shape
 from tests.extremes.cases import (
     Case,
     Expectation,
@@ -40,7 +37,7 @@ from tests.extremes.cases import (
     refuses,
     such_that,
 )
-from tests.extremes.touch import MISS, SOUND, UPRIGHT, is_sound, press_once
+from tests.extremes.touch import MISS, SOUND, is_sound, press_once
 
 _MOVING: dict[str, Press] = {"dynamic": Dynamic(), "guarded_move": GuardedMove()}
 _NAN = math.nan
@@ -131,18 +128,6 @@ def _of_physics() -> list[Case]:
         refuses(
             "guarded_move press", "a force of NaN", lambda: press_once(GuardedMove(), force=_NAN), ValueError, "force"
         ),
-        answers(
-            "deformable press",
-            "a soft block",
-            lambda: press_once(Deformable(nodes=9, layers=2)),
-            such_that("2 N within 5 %", lambda c: abs(c.force - 2.0) < 0.1),
-        ),
-        answers(
-            "deformable press",
-            "an object beside the pad",
-            lambda: press_once(Deformable(nodes=9, layers=2), offset=(0.2, 0.0)),
-            MISS,
-        ),
     ]
 
 
@@ -163,8 +148,6 @@ def _smallest_depth(shape: Shape) -> bool:
 
 
 def _pads_and_shapes() -> list[Case]:
-    gap = surface_gap(Pad(num_taxels=32), Placement(SHAPES["sphere"], 1.0, UPRIGHT))
-    pad = Pad(num_taxels=32)
     return [
         *(
             answers(
@@ -175,15 +158,6 @@ def _pads_and_shapes() -> list[Case]:
             )
             for name, shape in EXTENDED_SHAPES.items()
         ),
-        refuses(
-            "contact_at_depth",
-            "deeper than the layer",
-            lambda: contact_at_depth(pad, gap, 1.0),
-            ValueError,
-            "depth must be in",
-        ),
-        answers("contact_at_depth", "no depth", lambda: contact_at_depth(pad, gap, 0.0), MISS),
-        answers("Normal", "no deviation", lambda: Normal(2.0, 0.0).sample(np.random.default_rng(0)), equal_to(2.0)),
     ]
 
 

@@ -92,7 +92,6 @@ def _of_scenes() -> list[Case]:
     return [
         refuses("Scene", "no shapes", lambda: Scene(shapes={}), ValueError, "at least one shape"),
         refuses("Scene", "no poses", lambda: Scene(poses={}), ValueError, "at least one"),
-        refuses("Scene", "a robot that is not known", lambda: Scene(robot="panda"), UnknownName, "panda_allegro"),
         refuses(
             "Scene.sample_object",
             "a shape that does not exist",

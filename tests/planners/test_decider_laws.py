@@ -11,7 +11,6 @@ from belief import (
     Composition,
     Confirm,
     Counts,
-    ImpossibleObservation,
     Probe,
     Reject,
     SceneBelief,
@@ -95,14 +94,6 @@ def test_every_decision_is_legal_and_can_be_written_down(name, rng):
 
 
 @every_decider
-def test_the_same_chance_gives_the_same_decision(name, rng):
-    table = random_table(rng)
-    for info in information_states(table, 6, rng):
-        one, other = (make_decider(name, table).decide(info, np.random.default_rng(5)) for _ in range(2))
-        assert one == other
-
-
-@every_decider
 def test_a_decider_needs_no_joint_belief(name, rng):
     table = random_table(rng)
     for info in information_states(table, 6, rng):
@@ -166,19 +157,3 @@ def test_searches_end_whatever_a_touch_costs_and_however_useless_it_is(name, tou
     for table in (OutcomeTable(np.full((2, 3, 2), 0.5)), random_table(np.random.default_rng(2), 2, 3)):
         for episode in play(name, table, problem, 4):
             assert episode.outcome is not Outcome.TRUNCATED
-
-
-@every_believer
-def test_a_touch_that_nothing_explains_is_an_error_and_not_a_decision(name):
-    table = OutcomeTable(np.tile(0.9 * np.eye(3) + 0.1 / 3, (2, 1, 1)))
-    nonsense = OutcomeTable(np.tile(np.eye(4)[[3, 3, 3]], (2, 1, 1)))  # an outcome the table does not have
-    problem = SearchProblem(tuple("abc"), ("p", "q"), 3)
-
-    class Impossible(TabularModel):
-        def log_likelihood_of(self, statistics):
-            return np.full(3, -np.inf)
-
-    model = Impossible(tuple("abc"), nonsense)
-    world = SyntheticWorld(model, (1, 0, 2))
-    with pytest.raises(ImpossibleObservation):
-        search_lockstep([world], make_decider(name, table), problem, [0], model, [(0,)])

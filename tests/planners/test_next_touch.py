@@ -79,7 +79,7 @@ def test_two_touches_ahead_are_worth_at_least_one_and_gains_are_never_negative(s
     one, two = (ValueOfInformation(model.outcome_table(), depth) for depth in (1, 2))
     payoffs = one.payoffs(info)
     assert (two.probe_values(info, payoffs) >= one.probe_values(info, payoffs) - 1e-9).all()
-    for name in ("information_gain", "shape_information_gain", "repeat_aware"):
+    for name in ("information_gain", "shape_information_gain"):
         decision = make_decider(name, model.outcome_table(), model).decide(info, rng)
         gains = [gain for score, gain in decision.scores.items() if score.startswith("gain")]
         assert min(gains, default=0.0) >= 0.0
@@ -106,7 +106,6 @@ def test_a_pose_is_not_repeated_where_the_body_would_feel_the_same(rng):
         names = (
             "information_gain",
             "shape_information_gain",
-            "repeat_aware",
             "value_of_information",
             "point_based(given='body')",
         )

@@ -25,5 +25,5 @@ def test_an_order_is_read_as_written_and_refused_if_changed_or_missing(tmp_path)
     with pytest.raises(CorruptFile, match="changed"):
         read_order(tmp_path)
     for folder in (None, tmp_path / "nowhere"):
-        with pytest.raises(NoOrder, match="rank-poses"):
+        with pytest.raises(NoOrder, match="activetouch calibrate"):
             read_order(folder)

@@ -141,15 +141,13 @@ def test_a_policy_sees_in_a_search_what_it_saw_in_training(state, rng, model, bo
     from activetouch.envs.object_goal import ObjectGoalEnv
     from activetouch.envs.object_test import ObjectTestEnv
     from activetouch.envs.touch_source import SampledTouches
-    from activetouch.envs.wrappers import GainState, PosteriorState
 
     touches = SampledTouches(body if state in WITH_GAINS else model, POSES)
     env = (
-        ObjectGoalEnv(touches=touches, touch_limit=5)
+        ObjectGoalEnv(touches=touches, touch_limit=5, state="gains")
         if state == GOAL
-        else ObjectTestEnv(touches=touches, target="shape_0", touch_limit=5)
+        else ObjectTestEnv(touches=touches, target="shape_0", touch_limit=5, state=state)
     )
-    env = {"posterior": PosteriorState, **dict.fromkeys(WITH_GAINS, GainState)}.get(state, lambda bare: bare)(env)
     policy = random_policy(rng, state)
     for seed in range(5):
         observation, _ = env.reset(seed=seed)

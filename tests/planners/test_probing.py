@@ -1,16 +1,12 @@
 from dataclasses import fields
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from belief import Belief, Probe, SearchProblem, Touch
-from belief.bayes import target_information_gain
 from belief.errors import InvalidArgument, UnknownName
 from belief.observation_model import OutcomeTable
-from belief.observation_model.outcome_mixture import OutcomeMixture
 from planners import InformationState
-from planners.pairs_of_touches import best_pairs
 from planners.probing import FixedOrder, GivenOrder, RandomOrder, ShapeInformationGain, TargetInformationGain
 from planners.repeats import CorrelatedRepeats
 
@@ -109,69 +105,9 @@ def test_given_the_shape_only_poses_that_are_alike_come_at_random_and_others_do_
     assert {nearly.choose(info(), rng).action.pose for _ in range(40)} == {0, 1}
 
 
-@pytest.mark.parametrize("setting", [{"depth": 3}, {"hypotheses": 0}, {"outcomes": -1}, {"given": "size"}])
+@pytest.mark.parametrize("setting", [{"hypotheses": 0}, {"outcomes": -1}, {"given": "size"}])
 def test_settings_out_of_range_are_refused(setting):
     for selector in (TargetInformationGain, ShapeInformationGain):
         if setting.keys() <= {field.name for field in fields(selector)}:
             with pytest.raises(InvalidArgument, match=next(iter(setting))):
                 selector(TABLE, **setting)
-
-
-def test_where_one_touch_is_blind_the_best_pair_is_found():
-    # Two bodies of each shape: pose 0 tells which, pose 1 shows the shape's bit turned around by the body.
-    body, bit = np.eye(2)[[[0, 1], [0, 1]]], np.eye(2)[[[0, 1], [1, 0]]]
-    mixture = OutcomeMixture(np.full((2, 2), 0.5), np.stack([body, bit, np.full((2, 2, 2), 0.5)]))
-    alone = target_information_gain([0.5, 0.5], mixture.table.probs, 0)
-    np.testing.assert_allclose(alone, 0.0, atol=1e-9)
-    pairs = best_pairs(mixture, np.array([0.5, 0.5]), 0, alone)
-    np.testing.assert_allclose(pairs, [np.log(2), np.log(2), 0.0], atol=1e-6)
-
-
-def information_of_pairs(mixture, belief, target):
-    """Mutual information of "this is the target" and the outcomes of two touches, by loops, ``(P, P)``."""
-    found = np.zeros((len(mixture.probs),) * 2)
-    for first, second in np.ndindex(found.shape):
-        joint = np.einsum("k,kh,khm,khn->kmn", belief, mixture.weights, mixture.probs[first], mixture.probs[second])
-        both = np.stack([joint[target], np.delete(joint, target, axis=0).sum(axis=0)])  # is it the target, outcomes
-        independent = both.sum(axis=(1, 2), keepdims=True) * both.sum(axis=0)
-        found[first, second] = (both * np.log(both / independent)).sum()
-    return found
-
-
-@pytest.mark.parametrize("target", [0, 2])
-def test_the_information_of_the_best_pair_is_that_of_loops_over_its_outcomes(target, rng):
-    weights, probs = rng.dirichlet(np.ones(5), size=3), rng.dirichlet(np.full(4, 0.5), size=(6, 3, 5))
-    mixture, belief = OutcomeMixture(weights, probs), rng.dirichlet(np.ones(3))
-    alone = target_information_gain(belief, mixture.table.probs, target)
-    best = information_of_pairs(mixture, belief, target).max(axis=1)
-    np.testing.assert_allclose(best_pairs(mixture, belief, target, alone), best, atol=1e-5)
-    some = best_pairs(mixture, belief, target, alone, candidates=2)
-    looked_into = np.argsort(alone)[-2:]
-    np.testing.assert_allclose(some[looked_into], best[looked_into], atol=1e-5)
-    others = np.delete(np.arange(6), looked_into)
-    np.testing.assert_array_equal(some[others], alone[others])
-
-
-def test_of_many_blind_poses_some_that_are_spread_evenly_are_looked_into():
-    body, bit = np.eye(2)[[[0, 1], [0, 1]]], np.eye(2)[[[0, 1], [1, 0]]]
-    mixture = OutcomeMixture(np.full((2, 2), 0.5), np.stack([body, *[bit] * 20]))  # each bit goes with the body
-    found = best_pairs(mixture, np.array([0.5, 0.5]), 0, np.zeros(21), candidates=5)
-    assert np.flatnonzero(found > 0.1).tolist() == [0, 5, 10, 15, 20]
-
-
-def test_two_touches_are_looked_ahead_only_where_one_is_blind(rng):
-    silent, body, bit = np.full((2, 2, 2), 0.5), np.eye(2)[[[0, 1], [0, 1]]], np.eye(2)[[[0, 1], [1, 0]]]
-    plain = np.array([[[0.7, 0.3]] * 2, [[0.3, 0.7]] * 2])  # tells the shape of either body
-    for third, pose, gain in ((bit, 1, np.log(2)), (plain, 2, np.log(2) + 0.7 * np.log(0.7) + 0.3 * np.log(0.3))):
-        mixture = OutcomeMixture(np.full((2, 2), 0.5), np.stack([silent, body, third]))
-        state = SimpleNamespace(
-            problem=PROBLEM,
-            belief=Belief.uniform(tuple("ab")),
-            target=0,
-            target_prob=0.5,
-            uses=np.zeros(3, int),
-            evidence=SimpleNamespace(outcome_mixture=lambda outcomes, hypotheses, mixture=mixture: mixture),
-        )
-        decision = TargetInformationGain(TABLE, depth=2).choose(state, rng)
-        assert decision.action == Probe(pose)
-        assert decision.scores[f"gain_{PROBLEM.pose_labels[pose]}"] == pytest.approx(gain)

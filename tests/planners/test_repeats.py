@@ -6,9 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from belief.calibration import TemperatureScaling
-from belief.observation_model import ConfusionModel, LogitEmbedding, PLDAModel, RatioModel, SignatureModel
-from belief.observation_model.baselines.variance_components import Components
+from belief.observation_model import PLDAModel, RatioModel
+from belief.observation_model.logit_embedding import LogitEmbedding
 from belief.observation_model.repeat_discount import effective_touches
+from belief.observation_model.variance_components import Components
 from planners.repeats import CorrelatedRepeats, LeastUsedFirst, repeat_discount
 
 uses = st.lists(st.integers(0, 10_000), min_size=1, max_size=12)
@@ -43,13 +44,12 @@ def test_a_correlation_out_of_range_is_refused(rho):
 def test_every_model_says_what_its_repeats_are_worth(model):
     ratio = RatioModel(model.shape_labels, T1, np.full(4, 0.25), 0.3, np.zeros((2, 1, 4)))
     assert repeat_discount(ratio) == CorrelatedRepeats(0.3)
-    assert repeat_discount(SignatureModel(model, 0.5)) == CorrelatedRepeats(0.25)
     assert repeat_discount(model) == repeat_discount(None) == LeastUsedFirst()
     assert repeat_discount(plda(0.0, 0.2, 0.8)).correlation == pytest.approx(0.2)
 
 
 def plda(of_object, of_pose, of_touch):
-    eye = np.stack([np.eye(3)] * 4)
+    eye = np.eye(3)
     means = np.random.default_rng(0).normal(size=(2, 4, 3))
     embedding = LogitEmbedding(np.full(4, -9.0), np.full(4, 9.0))
     return PLDAModel(tuple("abcd"), embedding, means, Components(of_object * eye, of_pose * eye, of_touch * eye))
@@ -67,7 +67,7 @@ def test_the_correlation_of_plda_is_that_of_touches_beyond_their_object():
 @pytest.mark.parametrize("direction", range(3))
 def test_only_the_direction_in_which_shapes_differ_counts_and_no_common_offset(direction):
     repeated, model = np.array([0.2, 0.5, 0.9]), plda(0.0, 0.5, 0.5)
-    parts = Components(*(np.stack([np.diag(part)] * 4) for part in (np.zeros(3), repeated, 1.0 - repeated)))
+    parts = Components(*(np.diag(part) for part in (np.zeros(3), repeated, 1.0 - repeated)))
     means = np.array([40.0, -7.0, 9.0]) + np.linspace(-1.0, 1.0, 8).reshape(2, 4, 1) * np.eye(3)[direction]
     found = PLDAModel(model.shape_labels, model.embedding, means, parts).repeat_correlation
     assert found == pytest.approx(repeated[direction])
@@ -77,11 +77,3 @@ def test_shapes_that_feel_alike_have_no_repeats_to_discount():
     model = plda(1.0, 1.0, 1.0)
     alike = PLDAModel(model.shape_labels, model.embedding, np.zeros_like(model.means), model.components)
     assert alike.repeat_correlation == 0.0
-
-
-def test_signatures_agree_twice_with_probability_rho_squared_beyond_chance():
-    # Two touches of one object in one pose, 40 000 objects: standard error of the correlation about .005.
-    single = ConfusionModel(("a", "b"), np.array([[[0.7, 0.3], [0.3, 0.7]]]), T1)
-    batch = SignatureModel(single, 0.6).sample_batch(0, np.zeros((40_000, 2), np.int64), np.random.default_rng(1))
-    shown = batch.logits.argmax(axis=2)
-    assert np.corrcoef(shown.T)[0, 1] == pytest.approx(0.36, abs=0.025)

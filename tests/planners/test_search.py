@@ -95,14 +95,6 @@ def test_the_same_touch_of_the_same_episode_feels_the_same_to_every_decider():
                     assert felt.setdefault((*key, uses[key]), logits) == logits
 
 
-@pytest.mark.parametrize("name", [name for name in UNTRAINED if name not in ("random_confirm", "pouct", "pomcp")])
-def test_a_perfect_sensor_finds_the_target_every_time(name):
-    labels = ("a", "b", "c")
-    model = ConfusionModel(labels, np.full((2, 3, 3), 1e-9) + np.eye(3) * (1 - 3e-9), TemperatureScaling(1.0, "ok"))
-    episodes = play(name, model, problem_for(model), range(60), target=1)
-    assert all(episode.success for episode in episodes)
-
-
 def test_confirming_at_random_succeeds_once_in_n(model):
     # 2 000 searches at 1/4: outside [410, 590] with probability below 1e-5.
     episodes = play("random_confirm", model, problem_for(model), range(2000))

@@ -141,7 +141,7 @@ def test_an_object_that_others_have_ruled_out_is_rejected_untouched_among_any_nu
     assert action(PosteriorThresholds().stop(InformationState(problem, 0, ruled_out, (), 1))) == Reject()
 
 
-@pytest.mark.parametrize("name", ["value_of_one_touch", "value_of_information", "point_based(rounds=(20,))"])
+@pytest.mark.parametrize("name", ["value_of_information(depth=1)", "value_of_information", "point_based(rounds=(20,))"])
 @pytest.mark.parametrize("num_shapes", [100, 200, 1000])
 def test_deciders_by_value_reject_untouched_only_where_not_even_a_perfect_touch_pays(name, num_shapes):
     """A perfect touch of the only object raises the return of rejecting it from 1 - 2 / K to 1."""

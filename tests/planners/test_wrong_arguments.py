@@ -8,11 +8,8 @@ from belief.errors import ActiveTouchError, InvalidArgument
 from belief.observation_model import OutcomeTable
 from belief.synthetic import SyntheticWorld
 from planners import DECIDERS, InformationState, make_decider, search
-from planners.bounds.revealing_touch import RevealingTouchBound
 from planners.decider import TableMismatch
-from planners.naming_plan import NamingPlan
 from planners.point_based import PointBased
-from planners.pomdp.touch_costs import TouchCosts
 from planners.registry import NEED_FILES, TRAINED, WrongType, summary_of
 from planners.solve import SearchTouchProblem, TouchProblem, finite_horizon_value, solve
 from planners.stopping import PosteriorThresholds, SequentialTest
@@ -173,12 +170,6 @@ def test_a_search_among_no_number_of_objects_is_refused(number):
         SearchTouchProblem(TABLE, number, "distinct", 0, 0.05)
 
 
-@pytest.mark.parametrize("prior", [["0.5", "0.5"], [NAN, 1.0], [1.5, -0.5], [0.0, 0.0], [1.0]])
-def test_a_prior_that_is_none_is_refused(prior):
-    with pytest.raises(InvalidArgument, match="prior must be 2 probabilities"):
-        TouchProblem(TABLE, prior, 0, 0.05)
-
-
 def test_a_problem_cannot_be_written_to():
     problem = TouchProblem(TABLE, [0.5, 0.5], 0, 0.05)
     for array in (problem.prior, problem.outcome_probs):
@@ -248,53 +239,3 @@ def test_the_papers_rule_reads_the_logits_of_a_perfect_table(dtype):
 def test_every_decider_says_in_a_line_what_it_is(name):
     assert 10 < len(summary_of(name)) < 90
     assert summary_of(name).endswith(".")
-
-
-@pytest.mark.parametrize("what", BAD_BELIEFS)
-def test_a_bound_gives_no_number_for_what_is_no_belief_or_no_payoff(what):
-    bound, confirm = RevealingTouchBound([TABLE], TouchCosts(0.05), 1), np.array([1.0, -1.0])
-    with pytest.raises(ValueError, match=r"."):
-        bound(BAD_BELIEFS[what], confirm, -confirm)
-    for wrong in ([NAN, 1.0], [INF, -1.0], [1.0], [1.0, -1.0, -1.0], ["a", "b"]):
-        with pytest.raises(ValueError, match=r"confirm must"):
-            bound([0.5, 0.5], wrong, -confirm)
-        with pytest.raises(ValueError, match=r"reject must"):
-            bound([0.5, 0.5], confirm, wrong)
-
-
-@pytest.mark.parametrize(
-    "tables",
-    [
-        [],
-        [NAN * TABLE],
-        [-TABLE],
-        [2 * TABLE],
-        [TABLE[0]],
-        [TABLE, np.ones((1, 3, 1))],
-        [np.ma.masked_array(TABLE, TABLE > 0.5)],
-    ],
-)
-def test_a_bound_of_tables_that_are_none_is_refused(tables):
-    with pytest.raises(ValueError, match=r"probs|table"):
-        RevealingTouchBound(tables, TouchCosts(0.05), 1)
-
-
-@pytest.mark.parametrize("touches", [-1, NAN, 1.5, "1", None, True])
-def test_a_bound_after_no_number_of_touches_is_refused(touches):
-    with pytest.raises(InvalidArgument, match="touches must be an integer, at least 0"):
-        RevealingTouchBound([TABLE], TouchCosts(0.05), touches)
-
-
-@pytest.mark.parametrize(
-    ("changed", "message"),
-    [
-        *(({"threshold": number}, "threshold must be a number in") for number in (NAN, INF, -0.1, 1.1, "0.9", None)),
-        *(({"repeats": number}, "repeats must be an integer") for number in (0, NAN, 1.5, "1")),
-        *(({"max_touches": number}, "max_touches must be an integer") for number in (0, NAN, 1.5, "1")),
-        *(({"kernel": kernel}, "kernel must") for kernel in ([[NAN]], [[1.1]], [[-0.1]], [0.5], np.eye(2), [["a"]])),
-        ({"kernel": np.ma.masked_array([[0.5]], True)}, "kernel must not be masked"),
-    ],
-)
-def test_a_plan_of_naming_out_of_range_is_refused(changed, message):
-    with pytest.raises(InvalidArgument, match=message):
-        NamingPlan(OutcomeTable(TABLE), **{"kernel": np.zeros((1, 1)), **changed})

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from activetouch.hypotheses import Bodies
 from activetouch.perception.cached_arrays import cached_array
 from activetouch.perception.contacts.imaging import Floats32, Imaging, encoded
-from activetouch.perception.contacts.told import told_world
-from activetouch.perception.hypothesis_bodies import Bodies, bodies_of
+from activetouch.perception.contacts.sensor_state import sensor_state
 from activetouch.perception.sessions import session_of
 from activetouch.poses import turned
 from activetouch.pressing.height_maps import predicted_contacts
@@ -63,15 +63,9 @@ class ContactHypotheses:
         return replace(self, scene=scene)
 
     def embedded(self, scene: Scene, bodies: Bodies, pose: int) -> Floats32:
-        """Embeddings of N hypotheses of each of K shapes in one pose, ``(K, N, D)``.
-
-        Args:
-            scene: of the shapes and poses.
-            bodies: orientations and sizes.
-            pose: its index.
-        """
+        """See :class:`activetouch.perception.reader.Hypotheses`."""
         rotation = scene.rotations[scene.pose_labels[pose]]
-        cell, code = cell_of(len(bodies.rests)), told_world(self.imaging, scene).code()
+        cell, code = cell_of(len(bodies.rests)), sensor_state(self.imaging, scene).code()
         window, aim = self.imaging.wide_window, scene.aim_offsets[pose]
 
         def embed_solid(solid: Shape, chosen: Bodies) -> Floats32:
@@ -90,12 +84,12 @@ class ContactHypotheses:
             parts = [embed_solid(solid, bodies.take(some)) for solid, some in zip(solids, rows, strict=True)]
             return np.concatenate(parts)[np.argsort(np.concatenate(rows))]
 
-        told = [(np.round(part, _DECIMALS) + 0.0).tolist() for part in (cell, code, aim, rotation)]
+        state = [(np.round(part, _DECIMALS) + 0.0).tolist() for part in (cell, code, aim, rotation)]
         places = array_digest({name: part.round(_DECIMALS) + 0.0 for name, part in bodies._asdict().items()})
         fields = scene_fields(scene)
         shapes, ranges = (dict(fields.get(name, {}).get("entries", ())) for name in ("shapes", "families"))
         families = {label: [part for part in ranges.items() if part[0].startswith(f"{label}.")] for label in shapes}
-        key = {"reader": self._digest, "bodies": places, "told": told}
+        key = {"reader": self._digest, "bodies": places, "state": state}
         found = [
             cached_array(key | {"shape": [shapes[label], families[label]]}, partial(embed_shape, label))
             for label in scene.shape_labels
@@ -108,7 +102,7 @@ class ContactHypotheses:
         Args:
             maps: predicted contacts over the window of the sensor, ``(H, W, W)`` [m].
             cell: width of the orientations that each stands for [rad].
-            code: of the world, ``(1, WORLD)``.
+            code: of the state of the sensor, ``(1, STATE_SIZE)``.
 
         Returns:
             ``(H, D)``.
@@ -120,7 +114,7 @@ class ContactHypotheses:
         return found
 
     def shape_logits(self, embeddings: Floats32) -> NDArray[np.float64]:
-        """Log p(image | shape) / p(image) in any pose, ``(N, K)``: the mean ratio over hypotheses of each shape.
+        """See :class:`activetouch.perception.reader.Hypotheses`; the mean is over all poses.
 
         Raises:
             ValueError: it is not bound to a scene.
@@ -140,7 +134,7 @@ class ContactHypotheses:
         """Hypotheses of each shape that take turns in the poses, ``(K, M, D)``."""
         if self.scene is None:
             raise ValueError("this reader reads any object and is about none yet; bound_to(scene) says which there are")
-        bodies, num_poses = bodies_of(self.scene, num_hypotheses(self.scene)), len(self.scene.poses)
+        bodies, num_poses = self.scene.hypotheses(num_hypotheses(self.scene)), len(self.scene.poses)
         parts = [self.embedded(self.scene, bodies, pose)[:, pose::num_poses] for pose in range(num_poses)]
         return np.concatenate(parts, axis=1)
 

@@ -1,7 +1,7 @@
 """What a pressure sensor makes of a surface that is pressed against it, and the contact that a hypothesis predicts.
 
 Both are arrays over many touches: height maps go in (:func:`activetouch.predicted_contacts`), and images, or the input
-of the network of contacts, come out. A :class:`World` is the state of the sensor and of the press.
+of the network of contacts, come out. A :class:`SensorState` is the state of the sensor and of the press.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ Floats32 = NDArray[np.float32]
 
 BROKEN = 4
 """Cells along the edge of the map of broken taxels that a world is described by."""
-WORLD = 9 + 2 * BROKEN**2
-"""Numbers that describe a world to the network of contacts; all are 0 where the sensor is as it should be."""
+STATE_SIZE = 9 + 2 * BROKEN**2
+"""Numbers that describe a state of the sensor to the network of contacts; all are 0 in the nominal state."""
 LIMITS = {
     "stiffness": (2**-1.5, 2.0),
     "force": (2**-2.4, 2.0),
@@ -32,13 +32,13 @@ LIMITS = {
     "shift": (-0.1, 0.1),
     "hysteresis": (0.0, 0.1),
 }
-"""Least and largest of the numbers of a :class:`World` that a reader is trained with."""
+"""Least and largest of the numbers of a :class:`SensorState` that a reader is trained with."""
 SAMPLES = 32
 """Points along the edge of a pad, at least, at which a surface is computed; at most as many pixels are read."""
 _BISECTIONS = 18
 
 
-class World(NamedTuple):
+class SensorState(NamedTuple):
     """The state of the sensor and of the press, relative to what the sensor's description says; arrays are ``(n,)``.
 
     Attributes:
@@ -66,14 +66,14 @@ class World(NamedTuple):
     wide: Floats32
 
     @classmethod
-    def nominal(cls, number: int) -> World:
+    def nominal(cls, number: int) -> SensorState:
         """The world in which the sensor is as it should be, ``number`` times."""
         ones, zeros = np.ones(number, np.float32), np.zeros(number, np.float32)
         cells = np.zeros((number, BROKEN, BROKEN), np.float32)
         return cls(ones, ones, ones, ones, zeros, np.zeros((number, 2), np.float32), zeros, cells, cells, zeros)
 
     def code(self) -> Floats32:
-        """As the network of contacts reads it, ``(n, WORLD)``."""
+        """As the network of contacts reads it, ``(n, STATE_SIZE)``."""
         numbers = (np.log2(self.stiffness), np.log2(self.force), np.log2(self.noise), 4 * np.log2(self.gain))
         others = (20 * self.blur, *(10 * self.shift.T), 20 * self.hysteresis)
         cells = [cells.reshape(len(cells), -1) for cells in (self.dead, self.stuck)]
@@ -155,7 +155,9 @@ class Imaging:
         dead = None if fields["dead"] is None else np.array(fields["dead"], bool)
         return cls(**{**fields, **ranges, "pad": Pad(**fields["pad"]), "dead": dead})
 
-    def images(self, reached: Floats32, world: World, rng: np.random.Generator) -> tuple[Floats32, NDArray[np.bool_]]:
+    def images(
+        self, reached: Floats32, world: SensorState, rng: np.random.Generator
+    ) -> tuple[Floats32, NDArray[np.bool_]]:
         """Images in [0, 1] of bodies that meet the pad, ``(n, pixels, pixels)``, and whether they hit it, ``(n,)``."""
         number = len(reached)
         highest = reached.max(axis=(1, 2))
@@ -170,16 +172,16 @@ class Imaging:
         seen = np.maximum(seen - world.hysteresis[:, None, None], 0.0)
         return self._read(seen.astype(np.float32), world, rng), hit
 
-    def _read(self, seen: Floats32, world: World, rng: np.random.Generator) -> Floats32:
+    def _read(self, seen: Floats32, world: SensorState, rng: np.random.Generator) -> Floats32:
         """The mean reading of all taxels of a pixel: their noise is clipped at zero, which moves the mean."""
         found = np.empty((len(seen), self.pixels, self.pixels), np.float32)
         for wide in np.unique(world.wide):
             some = world.wide == wide
             taxels = self.taxels if wide == 0 else int(self.pixels / 2**wide)
-            found[some] = self._felt(seen[some], World(*(part[some] for part in world)), taxels, rng)
+            found[some] = self._felt(seen[some], SensorState(*(part[some] for part in world)), taxels, rng)
         return found
 
-    def _felt(self, seen: Floats32, world: World, taxels: int, rng: np.random.Generator) -> Floats32:
+    def _felt(self, seen: Floats32, world: SensorState, taxels: int, rng: np.random.Generator) -> Floats32:
         """The same with one number of taxels."""
         shown = min(taxels, self.samples)
         values = _binned(seen, shown)

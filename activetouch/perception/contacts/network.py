@@ -10,7 +10,7 @@ import math
 import torch
 from torch import Tensor, nn
 
-from activetouch.perception.contacts.imaging import WORLD
+from activetouch.perception.contacts.imaging import STATE_SIZE
 
 _CELLS = 4  # along the edge, over which the last convolution is averaged
 FEW_PIXELS = 8
@@ -36,7 +36,7 @@ class ContactReader(nn.Module):
         features = widths[-1] * _CELLS**2
         self.of_image = _Head(pixels**2 if is_small else features, dense, embedding)
         self.of_contact = _Head(features, dense, embedding)
-        self.of_world = nn.Linear(WORLD + 1, dense)
+        self.of_world = nn.Linear(STATE_SIZE + 1, dense)
         nn.init.zeros_(self.of_world.weight)
         self.embedding, self._scale = embedding, 4 / math.sqrt(embedding)
 
@@ -55,12 +55,12 @@ class ContactReader(nn.Module):
         return self.of_image.out(first).float() * self._scale
 
     def h(self, contacts: Tensor, cells: Tensor, codes: Tensor) -> Tensor:
-        """Embeddings ``(W, H, D)`` of contacts ``(H, 2, m, m)`` for cells ``(H,)``, in worlds ``(W, WORLD)``."""
+        """Embeddings ``(W, H, D)`` of contacts ``(H, 2, m, m)`` for cells ``(H,)``, in worlds ``(W, STATE_SIZE)``."""
         shown = self.of_contact.first(self.contacts(contacts.contiguous(memory_format=torch.channels_last)))
         width = torch.log(cells / 0.1)[:, None]
-        told = nn.functional.linear(codes, self.of_world.weight[:, 1:], self.of_world.bias)
+        state = nn.functional.linear(codes, self.of_world.weight[:, 1:], self.of_world.bias)
         shown = shown + width * self.of_world.weight[:, 0]
-        return self.of_contact.out(shown + told[:, None]).float()
+        return self.of_contact.out(shown + state[:, None]).float()
 
 
 class ImageNetwork(nn.Module):
@@ -84,7 +84,7 @@ class ContactNetwork(nn.Module):
         self.network = network
 
     def forward(self, contacts: Tensor, cells: Tensor, code: Tensor) -> Tensor:
-        """Embeddings ``(H, D)`` of contacts ``(H, 2, m, m)`` with cells ``(H,)``, in a world ``(1, WORLD)``."""
+        """Embeddings ``(H, D)`` of contacts ``(H, 2, m, m)`` with cells ``(H,)``, in a world ``(1, STATE_SIZE)``."""
         return self.network.h(contacts, cells, code)[0]
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.perception.contacts.bodies import random_body
-from activetouch.perception.contacts.imaging import BROKEN, LIMITS, Floats32, Imaging, World, encoded
+from activetouch.perception.contacts.imaging import BROKEN, LIMITS, Floats32, Imaging, SensorState, encoded
 from activetouch.poses import hamilton_product, to_matrices
 from activetouch.pressing.height_maps import Window
 from activetouch.solids.raster import Surface, heights
@@ -33,7 +33,7 @@ class Batch(NamedTuple):
         contacts: encoded, of every touch's own hypothesis, ``(B, 2, m, m)``.
         cells: width of the cells that the hypotheses stand for [rad], ``(B,)``.
         world: of every touch, ``(B,)``, in 0 … W − 1.
-        codes: of the worlds, ``(W, WORLD)``.
+        codes: of the worlds, ``(W, STATE_SIZE)``.
         bodies: ``(B,)``, in 0 … G − 1.
     """
 
@@ -90,7 +90,7 @@ class Batches:
             seen[some] = _maps(surface, turns[some], sizes[some], offsets[some], imaging.window)
             nearby = sizes[some] * np.exp(rng.normal(size=self.touches) * 0.15 * cells[some])
             predicted[some] = _maps(surface, near[some], nearby, np.zeros((self.touches, 2)), imaging.wide_window)
-        images, hit = imaging.images(seen, World(*(part[world] for part in worlds)), rng)
+        images, hit = imaging.images(seen, SensorState(*(part[world] for part in worlds)), rng)
         return Batch(
             images,
             hit,
@@ -119,7 +119,7 @@ def kept_body(number: int) -> Surface:
     return random_body(number)
 
 
-def drawn_worlds(rng: np.random.Generator, number: int, nominal: float, coarser: float = 0.0) -> World:
+def drawn_worlds(rng: np.random.Generator, number: int, nominal: float, coarser: float = 0.0) -> SensorState:
     """Random worlds, in which each nuisance is as it should be with probability ``nominal``, and all are in the first.
 
     The first world of a batch is nominal, because the sensor mostly is.
@@ -142,12 +142,12 @@ def drawn_worlds(rng: np.random.Generator, number: int, nominal: float, coarser:
     wide = rng.uniform(size=number) < coarser
     is_strange &= (~wide | (rng.uniform(size=number) < 0.5))[:, None]  # and often is as it should be otherwise
     wide[0] = is_strange[0] = False
-    usual = World.nominal(number)._asdict()
+    usual = SensorState.nominal(number)._asdict()
     for column, names in enumerate(_TOGETHER):
         for name in names:
             chosen = is_strange[:, column].reshape(number, *[1] * (usual[name].ndim - 1))
             usual[name] = np.where(chosen, strange[name], usual[name]).astype(np.float32)
-    return World(**usual)._replace(wide=wide.astype(np.float32))
+    return SensorState(**usual)._replace(wide=wide.astype(np.float32))
 
 
 def _normalised(vectors: NDArray[np.float64]) -> NDArray[np.float64]:

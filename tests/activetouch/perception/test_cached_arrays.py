@@ -88,16 +88,6 @@ def test_the_folder_is_the_users_unless_another_is_named(tmp_path, monkeypatch):
     assert cache_folder() == Path.home() / ".cache" / "activetouch"
 
 
-def test_an_error_while_computing_leaves_nothing_behind(cache):
-    def stopped():
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        cached_array({}, stopped)
-    assert not cache.exists()
-    assert cached_array({}, Computed())[0, 0] == np.float16(1.1)
-
-
 def test_processes_that_compute_the_same_array_leave_one_whole_file(cache):
     code = (
         "import numpy as np; from activetouch.perception.cached_arrays import cached_array\n"

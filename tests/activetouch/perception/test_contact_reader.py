@@ -18,7 +18,6 @@ from activetouch.perception import preparation
 from activetouch.perception.card import READER
 from activetouch.perception.contacts import hypotheses
 from activetouch.perception.contacts.hypotheses import cell_of
-from activetouch.perception.hypothesis_bodies import bodies_of
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.preparation import prepared
 from activetouch.perception.reader import TactileReader
@@ -28,7 +27,7 @@ from activetouch.rendering import Noise
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
 from activetouch.shapes import Box, Cylinder, Sphere
 from activetouch.solids.family import Family
-from belief.errors import CorruptFile, InvalidArgument
+from belief.errors import CorruptFile
 
 FILE = MODELS / "coarse" / ANY_OBJECT_FILE
 POSES = {label: SCENES["coarse"].scene.rotations[label] for label in ("front", "corner")}
@@ -69,21 +68,15 @@ def test_a_reader_comes_back_from_its_file(reader, cache, tmp_path):
 
 FOREIGN = {
     "no imaging": lambda card: card | {"imaging": {}},
-    "a text": lambda card: card | {"imaging": "pressure"},
     "a number": lambda card: card | {"imaging": 3},
     "another field": lambda card: card | {"imaging": card["imaging"] | {"colour": 1}},
     "a field less": lambda card: card | {"imaging": {k: v for k, v in card["imaging"].items() if k != "pixels"}},
-    "a text for a number": lambda card: card | {"imaging": card["imaging"] | {"noise": "much"}},
-    "no pixels": lambda card: card | {"imaging": card["imaging"] | {"pixels": 0}},
     "pixels that do not divide": lambda card: card | {"imaging": card["imaging"] | {"pixels": 3}},
-    "half a taxel": lambda card: card | {"imaging": card["imaging"] | {"taxels": 4.5}},
     "three forces": lambda card: card | {"imaging": card["imaging"] | {"force": [1, 2, 3]}},
     "a pad of no size": lambda card: (
         card | {"imaging": card["imaging"] | {"pad": card["imaging"]["pad"] | {"half_width": 0.0}}}
     ),
-    "a pad that is none": lambda card: card | {"imaging": card["imaging"] | {"pad": [1]}},
     "dead taxels of another sensor": lambda card: card | {"imaging": card["imaging"] | {"dead": [[1, 0], [0, 1]]}},
-    "dead taxels in a row": lambda card: card | {"imaging": card["imaging"] | {"dead": [[1, 0], [0]]}},
     "another network": lambda card: card | {"hypothesis_network": "residual"},
 }
 
@@ -112,8 +105,6 @@ def test_a_reader_that_is_about_no_objects_yet_says_so(reader):
         reader.read(IMAGES)
     embeddings, features = reader.run(IMAGES)
     assert len(embeddings) == len(features) == 5
-    with pytest.raises(InvalidArgument, match="reads any object by predicted contacts"):
-        reader.embed(np.zeros(1, int), np.eye(3)[None], np.ones(1))
     with pytest.raises(ValueError, match="nothing to read"):
         reader.bound_to(SCENE).read(IMAGES[:0])
     with pytest.raises(ValueError, match="must be uint8"):
@@ -132,7 +123,7 @@ def test_shape_logits_are_mean_ratios_over_the_hypotheses_of_the_table(reader, c
     assert read.logits.shape == (5, 2)
 
 
-def test_a_table_depends_on_all_that_is_told_of_the_scene_and_its_objects(reader, cache):
+def test_a_table_depends_on_all_that_the_scene_says_and_its_objects(reader, cache):
     scenes = {
         "own": SCENE,
         "noise": replace(SCENE, faults=(*SCENE.faults, Noise(0.1))),
@@ -161,7 +152,7 @@ def test_hypotheses_of_a_family_are_of_its_members_in_their_order(reader, cache)
     rod = Cylinder(0.01, 0.01)
     family = Family(rod, half_length=Uniform(0.005, 0.03))
     scene = replace(SCENE, shapes={"rod": family})
-    bodies = bodies_of(scene, 32)
+    bodies = scene.hypotheses(32)
     found = reader.hypotheses.embedded(scene, bodies, 0)[0]
     solids, members = scene.bodies("rod", bodies.shares)
     cell = cell_of(32)
@@ -222,7 +213,7 @@ def test_preparing_that_was_interrupted_starts_again_with_the_tables_that_there_
     assert not list(cache.glob(".*"))
 
 
-def test_shapes_that_look_equal_are_told_to_be_alike(reader, cache):
+def test_shapes_that_look_equal_are_said_to_be_alike(reader, cache):
     cube = Box((0.016, 0.016, 0.016))
     scene = replace(SCENE, shapes={"cube": cube, "dice": Box((0.016, 0.016, 0.016))})
     with pytest.warns(AlikeShapes, match=r"(cube for dice|dice for cube).*activetouch\.alike.*directions26") as told:
@@ -250,7 +241,7 @@ def test_a_sensor_of_a_file_alone_is_sent_to_another_process(cache, tmp_path):
 def test_an_untrained_network_becomes_a_reader(cache, tmp_path):
     from activetouch.perception.contact_training import export
     from activetouch.perception.contacts.network import ContactReader
-    from activetouch.perception.contacts.told import imaging_of
+    from activetouch.perception.contacts.sensor_state import imaging_of
 
     scene = replace(SCENE, renderer=type(SCENE.renderer)(4), faults=SCENE.faults[:2])
     imaging = imaging_of(scene)

@@ -7,7 +7,7 @@ import pytest
 
 from activetouch import SCENES, SHAPES, predicted_contacts
 from activetouch.perception.contacts.bodies import _FAMILIES, random_body
-from activetouch.perception.contacts.imaging import WORLD, Imaging, World, encoded
+from activetouch.perception.contacts.imaging import STATE_SIZE, Imaging, SensorState, encoded
 from activetouch.perception.contacts.touches import drawn_worlds
 from activetouch.placement import Placement
 from activetouch.poses import random_orientation, to_matrices
@@ -46,7 +46,7 @@ def test_an_image_in_the_nominal_world_is_that_of_the_scene(shape, rng):
         placement.shape, placement.orientation[None], placement.offset, IMAGING.window, placement.scale, np.float32
     )
     imaging = replace(IMAGING, force=(2.0, 2.0))
-    found, hit = imaging.images(maps, World.nominal(1), np.random.default_rng(0))
+    found, hit = imaging.images(maps, SensorState.nominal(1), np.random.default_rng(0))
     assert hit.all()
     assert np.abs(found[0] - wanted).max() < 0.01
 
@@ -55,11 +55,11 @@ def test_worlds_change_the_image_as_they_say():
     maps = predicted_contacts(SHAPES["sphere"], np.eye(4)[:1], (0.0, 0.0), IMAGING.window, dtype=np.float32)
 
     def seen(**changes):
-        world = World.nominal(1)._replace(**{n: np.asarray(v, np.float32) for n, v in changes.items()})
+        world = SensorState.nominal(1)._replace(**{n: np.asarray(v, np.float32) for n, v in changes.items()})
         return IMAGING.images(maps, world, np.random.default_rng(0))[0][0], world.code()[0]
 
     usual, code = seen()
-    assert code.shape == (WORLD,)
+    assert code.shape == (STATE_SIZE,)
     assert not code.any()
     assert seen(force=[0.5])[0].sum() < 0.7 * usual.sum()
     assert np.allclose(np.roll(usual, 3, axis=0), seen(shift=[[3 / 32, 0.0]])[0], atol=0.01)

@@ -1,55 +1,15 @@
-"""The faster depthwise convolution is the same function, and published weights are used or refused with a reason."""
+"""Published weights are used or refused with a reason."""
 
 import numpy as np
 import pytest
 import torch
-from torch import nn
 
 from activetouch.errors import MissingWeights
 from activetouch.perception.backbones import ConvNeXt
-from activetouch.perception.convnext import ConvNeXtFeatures, DepthwiseConvolution
+from activetouch.perception.convnext import ConvNeXtFeatures
 
 pytestmark = pytest.mark.torch
 SMALL = ConvNeXt((1, 1, 1, 1), (8, 8, 16, 16))
-
-
-@pytest.mark.parametrize(("batch", "channels", "height", "width", "size"),
-                         [(1, 1, 1, 1, 7), (3, 6, 5, 5, 7), (2, 4, 9, 3, 7), (2, 3, 8, 8, 3)])  # fmt: skip
-def test_values_and_gradients_are_those_of_the_library(batch, channels, height, width, size):
-    torch.manual_seed(0)
-    convolution = nn.Conv2d(channels, channels, size, padding=size // 2, groups=channels, dtype=torch.float64)
-    images = torch.randn(batch, channels, height, width, dtype=torch.float64, requires_grad=True)
-    parameters = (images, convolution.weight, convolution.bias)
-    library, ours = convolution(images), DepthwiseConvolution(convolution)(images)
-    torch.testing.assert_close(ours, library, rtol=0, atol=1e-12)
-    gradient = torch.randn_like(library)
-    for mine, theirs in zip(
-        torch.autograd.grad(ours, parameters, gradient), torch.autograd.grad(library, parameters, gradient), strict=True
-    ):
-        torch.testing.assert_close(mine, theirs, rtol=1e-5, atol=1e-5)  # the sum over rows is kept in single precision
-
-
-def test_the_gradient_is_the_finite_difference():
-    torch.manual_seed(0)
-    layer = DepthwiseConvolution(nn.Conv2d(2, 2, 7, padding=3, groups=2))
-    images = torch.randn(2, 2, 6, 6)
-    weigh = torch.randn(2, 2, 6, 6)
-    (layer(images) * weigh).sum().backward()
-    step = 1e-2
-    with torch.no_grad():
-        for index in [(0, 0, 0, 0), (1, 0, 3, 3), (0, 0, 6, 2)]:
-            layer.weight[index] += step
-            high = (layer(images) * weigh).sum()
-            layer.weight[index] -= 2 * step
-            low = (layer(images) * weigh).sum()
-            layer.weight[index] += step
-            assert layer.weight.grad[index].item() == pytest.approx((high - low).item() / (2 * step), abs=2e-2)
-
-
-def test_every_depthwise_convolution_is_the_faster_one():
-    network = SMALL.build(1)
-    assert sum(isinstance(module, DepthwiseConvolution) for module in network.modules()) == 4
-    assert not any(isinstance(m, nn.Conv2d) and m.groups > 1 for m in network.modules())
 
 
 @pytest.fixture

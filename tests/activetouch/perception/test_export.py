@@ -35,9 +35,7 @@ def classifier(backbone, input_size, channels=1, num_shapes=4):
     [
         ("cnn", 64, (128, 128)),
         ("cnn", 16, (4, 4)),
-        ("cnn", 32, (32, 32)),
         ("grid_cnn", 32, (128, 128)),
-        ("grid_cnn", 64, (64, 64)),
         ("atto", 32, (64, 64, 3)),
     ],
 )
@@ -97,18 +95,13 @@ def test_a_reader_with_hypotheses_averages_the_ratio_over_them(tmp_path, rng):
     with torch.inference_mode():
         given = [torch.from_numpy(column).float() for column in columns]
         expected = np.stack([g(Hypotheses(torch.full((number,), k), *given)).numpy() for k in range(3)])
-    found = reader.embed(np.full(50, 1), turns, scales)
+    found = reader.hypotheses.embed(np.full(50, 1), turns, scales)
     np.testing.assert_allclose(found, expected[1], atol=1e-5)
     images = rng.integers(0, 255, (4, 16, 16)).astype(np.uint8)
     reading = reader.read(images)
     np.testing.assert_allclose(reading.embeddings, single.read(images).logits, atol=1e-4)
     scores = np.einsum("nd,kmd->nkm", reading.embeddings.astype(float), expected.astype(float))
     np.testing.assert_allclose(reading.logits, np.log(np.exp(scores).mean(axis=2)), atol=1e-4)
-    for wrong in (np.full(50, 3), np.full(50, -1)):
-        with pytest.raises(ValueError, match=r"indices in \[0, 3\)"):
-            reader.embed(wrong, turns, scales)
-    with pytest.raises(ValueError, match="need rotations"):
-        reader.embed(np.zeros(49, int), turns, scales)
 
 
 @pytest.mark.parametrize("knows_aims", [False, True])
@@ -131,7 +124,7 @@ def test_a_network_of_hypotheses_gives_the_same_without_torch(knows_aims, rng):
     first, _, _, last = embedding.layers
     narrow = (first[0][:7], first[1][:7])
     for layers in ((narrow,), (first, (last[0], last[1]), (last[0][:, :7], last[1]))):
-        with pytest.raises(ValueError, match="hidden layers must be at least one and equally wide"):
+        with pytest.raises(ValueError, match="hidden layers of one width"):
             replace(embedding, layers=layers)
     for wrong in (
         {"sizes": scales[:0], "rotations": embedding.rotations[:0]},
@@ -143,6 +136,3 @@ def test_a_network_of_hypotheses_gives_the_same_without_torch(knows_aims, rng):
     ):
         with pytest.raises(ValueError, match="hypotheses"):
             replace(embedding, **wrong)
-    for wrong in ({"aims": aims[:59]}, {"sizes": scales[:59]}):
-        with pytest.raises(ValueError, match="60 shapes need"):
-            embedding.embed(**{"shapes": shapes, "rotations": rotations, "sizes": scales, **wrong})

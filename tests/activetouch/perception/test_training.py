@@ -152,12 +152,6 @@ def test_a_loss_that_is_not_finite_after_the_last_step_is_refused_with_advice_an
     assert diverged.reports == []
 
 
-def test_another_recipe_does_not_resume(tmp_path):
-    trainer(tmp_path / "state.safetensors").run_epoch()
-    with pytest.raises(LabelMismatch, match="delete this file"):
-        trainer(tmp_path / "state.safetensors", replace(RECIPE, epochs=9))
-
-
 def test_what_differs_from_the_training_of_a_state_is_named(tmp_path):
     trainer(tmp_path / "state.safetensors").run_epoch()
     with pytest.raises(LabelMismatch, match=r"training, with other epochs \(3 there, 9 here\)\. Choose"):

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from activetouch.perception.wear import worn
+from activetouch.perception.augmentation import worn
 
 pytestmark = pytest.mark.torch
 IMAGES = torch.full((4000, 8, 8), 160, dtype=torch.uint8)

@@ -9,13 +9,11 @@ import trimesh
 from activetouch.placement import Placement
 from activetouch.poses import facing, random_orientation, to_matrix
 from activetouch.pressing.contact import first_touch
-from activetouch.pressing.deformable import Deformable
 from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.facing import facing_geom
 from activetouch.pressing.guarded_move import GuardedMove
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.setup import Setup
-from activetouch.pressing.soft_rig import SoftRig
 from activetouch.shapes import EXTENDED_SHAPES, Box, Mesh, Union
 
 SETUP = Setup(Pad(num_taxels=48))
@@ -88,15 +86,3 @@ def test_what_the_pad_meets_lies_on_the_surface_and_reaches_the_first_touch():
 def test_convex_shapes_and_the_torus_are_pressed_as_they_were(shape, rng):
     placement = Placement(shape, 1.0, random_orientation(rng))
     assert facing_geom(SETUP.pad, placement, *first_touch(SETUP.pad, placement)) is None
-
-
-def test_a_soft_pad_is_not_touched_before_the_first_touch_in_a_bowl():
-    placement = Placement(BOWL, 1.0, INTO_THE_BOWL)
-    gap, touching = first_touch(SETUP.pad, placement)
-    soft = Deformable(nodes=9, layers=2)
-    met = {}
-    for what, geom in (("surface", facing_geom(SETUP.pad, placement, gap, touching)), ("hull", BOWL.geom)):
-        rig = SoftRig(SETUP.pad, soft, geom)
-        rig.place(touching + 0.0005, placement, 2.0)
-        met[what] = rig.step()
-    assert met["surface"] == 0.0 != met["hull"]

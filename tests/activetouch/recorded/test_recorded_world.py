@@ -9,7 +9,7 @@ from scipy.special import softmax
 from activetouch.errors import BadRecording
 from activetouch.recorded import RecordedBank, RecordedTouches, RecordedWorld, check_recorded, without_incomplete
 from activetouch.recorded.discriminants import LinearDiscriminants
-from activetouch.recorded.reader import _cross_calibrated, kinds, num_tried, read
+from activetouch.recorded.reader import _cross_calibrated, kinds, read
 from activetouch.recorded.splits import Split, by_object, by_session
 from belief.calibration import StructuredMatrixScaling, TemperatureScaling
 from belief.errors import InvalidArgument
@@ -301,14 +301,6 @@ def test_advice_on_the_number_of_features_comes_before_the_work(rng):
     wide = replace(drawn(rng), features=rng.normal(size=(60, 501)))
     assert "a touch has 501 features" in check_recorded(wide)[0]
     assert not any("average neighbouring" in remark for remark in check_recorded(drawn(rng)))
-
-
-@pytest.mark.parametrize("control", [None, "untouched"])
-def test_the_reader_says_each_classifier_that_it_tried(control, rng):
-    touches = replace(drawn(rng), controls={"untouched": rng.normal(size=(60, 2))}).for_task("objects")
-    split, calls = by_session(touches), []
-    read(touches, split, control, advance=lambda: calls.append(1))
-    assert len(calls) == num_tried(touches, split)
 
 
 @pytest.mark.parametrize(

@@ -99,7 +99,7 @@ def test_what_is_no_shape_is_refused_when_the_scene_is_made(shape):
 
 def test_a_mesh_whose_unit_is_not_clear_is_told_the_flag_and_the_call(tmp_path):
     (tmp_path / "a.obj").write_text(TETRAHEDRON.replace(".02", "10"))
-    with pytest.raises(BadMesh, match=r"--mesh-scale 0\.001 .*scale=0\.001"):
+    with pytest.raises(BadMesh, match=r"a\.obj@0\.001 .*scale=0\.001"):
         Scene(shapes={"a": tmp_path / "a.obj"})
 
 

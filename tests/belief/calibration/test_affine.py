@@ -10,7 +10,6 @@ from scipy.special import log_softmax
 
 from belief.calibration import (
     CALIBRATIONS,
-    BetaCalibration,
     DirichletCalibration,
     StructuredMatrixScaling,
     TemperatureScaling,
@@ -38,7 +37,7 @@ def strengths(calibration, n, num_shapes):
     """Penalties of diagonal, off-diagonal and bias, from the formulas of the papers."""
     k = num_shapes
     match calibration:
-        case VectorScaling() | BetaCalibration():
+        case VectorScaling():
             return 0.25 * k / n, None, 0.25 * k / n
         case StructuredMatrixScaling():
             return 1.0 * k / n, 1.0 * k * (k - 1) / n, 1.0 * k / n
@@ -60,14 +59,10 @@ def forty_digit_objective(calibration, logits, labels, temperature, coefficients
     for row, label in zip(logits, labels, strict=True):
         weights = [mpmath.exp(mpmath.mpf(float(z)) / temperature) for z in row]
         x = [mpmath.log((1 - spread) * w / mpmath.fsum(weights) + spread / k) for w in weights]
-        if isinstance(calibration, BetaCalibration):
-            x += [-mpmath.log(1 - mpmath.exp(log_prob)) for log_prob in x]
         scores = [mpmath.fdot(coefficients[i][:-1], x) + coefficients[i][-1] for i in range(k)]
         loss += mpmath.log(mpmath.fsum(mpmath.exp(s - scores[label]) for s in scores)) / n
     for i in range(k):
         loss += diagonal * (coefficients[i][i] - 1) ** 2 + bias * coefficients[i][-1] ** 2
-        if isinstance(calibration, BetaCalibration):
-            loss += diagonal * coefficients[i][k + i] ** 2
         for j in range(k):
             if i != j and off_diagonal is not None:
                 loss += off_diagonal * coefficients[i][j] ** 2
@@ -111,15 +106,12 @@ def test_the_fit_is_where_a_general_optimiser_ends(calibration, rng):
     start, free = np.eye(3, 4), np.ones((3, 4), bool)
     if off_diagonal is None:
         free[:, :3] = np.eye(3, dtype=bool)
-    if isinstance(calibration, BetaCalibration):
-        inputs = np.hstack([inputs, -np.log(1 - p)])
-        start, free = np.eye(3, 7), np.insert(free, [3], np.eye(3, dtype=bool), axis=1)
 
     def objective(parameters):
         matrix = start.copy()
         matrix[free] = parameters
         change = (matrix - start)[:, :-1]
-        on_diagonal = np.tile(np.eye(3, dtype=bool), change.shape[1] // 3)
+        on_diagonal = np.eye(3, dtype=bool)
         penalty = diagonal * (change[on_diagonal] ** 2).sum() + bias * (matrix[:, -1] ** 2).sum()
         penalty += (off_diagonal or 0.0) * (change[~on_diagonal] ** 2).sum()
         log_probs = log_softmax(inputs @ matrix[:, :-1].T + matrix[:, -1], axis=1)

@@ -145,7 +145,7 @@ def test_a_perfect_model_has_no_error_to_correct(rng):
         ({"num_resamples": 0}, "num_resamples must be an integer, at least 1, got 0"),
         ({"metric": lambda probs, labels: np.nan}, "finite number, got nan"),
         ({"metric": lambda probs, labels: -0.1}, "never be negative, got -0.1"),
-        ({"probs": [[0.5, np.nan]] * 2}, "row 0 are no distribution"),
+        ({"probs": [[0.5, np.nan]] * 2}, "row 0 holds"),
     ],
 )
 def test_intervals_that_cannot_be_are_refused(changes, message, rng):
@@ -158,7 +158,7 @@ def test_intervals_that_cannot_be_are_refused(changes, message, rng):
     ("changes", "message"),
     [
         ({"probs": np.zeros((0, 2))}, "n ≥ 1"),
-        ({"probs": [[0.5, 0.6]]}, "row 0 are no distribution"),
+        ({"probs": [[0.5, 0.6]]}, "row 0 holds"),
         ({"quantile": 1.0}, "quantile must lie in"),
         ({"quantile": np.nan}, "quantile must lie in"),
         ({"num_resamples": 1.5}, "num_resamples must be an integer"),

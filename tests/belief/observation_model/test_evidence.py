@@ -6,7 +6,7 @@ import pytest
 from belief import Belief, BeliefTracker, SceneBelief, SearchProblem, Touch
 from belief.observation_model import OutcomeTable
 from belief.observation_model.evidence import RecomputedEvidence, SummarisedEvidence, start
-from belief.observation_model.registry import JOINT_MODELS, KERNEL_MODELS, kinds
+from belief.observation_model.registry import fits
 from belief.observation_model.tabular import TabularModel
 from tests.belief.conftest import MODELS, model_named
 
@@ -34,7 +34,7 @@ def fold(model, touches):
 
 
 def test_every_kind_of_model_in_the_registry_is_tried():
-    assert {model_named(name).name for name in MODELS} == set(kinds()) - set(JOINT_MODELS) - set(KERNEL_MODELS)
+    assert {model_named(name).name for name in MODELS} == set(fits())
 
 
 def test_touch_by_touch_is_as_all_at_once(any_model, rng):

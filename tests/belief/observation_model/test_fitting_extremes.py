@@ -5,7 +5,7 @@ import pytest
 
 from belief import Touch
 from belief.observation_model import read_observation_model
-from belief.observation_model.selection import OBSERVATION_MODELS
+from belief.observation_model.registry import fits
 
 
 def collection(logits, shapes, ids=None, poses=None):
@@ -53,9 +53,9 @@ COLLECTIONS = {
 
 
 @pytest.mark.parametrize("data", COLLECTIONS.values(), ids=COLLECTIONS)
-@pytest.mark.parametrize("name", OBSERVATION_MODELS)
+@pytest.mark.parametrize("name", fits())
 def test_every_model_of_every_collection_answers_and_survives_a_file(name, data):
-    model = OBSERVATION_MODELS[name](*data, num_poses=4)
+    model = fits()[name](*data, num_poses=4)
     again = read_observation_model(model.to_json())
     num_shapes = len(data[0][0].logits)
     for logits in (data[0][-1].logits, np.zeros(num_shapes), np.array([1e308, -1e308] + [0.0] * (num_shapes - 2))):
@@ -68,7 +68,7 @@ def test_every_model_of_every_collection_answers_and_survives_a_file(name, data)
     assert np.isfinite([touch.logits for touch in touches]).all()
 
 
-@pytest.mark.parametrize("name", ["signature", "plda", "ratio"])
+@pytest.mark.parametrize("name", ["plda", "ratio"])
 def test_models_of_repeats_say_where_they_had_none(name):
     expected = {
         "one touch": "one_touch_per_object",
@@ -76,6 +76,6 @@ def test_models_of_repeats_say_where_they_had_none(name):
         "one touch a shape": "one_touch_per_object",
     }
     for collected, status in expected.items():
-        found = OBSERVATION_MODELS[name](*COLLECTIONS[collected]).status
+        found = fits()[name](*COLLECTIONS[collected]).status
         alone = name == "ratio" and collected == "one touch"  # of one shape, which teaches no ratio
         assert found == ("one_shape" if alone else status if name == "plda" or status == "ok" else "no_repeats")

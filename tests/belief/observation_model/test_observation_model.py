@@ -10,7 +10,8 @@ import pytest
 from belief import Touch
 from belief.files import sealed_json, unsealed_json
 from belief.observation_model import information_of_touch, read_observation_model, read_origin
-from belief.observation_model.selection import OBSERVATION_MODELS, log_posteriors
+from belief.observation_model.registry import fits
+from belief.observation_model.selection import log_posteriors
 from belief.synthetic import random_model
 from belief.touch_batch import TouchBatch
 
@@ -227,16 +228,16 @@ def test_extreme_logits_give_finite_answers(any_model, rng, logits):
         assert not np.isnan(found).any()
 
 
-@pytest.mark.parametrize("name", OBSERVATION_MODELS)
+@pytest.mark.parametrize("name", fits())
 def test_relabelling_shapes_permutes_the_answer(name, world, rng):
     new = np.array([2, 0, 1])  # the new index of each shape
     old = np.argsort(new)
     batch, shapes = objects(world, rng, 60, [0, 1, 0, 1, 1, 0])
     touches = [touch for row in range(len(batch)) for touch in batch.sequence(row)]
     ids = np.arange(len(touches)) // batch.num_touches
-    model = OBSERVATION_MODELS[name](touches, shapes[ids], ids)
+    model = fits()[name](touches, shapes[ids], ids)
     renamed = [Touch(touch.pose, touch.logits[old]) for touch in touches]
-    other = OBSERVATION_MODELS[name](renamed, new[shapes[ids]], ids)
+    other = fits()[name](renamed, new[shapes[ids]], ids)
     found = log_posteriors(other, TouchBatch(batch.poses, batch.logits[..., old]))
     np.testing.assert_allclose(found, log_posteriors(model, batch)[:, old], rtol=1e-5, atol=1e-5)
 
@@ -271,25 +272,25 @@ def test_a_table_of_no_outcomes_is_refused(any_model, number):
         any_model.outcome_table(number)
 
 
-@pytest.mark.parametrize("name", OBSERVATION_MODELS)
+@pytest.mark.parametrize("name", fits())
 def test_lists_names_and_small_floats_will_do_as_arrays_would(name, world, rng):
     batch, shapes = objects(world, rng, 30, [0, 1, 0])
     touches = [touch for row in range(len(batch)) for touch in batch.sequence(row)]
     ids = np.arange(len(touches)) // 3
-    model = OBSERVATION_MODELS[name](touches, shapes[ids], ids)
+    model = fits()[name](touches, shapes[ids], ids)
     listed = [Touch(int(touch.pose), touch.logits.tolist()) for touch in touches]
-    same = OBSERVATION_MODELS[name](tuple(listed), shapes[ids].tolist(), [f"{i:09d}" for i in ids])
+    same = fits()[name](tuple(listed), shapes[ids].tolist(), [f"{i:09d}" for i in ids])
     np.testing.assert_array_equal(same.log_likelihood_batch(batch), model.log_likelihood_batch(batch))
     halves = [Touch(touch.pose, touch.logits.astype(np.float16)) for touch in touches]
-    rounded = OBSERVATION_MODELS[name](halves, shapes[ids].astype(np.uint8), ids)
+    rounded = fits()[name](halves, shapes[ids].astype(np.uint8), ids)
     np.testing.assert_allclose(log_posteriors(rounded, batch), log_posteriors(model, batch), rtol=0.1, atol=0.1)
 
 
-@pytest.mark.parametrize("name", OBSERVATION_MODELS)
+@pytest.mark.parametrize("name", fits())
 def test_a_touch_without_logits_is_refused_by_a_model_that_reads_them(name, rng):
     source, ids = random_model(rng, num_shapes=2, num_poses=2), np.arange(160) // 4
     touches = [touch for i in range(40) for touch in source.sample(i % 2, [0, 1, 0, 1], rng)]
-    model, bare = OBSERVATION_MODELS[name](touches, ids % 2, ids), Touch(1, features=np.zeros(3))
+    model, bare = fits()[name](touches, ids % 2, ids), Touch(1, features=np.zeros(3))
     for ask in (model.start().update, lambda touch: model.log_likelihood([touch])):
         with pytest.raises(ValueError, match="have no logits"):
             _ = getattr(ask(bare), "log_likelihood", None)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from belief.statistics import pareto_front, pareto_probabilities
+from belief.statistics import pareto_front
 
 
 def front_by_pairs(costs, qualities):
@@ -54,16 +54,6 @@ def test_a_million_configurations_have_a_front(rng):
     assert 5 <= on_front.sum() <= 40  # about ln 10⁶ = 13.8 are expected, with standard deviation 3.5
 
 
-def test_the_probability_of_the_front_is_that_of_the_samples(rng):
-    # Equal cost, qualities N(0, 1) and N(1, 1): the second is better with probability Φ(1/√2) = .7602, of 20 000
-    # samples to within .012 but with probability 1e-4.
-    qualities = rng.normal([0.0, 1.0], size=(20_000, 2))
-    found = pareto_probabilities(np.ones((20_000, 2)), qualities)
-    assert found == pytest.approx([0.2398, 0.7602], abs=0.012)
-    assert found.sum() == pytest.approx(1.0)
-
-
-@pytest.mark.parametrize("front", [pareto_front, pareto_probabilities])
 @pytest.mark.parametrize(
     ("costs", "qualities", "message"),
     [
@@ -75,11 +65,6 @@ def test_the_probability_of_the_front_is_that_of_the_samples(rng):
         ([[1.0, 2.0]], [[1.0, 1e308]], "qualities must be finite"),
     ],
 )
-def test_what_has_no_front_is_refused(front, costs, qualities, message):
+def test_what_has_no_front_is_refused(costs, qualities, message):
     with pytest.raises(ValueError, match=message):
-        front(costs, qualities)
-
-
-def test_probabilities_need_samples():
-    with pytest.raises(ValueError, match=r"samples \(S, C\)"):
-        pareto_probabilities([1.0, 2.0], [1.0, 2.0])
+        pareto_front(costs, qualities)

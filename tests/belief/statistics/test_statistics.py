@@ -11,7 +11,6 @@ from belief.statistics import (
     cluster_bootstrap,
     mcnemar_test,
     paired_bootstrap,
-    stratified_bootstrap,
     wilson_interval,
 )
 
@@ -45,7 +44,6 @@ def test_a_confidence_is_no_percentage(confidence, rng):
         lambda: clopper_pearson_interval(1, 2, confidence),
         lambda: paired_bootstrap([1], [0], rng, confidence),
         lambda: cluster_bootstrap([1], [0], rng, confidence),
-        lambda: stratified_bootstrap([1], [0], rng, confidence),
     ):
         with pytest.raises(ValueError, match=rf"confidence must lie in \(0, 1\), got {confidence}"):
             estimate()
@@ -71,7 +69,6 @@ def test_a_bootstrap_of_blocks_is_that_of_all_at_once(rng, monkeypatch):
     bootstraps = {
         "paired": lambda: paired_bootstrap(first, second, np.random.default_rng(1), num_resamples=101),
         "cluster": lambda: cluster_bootstrap(first, groups, np.random.default_rng(1), num_resamples=101),
-        "stratified": lambda: stratified_bootstrap(first, groups, np.random.default_rng(1), num_resamples=101),
     }
     at_once = {name: bootstrap() for name, bootstrap in bootstraps.items()}
     monkeypatch.setattr("belief.statistics.bootstrap._BLOCK", 120)
@@ -124,49 +121,9 @@ def test_the_cluster_bootstrap_refuses_what_has_no_mean(values, labels, rng):
 
 @pytest.mark.parametrize("num_resamples", [0, -5, 2.5])
 def test_resamples_are_counted(num_resamples, rng):
-    for bootstrap in (paired_bootstrap, cluster_bootstrap, stratified_bootstrap):
+    for bootstrap in (paired_bootstrap, cluster_bootstrap):
         with pytest.raises(ValueError, match=f"num_resamples must be an integer, at least 1, got {num_resamples}"):
             bootstrap([1.0, 2.0], [0.0, 0.0], rng, num_resamples=num_resamples)
-
-
-def test_every_stratum_counts_the_same_however_large(rng):
-    mean, low, high = stratified_bootstrap([1, 1, 1, 1, 1, 1, 0, 0], ["a"] * 6 + ["b"] * 2, rng)
-    assert (mean, low, high) == (0.5, 0.5, 0.5)  # nothing varies within the strata
-
-
-def test_strata_weighted_by_their_size_give_the_plain_mean(rng):
-    values, strata = rng.normal(size=30), np.repeat([3, 1, 2], [5, 10, 15])
-    mean, low, high = stratified_bootstrap(values, strata, rng, weights={1: 1e-9 * 10, 2: 1e-9 * 15, 3: 1e-9 * 5})
-    assert mean == pytest.approx(values.mean())
-    assert low < mean < high
-
-
-def test_the_stratified_bootstrap_covers_and_is_narrower_where_strata_differ(rng):
-    # Three strata with means 0, 1 and 2: 200 intervals at 95 %, fewer than 176 hits has probability below 1e-3 at .94.
-    strata, covered, narrower = np.repeat([0, 1, 2], 25), 0, 0
-    for _ in range(200):
-        values = strata + rng.normal(size=75)
-        _, low, high = stratified_bootstrap(values, strata, rng, num_resamples=300)
-        covered += low <= 1.0 <= high
-        _, plain_low, plain_high = paired_bootstrap(values, np.zeros(75), rng, num_resamples=300)
-        narrower += high - low < plain_high - plain_low
-    assert covered >= 176
-    assert narrower >= 190
-
-
-@pytest.mark.parametrize(
-    ("weights", "message"),
-    [
-        ({"a": 1.0}, r"name the strata \['a', 'b'\]"),
-        ({"a": 1.0, "b": 1.0, "c": 1.0}, "name the strata"),
-        ({"a": -1.0, "b": 1.0}, "≥ 0 and not all zero"),
-        ({"a": 0.0, "b": 0.0}, "≥ 0 and not all zero"),
-        ({"a": np.nan, "b": 1.0}, "weights must be finite"),
-    ],
-)
-def test_weights_that_are_none_are_refused(weights, message, rng):
-    with pytest.raises(ValueError, match=message):
-        stratified_bootstrap([1.0, 2.0], ["a", "b"], rng, weights=weights)
 
 
 @pytest.mark.parametrize(

@@ -10,20 +10,18 @@ import numpy as np
 import pytest
 
 from activetouch.data.dataset import CollectionPlan, TouchSet
-from activetouch.sensor_files import MODELS
-from belief.calibration import PerPose, TemperatureScaling
-from belief.cross_validation import object_folds
+from activetouch.perception.reader import TactileReader
+from activetouch.sensor_files import MODELS, READER_FILE
+from belief.calibration import TemperatureScaling
 from belief.metrics import CalibrationError, StopScore, calibration_at_stop
 from belief.observation_model import RatioModel
 from belief.touch_batch import TouchBatch
-from experiments.calibration.calibration_report import CalibrationReport, NoRepeats
-from experiments.calibration.measurements import Measurements
-from experiments.calibration.models import Fused, ModelScores, StopScores, free_weights, score_model
-from experiments.calibration.orientation import rank_tests
+from experiments.calibration.calibration_report import CalibrationReport, NoRepeats, calibration_report
+from experiments.calibration.models import Fused, ModelScores, StopScores, score_model
+from experiments.calibration.report import Measurements
 from experiments.calibration.sequences import KINDS, Rounds, stops
 from experiments.calibration.targets import judge_model, judge_touches, verdict
 from experiments.calibration.touches import CALIBRATION_FITS, RAW, score_touches
-from experiments.reporting.style import Picture
 from experiments.scene_choice import SceneChoice
 from experiments.sensor.calibrate import TooFewObjects
 from experiments.sensor.collect import collect
@@ -87,12 +85,6 @@ def test_random_poses_recur_as_long_as_there_are_rounds_left(rounds, rng):
     assert (some[:, 0] != some[:, 1]).any()
 
 
-def test_every_pose_comes_first_equally_often_among_random_ones(rng):
-    many = Rounds(np.zeros((3000, 2, P, K)), np.zeros(3000, np.int64))
-    counts = np.bincount(many.random_poses(rng, num_touches=1).batch.poses[:, 0], minlength=P)
-    assert np.abs(counts - 2000).max() < 5 * np.sqrt(6000 * 2 / 9)  # fails once in a million
-
-
 def test_sequences_follow_from_the_generator(rounds):
     for gather in KINDS.values():
         first, second = (gather(rounds, np.random.default_rng(3)).batch.logits for _ in range(2))
@@ -137,7 +129,7 @@ def test_a_search_stops_at_the_first_touch_that_is_sure_enough():
 
 
 def fused(ece, num_touches=1):
-    return Fused(num_touches, 0.9, 0.2, CalibrationError(ece, 0.005), CalibrationError(ece, 0.005))
+    return Fused(num_touches, 0.9, 0.2, CalibrationError(ece, 0.005))
 
 
 def stopped(claims, correct, num_touches):
@@ -206,21 +198,14 @@ def world(rng, num_objects, num_rounds, shared=1.0, scale=1.0):
 
 def test_raw_overconfidence_shows_and_calibration_takes_it_away(rng):
     known, test = (world(rng, 400, 2, 0.0, scale=3.0).singles() for _ in range(2))
-    labels = (("a", "b"), ("p", "q", "r"))
-    raw, calibrated = (score_touches(name, known, test, labels, rng, 50) for name in (RAW, "temperature"))
+    raw, calibrated = (score_touches(name, known, test, rng, 50) for name in (RAW, "temperature"))
     assert raw.cross_validated_nll is None
     assert not judge_touches(raw).holds
     assert raw.report.ece_width.value > 0.05 > 3 * calibrated.classwise[0]
-    assert list(raw.poses) == ["p", "q", "r"]
-    assert np.mean([part.ece.value for part in raw.shapes.values()]) == pytest.approx(
-        raw.report.ece_classwise.value, abs=1e-3
-    )  # the mean of its parts, up to which side of an edge counts
 
 
 def test_a_touch_misses_its_target_by_the_larger_excess(rng):
-    single = score_touches(
-        RAW, *(world(rng, 40, 2, 0.0).singles() for _ in range(2)), (("a", "b"), tuple("pqr")), rng, 5
-    )
+    single = score_touches(RAW, *(world(rng, 40, 2, 0.0).singles() for _ in range(2)), rng, 5)
 
     def judged(error, high):
         of_shape = replace(single.report.ece_classwise, value=error)
@@ -232,19 +217,6 @@ def test_a_touch_misses_its_target_by_the_larger_excess(rng):
     assert judged(0.03, 0.02).missed_by == pytest.approx(0.01)
     assert judged(0.015, 0.04).missed_by == pytest.approx(0.015)
     assert [judged(error, 0.0).holds for error in (0.02, 0.0201)] == [True, False]
-
-
-def test_scores_by_pose_and_shape_are_those_of_their_touches(rng):
-    known, test = (world(rng, 60, 2, 0.0).singles() for _ in range(2))
-    found = score_touches(RAW, known, test, (("a", "b"), tuple("pqr")), rng, 5)
-    probs = np.exp(test.batch.logits[:, 0])
-    probs /= probs.sum(axis=1, keepdims=True)
-    right, loss = probs.argmax(axis=1) == test.shapes, -np.log(probs[np.arange(len(probs)), test.shapes])
-    parts = [(found.poses, "pqr", test.batch.poses[:, 0]), (found.shapes, "ab", test.shapes)]
-    for scored, names, which in parts:
-        for number, name in enumerate(names):
-            assert scored[name].accuracy == right[which == number].mean()
-            assert scored[name].nll == pytest.approx(loss[which == number].mean())
 
 
 def test_posteriors_are_given_after_each_touch_from_the_first(rng):
@@ -259,56 +231,16 @@ def test_the_choice_of_a_report_is_the_least_cross_validated_loss():
     models = [ModelScores(name, loss, {}, {}) for name, loss in (("a", 0.3), ("b", 0.1), ("c", 0.2), ("d", None))]
     touches = [SimpleNamespace(name=name, cross_validated_nll=loss)
                for name, loss in ((RAW, None), ("temperature", 0.0), ("vector", 0.4))]  # fmt: skip
-    found = Measurements("", 0, 0.95, {}, 1, touches, models, 0.0, {})
+    found = Measurements("", 0, 0.95, {}, 1, touches, models)
     assert (found.model.name, found.calibration.name, found.raw.name) == ("b", "temperature", RAW)
-
-
-def test_a_calibration_by_pose_is_fitted_to_each_and_scored_on_objects_it_never_saw(rng):
-    known = world(rng, 100, 2, 0.0)
-    known = replace(known, logits=known.logits * np.array([0.3, 1.0, 3.0])[:, None]).singles()
-    predict, loss = CALIBRATION_FITS["structured_matrix, by pose"](known)
-    logits, poses, shapes = known.batch.logits[:, 0], known.batch.poses[:, 0], known.shapes
-    folds, losses = object_folds(shapes, known.object_ids, 5), np.zeros(len(shapes))
-    for n in range(len(shapes)):
-        others = folds != folds[n]
-        assert known.object_ids[n] not in known.object_ids[others]
-    for fold in range(5):
-        rest = folds != fold
-        fitted = PerPose().fit(logits[rest], shapes[rest], poses[rest], P)
-        probs = fitted.predict_proba(logits[~rest], poses[~rest])
-        losses[~rest] = -np.log(probs[np.arange(len(probs)), shapes[~rest]])
-    assert loss == pytest.approx(losses.mean())
-    np.testing.assert_allclose(predict(known), PerPose().fit(logits, shapes, poses, P).predict_proba(logits, poses))
-    assert loss < CALIBRATION_FITS["structured_matrix"](known)[1]  # poses differ by a factor of ten
 
 
 @pytest.mark.parametrize("name", list(CALIBRATION_FITS))
 def test_every_calibration_can_be_scored(name, rng):
     known, test = (world(rng, 40, 2, 0.0).singles() for _ in range(2))
-    found = score_touches(name, known, test, (("a", "b"), ("p", "q", "r")), rng, 5)
+    found = score_touches(name, known, test, rng, 5)
     assert np.isfinite(found.report.negative_log_likelihood)
     assert (found.cross_validated_nll is None) == (name == RAW)
-
-
-@pytest.mark.parametrize(("shared", "correlation"), [(0.0, 0.0), (0.5, 0.5), (0.9, 0.9)])
-def test_free_weights_find_the_correlation_that_touches_were_made_with(shared, correlation, rng):
-    # Of Gaussian touches that share a part of their variance, the law is exact.
-    model = RatioModel(("a", "b"), TemperatureScaling(1.0, "ok"), np.full(2, 0.5), correlation, np.zeros((P, 1, 2)))
-    sequences = world(rng, 4000, R, shared).one_pose(rng)
-    for weight in free_weights(model, sequences):
-        assert weight.low < weight.free < weight.high
-        assert abs(weight.free - weight.discounted) < 2.5 * (weight.high - weight.free)  # 4.9 standard errors
-        assert weight.high - weight.free < 0.3
-
-
-def test_a_weight_that_no_likelihood_bounds_has_no_interval(rng):
-    model = RatioModel(("a", "b"), TemperatureScaling(1.0, "ok"), np.full(2, 0.5), 0.5, np.zeros((P, 1, 2)))
-    right = np.where((np.arange(40) % K == 0)[:, None, None, None], [1.0, -1.0], [-1.0, 1.0])
-    for sign, told in ((1.0, "≥ 2.000"), (-1.0, "≤ 0.000")):
-        sequences = Rounds(sign * np.tile(right, (1, R, P, 1)), np.arange(40) % K).one_pose(rng)
-        weight, *others = free_weights(model, sequences)
-        assert [one.num_touches for one in others] == [2, 3, 4]
-        assert (weight.low, weight.high, weight.words) == (None, None, told)
 
 
 def test_taking_repeats_for_independent_claims_more_than_is_right(rng):
@@ -335,66 +267,41 @@ def collection(tmp_path_factory):
 @pytest.mark.slow
 @pytest.mark.mujoco
 @pytest.mark.torch
-def test_the_report_stands_alone_and_follows_from_its_seed(tmp_path, monkeypatch):
-    def run(jobs):
-        names = "paper", tmp_path / "data", Path("paper-independent"), tmp_path / str(jobs)
-        CalibrationReport(*names, resamples=5, jobs=jobs).run()
-
-    collect(SceneChoice("paper"), CollectionPlan(train=0, calibration=4, test=3, repeats=2), tmp_path / "data", jobs=1)
-    run(1)
-    monkeypatch.setattr(Picture, "write", lambda *_: None)  # pictures are drawn from the numbers
-    monkeypatch.setattr(Picture, "inline", lambda _: [])
-    run(2)
-    names = {path.name for path in (tmp_path / "1").iterdir()}
-    pictures = {"reliability", "fused_error", "fused_nll", "claims", "discount"}
-    assert names == {"report.html", "numbers.json", "tables.md"} | {
+def test_the_report_stands_alone_and_follows_from_its_seed(tmp_path):
+    data = tmp_path / "data"
+    collect(SceneChoice("paper"), CollectionPlan(train=0, calibration=4, test=3, repeats=2), data, jobs=1)
+    reader = TactileReader.load(MODELS / "paper-independent" / READER_FILE)
+    found, again = (calibration_report(reader, data, name="paper", resamples=5, jobs=jobs) for jobs in (1, 2))
+    assert str(found) == str(again)
+    found.save(tmp_path / "out")
+    pictures = {"reliability", "claims"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"report.html", "numbers.json", "tables.md"} | {
         f"{p}.{s}" for p in pictures for s in ("svg", "png")
     }
-    for name in ("numbers.json", "tables.md"):
-        assert (tmp_path / "1" / name).read_bytes() == (tmp_path / "2" / name).read_bytes(), name
-    html = (tmp_path / "1" / "report.html").read_text()
+    html = (tmp_path / "out" / "report.html").read_text()
     assert not re.search(r"(src|href)=\"(?!#)|@import|<link|<script[^>]*src|url\((?!#)", html)
-    assert html.count("<svg") == 2 + 3 + 3 + 3 + 1
+    assert html.count("<svg") == 2 + 3
     assert "Verdict" in html
     assert "distinct poses after 6 touches" in html
     assert "one pose after 2 touches" in html  # there are two rounds
-    numbers = json.loads((tmp_path / "1" / "numbers.json").read_text())
+    numbers = json.loads((tmp_path / "out" / "numbers.json").read_text())
     assert numbers["num_objects"] == {"calibration": 16, "test": 12}
     assert len(numbers["models"][0]["fused"]["distinct poses"]) == 6
-    assert "| model |" in (tmp_path / "1" / "tables.md").read_text()
 
 
 @pytest.mark.slow
 @pytest.mark.mujoco
 @pytest.mark.torch
-@pytest.mark.parametrize("finer", [None, 300])
-def test_the_report_of_a_joint_sensor_has_its_model_and_tests_the_posterior_of_orientation(
-    finer, collection, tmp_path, monkeypatch
-):
-    monkeypatch.setattr("experiments.calibration.touches.NULL_RESAMPLES", 5)
-    asked = []
-    monkeypatch.setattr(
-        "experiments.calibration.calibration_report.rank_tests",
-        lambda model, *args: asked.append((model.num_hypotheses, model.temperature)) or rank_tests(model, *args),
-    )
+def test_the_report_of_a_joint_sensor_has_its_model_and_tests_the_posterior_of_orientation(collection, tmp_path):
     CalibrationReport(
-        *("coarse", collection, Path("coarse"), tmp_path),
-        resamples=5,
-        orientation_hypotheses=finer,
-        jobs=1,
-        anyway=True,
+        *("coarse", collection, Path("coarse"), tmp_path), orientation_hypotheses=300, jobs=1, anyway=True
     ).run()
-    fitted = json.loads((MODELS / "coarse" / "observation_model.json").read_text())["num_hypotheses"]
-    assert [number for number, _ in asked] == [finer or fitted]
-    assert (asked[0][1] == 1.0) == (finer is not None)
-    said = "300 hypotheses of each shape, at temperature 1" if finer else "temperature of the model was fitted"
-    assert said in (tmp_path / "report.html").read_text()
-    numbers = json.loads((tmp_path / "numbers.json").read_text())
+    page, numbers = (tmp_path / "report.html").read_text(), json.loads((tmp_path / "numbers.json").read_text())
+    assert "300 hypotheses of each shape, at temperature 1" in page
     assert "rigid body" in {model["name"] for model in numbers["models"]}
     found = {(test["shape"], test["num_touches"]): test["num_objects"] for test in numbers["orientation"]}
     assert found == {(shape, n): 7 for shape in ("sphere", "cube", "cylinder", "cone") for n in (1, 2, 3, 6)}
-    assert "Orientation and size" in (tmp_path / "report.html").read_text()
-    assert (tmp_path / "orientation.svg").exists()
+    assert "Orientation and size" in page
 
 
 @pytest.mark.mujoco

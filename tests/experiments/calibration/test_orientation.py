@@ -7,7 +7,7 @@ from activetouch.hypotheses import quaternions
 from activetouch.poses import random_orientation, to_matrices
 from belief.observation_model import FixedHypotheses, RigidBodyModel
 from belief.touch_batch import TouchBatch
-from experiments.calibration.orientation import LEAST_P, QUANTITIES, Ranks, _ranks, rank_tests
+from experiments.calibration.orientation import LEAST_P, QUANTITIES, _ranks, rank_tests
 from experiments.calibration.sequences import Rounds
 
 N, P, OBJECTS, NOISE = 4096, 6, 300, 0.4
@@ -61,7 +61,6 @@ def test_an_exact_posterior_passes_for_symmetric_bodies_too(symmetric, rng):
         assert test.num_objects == OBJECTS
         assert set(test.ranks) == set(QUANTITIES)
         assert test.p_value > LEAST_P / 10  # four tests, each failing at this level once in a thousand
-        assert all(sum(ranks.counts) == OBJECTS for ranks in test.ranks.values())
 
 
 @pytest.mark.parametrize(("noise", "narrow"), [(2.0 * NOISE, True), (0.3 * NOISE, False)])
@@ -72,11 +71,10 @@ def test_a_posterior_that_is_too_narrow_or_too_wide_fails_with_that_spread(noise
     assert (last.ranks["angle to the likeliest"].mean > 0.5) == narrow
 
 
-def test_a_truth_beyond_all_hypotheses_has_the_rank_one_and_is_counted(rng):
+def test_a_truth_beyond_all_hypotheses_has_the_rank_one(rng):
     rotations, sizes = to_matrices(quaternions(N)), rng.uniform(0.9, 1.1, N)
     ranks = [_ranks(rng.normal(size=N), rotations, sizes, (rotations[0], 1.2), rng)["size"] for _ in range(50)]
     assert max(ranks) == 1.0  # the sum of all probabilities exceeds it by rounding for one in ten
-    assert Ranks.of(np.array(ranks)).counts == (*[0] * 19, 50)
 
 
 def test_a_constant_in_all_log_weights_changes_no_rank(rng):

@@ -8,22 +8,21 @@ from typing import Annotated, get_args, get_origin, get_type_hints
 
 import joblib
 import pytest
+from tyro.conf import OmitArgPrefixes
 
 from belief.errors import ActiveTouchError
 from benchmarks.fidelity import FidelityCommand
 from experiments.cli import commands, main
 from experiments.command_line.arguments import BadArgument, Within, arguments
 from experiments.paper.reproduce import Reproduce
-from experiments.press.touch import Gallery, TouchCommand
+from experiments.press.touch import TouchCommand
 from experiments.recorded.recorded import Recorded
 from experiments.search.export import Export
-from experiments.search.merge import Merge
 from experiments.search.replay import Replay
 from experiments.tradeoff.tradeoff import Tradeoff
 
 _NEEDED = {
     Export: {"target": "cone", "out": Path("none")},
-    Merge: {"folders": ("none",)},
     Recorded: {"data": Path("none"), "format": "csv"},
 }
 
@@ -45,7 +44,8 @@ def _numbers(kind, path=(), prefix="--"):
         value, annotation = getattr(command, field.name), annotations[field.name]
         flag = prefix + field.name.replace("_", "-")
         if is_dataclass(value):
-            flat = any(getattr(one, "name", None) == "" for one in getattr(annotation, "__metadata__", ()))
+            metadata = getattr(annotation, "__metadata__", ())
+            flat = any(one is OmitArgPrefixes or getattr(one, "name", None) == "" for one in metadata)
             yield from _numbers(value, (*path, field.name), prefix if flat else f"{flag}.")
         elif kinds := _kinds(annotation):
             yield flag, (*path, field.name), kinds, isinstance(value, tuple)
@@ -104,12 +104,12 @@ def test_zero_is_refused_wherever_it_is_out_of_range():
                 with pytest.raises(BadArgument, match=flag):
                     _changed(command, path, (0,) if many else 0).run()
                 tried += 1
-    assert tried > 40
+    assert tried > 30
 
 
 @pytest.mark.parametrize(
     ("kind", "name"),
-    [(TouchCommand, "x.docx"), (Gallery, "x"), (Replay, "x.mp4"), (Replay, "x.bmp"), (FidelityCommand, "x.csv")],
+    [(TouchCommand, "x.docx"), (Replay, "x.mp4"), (Replay, "x.bmp"), (FidelityCommand, "x.csv")],
 )
 def test_a_file_of_an_unknown_format_is_refused_before_anything_is_made(kind, name, tmp_path):
     with pytest.raises(BadArgument, match=rf"--out must end in .*\.(png|json).*, got .*{name}"):
@@ -123,9 +123,8 @@ def test_a_file_of_an_unknown_format_is_refused_before_anything_is_made(kind, na
         (["collect", "--plan.train", "-1"], ["--plan.train", "-1"]),
         (["collect", "--jobs", "0"], ["--jobs", "0"]),
         (["train", "--change.seed", str(2**63)], ["--change.seed", str(2**63)]),
-        (["reproduce", "--images.presses", "0"], ["--images.presses", "0"]),
+        (["reproduce", "--episodes", "0"], ["--episodes", "0"]),
         (["train", "--change.epochs", "0"], ["--change.epochs", "0"]),
-        (["record", "--cycles", "0"], ["--cycles", "0"]),
     ],
 )
 def test_the_command_line_ends_in_one_message(arguments, words, monkeypatch, capsys):
@@ -140,16 +139,8 @@ def test_the_command_line_ends_in_one_message(arguments, words, monkeypatch, cap
 
 @pytest.mark.parametrize(
     ("command", "flag"),
-    [(Tradeoff(scenes=()), "--scenes"), (Reproduce(deciders=()), "--deciders")],
+    [(Tradeoff(scenes=()), "--scenes"), (Reproduce(parts=()), "--parts")],
 )
 def test_an_empty_list_of_things_to_do_is_refused(command, flag):
     with pytest.raises(BadArgument, match=f"{flag} must name at least one"):
         command.run()
-
-
-@pytest.mark.parametrize("number", [1, 2])
-def test_too_few_objects_to_split_are_refused(number, tmp_path):
-    command = Reproduce(parts=("table1",), out=tmp_path / "out")
-    with pytest.raises(BadArgument, match=f"--images.objects must be at least 3 .*got {number}"):
-        _changed(command, ("images", "objects"), number).run()
-    assert not (tmp_path / "out").exists()

@@ -15,8 +15,8 @@ from experiments.cli import commands
 from tests.experiments.command_line.test_arguments import _NEEDED
 
 fcntl = pytest.importorskip("fcntl")
-SHARED = {"compare", "collect", "merge"}  # several processes fill one folder; the first decides what it holds
-IN_ONE_FILE = {"touch", "gallery", "fidelity", "replay", "export"}
+SHARED = {"compare", "collect"}  # several processes fill one folder; the first decides what it holds
+IN_ONE_FILE = {"touch", "fidelity", "replay", "export"}
 WRITERS = [
     name
     for name, kind in commands().items()

@@ -9,10 +9,10 @@ import pytest
 
 from activetouch.data.manifest import CollectionPlan, Manifest
 from activetouch.named_scenes import SCENES
+from belief.errors import ActiveTouchError
 from experiments.command_line.trust import FileNamesCode, Trust
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
-from experiments.search.overprobing import NothingToCount, OverprobingCommand
 from experiments.search.replay import Replay
 from experiments.search.run_folder import RunFolder
 from experiments.search.setting import Setting
@@ -20,6 +20,12 @@ from experiments.sensor.calibrate import scene_of
 from experiments.sensor.collect import Collect
 
 CODE = "open('it_ran', 'w').close()\nfrom activetouch.named_scenes import SCENES\nscene = SCENES['coarse']\n"
+
+
+def arguments(choice, decider="threshold", **others):
+    """What a comparison records."""
+    searches = {"deciders": [decider], "reference": None, "targets": [], "episodes": 1, "seed": 0}
+    return {**searches, "setting": Setting(choice).to_dict(), **others}
 
 
 @pytest.fixture
@@ -30,7 +36,7 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
     (tmp_path / "own_code.py").write_text(CODE)
     choice = SceneChoice("own_code:scene")
-    RunFolder(tmp_path).open({}, {**Compare(setting=Setting(choice), jobs=1)._arguments()})
+    RunFolder(tmp_path).start({}, arguments(choice))
     manifest = Manifest.of(SCENES["coarse"].scene, CollectionPlan(1, 1, 1), choice.to_dict())
     shards = {f"{split}/00000.npz": "0" * 64 for split in ("train", "calibration", "test")}
     replace(manifest, sha256=shards, redrawn=0).write(tmp_path)
@@ -41,8 +47,9 @@ def folder(tmp_path, monkeypatch):
 def commands(folder, trust):
     manifest = Manifest.of(SCENES["coarse"].scene, CollectionPlan(1, 1, 1), SceneChoice("own_code:scene").to_dict())
     config = replace(Compare.from_config(folder), trust=trust, part="7/3")
+    merging = Compare(merge=(folder,), out=folder / "all", trust=trust)
     return {
-        "overprobing": OverprobingCommand(folder, trust=trust).run,
+        "compare --merge": merging.run,
         "replay": Replay(folder, trust=trust).run,
         "compare": config.run,
         "collect": Collect(from_manifest=folder, out=folder / "again", trust=trust).run,
@@ -50,30 +57,28 @@ def commands(folder, trust):
     }
 
 
-@pytest.mark.parametrize("name", ["overprobing", "replay", "compare", "collect", "calibrate"])
+@pytest.mark.parametrize("name", ["compare --merge", "replay", "compare", "collect", "calibrate"])
 def test_a_file_runs_no_code_unless_it_is_trusted(folder, name):
     with pytest.raises(FileNamesCode, match=r"names code: own_code:scene\..*add --trust"):
         commands(folder, trust=False)[name]()
     assert not (folder / "it_ran").exists()
 
 
-@pytest.mark.parametrize("name", ["overprobing", "calibrate"])
+@pytest.mark.parametrize("name", ["replay", "calibrate"])
 def test_a_trusted_file_may_name_code(folder, name):
-    with suppress(NothingToCount):  # the folder holds no searches
+    with suppress(FileNotFoundError, ActiveTouchError):  # the folder holds no searches
         commands(folder, trust=True)[name]()
     assert (folder / "it_ran").exists()
 
 
 def test_a_recorded_run_cannot_trust_itself(folder):
-    RunFolder(folder).write_run(
-        {**RunFolder(folder).read_run(), "arguments": {**Compare()._arguments(), "trust": True}}
-    )
+    RunFolder(folder).start({}, arguments(SceneChoice("own_code:scene"), trust=True))
     assert not Compare.from_config(folder).trust
 
 
 @pytest.mark.parametrize("name", ["own_code:Decider(touches=3)", "sb3:model.zip"])
 def test_a_decider_of_the_command_line_is_followed_and_one_of_the_file_is_not(tmp_path, name):
-    RunFolder(tmp_path).open({}, Compare((name,), setting=Setting(SceneChoice("coarse")), jobs=1)._arguments())
+    RunFolder(tmp_path).start({}, arguments(SceneChoice("coarse"), name))
     asked = Compare.from_config(tmp_path)
     with pytest.raises(FileNamesCode, match="names code"):
         asked.run()

@@ -11,8 +11,8 @@ from activetouch import TactileSensor
 from activetouch.sensor_files import MODELS, POLICIES
 from belief import Belief, Probe, SceneBelief, SearchProblem
 from experiments.scene_choice import SceneChoice
+from experiments.search.comparison import prepared
 from experiments.search.setting import Setting
-from experiments.search.shards import identity, made_by
 from planners import InformationState
 from planners.ppo import MissingPolicy, Policy, PPODecider, policy_file
 
@@ -50,15 +50,18 @@ def test_an_untouched_object_of_a_search_is_probed(scene, state):
 def test_a_new_policy_is_another_decider_for_its_target_and_for_nobody_else(tmp_path):
     sensor = tmp_path / "sensor"
     shutil.copytree(MODELS / "paper-independent", sensor)
-    setting = Setting(SceneChoice("paper"), sensor=sensor)
-    cells = [(name, target) for name in ("threshold", "ppo", "ppo_posterior", "ppo_confident") for target in LABELS]
-    before, run = {cell: made_by(setting, *cell) for cell in cells}, dict(identity(setting, 0))
+    setting, deciders = (
+        Setting(SceneChoice("paper"), sensor=sensor),
+        ("threshold", "ppo", "ppo_posterior", "ppo_confident"),
+    )
+    before = prepared(setting, deciders, jobs=1)
+    old = before.keys
     file = sensor / POLICIES / policy_file("paper", "cone")
     policy = Policy.from_bytes(file.read_bytes())
     file.write_bytes(replace(policy, card=replace(policy.card, training="trained anew")).to_bytes())
-    changed = {cell for cell in cells if made_by(setting, *cell) != before[cell]}
-    assert changed == {("ppo", "cone"), ("ppo_confident", "cone")}
-    assert dict(identity(setting, 0)) == run
+    after = prepared(setting, deciders, jobs=1)
+    assert {cell for cell in old if after.keys[cell] != old[cell]} == {("ppo", "cone"), ("ppo_confident", "cone")}
+    assert after.searches.identity == before.searches.identity
     file.unlink()
     with pytest.raises(MissingPolicy):
-        made_by(setting, "ppo", "cone")
+        prepared(setting, deciders, jobs=1)

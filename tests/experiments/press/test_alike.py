@@ -15,7 +15,7 @@ from activetouch.shapes import EXTENDED_SHAPES, SHAPES, Box, Mesh, Sphere
 from belief.errors import InvalidArgument
 from experiments.press.alike import Alike
 from experiments.press.contact_fit import ContactFit
-from experiments.press.felt_tables import alike_table
+from experiments.press.explain import alike_table
 
 GEL = SCENES["gel"].scene
 
@@ -63,7 +63,7 @@ def test_two_labels_of_one_body_are_told_apart_by_chance_without_an_estimate():
     with pytest.warns(MeshWarning, match="0 and 1 are the same body: no touch"):
         (pair,) = found(_cube(0.012), _cube(0.012), num_objects=2).pairs
     assert (pair.one, pair.all, pair.shown, pair.shown_from_26) == (0.5, 0.5, 0.0, 0.0)
-    assert "The same body: 0 and 1. Hardly told apart: none." in alike_table("gel", Alike((pair,), {}, 6)).note
+    assert "The same body: 0 and 1. Hardly distinguished: none." in alike_table(Alike((pair,), {}, 6)).note
 
 
 def test_different_shapes_are_told_apart_by_one_touch():

@@ -1,32 +1,113 @@
-"""Explain names the hardest pairs, and what the belief about an object holds hidden in each presentation."""
+"""Explain counts the parts of the model, measures what it costs, and says what touches of a scene show."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
-from rich.console import Console
 
-from activetouch import SCENES
-from activetouch.distributions import Constant
+from activetouch import SCENES, Quasistatic, Scene
+from activetouch.distributions import Constant, Uniform
+from activetouch.named_scenes import NamedScene
 from activetouch.orientations import Inexact, Resampled, Tumbled, Upright
+from activetouch.pressing.rig import build_spec
+from activetouch.pressing.setup import Setup
 from activetouch.sensor_files import MODELS
-from belief.observation_model import OutcomeTable
+from activetouch.shapes import EXTENDED_SHAPES, Box, Cone, Sphere, Union
 from experiments.press import explain
-from experiments.press.alike import Alike
-from experiments.press.belief_table import belief_table, latent
-from experiments.press.explain import Explain, limits_table
-from experiments.press.step_counter import Cost
+from experiments.press.alike import Alike, Likeness
+from experiments.press.explain import Explain, alike_table, bearing_forces
+from experiments.press.inventory import inventory, latent, leaner, richer
+from experiments.press.press_cost import Cost, press_cost
 from experiments.scene_choice import SceneChoice
 
+COARSE = SCENES["coarse"]
+STILL = replace(COARSE.scene, press_model=Quasistatic())
+CROSS = Union((Box((0.02, 0.006, 0.006)), Box((0.006, 0.006, 0.02))))
 
-def test_explain_shows_the_hardest_pairs_first_and_names_those_beyond_telling():
-    rows = [[0.9, 0.05, 0.05], [0.1, 0.8, 0.1], [0.1, 0.8, 0.1], [0.2, 0.2, 0.6]]
-    console = Console(width=100, record=True)
-    console.print(limits_table(OutcomeTable([rows]), ("sphere", "cube", "box", "cone")).rich())
-    text = console.export_text()
-    body = [line.split() for line in text.splitlines() if "sphere" in line or "cube" in line]
-    assert body[0][:5] == ["cube", "box", "inf", "inf", "0.00"]
-    assert "distinguishes: cube and box" in " ".join(text.split())
+
+def numbers(scene):
+    return {entry.part: entry.number for entry in inventory(NamedScene(scene, 4, 16))}
+
+
+@pytest.fixture
+def unmeasured(monkeypatch):
+    monkeypatch.setattr(explain, "press_cost", lambda scene, presses: Cost(0.0, 0.0, 0.0, ()))
+
+
+@pytest.mark.mujoco
+def test_the_default_scene_models_a_pad_an_object_and_nothing_else():
+    modelled = numbers(Scene())
+    assert modelled["moving bodies"] == 2
+    assert modelled["slide joint"] == modelled["contact pair"] == 1
+    assert not modelled.keys() & {"sensor", "finger segments", "parked objects"}
+    assert "moving bodies" not in numbers(Scene(press_model=Quasistatic()))
+
+
+@pytest.mark.mujoco
+def test_the_paper_scene_adds_finger_parking_and_a_sensor_but_no_contact_pair():
+    modelled = numbers(SCENES["paper"].scene)
+    assert (modelled["finger segments"], modelled["parked objects"], modelled["sensor"]) == (2, 3, 1)
+    assert modelled["contact pair"] == 1
+
+
+@pytest.mark.mujoco
+def test_leaner_and_leaner_ends_without_physics_and_richer_and_richer_with_all_objects():
+    scene, changes = SCENES["paper"].scene, []
+    while (found := leaner(scene)) is not None:
+        changes.append(found[0])
+        scene = found[1]
+    assert isinstance(scene.press_model, Quasistatic)
+    assert scene.setup == Setup(height=scene.height)
+    assert len(changes) == 3
+    while (found := richer(scene)) is not None:
+        scene = found[1]
+    assert scene.press_model.traced
+    assert scene.parking
+
+
+@pytest.mark.mujoco
+def test_parked_objects_and_the_finger_add_no_motion_and_no_contact():
+    bare, loaded = (
+        build_spec(setup, Scene().shapes["cone"], 0.002).compile()
+        for setup in (Setup(), Setup(finger=True, loaded=tuple(Scene().shapes.values())))
+    )
+    assert loaded.ngeom == bare.ngeom + 5
+    for count in ("nbody", "nv", "nu", "npair"):
+        assert getattr(loaded, count) == getattr(bare, count)
+
+
+@pytest.mark.parametrize(
+    ("shapes", "press", "words"),
+    [
+        ({"ball": Sphere(0.01)}, None, []),
+        ({"cross": CROSS}, None, ["what lies in front of the pad, with the same first touch: cross"]),
+        ({"torus": EXTENDED_SHAPES["torus"]}, None, ["the convex hull, so force and image may disagree: torus"]),
+        ({"cross": CROSS, "torus": EXTENDED_SHAPES["torus"]}, Quasistatic(), []),
+    ],
+)
+def test_the_inventory_names_shapes_that_are_pressed_as_something_simpler(shapes, press, words):
+    scene = replace(COARSE.scene, shapes=shapes)
+    scene = scene if press is None else replace(scene, press_model=press)
+    found = [item.why for item in inventory(NamedScene(scene, 1, 16)) if item.part == "hollow shapes"]
+    assert len(found) == len(words)
+    assert all(why.endswith(end) for why, end in zip(found, words, strict=True))
+
+
+def test_objects_that_are_all_different_have_a_joint_belief():
+    for name, number in (("coarse", 16), ("hard", 12)):
+        found = {item.part: item.number for item in inventory(SCENES[name])}
+        assert found["hidden probabilities"] == number
+
+
+@pytest.mark.slow
+def test_the_leanest_scene_never_loads_mujoco():
+    cost = press_cost(Scene(press_model=Quasistatic()), 8)
+    assert "mujoco" not in cost.imports
+    assert "torch" not in cost.imports
+    assert press_cost(Scene(), 8).memory > cost.memory
+    assert cost.press > 0.0
 
 
 @pytest.mark.parametrize(
@@ -39,23 +120,19 @@ def test_explain_shows_the_hardest_pairs_first_and_names_those_beyond_telling():
     ],
 )
 def test_what_is_hidden_follows_from_the_presentation(presentation, words):
-    scene = replace(SCENES["coarse"].scene, presentation=presentation)
+    scene = replace(COARSE.scene, presentation=presentation)
     assert latent(scene) == words
     fixed = replace(scene, variation=replace(scene.variation, size=Constant(1.0)))
     assert latent(fixed) == [word for word in words if word != "size"]
-    text = belief_table("coarse", scene, None).markdown()
-    assert ("independent model is exact here" in text) == (not words)
-    assert "No shipped sensor with a joint model" in text
 
 
 def test_the_joint_belief_costs_more_than_the_independent_one_and_both_are_measured():
-    scene = SCENES["coarse"].scene
-    table = belief_table("coarse", scene, MODELS / "coarse")
-    joint, independent = (row[2:] for row in table.rows)
-    assert (joint[0], independent[0]) == (2048, None)
-    assert joint[1] > 12.5  # the table: 6 poses, 4 shapes, 2 048 hypotheses, 64 numbers of 4 bytes
-    assert 0.0 < independent[1] < joint[1]
-    assert 0.0 < independent[2] < joint[2]
+    words = explain._belief_words(COARSE.scene, MODELS / "coarse")
+    assert "orientation, size: 2048 hypotheses" in words
+    (joint, slow), (independent, fast) = re.findall(r"([\d.]+) MB and ([\d.]+) ms a touch", words)
+    assert float(joint) > 12.5 > 1.0 > float(independent)  # the table: 6 poses, 4 shapes, 2 048 × 64 numbers of 4 bytes
+    assert 0.0 < float(fast) < float(slow)
+    assert "independent" not in explain._belief_words(SCENES["keyed"].scene, MODELS / "keyed")  # it has no such model
 
 
 @pytest.mark.parametrize(
@@ -68,30 +145,64 @@ def test_the_joint_belief_costs_more_than_the_independent_one_and_both_are_measu
         ({"meshes": (Path("pebble.off"),)}, False),
     ],
 )
-def test_explain_measures_only_sensors_that_fit_the_scene(change, fits, tmp_path, monkeypatch, capsys):
+def test_explain_measures_only_sensors_that_fit_the_scene(change, fits, unmeasured, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     corners = "0 0 0\n.03 0 0\n0 .03 0\n0 0 .03"
     Path("pebble.off").write_text(f"OFF\n4 4 0\n{corners}\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n")
-    monkeypatch.setattr(explain, "press_cost", lambda scene, presses: Cost(0.0, 0.0, 0.0, 0.0, 0.0, ()))
     Explain(SceneChoice("coarse", **change), presses=1, alike=False).run()
     text = " ".join(capsys.readouterr().out.split())
-    assert ("lower bounds on the touches" in text) == fits
+    assert ("2048 hypotheses" in text) == fits
     assert ("No shipped sensor with a joint model" in text) != fits
     assert "what a press costs" in text
     assert "layer bottoms out" in text
     assert "feel most alike" not in text
 
 
-def test_explain_compares_the_shapes_and_says_where_their_touches_land(monkeypatch, capsys):
-    monkeypatch.setattr(explain, "press_cost", lambda scene, presses: Cost(0.0, 0.0, 0.0, 0.0, 0.0, ()))
-    known = Alike((), dict.fromkeys(SCENES["coarse"].scene.shapes, (0.7, 0.3)), 6)
-    monkeypatch.setattr(explain, "compare_shapes", lambda scene, jobs: known)
+def test_explain_prints_one_screen_on_parts_costs_and_shapes(unmeasured, monkeypatch, capsys):
+    known = Alike((), {label: (0.7 if label == "cone" else 1.0, 0.3) for label in COARSE.scene.shapes}, 6)
+    monkeypatch.setattr(explain, "alike", lambda scene, jobs: known)
     Explain(SceneChoice("coarse"), presses=1).run()
-    text = " ".join(capsys.readouterr().out.split())
-    assert "feel most alike" in text
-    assert "70%" in text
+    printed = capsys.readouterr().out
+    text = " ".join(printed.split())
+    for words in ("contact pair", "leaner: no time stepping", "this scene", "richer: a trace", "feel most alike"):
+        assert words in text
+    assert "No touch meets all of cone: aim" in text
+    assert len(printed.splitlines()) < 45
+    found = explain.explain(COARSE, name="coarse", compare=False)
+    assert str(found).startswith("**what the scene 'coarse' models**")
 
 
-def test_a_sensor_without_an_independent_model_is_measured_alone():
-    table = belief_table("keyed", SCENES["keyed"].scene, MODELS / "keyed")
-    assert [row[0] for row in table.rows] == ["joint: one rigid body"]
+def test_the_table_of_alike_shapes_names_those_that_are_hardly_distinguished():
+    same = Likeness(("left", "right"), 0.5, (0.42, 0.5), 0.5, 0.49, (0.4, 0.5), 0.5, 0.0, 0.2)
+    other = Likeness(("left", "ball"), 0.01, (0.0, 0.05), 0.02, 0.0, (0.0, 0.04), 0.0, 1.0)
+    table = alike_table(Alike((other, same), {}, 6))
+    assert table.rows[0] == ("left", "right", (0.42, 0.5), (0.4, 0.5), 0.0, 0.2)
+    assert table.rows[1] == ("left", "ball", (0.0, 0.05), (0.0, 0.04), 1.0, None)
+    assert "Hardly distinguished: left and right; try --poses directions26" in table.note
+    assert "Hardly distinguished: none." in alike_table(Alike((other,), {}, 6)).note
+
+
+def test_a_layer_bottoms_out_from_the_bearing_force_on(rng):
+    scene = replace(STILL, shapes={"cone": Cone(0.018, 0.036)})
+    for force in bearing_forces(scene, "cone", 5, np.random.default_rng(1)):
+        for factor, is_out in ((0.99, False), (1.01, True)):
+            ends = factor * force, factor * force + 1e-9
+            given = replace(scene, variation=replace(scene.variation, force=Uniform(*ends)))
+            again = np.random.default_rng(1)
+            outs = [
+                given.contact(given.place(given.sample_object("cone", again), number, again), rng).is_bottomed_out
+                for number in range(5)
+            ]
+            assert is_out in outs
+    assert len(bearing_forces(scene, "cone", 5, rng)) == 5
+
+
+def test_forces_that_are_offered_bottom_out_rarely(rng):
+    [words] = explain._bottoming_words(STILL, np.random.default_rng(0))
+    assert "of cone" in words
+    assert "of sphere" not in words
+    low, high = map(float, re.findall(r"Uniform\(([\d.]+), ([\d.]+)\)", words)[0])
+    gentle = replace(STILL, variation=replace(STILL.variation, force=Uniform(low, high)))
+    shares = [(bearing_forces(gentle, label, 50, rng) <= (low + high) / 2).mean() for label in gentle.shape_labels]
+    assert np.mean(shares) == pytest.approx(0.05, abs=0.03)
+    assert explain._bottoming_words(replace(STILL, shapes={"ball": Sphere(0.02)}), rng) == []

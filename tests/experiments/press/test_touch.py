@@ -1,14 +1,15 @@
-"""The commands that show presses write what they say."""
+"""The command that shows presses writes what it says."""
 
 import pandas
 import pytest
 from PIL import Image
 
-from activetouch import SHAPES
+from activetouch import SCENES, SHAPES
 from activetouch.errors import WrongPress
 from activetouch.pressing.trace import Phase
 from belief.errors import MissingPackage, UnknownName
-from experiments.press.touch import Gallery, Record, TouchCommand, View, press_new_object
+from experiments.command_line.arguments import BadArgument
+from experiments.press.touch import TouchCommand, press_new_object, write_presses
 from experiments.scene_choice import SceneChoice
 
 pytestmark = pytest.mark.mujoco
@@ -30,13 +31,13 @@ def test_a_touch_is_drawn_in_every_scene(choice, tmp_path, capsys):
 
 def test_the_gallery_shows_every_shape_pose_and_renderer(tmp_path):
     path = tmp_path / "gallery.png"
-    Gallery(out=path).run()
+    TouchCommand(all=True, out=path).run()
     with Image.open(path) as picture:
         assert picture.height > 1.3 * picture.width
 
 
 def test_a_log_is_written_for_every_object(tmp_path):
-    Record(cycles=2, out=tmp_path).run()
+    write_presses(SCENES["paper"].scene, 0, tmp_path, num_cycles=2)
     assert {path.stem for path in tmp_path.iterdir()} == set(SHAPES)
     for path in tmp_path.iterdir():
         table = pandas.read_csv(path)
@@ -61,11 +62,16 @@ def test_the_viewer_says_what_it_lacks(monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(MissingPackage, match=r"activetouch\[viewer\]|no display"):
-        View().run()
+        TouchCommand(view=True).run()
     with pytest.raises(WrongPress, match="nothing moves"):
-        View(SceneChoice(fidelity="quasistatic")).run()
+        TouchCommand(SceneChoice(fidelity="quasistatic"), view=True).run()
 
 
 def test_a_log_of_another_press_than_the_papers_is_refused(tmp_path):
     with pytest.raises(WrongPress, match="use the scene 'paper'"):
-        Record(SceneChoice(), out=tmp_path).run()
+        TouchCommand(csv=tmp_path).run()
+
+
+def test_two_outputs_at_once_are_refused(tmp_path):
+    with pytest.raises(BadArgument, match="--all, --view and --csv"):
+        TouchCommand(all=True, csv=tmp_path).run()

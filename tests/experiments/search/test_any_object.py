@@ -8,12 +8,11 @@ import tyro
 
 from activetouch.perception import preparation
 from activetouch.perception.contacts import hypotheses
-from activetouch.sensor_files import ANY_OBJECT_FILE
 from belief.errors import ActiveTouchError
 from experiments.cli import commands
 from experiments.scene_choice import SceneChoice
-from experiments.search import setting as settings
-from experiments.search.setting import Setting, known_model, load_sensor, prepare, stamps
+from experiments.search.comparison import prepared
+from experiments.search.setting import Setting
 
 CUBE = """v -1 -1 -1\nv 1 -1 -1\nv 1 1 -1\nv -1 1 -1\nv -1 -1 1\nv 1 -1 1\nv 1 1 1\nv -1 1 1
 f 4 3 2 1\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n"""
@@ -29,13 +28,9 @@ def meshes(tmp_path, monkeypatch):
     for name in ("FEWEST", "MOST"):
         monkeypatch.setattr(hypotheses, name, 32)
     monkeypatch.setattr(preparation, "_TOUCHES", 10)
-    for cached in (settings._load_sensor, settings._known_model):
-        cached.cache_clear()
     (tmp_path / "brick.obj").write_text(CUBE)
     (tmp_path / "plate.obj").write_text(PLATE)
-    yield [f"{tmp_path / name}.obj@0.011" for name in ("brick", "plate")]
-    for cached in (settings._load_sensor, settings._known_model):
-        cached.cache_clear()
+    return [f"{tmp_path / name}.obj@0.011" for name in ("brick", "plate")]
 
 
 def command(name, words):
@@ -53,21 +48,14 @@ def test_compare_searches_for_a_mesh_without_training(meshes, tmp_path, capsys):
 
 
 def test_what_several_processes_need_is_computed_once_before(meshes, monkeypatch):
-    choice = SceneChoice("coarse", "quasistatic", meshes=tuple(meshes), only=True)
-    setting = Setting(choice)
-    assert [path.name for path in setting.sensor_files] == [ANY_OBJECT_FILE]
-    prepare(setting, 1)
+    setting = Setting(SceneChoice("coarse", "quasistatic", meshes=tuple(meshes), only=True))
+    sensor = prepared(setting, "threshold", jobs=1).searches.sensor
 
     def computed(*given):
         raise AssertionError("it was in no cache")
 
-    monkeypatch.setattr(type(load_sensor(setting).reader.hypotheses), "embed", computed)
-    for cached in (settings._load_sensor, settings._known_model):
-        cached.cache_clear()
-    model, table = known_model(setting)
-    assert model.shape_labels == ("brick", "plate")
-    assert known_model(setting)[1] is table
-    assert len(stamps(setting)) == 1
+    monkeypatch.setattr(type(sensor.reader.hypotheses), "embed", computed)
+    assert prepared(setting, "threshold", jobs=1).searches.sensor.model.shape_labels == ("brick", "plate")
 
 
 @pytest.mark.parametrize(
@@ -81,5 +69,5 @@ def test_what_several_processes_need_is_computed_once_before(meshes, monkeypatch
 )
 def test_a_scene_whose_sensor_reads_its_own_shapes_alone_says_what_to_do(scene, advice, meshes):
     with pytest.raises(ActiveTouchError, match=advice) as found:
-        _ = Setting(SceneChoice(scene, meshes=(meshes[0],))).shift
+        Setting(SceneChoice(scene, meshes=(meshes[0],))).open_sensor()
     assert re.search(r"the reader knows the shapes .*'brick'", str(found.value))

@@ -5,12 +5,11 @@ import pytest
 
 from belief import SearchProblem
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
-from experiments.search.cards import cards, tied
-from experiments.search.descriptions import image_in_words
 from experiments.search.figures import pictures
-from experiments.search.run_folder import Seconds
-from experiments.search.summary import compare_episodes
-from experiments.search.verdict import verdict_sentences
+from experiments.search.page import image_in_words
+from experiments.search.play import Seconds
+from experiments.search.summary import Summary
+from experiments.search.verdict import cards, tied, verdict_sentences
 from planners import make_decider, search_lockstep
 
 SAME = "information_gain(confirm=0.99)"  # its default by another name
@@ -27,7 +26,7 @@ def compared(*names, number=40):
         decider = make_decider(name, model.outcome_table())
         episodes[name, label] = search_lockstep(worlds, decider, problem, [0] * number, model, seeds)
     seconds = dict.fromkeys(episodes, Seconds())
-    return compare_episodes(problem, episodes, seconds, {label: [True] * 4}, names[0], np.random.default_rng(0))
+    return Summary.from_episodes(problem, episodes, seconds, {label: [True] * 4}, names[0], np.random.default_rng(0))
 
 
 @pytest.fixture(scope="module")

@@ -17,20 +17,29 @@ from belief.files import sealed_json
 from experiments.cli import main
 from experiments.command_line.trust import Trust
 from experiments.scene_choice import SceneChoice
-from experiments.search import shards
 from experiments.search.compare import BadArgument, Compare
 from experiments.search.frames import replay
-from experiments.search.merge import merge
+from experiments.search.play import Seconds
 from experiments.search.replay import Replay
-from experiments.search.report import write_report
-from experiments.search.run_folder import RunFolder, RunMismatch, Seconds
+from experiments.search.run_folder import RunFolder, RunMismatch
 from experiments.search.setting import Setting
-from experiments.search.terminal import terminal_table
+from experiments.search.tables import terminal_table
 from experiments.sensor_choice import NoSensor
 from planners import DECIDERS, Outcome
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch, pytest.mark.slow]
 CHEAP = Setting(SceneChoice(fidelity="quasistatic"))  # a third of the time of a press that moves
+MINE = """
+from belief import Confirm, Probe, Reject
+from planners.decider import Decision
+
+
+class Mine:
+    def decide(self, info, rng):
+        if len(info.history) < NUMBER:
+            return Decision(Probe(len(info.history)))
+        return Decision(Confirm() if info.target_prob > 0.9 else Reject())
+"""
 SMALL = {
     "deciders": ("information_gain", "threshold", "random_confirm"),
     "targets": ("cone", "sphere"),
@@ -60,12 +69,10 @@ def test_two_workers_give_the_same_episodes_bit_for_bit(finished, tmp_path):
 def test_a_killed_run_goes_on_and_ends_the_same(finished, tmp_path):
     shutil.copytree(finished[0], tmp_path, dirs_exist_ok=True)
     (tmp_path / "episodes.jsonl").unlink()
-    lost = sorted((tmp_path / "shards").glob("*.jsonl"))[::3]
-    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "shards").glob("*.jsonl") if path not in lost}
-    for path in lost[1:]:
-        path.unlink()
-    lost[0].write_bytes(lost[0].read_bytes()[:-40])  # what a copy that broke off leaves
-    (tmp_path / "shards" / ".cone.jsonl.half").write_text('{"half a li')  # what a kill in the middle of a write leaves
+    cells = sorted((tmp_path / "cells").glob("*.jsonl"))
+    cells[0].unlink()
+    cells[1].write_bytes(cells[1].read_bytes()[:-40])  # what a kill in the middle of a write leaves
+    kept = {path: path.stat().st_mtime_ns for path in cells[2:]}
     Compare(**SMALL, episodes=26, out=tmp_path, jobs=1).play()
     assert episodes(tmp_path) == episodes(finished[0])
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
@@ -74,9 +81,10 @@ def test_a_killed_run_goes_on_and_ends_the_same(finished, tmp_path):
 def test_more_episodes_extend_a_finished_run(finished, tmp_path):
     one = {**SMALL, "deciders": ("information_gain",), "targets": ("cone",)}
     Compare(**one, episodes=25, out=tmp_path, jobs=1).play()
-    before = (tmp_path / "shards" / "information_gain-cone-00000.jsonl").stat().st_mtime_ns
+    [cell] = (tmp_path / "cells").glob("information_gain-*.jsonl")
+    before = cell.read_bytes()
     longer = Compare(**one, episodes=26, out=tmp_path, jobs=1).play()
-    assert (tmp_path / "shards" / "information_gain-cone-00000.jsonl").stat().st_mtime_ns == before
+    assert cell.read_bytes().startswith(before)
     expected = finished[1].episodes["information_gain", "cone"]
     assert [e.to_dict() for e in longer.episodes["information_gain", "cone"]] == [e.to_dict() for e in expected]
 
@@ -109,11 +117,9 @@ def test_live_searches_beat_the_floor(finished):
 
 
 def test_a_replayed_touch_is_the_touch_that_was_recorded(finished):
-    from experiments.search.setting import load_sensor
-
-    sensor = load_sensor(CHEAP)
+    sensor = CHEAP.open_sensor()
     for episode in finished[1].episodes["threshold", "cone"][:3]:
-        for frame in replay(CHEAP, episode):
+        for frame in replay(sensor, CHEAP.problem, episode):
             if frame.image is not None:
                 logits = sensor.read(frame.image[None], [0])[0].logits
                 assert logits == pytest.approx(frame.step.touch.logits, abs=1e-3)
@@ -122,7 +128,7 @@ def test_a_replayed_touch_is_the_touch_that_was_recorded(finished):
 @pytest.fixture(scope="module")
 def page(finished):
     """The report of the finished run."""
-    return write_report(*finished, CHEAP, seed=3)
+    return finished[1].save(finished[0])
 
 
 def test_the_report_is_one_file_that_needs_nothing_else(page):
@@ -147,22 +153,6 @@ def test_figures_and_tables_are_files_too(finished, page):
     assert float(rows["threshold", "cone"]["95 % high"]) == cell.success_interval[1]
 
 
-def test_a_folder_of_other_versions_is_not_mixed_with(finished, tmp_path):
-    run = json.loads((finished[0] / "run.json").read_text())
-    del run["sha256"]
-    run["identity"]["versions"]["onnxruntime"] = "1.0"
-    (tmp_path / "run.json").write_text(sealed_json(run))
-    with pytest.raises(RunMismatch, match="other versions"):
-        Compare(**SMALL, episodes=26, out=tmp_path, jobs=1).play()
-
-
-def test_run_json_says_what_was_run(finished):
-    run = json.loads((finished[0] / "run.json").read_text())
-    assert run["identity"]["seed"] == 3
-    assert set(run["identity"]["versions"]) >= {"python", "mujoco-core", "onnxruntime", "numpy"}
-    assert len(run["identity"]["sensor_sha256"]) == 64
-
-
 def rendered(comparison):
     console = Console(width=80, record=True, file=io.StringIO())
     console.print(terminal_table(comparison).rich())
@@ -174,22 +164,6 @@ def test_the_table_fits_an_ordinary_terminal(finished):
     assert "…" not in text
     assert max(len(line) for line in text.splitlines()) <= 80
     assert text.count("cone") == 3
-
-
-def test_a_table_of_all_deciders_fits_too(finished):
-    _, comparison = finished
-    cells = {
-        (name, target): replace(
-            comparison.cells["threshold", target], seconds=Seconds(1.0, 0.09, 0.04, 10), wrong=9999, touches=99.0
-        )
-        for name in DECIDERS
-        for target in [*comparison.targets, "all"]
-    }
-    everybody = {(name, target): comparison.episodes["threshold", target] for name, target in cells if target != "all"}
-    text = rendered(replace(comparison, cells=cells, episodes=everybody))
-    assert "…" not in text
-    assert max(len(line) for line in text.splitlines()) <= 80
-    assert text.count("100+9.0+4.0") == len(DECIDERS)  # too long for targets
 
 
 @pytest.mark.parametrize("width", [80, 60, 50])
@@ -228,17 +202,11 @@ def test_a_composition_makes_room_for_more_objects_than_shapes():
         ({"setting": Setting(abstain=0.02, promise=1.5)}, r"--promise must be in \[0.0, 1.0\], got 1.5"),
         ({"setting": Setting(abstain=0.02, unsure_reward=1.0)}, r"--unsure-reward must be in .* got 1.0"),
         ({"setting": Setting(promise=0.9)}, "--promise does nothing without --abstain"),
-        ({"setting": Setting(unsure_reward=-0.5)}, "--unsure-reward does nothing without --abstain"),
-        ({"setting": Setting(abstain=0.02), "bound": True}, "--bound is for searches without"),
         ({"episodes": -3}, r"--episodes must be in \[1, .*got -3"),
         ({"jobs": 0}, r"--jobs must be in \[1, .*got 0"),
         ({"seed": -1}, r"--seed must be in \[0, .*got -1"),
         ({"reference": "threshhold"}, "Did you mean 'threshold'"),
-        ({"part": "3/2"}, "such as 2/8; got '3/2'"),
-        ({"part": "half"}, "such as 2/8; got 'half'"),
-        ({"backend": "dask"}, "go together"),
-        ({"scheduler": "tcp://127.0.0.1:1"}, "go together"),
-        ({"setting": Setting(num_objects=5)}, "--num-objects 5: .*add --composition independent"),
+        ({"setting": Setting(num_objects=5)}, "--num-objects 5: .*with the composition independent"),
         ({"setting": Setting(SceneChoice(scene="course"))}, "Did you mean 'coarse'"),
         ({"setting": Setting(sensor=Path("no/such/folder"))}, "holds no sensor"),
     ],
@@ -281,7 +249,8 @@ def test_abstaining_deciders_are_played_reported_replayed_and_kept_apart_from_ot
     setting = Setting(SceneChoice("coarse", fidelity="quasistatic"), abstain=0.02, unsure_reward=-0.5)
     assert Setting.from_dict(json.loads(json.dumps(setting.to_dict())), Trust(Path("run.json"))) == setting
     request = Compare(("random_confirm",), targets=("cone",), episodes=2, setting=setting, out=tmp_path, jobs=1)
-    comparison, page, _ = request.report()
+    comparison = request.play()
+    page = comparison.save(tmp_path)
     assert [episode.outcome for episode in comparison.of("random_confirm")] == [Outcome.UNSURE] * 2
     assert comparison.cells["random_confirm", "cone"].reward == -0.5
     assert "I do not know" in page.read_text()
@@ -316,7 +285,8 @@ def test_the_floor_is_the_best_guess_without_a_touch(tmp_path, monkeypatch):
     few = Compare(**one, targets=("cone",), episodes=25, out=tmp_path / "few").play()
     assert few.oracle[0] >= 0.9 * few.oracle[1] == 22.5
     monkeypatch.setattr(
-        shards, "solved_by_full_information", lambda setting, target, seed, numbers, memo: [True] * len(numbers)
+        "experiments.search.run.solved_by_full_information",
+        lambda searches, target, numbers, memo: [True] * len(numbers),
     )
     comparison = Compare(**one, episodes=250, out=tmp_path / "many").play()
     assert comparison.no_touch_baseline == few.no_touch_baseline == 0.5
@@ -324,77 +294,41 @@ def test_the_floor_is_the_best_guess_without_a_touch(tmp_path, monkeypatch):
     assert comparison.cells["random_confirm", "all"].success == pytest.approx(0.25, abs=0.06)
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"renderers": ("presure",)}, "Did you mean 'pressure'"),
-        ({"sensors": "runs/{scene}"}, "name a single sensor with --sensor"),
-        ({"scenes": ("gel",), "setting": Setting(SceneChoice(scene="coarse"))}, "either --scene or --scenes"),
-    ],
-)
-def test_worlds_that_make_no_sense_are_refused(options, message):
-    with pytest.raises((UnknownName, BadArgument), match=message):
-        Compare(**options).worlds()
-
-
-def test_scenes_and_renderers_make_a_world_each(tmp_path):
-    worlds = Compare(
-        scenes=("coarse", "gel"), renderers=("pressure", "gelsight"), sensors="s/{scene}-{renderer}", out=tmp_path
-    ).worlds()
-    assert list(worlds) == ["coarse-pressure", "coarse-gelsight", "gel-pressure", "gel-gelsight"]
-    one = worlds["coarse-gelsight"]
-    assert one.folder == tmp_path / "coarse-gelsight"
-    assert (one.setting.choice.scene, one.setting.choice.renderer) == ("coarse", "gelsight")
-    assert one.setting.sensor == Path("s/coarse-gelsight")
-
-
-def test_the_bound_of_planning_is_found_where_it_is_asked_for(tmp_path):
-    one = {
-        "deciders": ("random_confirm",),
-        "targets": ("cone",),
-        "episodes": 1,
-        "setting": replace(CHEAP, num_objects=1),
-    }
-    assert Compare(**one, out=tmp_path, jobs=1).play().gap == {"random_confirm": None}
-    comparison = Compare(**one, out=tmp_path, jobs=1, bound=True).play()
-    mean, low, high = comparison.gap["random_confirm"]
-    # One of four shapes: guessing "none" gets .5 on average, and touches this good nearly 1.
-    assert 0.5 < mean + comparison.cells["random_confirm", "all"].reward < 1.0
-    assert low == mean == high  # one episode
-
-
-def test_several_worlds_are_shown_side_by_side(tmp_path, capsys):
-    Compare(
-        deciders=("threshold", "random_confirm"),
-        targets=("cone",),
-        episodes=1,
-        setting=CHEAP,
-        scenes=("coarse", "gel"),
-        out=tmp_path,
-        jobs=1,
-    ).run()
-    with (tmp_path / "overview.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert [(row["scene"], row["decider"]) for row in rows] == [
-        ("coarse", "threshold"),
-        ("coarse", "random_confirm"),
-        ("gel", "threshold"),
-        ("gel", "random_confirm"),
-    ]
-    page = (tmp_path / "overview.html").read_text()
-    assert 'href="coarse/report.html"' in page
-    assert (tmp_path / "gel" / "report.html").exists()
-    assert max(map(len, capsys.readouterr().out.splitlines())) <= max(80, len(str(tmp_path)) + 60)
-
-
-def test_two_parts_merged_are_the_whole(finished, tmp_path):
+def test_two_parts_merged_are_the_whole(finished, tmp_path, capsys):
     small = {**SMALL, "deciders": ("threshold",), "targets": ("cone",), "episodes": 26, "jobs": 1}
     for part, name in (("1/2", "a"), ("2/2", "b")):
-        Compare(**small, out=tmp_path / name, part=part).fill()
-    keys = merge([tmp_path / "a", tmp_path / "b"], tmp_path / "both")
-    before = {path: path.stat().st_mtime_ns for path in (tmp_path / "both" / "shards").iterdir()}
-    Compare(**small, out=tmp_path / "both").play()
-    assert {path: path.stat().st_mtime_ns for path in before} == before  # nothing was left to play
-    assert len(keys) == 4  # two of episodes, two of the oracle
-    for key in keys:
-        assert RunFolder(tmp_path / "both").lines(key) == RunFolder(finished[0]).lines(key)
+        Compare(**small, out=tmp_path / name, part=part).run()
+        assert f"compare --merge {tmp_path / name}" in capsys.readouterr().out
+    Compare(merge=(tmp_path / "a", tmp_path / "b"), out=tmp_path / "both", jobs=1).run()
+    assert "0/0" in capsys.readouterr().out  # nothing was left to play
+    whole = [line for line in episodes(finished[0]).splitlines() if b'"threshold", "seed": [3, 3,' in line]
+    assert episodes(tmp_path / "both").splitlines() == whole
+    for part in ("3/2", "half"):
+        with pytest.raises(BadArgument, match=f"such as 2/8; got '{part}'"):
+            Compare(**small, out=tmp_path / "c", part=part).run()
+
+
+def test_a_decider_that_was_edited_is_played_again_and_others_are_kept(tmp_path, monkeypatch, capsys):
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    setting = Setting(SceneChoice("coarse", fidelity="quasistatic"), num_objects=2)
+
+    def touches(number, out):
+        (tmp_path / "my_own.py").write_text(MINE.replace("NUMBER", str(number)))
+        sys.modules.pop("my_own", None)
+        names, folder = ("my_own:Mine", "random_confirm"), tmp_path / out
+        found = Compare(names, targets=("sphere",), episodes=4, setting=setting, out=folder, jobs=1).play()
+        return found.cells["my_own:Mine", "all"].touches
+
+    before = touches(2, "run")
+    [kept] = (tmp_path / "run" / "cells").glob("random_confirm-*")
+    bytes_before = kept.read_bytes()
+    assert "another version" not in capsys.readouterr().err
+    after = touches(6, "run")
+    assert (
+        "another version (code, settings or policies), which are played again: my_own:Mine" in capsys.readouterr().err
+    )
+    assert before < after == touches(6, "fresh")
+    assert episodes(tmp_path / "run") == episodes(tmp_path / "fresh")
+    assert kept.read_bytes() == bytes_before
+    sys.modules.pop("my_own", None)

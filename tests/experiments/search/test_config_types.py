@@ -7,9 +7,8 @@ from belief.files import sealed_json
 from experiments.cli import _parsed
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
-from experiments.search.merge import merge
-from experiments.search.overprobing import OverprobingCommand
 from experiments.search.replay import Replay
+from experiments.search.run import Run
 from experiments.search.run_folder import RunFolder
 from experiments.search.setting import Setting
 
@@ -33,7 +32,9 @@ def changed(fields, path, value):
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     folder = RunFolder(tmp_path_factory.mktemp("run"))
-    folder.open({}, Compare(setting=Setting(SceneChoice("coarse")), jobs=1)._arguments(), {})
+    setting = Setting(SceneChoice("coarse")).to_dict()
+    searches = {"deciders": ["threshold"], "reference": None, "targets": ["cone"], "episodes": 1, "seed": 0}
+    folder.start({}, {**searches, "setting": setting})
     return folder.read_run()
 
 
@@ -48,8 +49,7 @@ def stop(*_, **__):
 READERS = {
     "compare": lambda path: _parsed(["compare", "--config", str(path / "run.json"), "--out", str(path)]).run(),
     "replay": lambda path: Replay(path, out=path / "search.png").run(),
-    "overprobing": lambda path: OverprobingCommand(path).run(),
-    "merge": lambda path: merge([path], path / "merged"),
+    "merge": lambda path: Compare(merge=(path,), out=path / "merged").run(),
 }
 
 
@@ -57,7 +57,7 @@ READERS = {
     "reader", [pytest.param(name, marks=[pytest.mark.slow] * (name == "compare")) for name in READERS]
 )
 def test_a_field_of_a_wrong_type_is_a_clear_error_or_works(reader, run, tmp_path, monkeypatch):
-    monkeypatch.setattr("experiments.search.compare.play_missing", stop)
+    monkeypatch.setattr(Run, "play", stop)
     refused = 0
     for path in paths(run["arguments"]):
         for wrong in WRONG:

@@ -1,26 +1,21 @@
 """Deciders, scenes and sensors of a user's own: by name, by entry point, and as objects from Python."""
 
 import json
-import pickle
 import subprocess
 import sys
 from dataclasses import dataclass, replace
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 import activetouch
 from activetouch import SCENES, TactileSensor
 from activetouch.distributions import Uniform
-from activetouch.poses import POSE_SETS
 from belief.errors import ActiveTouchError, UnknownName
 from belief.references import BadReference
 from experiments.command_line.arguments import BadArgument
 from experiments.scene_choice import SceneChoice, named_scene, renderer_named
 from experiments.search.compare import Compare
-from experiments.search.objects import SceneObject, _sensor_folder
-from experiments.search.run_folder import ShardKey
+from experiments.search.replay import Replay
 from experiments.search.setting import Setting
 from planners import SequentialDecider, make_decider
 from planners.probing import FixedOrder
@@ -74,30 +69,8 @@ def folder(tmp_path, monkeypatch):
 
 
 def command(folder, *deciders, **how):
-    return Compare(
-        deciders,
-        targets=("sphere",),
-        out=folder,
-        jobs=1,
-        setting=Setting(SceneChoice("coarse")),
-        **{"episodes": 1, **how},
-    )
-
-
-@pytest.mark.mujoco
-@pytest.mark.torch
-def test_an_edited_module_of_a_user_gives_the_new_numbers_in_the_same_folder(folder, tmp_path, capsys):
-    def touches(text, out):
-        folder(text)
-        cells = command(tmp_path / out, "own_parts:Mine", "random_confirm").play().cells
-        return cells["own_parts:Mine", "all"].touches
-
-    edited = MINE.replace("touches: int = 2", "touches: int = 5")
-    before = touches(MINE, "run")
-    capsys.readouterr()
-    after = touches(edited, "run")
-    assert "1 of own_parts:Mine" in capsys.readouterr().err
-    assert before < after == touches(edited, "fresh")
+    setting = Setting(SceneChoice("coarse"))
+    return Compare(deciders, out=folder, jobs=1, setting=setting, **{"targets": ("sphere",), "episodes": 1, **how})
 
 
 @pytest.mark.mujoco
@@ -131,6 +104,25 @@ def test_a_scene_and_a_sensor_that_a_program_made_are_compared_in(tmp_path):
     assert found.cells["random_confirm", "all"].num_episodes == 1
     line = json.loads((tmp_path / "episodes.jsonl").read_text().splitlines()[0])
     assert len(line["arrangement"]) == 2
+    assert not list(tmp_path.glob("**/*.safetensors"))  # the sensor is not written to be read back
+    with pytest.raises(ActiveTouchError, match="only that program can"):
+        Replay(tmp_path, "random_confirm", "cone", out=tmp_path / "x.png").run()
+
+
+def test_a_comparison_prints_as_its_table_gives_records_and_is_saved(tmp_path):
+    found = activetouch.compare("coarse", ["threshold", "random_confirm"], episodes=2, targets="cone", jobs=2)
+    assert "random_confirm" in str(found)
+    assert "2 live searches per decider and target" in repr(found)
+    rows = found.rows()
+    assert list(rows["decider"]) == ["threshold", "random_confirm"] * 2
+    assert list(rows["episodes"]) == [2] * 4
+    assert any("no-touch baseline" in sentence for sentence in found.verdict())
+    assert found.save(tmp_path / "run") == tmp_path / "run" / "report.html"
+    assert len((tmp_path / "run" / "episodes.jsonl").read_text().splitlines()) == 4
+    Replay(tmp_path / "run", "threshold", "cone", out=tmp_path / "x.png").run()
+    command(tmp_path / "command", "threshold", "random_confirm", targets=("cone",), episodes=2).run()
+    one, other = ((tmp_path / name / "episodes.jsonl").read_bytes() for name in ("run", "command"))
+    assert one == other
 
 
 SCRIPT = """
@@ -174,14 +166,6 @@ def test_what_is_no_decider_is_refused_before_anything_is_written(deciders, erro
 def test_what_is_no_scene_is_refused(tmp_path):
     with pytest.raises(BadArgument, match="Scene"):
         activetouch.compare(3, ["threshold"], out=tmp_path / "run")
-
-
-def test_scenes_that_differ_are_different_settings():
-    one, other = SCENES["gel"], replace(SCENES["gel"], num_objects=3)
-    assert SceneObject.of(one) == SceneObject.of(replace(one))
-    assert SceneObject.of(one) != SceneObject.of(other)
-    assert hash(Setting(SceneObject.of(one))) == hash(Setting(SceneObject.of(replace(one))))
-    assert pickle.loads(pickle.dumps(SceneObject.of(other))).named.num_objects == 3
 
 
 @pytest.mark.usefixtures("folder")
@@ -242,31 +226,6 @@ def test_an_installed_package_offers_parts_by_entry_points(monkeypatch, coarse_t
     assert SceneChoice("offered", renderer="offered").named.scene.image_shape == (128, 128)
     with pytest.raises(UnknownName, match="offered"):
         make_decider("offred", coarse_table)
-
-
-@given(*[st.text(min_size=1, max_size=20)] * 2, st.integers(0, 10**6))
-def test_every_key_has_a_file_name_of_its_own(decider, target, number):
-    key = ShardKey(decider, target, number)
-    assert ShardKey.from_stem(key.stem) == key
-    assert set(key.stem) <= set("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_%-")
-
-
-def test_plain_names_stand_in_file_names_as_they_are():
-    assert ShardKey("point_based", "my-mug", 3).stem == "point_based-my-mug-00003"
-
-
-def test_a_sensor_object_is_of_the_poses_of_its_scene(tmp_path):
-    sensor = TactileSensor.shipped("coarse")
-    poses = dict(list(POSE_SETS["directions26"].items())[: len(sensor.scene.poses)])
-    scene = replace(sensor.scene, poses=poses)
-    folder = _sensor_folder(TactileSensor(scene, sensor.reader, sensor.model), tmp_path)
-    assert TactileSensor.load(folder, scene).shift == ()
-
-
-def test_a_second_sensor_object_leaves_that_of_the_run_as_it_was(tmp_path):
-    folders = [_sensor_folder(TactileSensor.shipped(name), tmp_path) for name in ("coarse", "gel", "coarse")]
-    assert folders[0] == folders[2] != folders[1]
-    assert sorted(tmp_path.iterdir()) == sorted({*folders})
 
 
 @pytest.mark.mujoco

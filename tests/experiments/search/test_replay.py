@@ -1,7 +1,6 @@
 """A recorded search can be seen again: as a picture, and as an animation with a picture for every step."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,12 +9,13 @@ from scipy.special import logsumexp
 
 from experiments.scene_choice import SceneChoice
 from experiments.search.body_picture import Bodies
+from experiments.search.comparison import prepared
 from experiments.search.frames import replay
+from experiments.search.page import _story
+from experiments.search.play import play_episodes
 from experiments.search.replay import NoSuchEpisode, Replay
 from experiments.search.replay_figures import animate_search, draw_search
-from experiments.search.report import _story
-from experiments.search.run_folder import RunFolder, Shard, ShardKey, episode_lines
-from experiments.search.setting import Setting, load_sensor, play_episodes
+from experiments.search.setting import Setting
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch]
 COARSE = Setting(SceneChoice("coarse", fidelity="quasistatic"))
@@ -23,12 +23,14 @@ COARSE = Setting(SceneChoice("coarse", fidelity="quasistatic"))
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """A folder with one shard, and the episodes in it."""
-    folder = RunFolder(tmp_path_factory.mktemp("run"))
-    folder.open({}, {"setting": COARSE.to_dict()})
-    episodes, seconds = play_episodes(COARSE, "threshold", 0, 0, range(25))
-    folder.write(ShardKey("threshold", "sphere", 0), Shard(episode_lines("threshold", episodes), seconds, "v1"))
-    return folder.path, episodes
+    """A folder with 25 searches, and these."""
+    found = prepared(COARSE, "threshold", targets="sphere", episodes=25, out=tmp_path_factory.mktemp("run"), jobs=1)
+    found.play(jobs=1)
+    return found.folder.path, play(found)
+
+
+def play(run, numbers=range(25)):
+    return play_episodes(run.searches, run.deciders["threshold"], 0, numbers)[0]
 
 
 @pytest.mark.parametrize("ending", ["gif", "webp"])
@@ -55,15 +57,15 @@ def test_a_still_picture_is_drawn_of_the_last_search(run, tmp_path):
 
 def test_frames_carry_the_image_of_every_touch_and_of_nothing_else(run):
     _, episodes = run
-    for frame, step in zip(replay(COARSE, episodes[3]), episodes[3].steps, strict=True):
+    for frame, step in zip(replay(COARSE.open_sensor(), COARSE.problem, episodes[3]), episodes[3].steps, strict=True):
         assert (frame.image is not None) == (step.touch is not None)
         assert frame.shape == episodes[3].arrangement[step.object_index]
 
 
 def test_a_search_with_a_joint_belief_shows_the_bodies_it_believes_in(tmp_path):
-    joint = replace(COARSE, sensor=Path("coarse"))
-    [episode], _ = play_episodes(joint, "information_gain", 0, 0, [0])
-    frames, bodies = replay(joint, episode), Bodies.of(load_sensor(joint))
+    joint = prepared(COARSE, "threshold", jobs=1)
+    [episode], searches = play(joint, [0]), joint.searches
+    frames, bodies = replay(searches.sensor, searches.problem, episode), Bodies.of(searches.sensor)
     for number, frame in enumerate(frames):  # the re-read touches give the belief that was recorded
         before = [f for f in frames[: number + 1] if f.step.object_index == frame.step.object_index and f.step.touch]
         assert frame.evidence.num_touches == len(before)
@@ -71,14 +73,15 @@ def test_a_search_with_a_joint_belief_shows_the_bodies_it_believes_in(tmp_path):
         if before and frame.step.object_index == 0:
             assert np.exp(own - logsumexp(own)) == pytest.approx(frame.posterior, abs=1e-6)
     for draw, name, shown in ((draw_search, "search.png", frames), (animate_search, "search.gif", frames[:2])):
-        draw(episode, shown, joint.problem, tmp_path / name, bodies)
+        draw(episode, shown, searches.problem, tmp_path / name, bodies)
         with Image.open(tmp_path / name) as picture:
             assert picture.width > 400
-    for panel in _story(joint, "information_gain", episode, bodies).panels:
+    for panel in _story(searches, "threshold", episode, bodies).panels:
         assert (panel["body"] is None) == (panel["picture"] is None)
-    other = replace(joint, observation_model="independent")
-    assert Bodies.of(load_sensor(other)) is None
-    assert all(frame.evidence is None for frame in replay(other, play_episodes(other, "threshold", 0, 0, [0])[0][0]))
+    other = prepared(replace(COARSE, observation_model="independent"), "threshold", jobs=1)
+    assert Bodies.of(other.searches.sensor) is None
+    shown = replay(other.searches.sensor, other.searches.problem, play(other, [0])[0])
+    assert all(frame.evidence is None for frame in shown)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,6 @@ import pytest
 
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
-from experiments.search.report import write_report
 from experiments.search.setting import Setting
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -96,7 +95,7 @@ def report(tmp_path_factory):
         out=folder,
         jobs=1,
     ).play()
-    return write_report(folder, comparison, setting, seed=0).read_text()
+    return comparison.save(folder).read_text()
 
 
 def look(html, folder, width):

@@ -6,12 +6,11 @@ import pytest
 from belief import Belief, Confirm, Probe, Reject, SearchProblem, Touch, Unsure
 from belief.statistics import clopper_pearson_interval
 from experiments.search.figures import pictures
-from experiments.search.overview import overview
-from experiments.search.run_folder import Seconds, episode_lines, read_episode
+from experiments.search.play import Seconds
+from experiments.search.run_folder import episode_lines, read_episode
 from experiments.search.selective import RANKINGS, selective
-from experiments.search.summary import ALL, compare_episodes
-from experiments.search.tables import comparison_tables
-from experiments.search.terminal import terminal_table
+from experiments.search.summary import ALL, Summary
+from experiments.search.tables import comparison_tables, terminal_table
 from experiments.search.verdict import verdict_sentences
 from planners import Decision, Episode, Outcome, Step
 
@@ -49,7 +48,7 @@ EPISODES = [
 
 
 def compared(by_decider, rng, problem=PROBLEM):
-    return compare_episodes(
+    return Summary.from_episodes(
         problem,
         {(name, "a"): some for name, some in by_decider.items()},
         {(name, "a"): Seconds(0.1, 0.2, 0.3, 10) for name in by_decider},
@@ -110,7 +109,6 @@ def test_unsure_searches_are_counted_priced_and_shown(rng, tmp_path):
     assert len(tables["selective_risk"].rows) == len(RANKINGS)
     assert "-0.25 for “I do not know”" in tables["returns"].note
     assert "unsure" in terminal_table(comparison, 200).headings
-    assert "unsure" in overview({"s": comparison}).headings
     assert any("0.182" in sentence and "8 other answers" in sentence for sentence in verdict_sentences(comparison))
     [picture] = [picture for picture in pictures(comparison) if picture.name == "selective_risk"]
     assert list(picture.legend) == ["x"]
@@ -146,7 +144,6 @@ def test_without_abstention_nothing_is_said_about_it(rng):
         *(table.markdown() for table in comparison_tables(comparison)),
         *verdict_sentences(comparison),
         terminal_table(comparison, 200).markdown(),
-        overview({"s": comparison}).markdown(),
     ]
     assert not [text for text in texts if "unsure" in text.lower() or "I do not know" in text]
     assert not [picture for picture in pictures(comparison) if picture.name == "selective_risk"]

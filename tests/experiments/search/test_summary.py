@@ -11,14 +11,13 @@ from belief import Belief, Confirm, Probe, Reject, SearchProblem, Touch, Unsure
 from belief.statistics import clopper_pearson_interval, mcnemar_test, wilson_interval
 from belief.statistics.power import episodes_for_success
 from experiments.reporting.tables import Table
-from experiments.search.cards import cards
-from experiments.search.episode_statistics import by_position, calibration_of_confirmations, gap, regret
+from experiments.search.episode_statistics import by_position, calibration_of_confirmations, regret
 from experiments.search.figures import pictures
 from experiments.search.paired import prob_best
-from experiments.search.run_folder import Seconds
-from experiments.search.summary import compare_episodes, summarise
+from experiments.search.play import Seconds
+from experiments.search.summary import Summary, summarise
 from experiments.search.tables import comparison_tables
-from experiments.search.verdict import verdict_sentences
+from experiments.search.verdict import cards, verdict_sentences
 from planners import Decision, Episode, Outcome, Step
 
 PROBLEM = SearchProblem(("a", "b"), ("p",), num_objects=2, touch_cost=0.1)
@@ -38,7 +37,7 @@ def search(actions, target=0, arrangement=(0, 1), outcome=Outcome.CONFIRMED, cla
 
 def compared(by_decider, rng, solved=(True,), reference=None, pressed_again=0):
     """A comparison on one target, "a"."""
-    return compare_episodes(
+    return Summary.from_episodes(
         PROBLEM,
         {(name, "a"): some for name, some in by_decider.items()},
         {(name, "a"): Seconds(0.1, 0.2, 0.3, 10, pressed_again) for name in by_decider},
@@ -164,27 +163,6 @@ def test_regret_is_to_the_best_reader_on_the_episodes_it_was_tried_on(rng):
     assert low <= mean <= high
 
 
-def test_the_gap_is_to_the_bound_of_each_target(rng):
-    episodes = {"a": [search("tc"), search("rc"), search("c")], "b": [search("rttc", target=1)]}
-    mean, low, high = gap(episodes, {"a": 0.95, "b": 0.85}, PROBLEM, rng)
-    assert mean == pytest.approx((0.05 + 1.95 - 0.05 + 0.05) / 4)
-    assert low < mean < high
-    assert gap(episodes, {"a": 0.95, "b": None}, PROBLEM, rng) is None
-    assert gap(episodes, {}, PROBLEM, rng) is None
-
-
-def test_the_verdict_names_the_bound_where_there_is_one(rng):
-    some = [search("tc")] * 8
-    comparison = compare_episodes(
-        PROBLEM, {("x", "a"): some}, {("x", "a"): Seconds()}, {"a": [True]}, "x", rng, {"a": 0.95}
-    )
-    frame = verdict_sentences(comparison)[1]
-    for words in ("upper bound", "0.950", "discretised", "independent given the shape", "can exceed"):
-        assert words in frame
-    assert "x is 0.050 below [+0.050, +0.050]" in verdict_sentences(comparison)[1]
-    assert "planner" not in verdict_sentences(compared({"x": some}, rng))[1]
-
-
 def test_a_clear_result_is_called_settled(rng):
     told = " ".join(
         verdict_sentences(compared({"good": [search("tc", claim=0.99)] * 60, "bad": [search("rc")] * 60}, rng))
@@ -282,7 +260,7 @@ def test_deciders_that_never_differ_are_bounded_not_extrapolated(rng):
 
 def test_nothing_is_drawn_of_searches_without_touches_or_confirmations(rng):
     def drawn(episode, seconds=None):
-        comparison = compare_episodes(
+        comparison = Summary.from_episodes(
             PROBLEM, {("x", "a"): [episode]}, {("x", "a"): seconds or Seconds()}, {"a": [True]}, "x", rng
         )
         return {picture.name for picture in pictures(comparison)}
@@ -340,7 +318,7 @@ def test_every_table_has_the_numbers_of_the_comparison(rng):
     assert (d.success[0], d.touches[0]) == (pytest.approx(-18 / 22), pytest.approx(1.0 - 41 / 22))
     for row, name in zip(told["returns"].rows, "xy", strict=True):
         mean, *ends = found.regret[name]
-        assert row == (name, found.cells[name, "all"].reward, found.prob_best[name], mean, tuple(ends), None, None)
+        assert row == (name, found.cells[name, "all"].reward, found.prob_best[name], mean, tuple(ends))
     assert told["positions"].rows == [
         ("x", "1", *x[:4], x[6]),
         ("y", "1", *y[:4], y[6]),
@@ -371,7 +349,7 @@ def test_a_heading_among_the_rows_is_a_row_for_machines_too():
 
 def test_the_floor_is_the_mean_over_the_targets_asked_for(rng):
     problem = SearchProblem(("a", "b"), ("p",), num_objects=3, composition="independent")
-    comparison = compare_episodes(
+    comparison = Summary.from_episodes(
         problem,
         {("x", "a"): [search("c", arrangement=(0, 1, 1))]},
         {("x", "a"): Seconds()},
@@ -385,7 +363,9 @@ def test_the_floor_is_the_mean_over_the_targets_asked_for(rng):
 def test_without_a_touch_it_may_be_best_to_reject_all(rng):
     problem = SearchProblem(("a", "b", "c"), ("p",), num_objects=1, composition="independent")
     targets = {(("x", label)): [search("c", arrangement=(0,))] for label in "ab"}
-    found = compare_episodes(problem, targets, dict.fromkeys(targets, Seconds()), {"a": [True], "b": [True]}, "x", rng)
+    found = Summary.from_episodes(
+        problem, targets, dict.fromkeys(targets, Seconds()), {"a": [True], "b": [True]}, "x", rng
+    )
     assert found.no_touch_baseline == pytest.approx(2 / 3)  # of three shapes the target is absent in two of three cases
 
 

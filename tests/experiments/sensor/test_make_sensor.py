@@ -14,6 +14,7 @@ from experiments.command_line.arguments import BadArgument
 from experiments.scene_choice import as_named
 from experiments.sensor.calibrate import Calibrate, TooFewObjects
 from experiments.sensor.train import require_input_size
+from planners.pose_order import read_order
 
 SIZES = {"train": 4, "calibration": 2, "test": 1, "repeats": 1, "epochs": 2, "jobs": 1}
 
@@ -48,6 +49,7 @@ def _only_a_readable_model_is_written(folder):
     how = {"reader": trained, "data": folder / "repeats", "out": out}
     Calibrate(**how, observation_model=("ratio", "confusion(confidence_edges=(0.9,))")).run()
     assert (out / "observation_model.json").exists()
+    assert sorted(read_order(out)) == sorted(SCENES["coarse"].scene.pose_labels)
     with pytest.raises(BadReference, match="unexpected"):
         Calibrate(**how, observation_model=("ratio(edges=3)",)).run()
 

@@ -1,8 +1,4 @@
-"""The commands around a classifier, on a small collection: train, learning curve, frontier."""
-
-import json
-from dataclasses import replace
-from shutil import which
+"""Training on a small collection, and what is computed from readings."""
 
 import numpy as np
 import pytest
@@ -14,14 +10,16 @@ from activetouch.perception.classifier import TouchClassifier
 from activetouch.perception.reader import TactileReader
 from activetouch.perception.recipe import RECIPES
 from activetouch.sensor_files import READER_FILE
+from belief.observation_model.selection import log_posteriors
 from belief.statistics import clopper_pearson_interval, cluster_bootstrap
-from benchmarks.frontier import Frontier
-from benchmarks.learning_curve import LearningCurve
+from belief.synthetic import random_model
+from belief.touch_batch import TouchBatch
 from experiments.command_line.arguments import BadArgument
 from experiments.command_line.collection_arguments import PlanArguments
 from experiments.scene_choice import SceneChoice
+from experiments.sensor.calibrate import best_order
 from experiments.sensor.collect import Collect
-from experiments.sensor.scores import accuracy_of_objects, scores
+from experiments.sensor.scores import accuracy_of_objects
 from experiments.sensor.train import Changes, Train, card_for, new_classifier
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch]
@@ -37,7 +35,7 @@ def data(tmp_path_factory):
 
 def trained(data, out, **settings):
     change = Changes(epochs=2, batch_size=64)
-    settings = {"backbone": "cnn", "input_size": 16, "recipe": "large", "change": change, "threads": 1} | settings
+    settings = {"backbone": "cnn", "input_size": 16, "recipe": "large", "change": change, "jobs": 1} | settings
     Train(scene="coarse", data=data, out=out, **settings).run()
     return TouchClassifier.load(out / CLASSIFIER_FILE)
 
@@ -61,8 +59,6 @@ def test_a_trained_classifier_knows_what_it_was_trained_on(data, tmp_path, capsy
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        ({"objects": 1}, ("--objects", "[4, 96]", "got 1", "sphere, cube, cylinder, cone")),
-        ({"objects": 97}, ("--objects", "[4, 96]", "got 97")),
         ({"input_size": 7}, ("--input-size", "got 7", "1, 2, 4")),
         ({"backbone": "atto", "input_size": 16}, ("--input-size", "at least 32", "got 16")),
         ({"backbone": "grid_cnn", "input_size": 16}, ("--input-size", "at least 17", "got 16")),
@@ -83,60 +79,17 @@ def test_the_same_command_trains_the_same_classifier(data, tmp_path):
 
 
 def test_a_training_for_a_worn_pad_says_so(data, tmp_path):
-    change = Changes(epochs=1, batch_size=64, optimizer="muon", gain=0.3, noise=0.01, dead=0.25, bf16=False)
-    card = trained(data, tmp_path, input_size=2, change=change).card
+    card = trained(data, tmp_path, input_size=2, recipe="worn", change=Changes(epochs=1, batch_size=64)).card
     assert "Muon" in card.training
     assert "up to 25% of the taxels dead in half of the images" in card.training
-    assert "gains of 1 ± 0.3 in half of the images" in card.training
-    assert "noise of up to 0.01 of full scale in half of the images" in card.training
-
-
-def test_fewer_objects_are_the_first_ones(data, tmp_path):
-    assert "48 images" in trained(data, tmp_path, objects=8).card.training
-
-
-def test_a_training_may_start_from_a_checkpoint_and_says_so(data, tmp_path):
-    trained(data, tmp_path / "first")
-    start = tmp_path / "first" / CLASSIFIER_FILE
-    again = trained(data, tmp_path / "second", weights=str(start), change=Changes(epochs=1, learning_rate=1e-12))
-    assert f"from the weights of {start}" in again.card.training
-    before = TouchClassifier.load(start).network.backbone.state_dict()
-    for name, value in again.network.backbone.state_dict().items():
-        if "weight" in name:  # running means and variances move on
-            np.testing.assert_allclose(value.numpy(), before[name].numpy(), atol=1e-5)
-
-
-def test_learning_by_contrast_goes_on_with_the_whole_network(data, tmp_path):
-    small = Changes(epochs=1, batch_size=64, embedding=8, negatives=64, bf16=False)
-    trained(data, tmp_path / "first", recipe="contrast", change=small)
-    start = tmp_path / "first" / CLASSIFIER_FILE
-    before = TouchClassifier.load(start).network.state_dict()
-    more = {"recipe": "contrast", "weights": str(start), "change": replace(small, learning_rate=1e-12)}
-    again = trained(data, tmp_path / "second", **more)
-    for name, value in again.network.state_dict().items():
-        np.testing.assert_allclose(value.numpy(), before[name].numpy(), atol=1e-5)
-    some = trained(data, tmp_path / "some", **more, objects=8)
-    assert f"from the weights of {start}" in some.card.training
-    assert some.card.log_size_std == again.card.log_size_std  # of the checkpoint, not of the eight objects
-    other = trained(data, tmp_path / "third", **more | {"change": replace(small, embedding=9, learning_rate=1e-12)})
-    assert other.card.embedding == 9  # of another length, so only the backbone is taken
-    assert f"from the backbone of {start}" in other.card.training
-    for name, value in other.network.backbone.state_dict().items():
-        np.testing.assert_allclose(value.numpy(), before[f"backbone.{name}"].numpy(), atol=1e-5)
+    assert "gains of 1 ± 0.4 in half of the images" in card.training
+    assert "noise of up to 0.04 of full scale in half of the images" in card.training
 
 
 def test_a_training_writes_the_reader_of_its_network_beside_the_checkpoint(data, tmp_path):
     classifier, test = trained(data, tmp_path), read_split(data, "test")
     reader = TactileReader.load(tmp_path / READER_FILE)
     np.testing.assert_allclose(reader.read(test.images).logits, classifier.read(test.images).logits, atol=1e-4)
-
-
-def test_a_checkpoint_of_another_backbone_is_refused(data, tmp_path):
-    card = card_for(read_split(data, "test"), "femto", 16, ("a", "b", "c", "d"), ("p",))
-    trained(data, tmp_path, change=Changes(epochs=1))
-    checkpoint = tmp_path / CLASSIFIER_FILE
-    with pytest.raises(MissingWeights, match="wanted is femto for 1"):
-        new_classifier(card, 0, str(checkpoint))
 
 
 def test_nobody_publishes_weights_of_the_small_network(data, tmp_path):
@@ -150,29 +103,6 @@ def test_changes_leave_the_rest_of_a_recipe():
     assert (changed.epochs, changed.seed, changed.learning_rate) == (3, 7, RECIPES["large"].learning_rate)
     with pytest.raises(ImpossibleRecipe):
         Changes(epochs=0).of(RECIPES["large"])
-
-
-def test_scores_of_a_classifier_that_knows_are_perfect_and_of_one_that_does_not_are_chance(data):
-    calibration, test = read_split(data, "calibration"), read_split(data, "test")
-    card = card_for(test, "cnn", 16, ("a", "b", "c", "d"), ("p",))
-
-    class Oracle(TouchClassifier):
-        def __init__(self, answers):
-            super().__init__(card, new_classifier(card, 0).network)
-            self.answers = answers
-
-        def read(self, images, batch_size=64):
-            touches = calibration if images is calibration.images else test
-            return super().read(images, batch_size)._replace(logits=20.0 * np.eye(4)[self.answers(touches)])
-
-    rng = np.random.default_rng(0)
-    knows = scores(Oracle(lambda touches: touches.shapes), calibration, test, rng)
-    objects = len(np.unique(test.object_ids))
-    assert (knows.accuracy, knows.interval) == (1.0, clopper_pearson_interval(objects, objects))  # and no point
-    assert knows.nll < 0.01  # a fitted temperature never claims more than its data show
-    guesses = scores(Oracle(lambda touches: np.zeros(len(touches.shapes), int)), calibration, test, rng)
-    assert guesses.accuracy == 0.25
-    assert guesses.nll == pytest.approx(np.log(4), abs=0.02)  # scaled down until nothing is claimed
 
 
 @pytest.mark.parametrize("value", [0.0, 0.5, 1.0])
@@ -189,62 +119,15 @@ def test_the_accuracy_of_objects_that_are_all_alike_has_no_interval_of_width_zer
     )
 
 
-@pytest.mark.slow
-def test_a_learning_curve_gives_every_part_as_many_steps(data, tmp_path):
-    LearningCurve(
-        "coarse",
-        data,
-        shares=(0.25, 1.0),
-        input_size=16,
-        change=Changes(epochs=2, patience=99),
-        threads=1,
-        out=tmp_path,
-    ).run()
-    points = json.loads((tmp_path / "learning_curve.json").read_text())["points"]
-    assert [(p["images"], p["epochs"]) for p in points] == [(36, 8), (144, 2)]
-    assert all(0.0 <= p["scores"]["accuracy"] <= 1.0 for p in points)
-    assert (tmp_path / "learning_curve.svg").exists()
-
-
-def test_a_learning_curve_is_of_plain_classifiers(data, tmp_path):
-    with pytest.raises(BadArgument, match=r"--change\.embedding is for training by contrast"):
-        LearningCurve("coarse", data, change=Changes(embedding=8), out=tmp_path).run()
-
-
-def test_a_timed_batch_is_full_even_of_few_images(tmp_path):
-    sizes = []
-
-    class Counting:
-        def read(self, images, batch_size):
-            sizes.append(len(images))
-
-    Frontier((tmp_path,), rounds=2)._time([Counting()], np.zeros((3, 4, 4), np.uint8), 8)
-    assert sizes == [8, 8, 8]
-
-
-def test_the_frontier_refuses_a_network_that_tells_shapes_only_with_hypotheses(data, tmp_path):
-    card = replace(card_for(read_split(data, "train"), "cnn", 4, ("a", "b"), ("p",)), embedding=8)
-    new_classifier(card, seed=0).save(tmp_path / "embeds.safetensors")
-    with pytest.raises(BadArgument, match=r"train --recipe large.*embeds\.safetensors"):
-        Frontier((tmp_path / "embeds.safetensors",), "coarse", data, rounds=1, out=tmp_path).run()
-
-
-@pytest.mark.slow
-def test_the_frontier_compares_runtimes_with_the_first_as_reference(data, tmp_path):
-    trained(data, tmp_path / "trained")
-    Frontier(
-        (tmp_path / "trained" / CLASSIFIER_FILE,), "coarse", data, touches=60, batches=(1, 8), rounds=3, out=tmp_path
-    ).run()
-    numbers = json.loads((tmp_path / "frontier.json").read_text())
-    compiled = ["torch, compiled"] if which("g++") else []
-    assert [(entry["network"], entry["runtime"]) for entry in numbers["entries"]] == [
-        ("cnn 16 px", runtime) for runtime in ("torch", *compiled, "torch, bf16", "torch, int8", "ONNX Runtime")
+def test_the_best_order_begins_with_the_pose_that_tells_most(rng):
+    model, shapes = random_model(rng, num_shapes=4, num_poses=3), np.arange(40) % 4
+    rounds = TouchBatch.of([model.sample(int(shape), [0, 1, 2, 0, 1, 2], rng) for shape in shapes])
+    order, losses = best_order(model, rounds, shapes)
+    alone = [
+        -log_posteriors(model, rounds.take((slice(None), [pose])))[np.arange(40), shapes].mean() for pose in range(3)
     ]
-    single, *others = numbers["entries"]
-    assert single["ratio"] == {"1": 1.0, "8": 1.0}
-    for other in others:
-        assert abs(single["scores"]["accuracy"] - other["scores"]["accuracy"]) <= 0.05
-        assert other["parameters"] == single["parameters"]
-    assert numbers["num_touches"] == 60
-    assert (tmp_path / "frontier.md").read_text().count("\n| cnn 16 px") == 4 + len(compiled)
-    assert (tmp_path / "frontier.svg").exists()
+    assert order[0] == np.argmin(alone)
+    assert losses[0] == pytest.approx(min(alone))
+    every = log_posteriors(model, rounds.first(3))[np.arange(40), shapes]
+    assert losses[2] == pytest.approx(-every.mean())
+    assert sorted(order) == [0, 1, 2]

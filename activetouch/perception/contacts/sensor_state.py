@@ -1,0 +1,183 @@
+"""The state of a sensor, from the scene that it is used in, as the network of contacts reads it.
+
+A scene of the same pad may have other forces, another stiffness, more noise, broken taxels, an image that is shifted or
+blurred, hysteresis, or wider taxels. The reader was trained with all of them, and the state says which hold.
+
+>>> from dataclasses import replace
+>>> from activetouch import SCENES
+>>> from activetouch.distributions import Uniform
+>>> gel = SCENES["gel"].scene
+>>> imaging = imaging_of(gel)
+>>> gentle = replace(gel, variation=replace(gel.variation, force=Uniform(0.75, 1.5)))
+>>> float(sensor_state(imaging, gentle).force[0])
+0.5
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from activetouch.distributions import Constant, Distribution, Uniform
+from activetouch.errors import WrongScene
+from activetouch.hypotheses import sizes
+from activetouch.perception.contacts.imaging import BROKEN, LIMITS, SAMPLES, Imaging, SensorState, regridded
+from activetouch.pressing.dynamic import Dynamic
+from activetouch.pressing.press import Quasistatic
+from activetouch.rendering import Blur, DeadTaxels, Gain, Hysteresis, Noise, PressureRenderer, Shift, StuckTaxels
+from activetouch.rendering.faults import faults_of
+from activetouch.scene import Scene
+from activetouch.scene_description import OBJECTS
+
+_KNOWN = (Blur, DeadTaxels, Gain, Hysteresis, Noise, Shift, StuckTaxels)
+_OF_FAULTS = {"noise", "blur", "shift", "hysteresis"}
+_QUANTILES = 64
+_ROUNDED = 1e-6  # by which a limit may be exceeded
+_DIFFERENT = 0.02  # of a number of the code
+_COARSER = 0.3  # share of worlds with wider taxels, of a sensor that has more than the reader sees
+
+
+def imaging_of(scene: Scene) -> Imaging:
+    """What the images of a scene are made of.
+
+    Args:
+        scene: with a pressure renderer.
+
+    Raises:
+        WrongScene: its images are not of pressure.
+    """
+    if not isinstance(scene.renderer, PressureRenderer):
+        raise WrongScene(f"a reader of any object reads images of pressure, not those of {scene.renderer!r}")
+    taxels = scene.pad.num_taxels // scene.renderer.binning
+    pixels = max(number for number in range(1, SAMPLES + 1) if taxels % number == 0)
+    gains = faults_of(Gain, scene.faults)
+    return Imaging(
+        scene.pad,
+        taxels,
+        pixels,
+        scene.variation.force.support,
+        gains[0].half_range if gains else 0.0,
+        _noise(scene),
+        float(np.abs(scene.variation.offset.support).max()),
+        dead=_broken(scene, DeadTaxels, taxels) if faults_of(DeadTaxels, scene.faults) else None,
+        samples=-(-SAMPLES // pixels) * pixels,
+        coarser=_COARSER if taxels > pixels and pixels % 2 == 0 else 0.0,
+    )
+
+
+def sensor_state(imaging: Imaging, scene: Scene) -> SensorState:
+    """The state that a scene describes, within what the reader was trained with, for one sensor, ``(1, ...)`` arrays.
+
+    Args:
+        imaging: of the reader's own scene.
+        scene: in which it is used.
+    """
+    found = _state(imaging, scene)
+    found |= {name: np.clip(found[name], *limits) for name, limits in LIMITS.items()}
+    shapes = {name: part.shape for name, part in SensorState.nominal(1)._asdict().items()}
+    return SensorState(**{name: np.broadcast_to(part, shapes[name]).astype(np.float32) for name, part in found.items()})
+
+
+def _state(imaging: Imaging, scene: Scene) -> dict[str, Any]:
+    """The state that a scene describes, whatever the reader was trained with."""
+    taxels, vary = scene.image_shape[0], scene.variation
+    finer = imaging.taxels / taxels if imaging.pixels <= taxels else 1.0  # taxels are averaged in a pixel
+    dead = _broken(scene, DeadTaxels, taxels)
+    if imaging.dead is not None and imaging.dead.shape == dead.shape:
+        dead = dead & ~imaging.dead
+    shifts = np.array([(fault.rows, fault.columns) for fault in faults_of(Shift, scene.faults)]).reshape(-1, 2)
+    return {
+        "stiffness": _mean(vary.stiffness) * scene.pad.stiffness / imaging.pad.stiffness,
+        "force": _mean(vary.force) / (imaging.force[0] / 2 + imaging.force[1] / 2),
+        "noise": _ratio(_noise(scene) * finer, imaging.noise),
+        "gain": 1.0,
+        "blur": sum(fault.std for fault in faults_of(Blur, scene.faults)) / taxels,
+        "shift": shifts.sum(axis=0)[None] / taxels,
+        "hysteresis": sum(fault.width for fault in faults_of(Hysteresis, scene.faults)),
+        "dead": regridded(dead[None].astype(np.float32), BROKEN),
+        "stuck": regridded(_broken(scene, StuckTaxels, taxels)[None].astype(np.float32), BROKEN),
+        "wide": np.log2(max(imaging.pixels / taxels, 1.0)),
+    }
+
+
+def differs_from_training(imaging: Mapping[str, Any] | None, scene: Scene) -> bool:
+    """Whether a scene says that the sensor is not as it was when a reader of any object was trained."""
+    if imaging is None or not isinstance(scene.renderer, PressureRenderer):
+        return False
+    return bool(np.abs(sensor_state(Imaging.from_fields(imaging), scene).code()).max() > _DIFFERENT)
+
+
+def fields_read(imaging: Imaging, own: Mapping[str, Any], scene: Scene, here: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of the reader's own scene, with all that its state can say of another one, within its limits.
+
+    Less noise than the reader was trained with is within them.
+
+    Args:
+        imaging: of the reader's own scene.
+        own: fields of that scene (:func:`activetouch.scene_description.scene_fields`).
+        scene: in which it is used.
+        here: fields of that scene.
+    """
+    same, state = list(OBJECTS), _state(imaging, scene)
+    beyond = {name for name, (_, high) in LIMITS.items() if np.max(state[name]) > high + _ROUNDED}
+    beyond |= {name for name, (low, _) in LIMITS.items() if name != "noise" and np.min(state[name]) < low - _ROUNDED}
+    if isinstance(scene.press_model, Dynamic | Quasistatic):
+        same.append("press_model")
+    are_known = all(isinstance(fault, _KNOWN) for fault in scene.faults) and _are_full(scene)
+    if are_known and _is_as_broken(imaging, scene) and not beyond & _OF_FAULTS:
+        same.append("faults")
+    taxels = scene.image_shape[0]
+    widest = imaging.pixels // 2 if imaging.coarser else imaging.taxels
+    stiffness = scene.pad.stiffness if "stiffness" in beyond else imaging.pad.stiffness
+    pad = replace(scene.pad, num_taxels=imaging.pad.num_taxels, stiffness=stiffness)
+    fits = taxels % imaging.pixels in (0, widest) if imaging.dead is None else taxels == imaging.taxels
+    if pad == imaging.pad and fits and isinstance(scene.renderer, PressureRenderer):
+        same += ["pad", "renderer"]
+    found = {**own, **{name: here[name] for name in same if name in here}}
+    for name in {"aims", "families"} - here.keys():
+        found.pop(name, None)
+    free = ["size", *({"force", "stiffness"} - beyond)]
+    if max(np.abs(scene.variation.offset.support)) <= imaging.offset * (1 + 1e-9):
+        free.append("offset")
+    return found | {"variation": {**own["variation"], **{name: here["variation"][name] for name in free}}}
+
+
+def _are_full(scene: Scene) -> bool:
+    return all(fault.level == 1.0 for fault in faults_of(StuckTaxels, scene.faults))
+
+
+def _is_as_broken(imaging: Imaging, scene: Scene) -> bool:
+    """Whether no taxel works that never did in training, and no touch is amplified more than in training."""
+    if sum(fault.half_range for fault in faults_of(Gain, scene.faults)) > imaging.gain + _ROUNDED:
+        return False
+    dead = _broken(scene, DeadTaxels, scene.image_shape[0])
+    return imaging.dead is None or imaging.dead.shape != dead.shape or not (imaging.dead & ~dead).any()
+
+
+def _ratio(value: float, usual: float) -> float:
+    if usual == 0.0:
+        return 1.0 if value == 0.0 else np.inf
+    return value / usual
+
+
+def _noise(scene: Scene) -> float:
+    return math.hypot(*(fault.std for fault in faults_of(Noise, scene.faults)))
+
+
+def _broken(scene: Scene, kind: type[DeadTaxels] | type[StuckTaxels], taxels: int) -> np.ndarray:
+    """Which taxels of an image have a fault, ``(taxels, taxels)``."""
+    rng, start = np.random.default_rng(0), 1.0 if kind is DeadTaxels else 0.0
+    found = np.zeros((taxels, taxels), bool)
+    for fault in faults_of(kind, scene.faults):
+        found |= fault(np.full(found.shape, start), rng) != start
+    return found
+
+
+def _mean(distribution: Distribution) -> float:
+    if isinstance(distribution, Constant | Uniform):
+        return sum(end / 2 for end in distribution.support)
+    return float(sizes(distribution, _QUANTILES).mean())

@@ -1,1 +1,0 @@
-"""Baseline observation models, with which `calibration-report` and `tradeoff` compare the default, ``RatioModel``."""

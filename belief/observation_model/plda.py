@@ -1,0 +1,190 @@
+r"""Probabilistic linear discriminant analysis (PLDA) with poses: touches of one object share random effects.
+
+A touch of object o, of shape k, in pose p is (Ioffe 2006; Brümmer & de Villiers 2010; Sizov, Lee & Kinnunen 2014)
+
+    x = m_pk + u_o + v_op + e,     u ~ N(0, B),  v ~ N(0, V),  e ~ N(0, W).
+
+All touches of the object share u, its touches in one pose share v, and e is independent for each touch. With B = V = 0
+it is the Gaussian model. All shapes share the covariances, so the likelihood ratios have a closed form in the number of
+touches in each pose and their mean.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar, Literal, TypeAlias, get_args
+
+import numpy as np
+import scipy  # whose parts load at first use
+from numpy.typing import ArrayLike, NDArray
+
+from belief.observation_model.calibration_data import LabelledTouches
+from belief.observation_model.gaussian import PoseMeans, PoseMeansModel, pose_means, require_covariance
+from belief.observation_model.logit_embedding import LogitEmbedding
+from belief.observation_model.variance_components import Components, covariance, estimate_components
+from belief.problem import Touch
+from belief.touch_batch import TouchBatch
+from belief.validation import Floats, as_real, require_choice
+
+Status: TypeAlias = Literal["ok", "no_repeats", "one_touch_per_object"]
+
+
+@dataclass(frozen=True, eq=False)
+class PLDAModel(PoseMeansModel):
+    """A Gaussian model with one random effect per object and one per object and pose.
+
+    Attributes:
+        shape_labels: names of the K shapes.
+        embedding: from touches to vectors.
+        means: ``(P, K, D)``.
+        components: the covariances B, V and W.
+        status: ``ok``; ``no_repeats``: no object was touched twice in a pose, and V = W is assumed;
+            ``one_touch_per_object``: B = V = W is assumed.
+
+    Raises:
+        ValueError: arrays that do not fit each other, invalid covariances, or an unknown status.
+
+    Example:
+        Five equal touches of one object in one pose are little more evidence than one:
+
+        >>> rng = np.random.default_rng(0)
+        >>> ids = np.arange(1200) // 4                                  # four touches of each object, in one pose
+        >>> shapes = ids % 2
+        >>> shared = rng.normal(size=(300, 2))[ids]                     # equal in all four
+        >>> logits = 1.5 * np.eye(2)[shapes] + shared + 0.1 * rng.normal(size=(1200, 2))
+        >>> touches = [Touch(0, row) for row in logits]
+        >>> model = PLDAModel.fit(touches, shapes, ids)
+        >>> touch = Touch(0, np.array([1.5, 0.0]))
+        >>> once, five = (np.ptp(model.log_likelihood([touch] * n)) for n in (1, 5))
+        >>> bool(once <= five < 1.1 * once)
+        True
+    """
+
+    name: ClassVar[str] = "plda"
+
+    shape_labels: tuple[str, ...]
+    embedding: LogitEmbedding
+    means: Floats
+    components: Components
+    status: Status = "ok"
+
+    def __post_init__(self) -> None:
+        self.require_means()
+        parts = []
+        for name, values in self.components._asdict().items():
+            part = np.asarray(as_real(values, name), np.float64)
+            if not np.isfinite(part).all():
+                raise ValueError(f"{name} must be finite")
+            require_covariance(name, part, self.embedding.num_components, definite=name == "of_touch")
+            parts.append(part)
+        object.__setattr__(self, "components", Components(*parts))
+        require_choice("status", self.status, get_args(Status))
+        self.freeze()
+
+    @classmethod
+    def fit(
+        cls,
+        touches: Sequence[Touch],
+        shapes: ArrayLike,
+        object_ids: ArrayLike,
+        *,
+        shape_labels: Sequence[str] | None = None,
+        num_poses: int | None = None,
+    ) -> PLDAModel:
+        """Fit the means as :class:`GaussianModel` does, and the covariances by expectation maximisation.
+
+        Arguments and errors are those of :meth:`LabelledTouches.of`; some objects should be touched several times in
+        one pose.
+        """
+        data = LabelledTouches.of(touches, shapes, object_ids, shape_labels, num_poses)
+        embedding = LogitEmbedding.fit(data.batch)
+        means, rest = pose_means(embedding(data.batch)[0], data)
+        has_repeats = np.unique(data.objects * data.num_poses + data.poses).size < len(data.poses)
+        status: Status = "ok" if has_repeats else "no_repeats"
+        if data.num_objects == len(data.poses):
+            status, components = "one_touch_per_object", Components(*[covariance(rest) / 3] * 3)
+        else:
+            components = estimate_components(rest, data, has_repeats=has_repeats)
+        return cls(data.shape_labels, embedding, means, components, status)
+
+    @property
+    def repeat_correlation(self) -> float:
+        """The correlation ρ that gives a repeat the same information about the shape as in this model.
+
+        The mean of two touches has covariance B + V + W/2 in one pose and B + (V + W)/2 in two. Its information about
+        the shape is tr(covariance⁻¹ · scatter of the means between shapes). Under correlation ρ a repeat adds
+        (1 - ρ)/(1 + ρ) times the information of a touch in another pose.
+
+        >>> identity, means = np.eye(2), np.array([[[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]]])
+        >>> embedding = LogitEmbedding(np.full(3, -9.0), np.full(3, 9.0))
+        >>> parts = Components(0 * identity, 0.3 * identity, 0.7 * identity)
+        >>> round(PLDAModel(("a", "b", "c"), embedding, means, parts).repeat_correlation, 6)
+        0.3
+        """
+        offsets = self.means - self.means.mean(axis=1, keepdims=True)  # (P, K, D)
+        scatter = np.einsum("pkd,pke->de", offsets, offsets)
+        shared, repeated, rest = self.components
+
+        def information(covariance: Floats) -> float:
+            return float(np.trace(np.linalg.solve(covariance, scatter)))
+
+        once = information(shared + repeated + rest)
+        repeat = information(shared + repeated + rest / 2.0) - once
+        another = information(shared + (repeated + rest) / 2.0) - once
+        if another <= 0.0:  # all shapes have the same mean
+            return 0.0
+        ratio = min(max(repeat / another, 0.0), 1.0)
+        return (1.0 - ratio) / (1.0 + ratio)
+
+    def log_likelihoods_of(self, found: PoseMeans) -> Floats:
+        """See :class:`PoseMeansModel`."""
+        whiten, of_pose, of_object = self._basis
+        # In this basis W is the identity, V is diagonal, and the mean in a pose has variance V + 1 / count given u.
+        y = (found.means @ whiten.T)[:, :, None] - self.means @ whiten.T  # (S, P, K, D)
+        number = found.counts[..., None]
+        weight = np.where(number > 0.0, 1.0 / (of_pose + 1.0 / np.maximum(number, 1.0)), 0.0)[:, :, None]
+        pull = (weight * y).sum(axis=1)  # (S, K, D)
+        inner = np.eye(len(whiten)) + of_object * weight.sum(axis=1)  # I + B M for each sequence, M diagonal
+        gain = np.linalg.solve(inner, np.broadcast_to(of_object, inner.shape))
+        explained = ((pull @ np.swapaxes(gain, 1, 2)) * pull).sum(axis=2)
+        return np.asarray(0.5 * (explained - (weight * y**2).sum(axis=(1, 3))))
+
+    @cached_property
+    def _basis(self) -> tuple[Floats, Floats, Floats]:
+        """A with A W Aᵀ = I and A V Aᵀ diagonal, this diagonal, and A B Aᵀ."""
+        values, vectors = scipy.linalg.eigh(self.components.of_pose, self.components.of_touch)
+        return vectors.T, np.maximum(values, 0.0), vectors.T @ self.components.of_object @ vectors
+
+    def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
+        num_sequences, n = poses.shape
+        size = self.means.shape[2]
+        used, index = np.unique(poses, return_inverse=True)
+        of_object, of_pose, of_touch = (_root(part) for part in self.components)
+        shared = rng.standard_normal((num_sequences, 1, size)) @ of_object
+        in_pose = rng.standard_normal((num_sequences, len(used), size)) @ of_pose
+        alone = rng.standard_normal((num_sequences, n, size)) @ of_touch
+        rows = np.arange(num_sequences)[:, None]
+        return self.embedding.to_touches(
+            poses, self.means[poses, shape] + shared + in_pose[rows, index.reshape(poses.shape)] + alone
+        )
+
+    def to_fields(self) -> dict[str, Any]:
+        """See :class:`ArrayModel`."""
+        components = {name: part.tolist() for name, part in self.components._asdict().items()}
+        means = self.means.tolist()
+        return {"status": self.status, "embedding": self.embedding.to_fields(), "means": means, **components}
+
+    @classmethod
+    def from_fields(cls, shape_labels: tuple[str, ...], fields: Mapping[str, Any]) -> PLDAModel:
+        """See :class:`ArrayModel`."""
+        means, *parts = (np.array(fields[name], np.float64) for name in ("means", *Components._fields))
+        embedding = LogitEmbedding.from_fields(fields["embedding"])
+        return cls(shape_labels, embedding, means, Components(*parts), fields["status"])
+
+
+def _root(covariance: Floats) -> Floats:
+    """A symmetric square root, also of a singular covariance."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T)

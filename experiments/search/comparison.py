@@ -1,0 +1,339 @@
+"""``activetouch.compare``: play searches with several deciders, and return their comparison."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from activetouch import Scene, TactileSensor
+from activetouch.named_scenes import SCENES, NamedScene
+from activetouch.perception.hypothesis_table import HypothesisTable
+from activetouch.sensor_files import POLICIES
+from belief.errors import UnknownName
+from belief.files import require_writable
+from belief.observation_model.rigid_body import joint_model
+from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments, check_value
+from experiments.command_line.console import plain_console
+from experiments.parallel import Shared, run_tasks
+from experiments.scene_choice import SceneChoice, as_named
+from experiments.search.fingerprint import files_digest
+from experiments.search.play import Searches, sensor_digest
+from experiments.search.run import Run
+from experiments.search.run_folder import ORACLE, RunFolder, read_episode
+from experiments.search.setting import Setting
+from experiments.search.summary import Summary
+from experiments.search.tables import terminal_table
+from experiments.search.verdict import short_names, verdict_sentences
+from experiments.sensor_choice import require_policies
+from planners import Decider, make_decider
+from planners.abstaining import Abstaining
+from planners.registry import DECIDERS, find_decider
+
+DEFAULT_DECIDERS = ("information_gain", "point_based", "threshold", "random_confirm")
+"""Deciders that are compared by default; the first is the reference."""
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison(Summary):
+    """A finished comparison; ``print(comparison)`` shows its table.
+
+    Attributes:
+        run: how it was played; None if it was computed from episodes alone.
+    """
+
+    run: Run | None = field(default=None, kw_only=True)
+
+    def __str__(self) -> str:
+        spoken, text = self.renamed(short_names(self.deciders)[0]), io.StringIO()
+        plain_console(text, width=100).print(terminal_table(spoken, 100).rich())
+        return text.getvalue()
+
+    __repr__ = __str__
+
+    def rows(self) -> Any:
+        """Results by decider and target as a pandas ``DataFrame``, or as a list of records where pandas is missing."""
+        records = [
+            {
+                "decider": decider,
+                "target": target,
+                "episodes": cell.num_episodes,
+                "success": cell.success,
+                "success_low": cell.success_interval[0],
+                "success_high": cell.success_interval[1],
+                "wrong": cell.wrong,
+                "none": cell.none,
+                "truncated": cell.truncated,
+                "unsure": cell.unsure,
+                "touches": cell.touches,
+                "return": cell.reward,
+            }
+            for (decider, target), cell in self.cells.items()
+        ]
+        try:
+            import pandas  # type: ignore[import-untyped]
+        except ImportError:
+            return records
+        return pandas.DataFrame(records)
+
+    def verdict(self) -> list[str]:
+        """Sentences: which decider is best, what differs significantly, and whether stated confidence is kept."""
+        names, said = short_names(self.deciders)
+        return [*said, *verdict_sentences(self.renamed(names))]
+
+    def save(self, folder: str | Path) -> Path:
+        """Write ``report.html`` with its figures and tables, and ``episodes.jsonl``.
+
+        Args:
+            folder: folder to write.
+
+        Returns:
+            Path of the page.
+
+        Raises:
+            BadArgument: The comparison was computed from episodes alone, so that no search can be replayed.
+            CannotWrite: The disk is full, or the folder is not writable.
+        """
+        from experiments.search.page import write_page_of  # loads matplotlib
+
+        if self.run is None:
+            raise BadArgument("it was computed from episodes alone; save a comparison that activetouch.compare made")
+        written = RunFolder(Path(folder))
+        if self.run.folder.path is None or self.run.folder.path.resolve() != Path(folder).resolve():
+            written.start(self.run.searches.identity, self.run.arguments)
+            written.write_episodes(line for key in self.episodes for line in self.run.lines(*key))
+        return write_page_of(written, self, self.run.searches, self.verdict())
+
+
+def compare(
+    scene: str | Scene | NamedScene = "gel",
+    deciders: Mapping[str, Decider | str] | Sequence[str] | str = DEFAULT_DECIDERS,
+    *,
+    episodes: int = 250,
+    seed: int = 0,
+    targets: Sequence[str] | str = (),
+    sensor: str | Path | TactileSensor | None = None,
+    out: str | Path | None = None,
+    reference: str | None = None,
+    num_objects: int | None = None,
+    touch_cost: float = 0.02,
+    abstain: float | None = None,
+    promise: float = 0.95,
+    unsure_reward: float = 0.0,
+    anyway: bool = False,
+    jobs: int | None = None,
+) -> Comparison:
+    """Play live searches with several deciders on identical episodes, and compare them.
+
+    The same deciders, scene, sensor and seed give the same numbers, in Python and on the command line.
+
+    Args:
+        scene: name of a scene, or a scene object.
+        deciders: a name as on the command line or several, or a mapping from names in the report to deciders or names.
+            Decider objects are pickled and sent to worker processes.
+        episodes: searches per decider and target.
+        seed: seed of the whole comparison.
+        targets: shapes to search for, or one; all by default.
+        sensor: sensor object, folder of a sensor, or name of a scene with a shipped sensor; by default the shipped
+            sensor of ``scene``.
+        out: folder in which finished episodes and the report are kept: after an interruption, the same call continues.
+            By default they are kept in memory; :meth:`Comparison.save` writes them.
+        reference: decider that the others are compared with; the first by default.
+        num_objects: number of objects in a search; that of the scene by default.
+        touch_cost: cost λ of one touch, in units of a success.
+        abstain: false-alarm rate of the conflict test, with which every decider can answer "I do not know"; not by
+            default.
+        promise: with ``abstain``, the smallest stated confidence of an answer.
+        unsure_reward: with ``abstain``, the reward of "I do not know".
+        anyway: whether to accept a sensor that was made for another scene.
+        jobs: number of processes; all cores by default.
+
+    Returns:
+        The comparison, with all numbers of the report.
+
+    Raises:
+        BadArgument: An argument is invalid.
+        UnknownName: A name does not exist.
+        WrongScene: The sensor was made for another scene.
+        RunMismatch: The folder holds another run.
+
+    Example::
+
+        comparison = activetouch.compare("coarse", ["information_gain", "threshold"], episodes=20, targets="cone")
+        print(comparison)
+        comparison.save("runs/cone")
+    """
+    choice, named = _scene(scene)
+    setting = Setting(
+        choice,
+        sensor=None if sensor is None or isinstance(sensor, TactileSensor) else Path(sensor),
+        num_objects=num_objects,
+        touch_cost=touch_cost,
+        abstain=abstain,
+        promise=promise,
+        unsure_reward=unsure_reward,
+        anyway=anyway,
+    )
+    run = prepared(
+        setting,
+        deciders,
+        targets=targets,
+        episodes=episodes,
+        seed=seed,
+        out=None if out is None else Path(out),
+        reference=reference,
+        jobs=jobs,
+        named=named,
+        own_sensor=sensor if isinstance(sensor, TactileSensor) else None,
+    )
+    run.play(jobs=jobs)
+    found = compared(run, reference)
+    if out is not None:
+        found.save(out)
+    return found
+
+
+def _scene(scene: str | Scene | NamedScene) -> tuple[SceneChoice, NamedScene | None]:
+    """A scene by its name, or as an object that has none."""
+    if isinstance(scene, str):
+        return SceneChoice(scene), None
+    for name, named in SCENES.items():
+        if scene is named or scene is named.scene:
+            return SceneChoice(name), None
+    if not isinstance(scene, Scene | NamedScene):
+        raise BadArgument(f"scene must be a name, a Scene or a NamedScene, got {scene!r:.80}")
+    return SceneChoice("own scene"), scene if isinstance(scene, NamedScene) else as_named(scene)
+
+
+def prepared(
+    setting: Setting,
+    deciders: Mapping[str, Decider | str] | Sequence[str] | str,
+    *,
+    targets: Sequence[str] | str = (),
+    episodes: int = 250,
+    seed: int = 0,
+    out: Path | None = None,
+    reference: str | None = None,
+    jobs: int | None = None,
+    named: NamedScene | None = None,
+    own_sensor: TactileSensor | None = None,
+) -> Run:
+    """Check all that a comparison is given, before anything is played or written; arguments as :func:`compare`.
+
+    Args:
+        setting: scene, sensor and rules.
+        deciders: names, or deciders or names by name.
+        targets: shapes to search for.
+        episodes: searches per decider and target.
+        seed: seed of the whole comparison.
+        out: folder of the run.
+        reference: decider that the others are compared with.
+        jobs: number of processes.
+        named: a scene object in place of the setting's scene.
+        own_sensor: a sensor object in place of the setting's sensor.
+
+    Raises:
+        ActiveTouchError: as :func:`compare`.
+    """
+    check_arguments(setting)
+    for name, value, kind in (("episodes", episodes, Count), ("seed", seed, Seed), ("jobs", jobs, Jobs)):
+        check_value(f"--{name}", value, kind)
+    for name in ("promise", "unsure_reward"):
+        if setting.abstain is None and (value := getattr(setting, name)) != getattr(Setting, name):
+            flag = name.replace("_", "-")
+            raise BadArgument(f"--{flag} does nothing without --abstain, got {value}")
+    players = _players(deciders)
+    if reference is not None and reference not in players:
+        raise UnknownName("reference among --deciders", reference, list(players))
+    scene = setting.choice.named if named is None else named
+    problem = setting.problem_in(scene)
+    chosen = list(dict.fromkeys((targets,) if isinstance(targets, str) else targets)) or list(problem.shape_labels)
+    for target in chosen:
+        if target not in problem.shape_labels:
+            raise UnknownName("target", target, list(problem.shape_labels))
+    for player in players.values():
+        if isinstance(player, str):
+            find_decider(player)  # raises UnknownName
+    if out is not None:
+        require_writable(out)
+    sensor = setting.open_sensor(named) if own_sensor is None else replace(own_sensor, scene=scene.scene)
+    folder = setting.sensor_folder
+    for player in players.values():
+        if isinstance(player, str):
+            require_policies(player, chosen, setting.choice.scene, folder)
+    digest = sensor_digest(sensor) if own_sensor is not None else files_digest(setting.sensor_files(scene.scene))
+    _predict_contacts(sensor, jobs)
+    table = sensor.model.outcome_table()
+    made = {
+        name: player if not isinstance(player, str) else make_decider(player, table, sensor.model, folder / POLICIES)
+        for name, player in players.items()
+    }
+    if setting.abstain is not None:
+        made = {name: Abstaining(decider, setting.abstain, setting.promise) for name, decider in made.items()}
+    arguments = {
+        "deciders": list(players),
+        "reference": reference,
+        "targets": [targets] if isinstance(targets, str) else list(targets),
+        "episodes": episodes,
+        "seed": seed,
+        "setting": setting.to_dict() if named is None and own_sensor is None else None,
+    }
+    searches = Searches(sensor, problem, seed, setting.choice.scene, digest)
+    known = {"observation model": sensor.model, "outcome table": table}
+    return Run(searches, made, chosen, episodes, RunFolder(out), arguments, known)
+
+
+def _players(deciders: Mapping[str, Decider | str] | Sequence[str] | str) -> dict[str, Decider | str]:
+    """Deciders, or their names on the command line, by name in the report."""
+    several = (deciders,) if isinstance(deciders, str) else deciders
+    players: dict[str, Decider | str] = {name: name for name in several}
+    if isinstance(several, Mapping):
+        players = dict(several)
+    if not players:
+        raise BadArgument(f"--deciders must name one or more of {', '.join(DECIDERS)}; got none")
+    for name, player in players.items():
+        if name == ORACLE or not name:
+            raise BadArgument(f"a decider cannot be called {name!r}; give it another name")
+        if not isinstance(player, str) and not callable(getattr(player, "decide", None)):
+            raise BadArgument(f"{name!r} is not a decider: it has no method decide(info, rng), got {player!r:.80}")
+    return players
+
+
+def _predict_contacts(sensor: TactileSensor, jobs: int | None) -> None:
+    """Fill the cache of predicted contacts of a reader of any object, before several processes need them."""
+    model = joint_model(sensor.model)
+    if sensor.reader.card.imaging is not None and model is not None:
+        shared = Shared(HypothesisTable(sensor.reader, sensor.scene))
+        tasks = [partial(_predict, shared, model.num_hypotheses, pose) for pose in range(len(sensor.scene.poses))]
+        for _ in run_tasks(tasks, jobs, "predicting contacts"):
+            pass
+
+
+def _predict(shared: Shared[HypothesisTable], num_hypotheses: int, pose: int) -> None:
+    shared.value(num_hypotheses, (pose,))
+
+
+def compared(run: Run, reference: str | None = None) -> Comparison:
+    """All numbers of a run that is finished.
+
+    Args:
+        run: a run that was played.
+        reference: decider that the others are compared with; the first by default.
+    """
+    cells = [(decider, target) for decider in run.deciders for target in run.targets]
+    labels = tuple(run.searches.problem.shape_labels)
+    return Comparison.from_episodes(
+        run.searches.problem,
+        {cell: [read_episode(line, labels) for line in run.lines(*cell)] for cell in cells},
+        {cell: run.seconds(*cell) for cell in cells},
+        {target: [json.loads(line)["solved"] for line in run.lines(ORACLE, target)] for target in run.targets},
+        reference or next(iter(run.deciders)),
+        np.random.default_rng(run.searches.seed),
+        run=run,
+    )

@@ -1,0 +1,172 @@
+"""Live searches: what determines them, and how they are played; the seed alone determines the objects of an episode."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from copy import deepcopy
+from dataclasses import astuple, dataclass
+from functools import cached_property
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activetouch import TactileSensor, TouchWorld
+from activetouch.scene_description import scene_fields
+from activetouch.world import TouchTime, touch_many
+from belief.problem import SearchProblem, Touch
+from belief.seeding import arrangement_rng
+from belief.synthetic import sample_arrangement
+from experiments.search.fingerprint import digest_of, fingerprint, versions
+from planners import Decider, Episode, search_lockstep
+from planners.search import TouchRequest
+
+EPISODES_PER_BATCH = 25
+"""Fixed, because the last bits of the network's output depend on which images are read together."""
+MOST_BYTES = 1 << 28
+"""Size of the images that a memo keeps at most; further ones are pressed each time."""
+Seed: TypeAlias = tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Seconds:
+    """Seconds that a set of episodes took, by part; its number of touches, and of presses repeated until settled."""
+
+    physics: float = 0.0
+    network: float = 0.0
+    decision: float = 0.0
+    num_touches: int = 0
+    pressed_again: int = 0
+
+    def __add__(self, other: Seconds) -> Seconds:
+        """Sum of two sets of episodes."""
+        return Seconds(*(mine + theirs for mine, theirs in zip(astuple(self), astuple(other), strict=True)))
+
+    def ms_per_touch(self) -> dict[str, float]:
+        """Milliseconds per touch by part; zero without touches."""
+        per = 1e3 / self.num_touches if self.num_touches else 0.0
+        return {"physics": self.physics * per, "network": self.network * per, "decision": self.decision * per}
+
+
+@dataclass(frozen=True, eq=False)
+class Searches:
+    """What determines all searches of a comparison apart from the decider.
+
+    Attributes:
+        sensor: presses and reads; it has the scene.
+        problem: rules of the search.
+        seed: seed of the whole comparison.
+        scene_name: name of the scene in reports.
+        sensor_sha256: digest of the files of the sensor, or of a sensor object.
+    """
+
+    sensor: TactileSensor
+    problem: SearchProblem
+    seed: int
+    scene_name: str
+    sensor_sha256: str
+
+    @cached_property
+    def identity(self) -> dict[str, Any]:
+        """All of it as JSON types; searches of one folder have the same."""
+        return {
+            "seed": self.seed,
+            "problem": repr(self.problem),
+            "scene": scene_fields(self.sensor.scene),
+            "sensor_sha256": self.sensor_sha256,
+            "versions": versions(),
+        }
+
+    @cached_property
+    def code(self) -> str:
+        """Digest of the code of the scene, of the observation model and of the search itself."""
+        return digest_of([fingerprint(part) for part in (self.sensor.scene, type(self.sensor.model), play_episodes)])
+
+
+def sensor_digest(sensor: TactileSensor) -> str:
+    """SHA-256 of all that a sensor object reads with."""
+    return digest_of([sensor.reader.digest, sensor.reader.card.fields(), sensor.model.to_json({})])
+
+
+class TouchMemo:
+    """Images of touches, so that deciders which make the same touch in an episode press the object once.
+
+    A touch depends only on its episode, object, pose and number of earlier touches in that pose (decision 0007). Images
+    are kept and not what the network reads in them, because its last bits depend on the other images of a pass
+    (decision 0045).
+
+    Args:
+        most_bytes: size of all images together.
+    """
+
+    def __init__(self, most_bytes: int = MOST_BYTES) -> None:
+        self._left = most_bytes
+        self._kept: dict[tuple[int, ...], tuple[NDArray[np.uint8], TouchTime]] = {}
+
+    def press(self, request: TouchRequest[TouchWorld]) -> tuple[NDArray[np.uint8], TouchTime]:
+        """The image of a touch, and the time that its press took when it was made.
+
+        Args:
+            request: a touch of the searches that the memo is for.
+
+        Raises:
+            UnstablePress: see :meth:`activetouch.world.TouchWorld.press`.
+        """
+        if (kept := self._kept.get(request.key)) is not None:
+            return kept
+        image, seconds = request.world.press(request.pose, request.rng)
+        if image.nbytes <= self._left:
+            self._left -= image.nbytes
+            self._kept[request.key] = image, seconds
+        return image, seconds
+
+
+def episode_seed(seed: int, target: int, number: int) -> Seed:
+    """Seed of one episode of a run."""
+    return (seed, target, number)
+
+
+def make_world(problem: SearchProblem, sensor: TactileSensor, seed: Seed) -> TouchWorld:
+    """The world of the episode with this seed."""
+    rng = arrangement_rng(seed)
+    return TouchWorld.sample(sensor, sample_arrangement(problem, rng), rng)
+
+
+def play_episodes(
+    searches: Searches, decider: Decider, target: int, numbers: Sequence[int], memo: TouchMemo | None = None
+) -> tuple[list[Episode], Seconds]:
+    """Play episodes in lockstep; the same arguments give the same episodes, bit for bit, in any process.
+
+    Args:
+        searches: what determines the searches.
+        decider: a copy of it plays, so that its state does not pass on to other episodes.
+        target: index of the target shape.
+        numbers: numbers of the episodes.
+        memo: images of touches that other deciders of the same episodes made.
+
+    Returns:
+        The episodes, and the time that they took together. The time of a press counts for every decider that makes the
+        touch, though it is pressed once.
+    """
+    sensor, problem, spent = searches.sensor, searches.problem, [TouchTime()]
+    memo = TouchMemo() if memo is None else memo
+    seeds = [episode_seed(searches.seed, target, number) for number in numbers]
+    worlds = [make_world(problem, sensor, seed) for seed in seeds]
+    waited = 0.0
+
+    def touch_and_time(requests: Sequence[TouchRequest[TouchWorld]]) -> list[Touch]:
+        nonlocal waited
+        asked = time.perf_counter()
+        touches, seconds = touch_many(sensor, requests, memo.press)
+        spent.append(seconds)
+        waited += time.perf_counter() - asked
+        return touches
+
+    player = deepcopy(decider, {id(sensor.model): sensor.model})  # which no decider changes
+    targets, started = [target] * len(worlds), time.perf_counter()
+    episodes = search_lockstep(worlds, player, problem, targets, sensor.model, seeds, touch_and_time)
+    thinking = time.perf_counter() - started - waited
+    touches = sum(episode.num_touches for episode in episodes)
+    seconds = sum(spent, TouchTime())
+    return episodes, Seconds(seconds.physics, seconds.network, thinking, touches, seconds.pressed_again)

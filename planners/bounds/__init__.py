@@ -1,1 +1,0 @@
-"""Bounds on the expected return of any decider for the discretised sensor model."""

@@ -1,0 +1,54 @@
+"""Features of grasps against closed forms of contacts whose moments are known."""
+
+import numpy as np
+import pytest
+
+from benchmarks.recorded_sets.dsa import PressureFilm
+from benchmarks.recorded_sets.pressure_features import before_contact, grasp_features, pressure_scalars
+
+
+def of_pad(pad):
+    """The moments of one pad that is pressed alone."""
+    film = PressureFilm((pad.shape,), pad.reshape(1, -1))
+    return grasp_features(film)[pad.size : pad.size + 14]
+
+
+@pytest.mark.parametrize(("height", "width"), [(1, 1), (3, 5), (6, 2)])
+@pytest.mark.parametrize("place", [(0, 0), (2, 1)])
+@pytest.mark.parametrize("pressure", [0.01, 30.0])
+def test_a_rectangle_that_is_pressed_evenly_has_its_moments(height, width, place, pressure):
+    pad = np.zeros((9, 7))
+    pad[place[0] : place[0] + height, place[1] : place[1] + width] = pressure
+    total = pressure * height * width
+    (yy, xx), (y4, x4) = (
+        [(n**2 - 1) / 12 for n in (height, width)],
+        [(n**2 - 1) * (3 * n**2 - 7) / 240 for n in (height, width)],  # central moments of 1 … n
+    )
+    expected = [
+        *np.sqrt(sorted((yy, xx))), yy, xx, 0.0, np.sqrt(height * width), width, height, np.log1p(total) / 5,
+        10 * pressure / max(total, 1.0), 1.0, np.sqrt(height * width), y4 / (yy + 0.1) ** 2, x4 / (xx + 0.1) ** 2,
+    ]  # fmt: skip
+    np.testing.assert_allclose(of_pad(pad), expected, atol=1e-7)
+
+
+def test_a_diagonal_is_a_line_along_which_both_directions_go_together():
+    found = of_pad(np.eye(5))
+    np.testing.assert_allclose(found[:5], [0.0, 2.0, 2.0, 2.0, 2.0], atol=1e-7)
+    np.testing.assert_allclose(of_pad(np.eye(5)[::-1])[:5], [0.0, 2.0, 2.0, 2.0, -2.0], atol=1e-7)
+    assert found[10] == pytest.approx(5 / 25)  # of its box
+
+
+def test_a_grasp_is_its_five_firmest_frames_and_its_first_three_are_before_contact(rng):
+    shapes = ((2, 3), (4, 2))
+    frames = rng.random((9, 14)) + np.array([1, 9, 2, 8, 7, 0, 6, 5, 3])[:, None]
+    film, firmest = PressureFilm(shapes, frames), frames[[1, 3, 4, 6, 7]].mean(axis=0)
+    features = grasp_features(film)
+    np.testing.assert_allclose(features[:14], np.sqrt(firmest / firmest.sum()))
+    moments = np.stack([of_pad(pad) for pad in (firmest[:6].reshape(2, 3), firmest[6:].reshape(4, 2))])
+    np.testing.assert_allclose(features[14:], [*moments.ravel(), *moments.max(axis=0), *moments.mean(axis=0)])
+    np.testing.assert_allclose(pressure_scalars(film), [firmest.sum(), firmest.max(), 14])
+    np.testing.assert_allclose(before_contact(film), frames[:3].mean(axis=0))
+
+
+def test_a_pad_without_contact_has_no_moments():
+    assert not of_pad(np.zeros((3, 3))).any()
