@@ -13,6 +13,7 @@ from activetouch.sensor_files import MODELS, READER_FILE
 from belief.observation_model.rigid_body_evidence import RigidBodyEvidence
 from belief.statistics import wilson_interval
 from belief.touch_batch import TouchBatch
+from benchmarks.belief_cost import belief_cost
 from benchmarks.precision import in_precision
 from benchmarks.several_touches import (
     Entry,
@@ -25,7 +26,6 @@ from benchmarks.several_touches import (
 )
 from experiments.command_line.arguments import BadArgument
 from experiments.scene_choice import SceneChoice
-from experiments.sensor.belief_cost import belief_cost
 from experiments.sensor.collect import collect
 from experiments.sensor.scores import read_images
 
@@ -51,7 +51,7 @@ def test_each_object_keeps_its_touches_in_orders_of_its_own():
 
 
 def test_a_touch_costs_its_share_of_the_processor_time_and_the_arrays_of_its_model(body, monkeypatch):
-    monkeypatch.setattr("experiments.sensor.belief_cost.time.thread_time", iter([10.0, 15.0]).__next__)
+    monkeypatch.setattr("benchmarks.belief_cost.time.thread_time", iter([10.0, 15.0]).__next__)
     updated, update = [], RigidBodyEvidence.update
     monkeypatch.setattr(RigidBodyEvidence, "update", lambda self, touch: updated.append(self) or update(self, touch))
     cost = belief_cost(body, 4)
