@@ -184,14 +184,6 @@ def test_a_joint_model_has_as_many_hypotheses_as_asked_for(tmp_path):
 
 
 @pytest.mark.torch
-def test_a_known_shift_warns_and_the_report_tells_it(tmp_path, capsys):
-    compared(QUICK, targets=("cone",))(tmp_path)
-    told = "press_model is Quasistatic, not Dynamic"
-    assert told in capsys.readouterr().err
-    assert told in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
-
-
-@pytest.mark.torch
 @pytest.mark.filterwarnings("ignore::activetouch.errors.AlikeShapes")  # as its taxels are too wide for the reader
 def test_a_sensor_of_another_scene_is_used_anyway_when_asked_to(tmp_path, capsys, monkeypatch):
     for name in ("FEWEST", "MOST"):
@@ -204,15 +196,6 @@ def test_a_sensor_of_another_scene_is_used_anyway_when_asked_to(tmp_path, capsys
     for text in (capsys.readouterr().err, (tmp_path / "run" / "report.html").read_text(encoding="utf-8")):
         assert "pad.num_taxels is 32, not 128" in text
     assert Setting.from_dict(setting.to_dict(), Trust(Path("run.json"))) == setting
-
-
-def test_anyway_is_not_offered_where_the_network_cannot_read_the_images():
-    for choice, offered in ((SceneChoice("coarse"), True), (SceneChoice(renderer="gelsight"), False)):
-        with pytest.raises(WrongScene) as found:
-            Setting(choice, sensor=GEL).open_sensor()
-        assert ("--anyway" in str(found.value)) == offered
-    with pytest.raises(WrongScene, match="takes images of 1 channels"):
-        Setting(SceneChoice(renderer="gelsight"), anyway=True).open_sensor()
 
 
 @pytest.mark.parametrize("name", list(SCENES))
@@ -316,12 +299,3 @@ def test_a_joint_sensor_keeps_its_independent_model_and_compare_can_play_it(tmp_
     (tmp_path / "sensor" / INDEPENDENT_FILE).unlink()
     with pytest.raises(NoIndependentModel, match="calibrate writes both"):
         replace(independent, sensor=tmp_path / "sensor").open_sensor()
-
-
-def test_only_the_model_that_is_asked_for_is_checked(tmp_path):
-    shutil.copytree(MODELS / "coarse", tmp_path / "sensor")
-    (tmp_path / "sensor" / OBSERVATION_FILE).write_text("{}")
-    joint = Setting(SceneChoice("coarse"), sensor=tmp_path / "sensor")
-    assert replace(joint, observation_model="independent").open_sensor().shift == ()
-    with pytest.raises(CorruptFile, match=OBSERVATION_FILE):
-        joint.open_sensor()

@@ -115,15 +115,6 @@ def test_no_worker_outlives_its_command(tmp_path, number, send, code):
 
 
 @linux
-@pytest.mark.slow
-@pytest.mark.mujoco
-@pytest.mark.torch
-def test_no_worker_of_a_comparison_outlives_it(tmp_path):
-    process = start([*COMPARE, "--out", "run"], tmp_path)
-    judge(stopped(process, signal.SIGINT, os.killpg, lambda: len(processes_of(process.pid)) >= FIVE), 130)
-
-
-@linux
 @ENDS
 @pytest.mark.parametrize("kind", ["spawn", "forkserver"])
 def test_no_process_that_measures_on_its_own_outlives_its_command(tmp_path, kind, number, send, code):

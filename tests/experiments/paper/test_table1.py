@@ -1,6 +1,5 @@
 """The paper's Table 1: what the splits share, and the command from nothing to its files."""
 
-import json
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -10,14 +9,11 @@ from scipy.spatial.distance import cdist
 
 from activetouch.data.dataset import TouchSet
 from activetouch.named_scenes import SCENES
-from activetouch.perception.recipe import RECIPES
-from activetouch.perception.training import Trainer
 from belief.errors import CorruptFile
 from belief.metrics import shape_scores
 from belief.statistics import clopper_pearson_interval
-from experiments.paper.reproduce import kept_confusion, reproduce
 from experiments.paper.sliding_windows import WindowPlan, kept_windows, record_windows, split_by_image, split_by_object
-from experiments.paper.table1 import PAPER, Result, Settings, _read, nearest_image_guesses, table
+from experiments.paper.table1 import PAPER, Result, _read, nearest_image_guesses, table
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch]
 PLAN = WindowPlan(objects=5, presses=2, images=4)
@@ -91,36 +87,6 @@ def test_a_classifier_that_is_always_right_has_no_interval_of_width_zero(images)
     result = _read(knows, images, images, np.random.default_rng(0))
     assert (result.accuracy, result.nearest) == (1.0, 1.0)
     assert result.interval == result.nearest_interval == clopper_pearson_interval(20, 20)
-
-
-@pytest.mark.slow
-def test_killed_between_epochs_and_in_another_folder_it_ends_with_the_same_file(tmp_path, monkeypatch):
-    plan, recipe = WindowPlan(objects=3, presses=1, images=2), replace(RECIPES["paper"], epochs=2)
-
-    def made(name):
-        folder = tmp_path / name
-        reproduce(("table1",), folder, Settings(plan, "cnn", 16, recipe)).save(folder)
-        return (folder / "table1.json").read_bytes()
-
-    whole, run_epoch = made("whole"), Trainer.run_epoch
-
-    def run_epoch_and_stop(self, *arguments):
-        run_epoch(self, *arguments)
-        raise KeyboardInterrupt
-
-    for _ in range(3):  # of two trainings of two epochs each
-        with monkeypatch.context() as patched:
-            patched.setattr(Trainer, "run_epoch", run_epoch_and_stop)
-            with pytest.raises(KeyboardInterrupt):
-                made("parts")
-    assert made("parts") == whole
-    splits = json.loads(whole)["splits"]
-    assert np.sum(splits["by object"]["held-out objects"]["confusion"]) == 24
-    assert (tmp_path / "parts" / "table1.md").read_text().startswith("|  | paper | by image, held out |")
-    assert np.shape(kept_confusion(tmp_path / "parts")) == (4, 4)
-    (tmp_path / "parts" / "table1.json").write_bytes(whole.replace(b'"support": ', b'"support": 1'))
-    with pytest.raises(CorruptFile, match="reproduce --parts table1"):
-        kept_confusion(tmp_path / "parts")
 
 
 def test_damaged_windows_are_refused(tmp_path):

@@ -13,7 +13,6 @@ from activetouch.named_scenes import NamedScene
 from activetouch.orientations import Inexact, Resampled, Tumbled, Upright
 from activetouch.pressing.rig import build_spec
 from activetouch.pressing.setup import Setup
-from activetouch.sensor_files import MODELS
 from activetouch.shapes import EXTENDED_SHAPES, Box, Cone, Sphere, Union
 from experiments.press import explain
 from experiments.press.alike import Alike, Likeness
@@ -124,15 +123,6 @@ def test_what_is_hidden_follows_from_the_presentation(presentation, words):
     assert latent(scene) == words
     fixed = replace(scene, variation=replace(scene.variation, size=Constant(1.0)))
     assert latent(fixed) == [word for word in words if word != "size"]
-
-
-def test_the_joint_belief_costs_more_than_the_independent_one_and_both_are_measured():
-    words = explain._belief_words(COARSE.scene, MODELS / "coarse")
-    assert "orientation, size: 2048 hypotheses" in words
-    (joint, slow), (independent, fast) = re.findall(r"([\d.]+) MB and ([\d.]+) ms a touch", words)
-    assert float(joint) > 12.5 > 1.0 > float(independent)  # the table: 6 poses, 4 shapes, 2 048 × 64 numbers of 4 bytes
-    assert 0.0 < float(fast) < float(slow)
-    assert "independent" not in explain._belief_words(SCENES["keyed"].scene, MODELS / "keyed")  # it has no such model
 
 
 @pytest.mark.parametrize(

@@ -55,13 +55,6 @@ def test_a_still_picture_is_drawn_of_the_last_search(run, tmp_path):
         assert picture.width > 400
 
 
-def test_frames_carry_the_image_of_every_touch_and_of_nothing_else(run):
-    _, episodes = run
-    for frame, step in zip(replay(COARSE.open_sensor(), COARSE.problem, episodes[3]), episodes[3].steps, strict=True):
-        assert (frame.image is not None) == (step.touch is not None)
-        assert frame.shape == episodes[3].arrangement[step.object_index]
-
-
 def test_a_search_with_a_joint_belief_shows_the_bodies_it_believes_in(tmp_path):
     joint = prepared(COARSE, "threshold", jobs=1)
     [episode], searches = play(joint, [0]), joint.searches
