@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from activetouch import POSES, SCENES, SHAPES, Quasistatic, Scene
+from activetouch import POSES, SCENES, SHAPES, Scene
 from activetouch.distributions import Uniform
 from activetouch.errors import WrongScene
 from activetouch.orientations import Upright
@@ -99,12 +99,6 @@ def test_what_is_called_surroundings_changes_no_image_by_a_bit():
         assert images(replace(plain, **changes)) == images(plain)
 
 
-def test_something_that_does_not_say_its_scene_is_refused_unless_anyway():
-    with pytest.raises(WrongScene, match="does not say"):
-        require_scene("the sensor", None, scene_fields(GEL))
-    assert require_scene("the sensor", None, scene_fields(GEL), anyway=True)
-
-
 def test_rounding_of_another_processor_makes_no_difference():
     shaken = {name: pose * (1 + 1e-15) for name, pose in POSES.items()}
     assert scene_fields(replace(GEL, poses=shaken)) == scene_fields(GEL)
@@ -152,20 +146,6 @@ class _Holder:
     renderer: object
 
 
-def test_settings_of_an_own_class_without_fields_are_part_of_the_scene():
-    class Own:
-        def __init__(self, width):
-            self.width = width
-
-    first, second = (scene_fields(_Holder(Own(width))) for width in (1, 2))
-    assert [str(d) for d in scene_differences(first, second)] == ["renderer.width is 2, not 1"]
-
-
-def test_a_scene_without_engine_differs_from_one_with_it_by_a_known_shift_only():
-    (found,) = scene_differences(scene_fields(GEL), scene_fields(replace(GEL, press_model=Quasistatic())))
-    assert found.is_shift
-
-
 @pytest.mark.parametrize("size", [4, 5000])
 @pytest.mark.parametrize("kind", [float, complex, bool, str, object])
 def test_one_number_in_an_array_of_any_kind_is_a_difference(kind, size):
@@ -181,10 +161,6 @@ def test_one_number_in_an_array_of_any_kind_is_a_difference(kind, size):
     (found,) = scene_differences(first, second)
     assert found.path.startswith("renderer.table")
     json.dumps(first, allow_nan=False)
-
-
-def test_a_complex_number_is_described():
-    assert scene_fields(_Holder(np.complex64(1 + 2j)))["renderer"] == "(1+2j)"
 
 
 def test_settings_in_slots_in_a_closure_in_defaults_and_in_a_partial_call_are_part_of_the_scene():

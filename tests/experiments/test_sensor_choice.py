@@ -47,10 +47,7 @@ def compared(choice, sensor=None, **changes):
 
 REFUSED = {
     "a finer pad": (compared(SceneChoice("coarse"), GEL), WrongScene, "pad.num_taxels is 32, not 128"),
-    "a larger pad": (compared(SceneChoice("hard"), MANY), WrongScene, "pad.half_width is 0.0075, not 0.015"),
-    "the paper's images": (compared(SceneChoice("gel"), PAPER), WrongScene, "PressureRenderer, not ForcePatch"),
     "another renderer": (compared(SceneChoice(renderer="gelsight")), WrongScene, "GelSightRenderer, not Pressure"),
-    "another renderer of coarse": (compared(SceneChoice("coarse", renderer="force_patch")), WrongScene, "ForcePatch"),
     "other shapes": (compared(SceneChoice("hard"), KEYED), LabelMismatch, "torus"),
     "no sensor": (compared(SceneChoice("gel"), Path(".")), NoSensor, "there is no reader.safetensors"),
     "no policies": (

@@ -7,10 +7,8 @@ import pytest
 
 from activetouch import SCENES
 from activetouch.distributions import Constant, LogUniform, Uniform
-from activetouch.errors import WrongScene
 from activetouch.perception.contacts.imaging import BROKEN, LIMITS, STATE_SIZE, Imaging
 from activetouch.perception.contacts.sensor_state import differs_from_training, fields_read, imaging_of, sensor_state
-from activetouch.pressing.pad import Pad
 from activetouch.rendering import (
     Blur,
     DeadTaxels,
@@ -113,15 +111,6 @@ def test_what_no_state_can_say_stays_a_difference():
     assert unknown(taxels(64, half_width=0.02)) == ["pad.half_width", "pad.num_taxels"]
 
 
-def test_a_taxel_that_never_worked_in_training_may_not_work_later():
-    repaired = replace(COARSE, faults=tuple(fault for fault in COARSE.faults if not isinstance(fault, DeadTaxels)))
-    assert unknown(repaired, COARSE) == ["faults"]
-    assert unknown(replace(repaired, faults=(*repaired.faults, DeadTaxels(0.125, seed=2))), COARSE) == ["faults.2.seed"]
-    worse = faulty(DeadTaxels(0.25, seed=7), scene=COARSE)
-    assert unknown(worse, COARSE) == []
-    assert 0 < sensor_state(imaging_of(COARSE), worse).dead.sum() <= 4  # those that are new
-
-
 EXTREME = {
     "no faults": replace(GEL, faults=()),
     "noise of zero": replace(GEL, faults=(Noise(0.0),)),
@@ -172,37 +161,3 @@ def test_the_imaging_of_any_number_of_taxels_makes_images(number, rng):
     assert images.shape == (2, imaging.pixels, imaging.pixels)
     assert np.isfinite(images).all()
     assert hit.tolist() == [True, False]
-
-
-def test_images_of_no_touches_are_none(rng):
-    world = sensor_state(IMAGING, GEL)
-    none = type(world)(*(part[:0] for part in world))
-    images, hit = IMAGING.images(np.zeros((0, 32, 32), np.float32), none, rng)
-    assert images.shape == (0, 32, 32)
-    assert hit.shape == (0,)
-
-
-def test_only_images_of_pressure_have_an_imaging():
-    with pytest.raises(WrongScene, match="images of pressure, not those of ForcePatch"):
-        imaging_of(PAPER)
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"pixels": 0},
-        {"pixels": 5},
-        {"samples": 33},
-        {"taxels": 2.5},
-        {"noise": np.nan},
-        {"noise": -0.1},
-        {"force": (0.0, 0.0)},
-        {"force": (1.0,)},
-        {"sizes": (1.0, np.inf)},
-        {"dead": np.zeros((4, 4), bool)},
-        {"pad": Pad(num_taxels=128), "taxels": 0},
-    ],
-)
-def test_an_imaging_that_is_none_is_refused(changes):
-    with pytest.raises(ValueError, match=r"out of range|must have the shape"):
-        replace(IMAGING, **changes)

@@ -59,19 +59,6 @@ def write_cy101(folder, change=None):
             path.write_text("\n".join(lines if change is None else change(path.name, lines)))
 
 
-def test_a_line_that_is_cut_short_is_said_and_its_object_left_out(tmp_path):
-    def change(name, lines):
-        return [lines[0][:300], *lines[1:]] if name == "hold_haptics.txt" else lines
-
-    write_cy101(tmp_path, change)
-    touches, notes = read_recorded(tmp_path, "cy101")
-    assert touches.object_names == ("can_b",)
-    assert notes[0].startswith("170 features: haptics 1, haptics 2, ")
-    assert "line 1 of hold_haptics.txt (ball_a_t1) is cut short" in notes[1]
-    assert "ball_a" in notes[2]
-    assert notes[3].startswith("no_object, behaviours in the air")
-
-
 def test_a_value_that_is_not_finite_leaves_its_object_out(tmp_path):
     def change(name, lines):
         broken = lines[0].replace(",", ",nan,", 1).rsplit(",", 1)[0]
@@ -213,13 +200,6 @@ def test_an_error_in_a_csv_says_where_it_is(tmp_path, text, words):
         read_recorded(tmp_path, "csv")
 
 
-def test_lines_are_counted_in_each_file(tmp_path):
-    write_csv(tmp_path, "object,category,x\nmug,cup,1\n", "a.csv")
-    write_csv(tmp_path, "object,category,x\ncan,tin,1\nmug,tin,1\n", "b.csv")
-    with pytest.raises(BadRecording, match=r"line 3 of .*b.csv: .* in line 2 of .*a.csv"):
-        read_recorded(tmp_path, "csv")
-
-
 def test_an_npz_gives_what_its_arrays_hold(tmp_path):
     arrays = {"features": np.ones((2, 3)), "object": np.array(["mug", "can"]), "untouched": np.zeros((2, 1))}
     words = {"licence": "MIT", "provenance": "here", "feature_names": np.array(list("xyz"))}
@@ -301,23 +281,6 @@ def test_an_array_of_another_kind_in_an_npz_is_said(tmp_path, arrays, words):
     np.savez(tmp_path / "a.npz", **{"features": np.ones((6, 3)), "object": np.array(list("aabbcc")), **arrays})
     with pytest.raises(BadRecording, match=words):
         read_recorded(tmp_path, "npz")
-
-
-def test_an_object_whose_category_is_nan_has_none(tmp_path):
-    np.savez(tmp_path / "a.npz", features=np.ones((3, 1)), object=np.arange(3), category=np.array([1.0, np.nan, 2.0]))
-    touches, _ = read_recorded(tmp_path, "npz")
-    assert touches.labels == {"categories": ("1.0", "", "2.0")}
-
-
-def test_bytes_in_an_npz_are_text(tmp_path):
-    np.savez(tmp_path / "a.npz", features=np.ones((2, 3)), object=np.array(["café".encode(), b"mug"]))
-    assert read_recorded(tmp_path, "npz")[0].object_names == ("café", "mug")
-
-
-def test_a_cell_without_end_in_a_csv_says_where_it_is(tmp_path):
-    write_csv(tmp_path, f"object,x\nmug,{'1' * 200_000}\n")
-    with pytest.raises(BadRecording, match=r"line 2 of .* is not CSV"):
-        read_recorded(tmp_path, "csv")
 
 
 def test_bts3_without_rows_is_refused(tmp_path):

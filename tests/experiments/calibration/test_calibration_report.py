@@ -1,6 +1,7 @@
 """Sequences keep the laws they are named for, verdicts follow from numbers, and the report stands alone."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -253,6 +254,10 @@ def test_the_report_of_a_joint_sensor_has_its_model_and_tests_the_posterior_of_o
     found = {(test["shape"], test["num_touches"]): test["num_objects"] for test in numbers["orientation"]}
     assert found == {(shape, n): 7 for shape in ("sphere", "cube", "cylinder", "cone") for n in (1, 2, 3, 6)}
     assert "Orientation and size" in page
+    pictures = {f"{name}.{ending}" for name in ("reliability", "claims") for ending in ("svg", "png")}
+    assert {path.name for path in tmp_path.iterdir()} >= {"report.html", "numbers.json", "tables.md"} | pictures
+    assert not re.search(r"(src|href)=\"(?!#)|@import|<link|<script[^>]*src|url\((?!#)", page)
+    assert numbers["num_objects"] == {"calibration": 16, "test": 12}
 
 
 @pytest.mark.mujoco

@@ -79,10 +79,8 @@ def run(arguments, where, **environment):
 @pytest.mark.parametrize(
     "arguments",
     [
-        ["compare", "--help"],
         [*("compare", "--scene", "coarse", "--deciders", "random_confirm"), *FEW],
         ["touch", "--shape", "größe–λ"],
-        ["nonsense–λ"],
     ],
     ids=lambda arguments: " ".join(arguments[:2]),
 )

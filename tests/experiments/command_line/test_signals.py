@@ -116,13 +116,12 @@ def test_no_worker_outlives_its_command(tmp_path, number, send, code):
 
 @linux
 @ENDS
-@pytest.mark.parametrize("kind", ["spawn", "forkserver"])
-def test_no_process_that_measures_on_its_own_outlives_its_command(tmp_path, kind, number, send, code):
+def test_no_process_that_measures_on_its_own_outlives_its_command(tmp_path, number, send, code):
     (tmp_path / "pool.py").write_text(POOL)
-    judge(stopped(start(["pool.py", kind], tmp_path), number, send, (tmp_path / "at work").exists), code)
+    judge(stopped(start(["pool.py", "forkserver"], tmp_path), number, send, (tmp_path / "at work").exists), code)
 
 
-@pytest.mark.parametrize(("module", "name"), [("tyro", "SIGINT"), ("numpy", "SIGTERM"), ("rich", "SIGINT")])
+@pytest.mark.parametrize(("module", "name"), [("tyro", "SIGINT"), ("numpy", "SIGTERM")])
 def test_a_signal_while_a_command_loads_ends_it_with_one_line(tmp_path, module, name):
     (tmp_path / f"{module}.py").write_text(
         f"import os, signal, time\nos.kill(os.getpid(), signal.{name})\ntime.sleep(60)\n"
@@ -152,9 +151,8 @@ with stopping.running():
     assert "interrupted" in errors
 
 
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
-def test_threads_that_fail_because_of_a_signal_print_nothing(tmp_path, name):
-    script = f"""
+def test_threads_that_fail_because_of_a_signal_print_nothing(tmp_path):
+    script = """
 import os, signal, threading, warnings
 from experiments.command_line.signals import running
 
@@ -168,7 +166,7 @@ with running():
     worker = threading.Thread(target=hand_out_tasks)
     worker.start()
     try:
-        os.kill(os.getpid(), signal.{name})
+        os.kill(os.getpid(), signal.SIGINT)
     finally:
         stopped.set()
         worker.join()

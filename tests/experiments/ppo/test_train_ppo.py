@@ -186,7 +186,7 @@ def test_a_setting_out_of_range_is_refused_by_name(name, wrong):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["PPO", "DQN", "MaskablePPO", "RecurrentPPO"])
+@pytest.mark.parametrize("name", ["DQN", "MaskablePPO"])
 def test_common_learners_train_on_the_environment(name, sharp):
     import sb3_contrib
     import stable_baselines3

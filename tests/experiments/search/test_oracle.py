@@ -17,14 +17,6 @@ def searches(**how):
 
 @pytest.mark.torch
 @pytest.mark.mujoco
-def test_which_episodes_full_information_solves_does_not_depend_on_which_are_asked_for():
-    coarse = searches(choice=SceneChoice("coarse"))
-    some, all_of_them = (solved_by_full_information(coarse, 0, numbers) for numbers in ([2, 3], [0, 1, 2, 3]))
-    assert all_of_them[2:] == some
-
-
-@pytest.mark.torch
-@pytest.mark.mujoco
 def test_the_oracle_gives_the_most_probable_answer_also_where_the_target_is_absent():
     """Objects of independent shapes have independent posteriors, so its rule can be written down."""
     choice = SceneChoice("coarse", fidelity="quasistatic")
