@@ -16,7 +16,7 @@ from activetouch.placement import WorldObject
 from activetouch.pressing.height_maps import Window
 from activetouch.pressing.pad import Pad
 from activetouch.scene_description import require_scene, scene_fields
-from activetouch.shapes import Box, Cone, Cylinder, Family, Prism, Torus
+from activetouch.shapes import Box, Cone, Cylinder, Family, Torus
 from belief.errors import InvalidArgument, UnknownName
 from experiments.command_line.trust import Trust
 from experiments.scene_choice import SceneChoice
@@ -146,19 +146,14 @@ class _WithoutHash:
     ("make", "words"),
     [
         (lambda: Family(ROD, half_length=0.02), r"half_length must be a distribution such as .* got 0\.02"),
-        (lambda: Family(ROD, half_length=Uniform), "half_length must be a distribution"),
         (lambda: Family(ROD), r"needs a parameter, such as radius=Uniform"),
-        (lambda: Family(ROD, half_length=Uniform(-0.01, 0.04)), r"members that are no solids, at half_length=-0\.01:"),
         (lambda: Family(Cone(0.018, 0.036), height=Uniform(0.01, 1e400)), "must be finite"),
         (lambda: Family(Torus(0.016, 0.007), tube_radius=Uniform(0.005, 0.02)), r"no solids, at tube_radius=0\.02:"),
-        (lambda: Family(Prism(6, 0.02, 0.02), num_sides=Uniform(3.0, 8.0)), r"no solids, at num_sides=3\.0:"),
         (lambda: Family(_Own(0.02), width=Uniform(-0.01, 0.02)), r"its bounding radius is -0\.01 m"),
         (lambda: Family(_WithoutHash(0.02), width=Uniform(0.01, 0.02)), "unhashable type"),
         (lambda: Family(Box((0.01, 0.01, 0.01)), half_extents=Uniform(0.01, 0.02)), "no field of Box.* is a number"),
-        (lambda: Family(RODS, half_length=Uniform(0.01, 0.02)), "no field of Family.* is a number"),
         (lambda: RODS.members(0), "num must be an integer, at least 1, got 0"),
         (lambda: SCENE.bodies("cone", np.array([0.5, 1.0])), "shares must be in .0, 1., from"),
-        (lambda: SCENE.bodies("cylinder", np.array([np.nan])), "shares must be in"),
         (
             lambda: replace(SCENE, parking=True),
             "the proportions of cylinder are drawn later; leave parking",
@@ -210,10 +205,7 @@ def test_a_choice_with_families_survives_words_and_files():
     ("text", "words"),
     [
         ("cylinder", "--family must be SHAPE:PARAMETER=LOW..HIGH"),
-        ("cylinder:half_length=a..b", "could not convert"),
-        ("cylinder:half_length=0.5..2,", "told once, with LOW..HIGH"),
         ("cylinder:half_length=0.5..2,half_length=1..2", "told once"),
-        ("cylinder:half_length=2..0.5", "low must not exceed high"),
         ("cylinder:half_length=0..2", r"no solids, at half_length=0\.0"),
     ],
 )

@@ -14,7 +14,7 @@ from activetouch.orientations import Inexact, Resampled, Tumbled, Upright
 from activetouch.poses import aimed, to_matrix, turn
 from activetouch.rendering import DeadTaxels, GelSightRenderer
 from activetouch.scene import Symmetry, Variation
-from activetouch.shapes import Box, ConvexPolyhedron, Cut, Cylinder, Mesh, Pyramid, Union
+from activetouch.shapes import Box, ConvexPolyhedron, Cut, Mesh, Pyramid, Union
 from belief.errors import InvalidArgument
 
 STILL = Scene(press_model=Quasistatic())
@@ -105,10 +105,8 @@ class _OwnBox(Box):
     [
         (Cut(Box((0.016,) * 3), ((1.0, 1.0, 1.0, 0.022),)), True),
         (Cut(Box((0.016,) * 3), ((1.0, 2.0, 3.0, 0.02),)), False),
-        (Union((Box((0.016, 0.01, 0.004)), Cylinder(0.004, 0.012))), True),
         (Union((Box((0.016,) * 3), Cut(Box((0.02,) * 3), ((1.0, 2.0, 3.0, 0.02),)))), False),
         (ConvexPolyhedron(((0.02, 0, -0.01), (-0.01, 0.01, -0.01), (-0.01, -0.02, -0.01), (0, 0, 0.02))), False),
-        (ConvexPolyhedron(((0.02, 0, -0.01), (-0.01, 0.02, -0.01), (-0.01, -0.02, -0.01), (0, 0, 0.02))), True),
         (ConvexPolyhedron(tuple(map(tuple, Pyramid(4, 0.02, 0.03).corners.tolist()))), True),  # up to rounding
         (_OwnBox((0.016,) * 3), False),
     ],
@@ -153,7 +151,7 @@ def test_a_way_to_press_or_to_lie_that_is_none_is_refused_when_the_scene_is_made
         Scene(**part)
 
 
-@pytest.mark.parametrize("given", [2.0, (0.9, 1.1), Uniform, None])
+@pytest.mark.parametrize("given", [2.0, Uniform])
 @pytest.mark.parametrize("name", ["size", "offset", "force", "friction", "stiffness"])
 def test_a_variation_that_is_no_distribution_is_refused(name, given):
     with pytest.raises(InvalidArgument, match=f"{name} must be a distribution such as Uniform"):

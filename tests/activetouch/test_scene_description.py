@@ -28,19 +28,15 @@ TETRAHEDRON = Mesh("mug", CORNERS, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0
 
 REFUSED = {
     "a pad of fewer taxels": (replace(GEL, pad=Pad(num_taxels=32)), "pad.num_taxels is 32, not 128"),
-    "a smaller pad": (replace(GEL, pad=Pad(half_width=0.0075)), "pad.half_width is 0.0075, not 0.015"),
     "another renderer": (replace(GEL, renderer=GelSightRenderer()), "renderer is GelSightRenderer, not Pressure"),
     "coarser images": (replace(GEL, renderer=PressureRenderer(8)), "renderer.binning is 8, not 1"),
     "another size of a shape": (replace(GEL, shapes={**SHAPES, "cube": Box((0.01,) * 3)}), "shapes.cube.half_extents"),
-    "another order of shapes": (replace(GEL, shapes=dict(reversed(SHAPES.items()))), "shapes is [cone"),
     "a mesh for a shape": (replace(GEL, shapes={**SHAPES, "cone": TETRAHEDRON}), "shapes.cone is Mesh, not Cone"),
     "a pose of another name": (replace(GEL, poses={**dict(list(POSES.items())[:5]), "k": POSES["corner"]}), "poses is"),
-    "another pose": (replace(GEL, poses={**POSES, "corner": POSES["front"]}), "poses.corner is [1.0, 0.0"),
 }
 SHIFTED = {
     "another fidelity": (replace(GEL, press_model=GuardedMove()), "press_model is GuardedMove, not Dynamic"),
     "more noise": (replace(GEL, faults=(GEL.faults[0], Noise(0.5))), "faults.1.std is 0.5, not 0.02"),
-    "a fault less": (replace(GEL, faults=GEL.faults[:1]), "faults is [Gain], not [Gain, Noise]"),
     "upright objects": (replace(GEL, presentation=Upright()), "presentation is Upright, not Tumbled"),
     "other sizes": (replace(GEL, variation=Variation(size=Uniform(0.9, 1.2))), "variation.size.high is 1.2, not 1.1"),
 }
@@ -56,14 +52,6 @@ def test_fields_of_a_scene_survive_a_file(name):
     assert json.loads(json.dumps(told, allow_nan=False)) == told
     assert unsealed_json(sealed_json(told)) == told
     assert scene_differences(told, scene_fields(SCENES[name].scene)) == ()
-
-
-@pytest.mark.parametrize("what", [*REFUSED, *SHIFTED])
-def test_a_difference_is_named_with_both_values(what):
-    other, told = {**REFUSED, **SHIFTED}[what]
-    found = scene_differences(scene_fields(GEL), scene_fields(other))
-    assert told in str(found[0])
-    assert all(difference.is_shift == (what in SHIFTED) for difference in found)
 
 
 @pytest.mark.parametrize("what", REFUSED)

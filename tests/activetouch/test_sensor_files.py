@@ -37,18 +37,14 @@ def varied(**changes):
 
 OWN = {
     "as it is": COARSE,
-    "without an engine": replace(COARSE, press_model=Quasistatic()),
     "other sizes": varied(size=Uniform(0.8, 1.2)),
     "lying otherwise": replace(COARSE, presentation=Upright()),
     "a fault that cannot be told": replace(COARSE, faults=(*COARSE.faults, Quantisation(4))),
-    "other surroundings": replace(COARSE, height=0.2),
 }
 OTHER = {
     "other shapes": replace(COARSE, shapes=BRICKS),
-    "one shape more": replace(COARSE, shapes={**COARSE.shapes, **BRICKS}),
     "another order": replace(COARSE, shapes=dict(reversed(COARSE.shapes.items()))),
     "other poses": replace(COARSE, poses="directions26"),
-    "aims": replace(COARSE, aims={"front": (0.001, 0.0)}),
     "a family": replace(
         COARSE, shapes={**COARSE.shapes, "cylinder": Family(Cylinder(0.016, 0.02), half_length=Uniform(0.01, 0.04))}
     ),
@@ -57,7 +53,6 @@ TOLD = {
     "noise": replace(COARSE, faults=(*COARSE.faults, Noise(0.1))),
     "blur": replace(COARSE, faults=(*COARSE.faults, Blur(0.2))),
     "force": varied(force=Constant(1.0)),
-    "stiffness": varied(stiffness=Constant(1.5)),
 }
 
 

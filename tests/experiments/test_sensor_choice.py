@@ -20,7 +20,6 @@ from activetouch.sensor_files import INDEPENDENT_FILE, MODELS, OBSERVATION_FILE,
 from belief.errors import CorruptFile
 from experiments.calibration.calibration_report import CalibrationReport
 from experiments.cli import commands
-from experiments.command_line.arguments import BadArgument
 from experiments.command_line.trust import Trust
 from experiments.ppo.touch_bank import kept_bank
 from experiments.ppo.train_ppo import TrainPPO
@@ -164,20 +163,6 @@ def test_a_sensor_remembers_the_scene_it_was_calibrated_in(tmp_path):
     before = [path.stat().st_mtime_ns for path in (tmp_path / "bank").iterdir()]
     kept_bank(sensor.reader, data, "test", tmp_path / "bank")
     assert [path.stat().st_mtime_ns for path in (tmp_path / "bank").iterdir()] == before
-
-
-@pytest.mark.torch
-def test_a_joint_model_has_as_many_hypotheses_as_asked_for(tmp_path):
-    data, out = tmp_path / "data", tmp_path / "sensor"
-    collect(QUICK, CollectionPlan(0, 2, 1, repeats=2), data, jobs=1)
-    how = {"scene": "coarse", "data": data, "reader": COARSE / READER_FILE, "out": out, "hypotheses": 64}
-    Calibrate(**how, observation_model=("rigid body",)).run()
-    assert load_observation_model(out).num_hypotheses == 64
-    collect(SceneChoice("paper"), CollectionPlan(0, 2, 1, repeats=2), tmp_path / "paper", jobs=1)
-    of_shapes = {"scene": "paper", "data": tmp_path / "paper", "reader": MODELS / "paper-independent" / READER_FILE}
-    for refused in ({"observation_model": ("ratio",)}, of_shapes):
-        with pytest.raises(BadArgument, match="--hypotheses 64 is a setting of rigid body"):
-            Calibrate(**{**how, **refused}).run()
 
 
 @pytest.mark.torch

@@ -181,29 +181,6 @@ def test_raw_overconfidence_shows_and_calibration_takes_it_away(rng):
     assert raw.report.ece_width.value > 0.05 > 3 * calibrated.classwise[0]
 
 
-def test_a_touch_misses_its_target_by_the_larger_excess(rng):
-    single = score_touches(RAW, *(world(rng, 40, 2, 0.0).singles() for _ in range(2)), rng, 5)
-
-    def judged(error, high):
-        of_shape = replace(single.report.ece_classwise, value=error)
-        report = replace(single.report, ece_classwise=of_shape)
-        return judge_touches(replace(single, report=report, classwise=(error, 0.0, high)))
-
-    assert judged(0.015, 0.024).missed_by == pytest.approx(-0.001)
-    assert judged(0.015, 0.02).missed_by == pytest.approx(-0.005)
-    assert judged(0.03, 0.02).missed_by == pytest.approx(0.01)
-    assert judged(0.015, 0.04).missed_by == pytest.approx(0.015)
-    assert [judged(error, 0.0).holds for error in (0.02, 0.0201)] == [True, False]
-
-
-def test_posteriors_are_given_after_each_touch_from_the_first(rng):
-    model = RatioModel(("a", "b"), TemperatureScaling(1.0, "ok"), np.full(2, 0.5), 0.0, np.zeros((P, 1, 2)))
-    sequences = world(rng, 20, 2, 0.0).distinct_poses(rng)
-    log_probs = sequences.log_posteriors(model)
-    total = np.cumsum(sequences.batch.logits, axis=1)  # of independent touches
-    np.testing.assert_allclose(log_probs, total - np.logaddexp.reduce(total, axis=2, keepdims=True), atol=1e-9)
-
-
 def test_the_choice_of_a_report_is_the_least_cross_validated_loss():
     models = [ModelScores(name, loss, {}, {}) for name, loss in (("a", 0.3), ("b", 0.1), ("c", 0.2), ("d", None))]
     touches = [SimpleNamespace(name=name, cross_validated_nll=loss)

@@ -151,32 +151,6 @@ with stopping.running():
     assert "interrupted" in errors
 
 
-def test_threads_that_fail_because_of_a_signal_print_nothing(tmp_path):
-    script = """
-import os, signal, threading, warnings
-from experiments.command_line.signals import running
-
-with running():
-    stopped = threading.Event()
-
-    def hand_out_tasks():
-        stopped.wait()
-        raise KeyError("a task that was cancelled")
-
-    worker = threading.Thread(target=hand_out_tasks)
-    worker.start()
-    try:
-        os.kill(os.getpid(), signal.SIGINT)
-    finally:
-        stopped.set()
-        worker.join()
-        warnings.warn("4 tasks have been cancelled")
-"""
-    _, errors = start(["-c", script], tmp_path).communicate(timeout=SECONDS)
-    assert errors.strip().startswith("interrupted")
-    assert errors.count("\n") == 2, errors
-
-
 def test_a_signal_that_is_ignored_stays_ignored_and_handlers_come_back(tmp_path):
     before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # as a shell has it for what runs in its background

@@ -1,19 +1,16 @@
 """The paper's Table 1: what the splits share, and the command from nothing to its files."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.spatial.distance import cdist
 
-from activetouch.data.dataset import TouchSet
 from activetouch.named_scenes import SCENES
 from belief.errors import CorruptFile
 from belief.metrics import shape_scores
 from belief.statistics import clopper_pearson_interval
 from experiments.paper.sliding_windows import WindowPlan, kept_windows, record_windows, split_by_image, split_by_object
-from experiments.paper.table1 import PAPER, Result, _read, nearest_image_guesses, table
+from experiments.paper.table1 import PAPER, Result, _read, table
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch]
 PLAN = WindowPlan(objects=5, presses=2, images=4)
@@ -45,16 +42,6 @@ def test_split_by_object_shares_no_object_and_by_image_nearly_all(images):
     first, second = split_by_image(images, 0.8, np.random.default_rng(0))
     # An object has 8 images: none among the 128 with probability C(152, 128) / C(160, 128) below 1e-5.
     assert set(second.object_ids) <= set(first.object_ids)
-
-
-def test_windows_of_one_press_are_near_copies_and_other_presses_are_not(images):
-    flat = images.images.reshape(len(images.images), -1).astype(float)
-    key = 10 * images.object_ids + images.poses
-    distance = cdist(flat, flat)
-    np.fill_diagonal(distance, np.inf)
-    same = key[:, None] == key[None]
-    nearest_is_sibling = np.take_along_axis(same, distance.argmin(axis=1)[:, None], axis=1).mean()
-    assert nearest_is_sibling > 0.6  # 3 of 159 others are siblings: .02 by chance
 
 
 def test_the_papers_table_agrees_with_itself():
@@ -98,12 +85,3 @@ def test_damaged_windows_are_refused(tmp_path):
     file.write_bytes(whole[: len(whole) // 2])
     with pytest.raises(CorruptFile, match="delete it to press"):
         kept_windows(scene, plan, 0, 1, tmp_path)
-
-
-def test_the_nearest_image_is_a_near_copy_where_there_is_one(rng):
-    images = rng.integers(0, 255, (6, 64, 64)).astype(np.uint8)
-    known = TouchSet(images, np.arange(6), np.arange(6), np.zeros(6, int), np.ones(6), np.ones(6))
-    noisy = replace(
-        known, images=np.clip(images.astype(int) + rng.integers(-9, 9, images.shape), 0, 255).astype(np.uint8)
-    )
-    assert nearest_image_guesses(known, noisy).tolist() == [0, 1, 2, 3, 4, 5]

@@ -10,7 +10,6 @@ from activetouch import SCENES, Quasistatic, Scene
 from activetouch.distributions import Constant, Uniform
 from activetouch.named_scenes import NamedScene
 from activetouch.orientations import Inexact, Resampled, Tumbled, Upright
-from activetouch.pressing.rig import build_spec
 from activetouch.pressing.setup import Setup
 from activetouch.shapes import EXTENDED_SHAPES, Box, Cone, Sphere, Union
 from experiments.press import explain
@@ -44,13 +43,6 @@ def test_the_default_scene_models_a_pad_an_object_and_nothing_else():
 
 
 @pytest.mark.mujoco
-def test_the_paper_scene_adds_finger_parking_and_a_sensor_but_no_contact_pair():
-    modelled = numbers(SCENES["paper"].scene)
-    assert (modelled["finger segments"], modelled["parked objects"], modelled["sensor"]) == (2, 3, 1)
-    assert modelled["contact pair"] == 1
-
-
-@pytest.mark.mujoco
 def test_leaner_and_leaner_ends_without_physics_and_richer_and_richer_with_all_objects():
     scene, changes = SCENES["paper"].scene, []
     while (found := leaner(scene)) is not None:
@@ -63,17 +55,6 @@ def test_leaner_and_leaner_ends_without_physics_and_richer_and_richer_with_all_o
         scene = found[1]
     assert scene.press_model.traced
     assert scene.parking
-
-
-@pytest.mark.mujoco
-def test_parked_objects_and_the_finger_add_no_motion_and_no_contact():
-    bare, loaded = (
-        build_spec(setup, Scene().shapes["cone"], 0.002).compile()
-        for setup in (Setup(), Setup(finger=True, loaded=tuple(Scene().shapes.values())))
-    )
-    assert loaded.ngeom == bare.ngeom + 5
-    for count in ("nbody", "nv", "nu", "npair"):
-        assert getattr(loaded, count) == getattr(bare, count)
 
 
 @pytest.mark.parametrize(
@@ -91,12 +72,6 @@ def test_the_inventory_names_shapes_that_are_pressed_as_something_simpler(shapes
     found = [item.why for item in inventory(NamedScene(scene, 1, 16)) if item.part == "hollow shapes"]
     assert len(found) == len(words)
     assert all(why.endswith(end) for why, end in zip(found, words, strict=True))
-
-
-def test_objects_that_are_all_different_have_a_joint_belief():
-    for name, number in (("coarse", 16), ("hard", 12)):
-        found = {item.part: item.number for item in inventory(SCENES[name])}
-        assert found["hidden probabilities"] == number
 
 
 @pytest.mark.slow

@@ -98,25 +98,3 @@ def test_unsure_searches_are_counted_priced_and_shown(rng, tmp_path):
     assert list(picture.legend) == ["x"]
     picture.write(tmp_path)
     assert (tmp_path / "selective_risk.svg").stat().st_size > 1000
-
-
-def test_the_tables_have_the_numbers_of_every_decider_that_may_be_unsure(rng):
-    comparison = compared({"x": EPISODES, "y": [unsure("is_doubtful")] * 11, "z": [search("c")] * 11}, rng)
-    tables = {table.name: table for table in comparison_tables(comparison)}
-    x, y = tables["abstention"].rows
-    assert x == (
-        *("x", 11, 7 / 11, 1 / 11, clopper_pearson_interval(1, 11)),
-        *(2 / 11, clopper_pearson_interval(2, 11), 1, 1, 0, 0),
-        *(8, pytest.approx((6 * 0.99 + 0.98 + 0.96) / 8), 7 / 8, clopper_pearson_interval(7, 8)),
-    )
-    assert y == (
-        *("y", 11, 0.0, 0.0, clopper_pearson_interval(0, 11)),
-        *(1.0, clopper_pearson_interval(11, 11), 0, 11, 0, 0, 0, None, None, None),
-    )
-    for row, ranking in zip(tables["selective_risk"].rows, RANKINGS, strict=True):
-        curve = comparison.selective["x"].curves[ranking]
-        # The wrong answer is the last of eight in both rankings.
-        assert row == ("x", ranking, pytest.approx(8 / 11), 1 / 8, 0.0, curve.area, curve.interval)
-    worse = compared({"x": [answer(0.99, -1.0, is_right=False)] + [answer(0.9, 0.0)] * 4}, rng)
-    row, _ = next(t for t in comparison_tables(worse) if t.name == "selective_risk").rows
-    assert row[2:5] == (1.0, 1 / 5, 1 / 3)  # the better half: the first three of five

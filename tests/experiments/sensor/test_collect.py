@@ -12,10 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from activetouch import Quasistatic
 from activetouch.data.dataset import read_manifest, read_split, record_shard
-from activetouch.errors import UnstablePress
-from activetouch.pressing.contact import elastic_contact, surface_gap
 from activetouch.rendering import Noise
 from activetouch.scene_description import scene_fields
 from belief.errors import CorruptFile
@@ -190,22 +187,3 @@ def test_a_shard_and_its_seal_from_another_collection_are_refused(tmp_path, monk
     for use in (lambda: collect(COARSE, PLAN.plan, mine, jobs=1), lambda: read_split(mine, "train")):
         with pytest.raises(CorruptFile, match=r"train/00000\.npz was recorded for another collection"):
             use()
-
-
-def test_replaced_objects_are_counted_in_the_manifest_and_told(monkeypatch, tmp_path, capsys):
-    def press_what_is_small(self, stage, placement, target_force):
-        if placement.scale > 1.05:
-            raise UnstablePress(f"{placement} is too large")
-        return elastic_contact(stage.pad, surface_gap(stage.pad, placement), target_force)
-
-    choice = SceneChoice("coarse", fidelity="quasistatic")
-    Collect(choice, out=tmp_path / "plain", plan=PLAN, jobs=1).run()
-    assert "drawn anew" not in capsys.readouterr().out
-    assert read_manifest(tmp_path / "plain").redrawn == 0
-    monkeypatch.setattr(Quasistatic, "press", press_what_is_small)
-    Collect(choice, out=tmp_path / "replaced", plan=PLAN, jobs=1).run()
-    redrawn = read_manifest(tmp_path / "replaced").redrawn
-    assert 0 < redrawn < 15 * 4
-    assert f"{redrawn} objects were drawn anew" in capsys.readouterr().out
-    Collect(from_manifest=tmp_path / "replaced", out=tmp_path / "again", jobs=1).run()
-    assert contents(tmp_path / "again") == contents(tmp_path / "replaced")

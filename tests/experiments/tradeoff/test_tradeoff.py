@@ -12,7 +12,6 @@ import pytest
 from activetouch import TactileSensor
 from activetouch.data.dataset import CollectionPlan
 from activetouch.named_scenes import SCENES
-from activetouch.sensor_files import OBSERVATION_FILE
 from belief.errors import UnknownName
 from experiments.command_line.arguments import BadArgument
 from experiments.scene_choice import SceneChoice
@@ -59,19 +58,6 @@ def test_a_key_follows_from_what_decides_the_result_and_from_nothing_else():
     ]  # fmt: skip
     keys = [replace(base, **change).key for change in changes]
     assert len({base.key, *keys}) == len(changes) + 1
-
-
-def test_another_observation_model_of_a_shipped_sensor_is_another_key(tmp_path, monkeypatch):
-    monkeypatch.setattr("experiments.tradeoff.configuration.MODELS", tmp_path)
-    (tmp_path / "gel").mkdir()
-    keys = {"shipped": [], "ratio": []}
-    for text in ("one", "two", "one"):
-        (tmp_path / "gel" / OBSERVATION_FILE).write_text(text)
-        for name, found in keys.items():
-            found.append(Configuration(GEL, observation_model=name).key)
-    one, two, again = keys["shipped"]
-    assert one == again != two
-    assert len(set(keys["ratio"])) == 1  # one that is fitted follows from reader and scene
 
 
 def test_a_sweep_names_every_decider_that_needs_no_training_and_nothing_twice():
