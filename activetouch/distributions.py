@@ -17,8 +17,6 @@ from numpy.typing import NDArray
 
 from belief.errors import InvalidArgument
 
-_NARROW = 0.1  # limit below which rejection is from a uniform distribution: few normal deviates are that small
-
 
 class Distribution(Protocol):
     """The distribution of a real random number."""
@@ -87,37 +85,6 @@ class LogUniform(_Range):
     def sample(self, rng: np.random.Generator) -> float:
         """See :class:`Distribution`."""
         return float(np.exp(rng.uniform(np.log(self.low), np.log(self.high))))
-
-
-@dataclass(frozen=True)
-class Normal:
-    """The Gaussian distribution, truncated at ``limit`` standard deviations from ``mean``."""
-
-    mean: float
-    std: float
-    limit: float = 3.0
-
-    def __post_init__(self) -> None:
-        _require_finite(self, self.mean, self.std, self.limit)
-        if self.std < 0.0 or self.limit <= 0.0:
-            raise ValueError(f"std must be ≥ 0 and limit > 0, got {self}")
-
-    @property
-    def support(self) -> tuple[float, float]:
-        """See :class:`Distribution`."""
-        return self.mean - self.limit * self.std, self.mean + self.limit * self.std
-
-    def sample(self, rng: np.random.Generator) -> float:
-        """See :class:`Distribution`."""
-        while True:
-            if self.limit < _NARROW:
-                deviate = rng.uniform(-self.limit, self.limit)
-                is_drawn = rng.random() < np.exp(-0.5 * deviate**2)
-            else:
-                deviate = rng.standard_normal()
-                is_drawn = abs(deviate) <= self.limit
-            if is_drawn:
-                return float(self.mean + self.std * deviate)
 
 
 def require_distribution(name: str, given: object) -> None:

@@ -134,8 +134,6 @@ def in_words(differences: Iterator[str] | Sequence[str], most: int = 6) -> str:
 def _described(value: Any, depth: int = 0) -> Any:
     if value is None or isinstance(value, bool | int | str):
         return value.value if isinstance(value, Enum) else value
-    if isinstance(value, complex | np.complexfloating):
-        return repr(complex(value))
     if isinstance(value, float | np.number | np.bool_):
         plain = value.item() if isinstance(value, np.generic) else float(value)
         return plain if math.isfinite(plain) else repr(plain)
@@ -158,8 +156,6 @@ def _described(value: Any, depth: int = 0) -> Any:
 
 
 def _array(value: np.ndarray) -> Any:
-    if value.dtype.kind == "c":
-        return {"class": "complex array", "real": _array(value.real), "imag": _array(value.imag)}
     if value.dtype.kind not in "biuf":
         return _described(value.tolist())
     rounded = np.round(value, _DECIMALS) + 0.0 if value.dtype.kind == "f" else value  # no -0

@@ -1,4 +1,4 @@
-"""The planner: follows a solved policy of the search at hand on the exact belief.
+"""The planner to compare with: follows a solved policy of the search at hand on the exact belief.
 
 The policy is solved once for every search problem and target, on the outcome table (:func:`planners.solve.solve`). Its
 hidden state is the smallest exact one (:mod:`planners.pomdp.stages`), but for bags and for many distinct objects the

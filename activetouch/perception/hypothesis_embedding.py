@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -48,20 +49,18 @@ class HypothesisEmbedding:
     aims: Floats32 | None = None
 
     def __post_init__(self) -> None:
-        width = self.card.num_inputs
-        for number, (weight, bias) in enumerate(self.layers):
-            if weight.ndim != 2 or weight.shape != (len(bias), width):
-                raise ValueError(f"layer {number} of the hypotheses must read {width} numbers, got {weight.shape}")
-            width = len(bias)
-        if not self.layers or width != self.card.embedding:
-            raise ValueError(f"the hypotheses' embedding must have {self.card.embedding} numbers, got {width}")
-        hidden = {len(bias) for _, bias in self.layers[:-1]}
-        if len(hidden) != 1:
-            raise ValueError(f"the hypotheses' hidden layers must be at least one and equally wide, got {hidden or 0}")
-        if not len(self.sizes) or self.rotations.shape != (len(self.sizes), 3, 3) or not (self.sizes > 0).all():
-            raise ValueError("the fixed hypotheses must be rotations (M, 3, 3) with positive sizes (M,)")
-        if self.aims is not None and self.aims.shape != (len(self.sizes), 2):
-            raise ValueError("the fixed hypotheses must have aims (M, 2)")
+        card, number = self.card, len(self.sizes)
+        shapes = [weight.shape for weight, _ in self.layers]
+        widths = [card.num_inputs, *(len(bias) for _, bias in self.layers)]
+        fits = shapes == [(width, before) for before, width in pairwise(widths)] and widths[-1] == card.embedding
+        fits = fits and len(set(widths[1:-1])) == 1  # hidden layers add to each other
+        fits = fits and self.rotations.shape == (number, 3, 3) and number > 0 and bool((self.sizes > 0).all())
+        if not fits or (self.aims is not None and self.aims.shape != (number, 2)):
+            raise ValueError(
+                f"the network of hypotheses must lead from {card.num_inputs} to {card.embedding} numbers by hidden "
+                f"layers of one width, and the fixed hypotheses have positive sizes (M,), rotations (M, 3, 3) and aims "
+                f"(M, 2); got layers {shapes}, {number} sizes and rotations {self.rotations.shape}"
+            )
 
     def embed(
         self,

@@ -4,14 +4,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from activetouch.distributions import Constant, Distribution, LogUniform, Normal, Uniform
+from activetouch.distributions import Constant, Distribution, LogUniform, Uniform
 
 LAWS: list[tuple[Distribution, object]] = [
     (Uniform(1.0, 3.0), stats.uniform(1.0, 2.0)),
     (LogUniform(0.5, 8.0), stats.loguniform(0.5, 8.0)),
-    (Normal(1.0, 0.5), stats.truncnorm(-3.0, 3.0, 1.0, 0.5)),
-    (Normal(1.0, 0.5, limit=0.7), stats.truncnorm(-0.7, 0.7, 1.0, 0.5)),
-    (Normal(-1.0, 4.0, limit=0.09), stats.truncnorm(-0.09, 0.09, -1.0, 4.0)),
 ]
 
 
@@ -29,17 +26,8 @@ def test_draws_follow_the_law_and_fill_its_support(distribution, law, rng):
         Constant,
         lambda x: Uniform(x, 1.0),
         lambda x: LogUniform(1.0, x),
-        lambda x: Normal(x, 1.0),
-        lambda x: Normal(0.0, x),
-        lambda x: Normal(0.0, 1.0, x),
     ],
 )
 def test_every_parameter_of_a_distribution_is_finite(make, bad):
     with pytest.raises(ValueError, match="must be finite"):
         make(bad)
-
-
-def test_a_normal_distribution_may_be_one_number_and_keeps_some_of_its_deviates(rng):
-    assert Normal(2.0, 0.0).sample(rng) == 2.0
-    with pytest.raises(ValueError, match="limit > 0"):
-        Normal(2.0, 1.0, limit=0.0)

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from belief import ImpossibleObservation
+from belief import ImpossibleObservation, bayes
 from belief.bayes import entropy, expected_information_gain, target_information_gain, update, update_probs
 
 log_likelihoods = arrays(np.float64, 4, elements=st.floats(-50, 50))
@@ -403,3 +403,14 @@ def test_the_evidence_of_equal_likelihoods_is_finite_however_large(rng):
         for prior in rng.dirichlet(np.ones(num_shapes), 100):
             evidence = update_probs(prior, np.full(num_shapes, LARGEST))[1]
             assert LARGEST * (1.0 - 1e-12) <= evidence <= LARGEST
+
+
+@given(distributions(), arrays(np.float64, (5, 4), elements=st.floats(-200, 200)))
+def test_the_plain_rule_and_the_careful_one_agree(prior, scores):
+    log_prior = np.log(prior)
+    careful, evidence, is_answered = bayes._careful_logs(np.tile(log_prior, (5, 1)), scores)
+    assert is_answered.all()
+    one_by_one = [np.array(part) for part in zip(*(update(log_prior, row) for row in scores), strict=True)]
+    for rows in (update(log_prior, scores), one_by_one):
+        np.testing.assert_allclose(rows[0], careful, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(rows[1], evidence, rtol=1e-12, atol=1e-12)

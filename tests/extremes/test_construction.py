@@ -5,7 +5,7 @@ import math
 import pytest
 
 from activetouch import Dynamic
-from activetouch.distributions import Constant, LogUniform, Normal, Uniform
+from activetouch.distributions import Constant, LogUniform, Uniform
 from activetouch.pressing.guarded_move import GuardedMove
 from activetouch.pressing.pad import Pad
 from activetouch.rendering import DeadTaxels, Gain, Hysteresis, Noise, PressureRenderer, Quantisation
@@ -36,7 +36,6 @@ _NAN, _INF = math.nan, math.inf
         pytest.param(lambda: Uniform(2.0, 1.0), "low must not exceed high", id="Uniform: low above high"),
         pytest.param(lambda: Constant(_NAN), "finite", id="Constant: NaN"),
         pytest.param(lambda: LogUniform(0.0, 1.0), "0 < low", id="LogUniform: a low end of zero"),
-        pytest.param(lambda: Normal(0.0, -1.0), "std", id="Normal: a negative deviation"),
         pytest.param(lambda: PressureRenderer(binning=0), "binning", id="PressureRenderer: bins of zero"),
         pytest.param(lambda: DeadTaxels(1.5), "1.5", id="DeadTaxels: a share of 1.5"),
         pytest.param(lambda: Quantisation(0), "bits", id="Quantisation: no bits"),

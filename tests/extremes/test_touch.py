@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from activetouch import Dynamic, Quasistatic, Scene
-from activetouch.distributions import Normal
 from activetouch.errors import UnstablePress
 from activetouch.pressing.contact import Contact
 from activetouch.pressing.guarded_move import GuardedMove
@@ -159,7 +158,6 @@ def _pads_and_shapes() -> list[Case]:
             )
             for name, shape in EXTENDED_SHAPES.items()
         ),
-        answers("Normal", "no deviation", lambda: Normal(2.0, 0.0).sample(np.random.default_rng(0)), equal_to(2.0)),
     ]
 
 

@@ -105,7 +105,7 @@ def test_a_network_of_hypotheses_gives_the_same_without_torch(knows_aims, rng):
     first, _, _, last = embedding.layers
     narrow = (first[0][:7], first[1][:7])
     for layers in ((narrow,), (first, (last[0], last[1]), (last[0][:, :7], last[1]))):
-        with pytest.raises(ValueError, match="hidden layers must be at least one and equally wide"):
+        with pytest.raises(ValueError, match="hidden layers of one width"):
             replace(embedding, layers=layers)
     for wrong in (
         {"sizes": scales[:0], "rotations": embedding.rotations[:0]},

@@ -1,6 +1,5 @@
 """What the readers of recorded touches say about features, which numbers they take, and what they refuse to unpack."""
 
-import bz2
 import gzip
 import os
 import shutil
@@ -11,7 +10,6 @@ import pytest
 
 from activetouch.errors import BadRecording
 from activetouch.recorded import bounded, check_recorded, read_recorded
-from activetouch.recorded.cy101 import BEHAVIOURS
 
 NOISE = np.random.default_rng(0).normal(size=(12, 2))
 
@@ -21,20 +19,6 @@ def write_bts3(folder, cell="0.5"):
     rows += [",".join(["mug", "0", cell, *["1.5"] * 71])]
     for pose in ("down", "45", "side"):
         (folder / f"bts3v2_palm_{pose}.csv").write_text("\n".join(rows))
-
-
-def write_cy101(folder, cell="0.5"):
-    for behaviour in BEHAVIOURS:
-        for modality, width in (("haptics", 70), ("vibro", 100)):
-            lines = [",".join([name, cell, *["1.5"] * (width - 1)]) for name in ("mug_t1", "can_t1")]
-            (folder / f"{behaviour}_{modality}.txt").write_text("\n".join(lines))
-
-
-def write_sdh2(folder, cell="2"):
-    (folder / "mug").mkdir()
-    data = np.array([1.0, 2.0], ">f4").tobytes().hex()
-    text = f"<r><cells_x>{cell}</cells_x><cells_y>1</cells_y><frame_data>{data}</frame_data></r>"
-    (folder / "mug" / "a_0-1.dsa").write_bytes(bz2.compress(text.encode()))
 
 
 def write_npz_sessions(folder, cell="1"):
@@ -51,8 +35,6 @@ def write_csv_session(folder, cell="1"):
 
 WRITERS = {
     "bts3": ("bts3", write_bts3),
-    "cy101": ("cy101", write_cy101),
-    "sdh2": ("sdh2", write_sdh2),
     "npz session": ("npz", write_npz_sessions),
     "csv feature": ("csv", write_csv_feature),
     "csv session": ("csv", write_csv_session),
@@ -68,16 +50,12 @@ def test_only_decimal_numbers_are_numbers_in_every_format(name, cell, tmp_path):
     shutil.rmtree(tmp_path)
     tmp_path.mkdir()
     write(tmp_path, cell)
-    if name == "cy101" and cell == "1,5":
-        with pytest.raises(BadRecording, match="no object"):  # lines of too many cells are left out
-            read_recorded(tmp_path, format_name)
-        return
     with pytest.raises(BadRecording, match=r"number|cells"):
         read_recorded(tmp_path, format_name)
 
 
 @pytest.mark.parametrize("cell", ["infinity", "nan", "-inf", "NaN", "1e999"])
-@pytest.mark.parametrize("name", ["csv feature", "csv session", "npz session", "bts3", "sdh2"])
+@pytest.mark.parametrize("name", ["csv feature", "csv session", "npz session", "bts3"])
 def test_what_is_not_finite_is_refused_by_place(name, cell, tmp_path):
     format_name, write = WRITERS[name]
     write(tmp_path, cell)

@@ -1,7 +1,6 @@
 """``recorded``: from files to a report, on bts3 and on a user's CSV."""
 
 import json
-import os
 import re
 from dataclasses import fields
 from pathlib import Path
@@ -190,15 +189,6 @@ def test_splits_without_searches_are_said(tmp_path, rng, capsys):
 def test_a_threshold_that_a_guess_reaches_is_refused(own, tmp_path):
     with pytest.raises(BadArgument, match=r"above 0\.167, the probability of each of the 6 objects .*got 0.1"):
         Recorded(own.parent, "csv", threshold=0.1, out=tmp_path).run()
-
-
-@pytest.mark.parametrize(("name", "task"), [("cy101", "categories"), ("sdh2", "shapes")])
-def test_sets_that_may_not_be_here_are_searched_where_they_are(name, task, tmp_path):
-    folder = os.environ.get(f"ACTIVETOUCH_{name.upper()}")
-    if not folder:
-        pytest.skip(f"ACTIVETOUCH_{name.upper()} names no folder with {name}")
-    Recorded(Path(folder), name, task, scenes=0, rounds=1, folds=2, out=tmp_path).run()
-    assert (tmp_path / "report.html").is_file()
 
 
 def test_an_unknown_decider_is_refused_before_anything_is_read(tmp_path):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from activetouch.recorded.dsa import PressureFilm
-from activetouch.recorded.pressure_features import before_contact, grasp_features, pressure_scalars
+from benchmarks.recorded_sets.dsa import PressureFilm
+from benchmarks.recorded_sets.pressure_features import before_contact, grasp_features, pressure_scalars
 
 
 def of_pad(pad):
