@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,9 +10,6 @@ from activetouch import SCENES, Quasistatic, Scene
 from activetouch.distributions import Constant, Uniform
 from activetouch.named_scenes import NamedScene
 from activetouch.orientations import Inexact, Resampled, Tumbled, Upright
-from activetouch.pressing.rig import build_spec
-from activetouch.pressing.setup import Setup
-from activetouch.sensor_files import MODELS
 from activetouch.shapes import EXTENDED_SHAPES, Box, Cone, Sphere, Union
 from experiments.press import explain
 from experiments.press.alike import Alike, Likeness
@@ -40,23 +36,6 @@ def test_the_default_scene_models_a_pad_an_object_and_nothing_else():
 
 
 @pytest.mark.mujoco
-def test_the_paper_scene_adds_finger_parking_and_a_sensor_but_no_contact_pair():
-    modelled = numbers(SCENES["paper"].scene)
-    assert (modelled["finger segments"], modelled["parked objects"], modelled["sensor"]) == (2, 3, 1)
-    assert modelled["contact pair"] == 1
-
-
-@pytest.mark.mujoco
-def test_parked_objects_and_the_finger_add_no_motion_and_no_contact():
-    bare, loaded = (
-        build_spec(setup, Scene().shapes["cone"], 0.002).compile()
-        for setup in (Setup(), Setup(finger=True, loaded=tuple(Scene().shapes.values())))
-    )
-    assert loaded.ngeom == bare.ngeom + 5
-    for count in ("nbody", "nv", "nu", "npair"):
-        assert getattr(loaded, count) == getattr(bare, count)
-
-
 @pytest.mark.parametrize(
     ("shapes", "press", "words"),
     [
@@ -72,12 +51,6 @@ def test_the_inventory_names_shapes_that_are_pressed_as_something_simpler(shapes
     found = [item.why for item in inventory(NamedScene(scene, 1, 16)) if item.part == "hollow shapes"]
     assert len(found) == len(words)
     assert all(why.endswith(end) for why, end in zip(found, words, strict=True))
-
-
-def test_objects_that_are_all_different_have_a_joint_belief():
-    for name, number in (("coarse", 16), ("hard", 12)):
-        found = {item.part: item.number for item in inventory(SCENES[name])}
-        assert found["hidden probabilities"] == number
 
 
 @pytest.mark.parametrize(
@@ -96,10 +69,6 @@ def test_what_is_hidden_follows_from_the_presentation(presentation, words):
     assert latent(fixed) == [word for word in words if word != "size"]
 
 
-def test_the_belief_of_a_joint_model_is_described_by_its_hypotheses():
-    assert explain._belief_words(COARSE.scene, MODELS / "coarse").endswith("size: 2048 hypotheses for each shape.")
-
-
 def test_the_time_of_a_press_is_measured_without_its_image():
     press, image = map(float, re.findall(r"[\d.]+(?= ms)", explain._cost_words(STILL, 8)))
     assert min(press, image) > 0.0
@@ -109,16 +78,10 @@ def test_the_time_of_a_press_is_measured_without_its_image():
     ("change", "fits"),
     [
         ({}, True),
-        ({"fidelity": "quasistatic"}, True),
         ({"renderer": "gelsight"}, False),
-        ({"poses": "directions26"}, False),
-        ({"meshes": (Path("pebble.off"),)}, False),
     ],
 )
-def test_explain_describes_only_sensors_that_fit_the_scene(change, fits, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    corners = "0 0 0\n.03 0 0\n0 .03 0\n0 0 .03"
-    Path("pebble.off").write_text(f"OFF\n4 4 0\n{corners}\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n")
+def test_explain_describes_only_sensors_that_fit_the_scene(change, fits, capsys):
     Explain(SceneChoice("coarse", **change), presses=1, alike=False).run()
     text = " ".join(capsys.readouterr().out.split())
     assert ("2048 hypotheses" in text) == fits
@@ -138,8 +101,6 @@ def test_explain_prints_one_screen_on_parts_costs_and_shapes(monkeypatch, capsys
         assert words in text
     assert "No touch meets all of cone: aim" in text
     assert len(printed.splitlines()) < 45
-    found = explain.explain(COARSE, name="coarse", compare=False)
-    assert str(found).startswith("**what the scene 'coarse' models**")
 
 
 def test_the_table_of_alike_shapes_names_those_that_are_hardly_distinguished():
