@@ -163,10 +163,11 @@ def compare(
         WrongScene: The sensor was made for another scene.
         RunMismatch: The folder holds another run.
 
-    >>> import activetouch
-    >>> compare = activetouch.compare("coarse", ["threshold", "random_confirm"], episodes=1, targets="cone", jobs=1)
-    >>> compare.deciders
-    ['threshold', 'random_confirm']
+    Example::
+
+        comparison = activetouch.compare("coarse", ["information_gain", "threshold"], episodes=20, targets="cone")
+        print(comparison)
+        comparison.save("runs/cone")
     """
     choice, named = _scene(scene)
     setting = Setting(
