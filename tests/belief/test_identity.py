@@ -55,3 +55,31 @@ def test_without_a_source_file_the_compiled_code_is_taken():
 
     assert source_digest(made("2")) == source_digest(made("2"))
     assert source_digest(made("2")) != source_digest(made("6"))
+
+
+def test_a_class_typed_in_again_has_the_same_digest_and_an_edited_one_another():
+    text = """
+import functools
+class Typed:
+    edge: int = 1
+    def method(self, much=2, *, more=3):
+        return [one + 4 for one in {5, 6}]
+    @property
+    def wide(self):
+        return 7
+    @functools.cached_property
+    def kept(self):
+        return 8
+    @staticmethod
+    def alone():
+        return 9
+"""
+
+    def digest(source):
+        space = {"__name__": "typed_in"}
+        exec(source, space)
+        return source_digest(space["Typed"])
+
+    edited = [digest(text.replace(str(number), "99")) for number in range(1, 10)]
+    assert digest(f"# a comment\n{text}") == digest(text)
+    assert len({digest(text), *edited}) == 10
