@@ -240,12 +240,6 @@ def test_a_damaged_manifest_is_a_clear_error(folder, what):
         read_split(folder, "train")
 
 
-def test_a_collection_without_orientations_is_refused_with_the_command_for_a_new_one(folder):
-    change_manifest(folder, format=3)
-    with pytest.raises(CorruptFile, match=r"orientation, size and offset.*Record the touches anew"):
-        read_manifest(folder)
-
-
 def test_touches_record_where_the_body_was(folder):
     touches = read_split(folder, "train")
     assert np.allclose(np.linalg.norm(touches.orientations, axis=1), 1.0)
