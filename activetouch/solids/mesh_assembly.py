@@ -8,8 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from activetouch.solids.solid import Floats
-from activetouch.solids.triangles import Ints
+from activetouch.solids.solid import Floats, Ints
 
 Node = TypeVar("Node")
 T = TypeVar("T")

@@ -14,8 +14,7 @@ from activetouch.solids.mesh_gltf import read_gltf
 from activetouch.solids.mesh_ply import read_ply
 from activetouch.solids.mesh_reduction import LARGEST_ERROR, reduced
 from activetouch.solids.mesh_xml import read_3mf, read_dae
-from activetouch.solids.solid import Floats
-from activetouch.solids.triangles import Ints
+from activetouch.solids.solid import Floats, Ints
 from belief.files import require_regular_file
 
 _FORMATS = {".stl": read_stl, ".obj": read_obj, ".ply": read_ply, ".off": read_off}

@@ -14,8 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from activetouch.solids.solid import Floats
-from activetouch.solids.triangles import Ints
+from activetouch.solids.solid import Floats, Ints
 from belief.files import plain_number
 
 _STL_HEADER = 84

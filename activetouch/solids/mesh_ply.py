@@ -10,8 +10,7 @@ from itertools import islice
 from typing import Protocol
 
 from activetouch.solids.mesh_formats import Lines, Surface, from_text, index_of_vertex
-from activetouch.solids.solid import Floats
-from activetouch.solids.triangles import Ints
+from activetouch.solids.solid import Floats, Ints
 from belief.files import plain_number
 
 _HEADER = re.compile(rb"ply\s.*?\nend_header[ \t]*\r?\n", re.DOTALL)

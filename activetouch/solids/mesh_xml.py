@@ -18,8 +18,7 @@ import numpy as np
 import scipy  # whose parts load at first use
 
 from activetouch.solids.mesh_assembly import MOST_BYTES, assembled, fans
-from activetouch.solids.solid import Floats
-from activetouch.solids.triangles import Ints
+from activetouch.solids.solid import Floats, Ints
 from belief.files import plain_number
 
 _UNITS = {"micron": 1e-6, "millimeter": 1e-3, "centimeter": 1e-2, "inch": 0.0254, "foot": 0.3048, "meter": 1.0}
