@@ -57,7 +57,7 @@ class Learner:
             optimizer.step()
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """The network as ``model.NAME`` and the optimizers' moments as ``MOMENT.NAME``; the number of steps is left out."""
+        """The network as ``model.NAME``, and the optimizers' moments as ``MOMENT.NAME``."""
         tensors = {f"model.{name}": value for name, value in self.network.state_dict().items()}
         tensors |= {key: optimizer.state[parameter][moment] for key, optimizer, parameter, moment in self._moments}
         return {name: value.detach().cpu().contiguous().numpy() for name, value in tensors.items()}

@@ -4,20 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import ceil
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from activetouch.poses import to_matrices
+from activetouch.pressing.pad import Pad
 from activetouch.solids.mesh import Mesh
 from activetouch.solids.raster import heights
+from activetouch.solids.solid import Floats, Shape
 from belief.errors import InvalidArgument
 from belief.validation import require_count
-
-if TYPE_CHECKING:
-    from activetouch.pressing.pad import Pad
-    from activetouch.solids.solid import Floats, Shape
 
 _VAST = 1e6  # offset [m] or scale
 
