@@ -69,20 +69,23 @@ def _read(kind: str, content: bytes, folder: Path) -> tuple[Floats, Ints, float 
     Raises:
         ValueError: for every damage; what is read from the description of a scene may have any type.
     """
-    from activetouch.solids import mesh_formats, mesh_gltf, mesh_ply, mesh_xml
-
     try:
         match kind:
             case ".glb" | ".gltf":
-                return mesh_gltf.read_gltf(content, folder)
-            case ".3mf":
-                return mesh_xml.read_3mf(content)
-            case ".dae":
-                return mesh_xml.read_dae(content)
+                from activetouch.solids.mesh_gltf import read_gltf
+
+                return read_gltf(content, folder)
+            case ".3mf" | ".dae":
+                from activetouch.solids.mesh_xml import read_3mf, read_dae
+
+                return read_3mf(content) if kind == ".3mf" else read_dae(content)
             case ".ply":
-                return *mesh_ply.read_ply(content), None
-        readers = {".stl": mesh_formats.read_stl, ".obj": mesh_formats.read_obj, ".off": mesh_formats.read_off}
-        return *readers[kind](content), None
+                from activetouch.solids.mesh_ply import read_ply
+
+                return *read_ply(content), None
+        from activetouch.solids.mesh_formats import read_obj, read_off, read_stl
+
+        return *{".stl": read_stl, ".obj": read_obj, ".off": read_off}[kind](content), None
     except (ValueError, OSError):
         raise
     except Exception as error:  # zipfile, expat and the use of what should be numbers raise many kinds
