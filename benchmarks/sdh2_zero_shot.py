@@ -20,10 +20,10 @@ from scipy.special import softmax
 
 from activetouch import SCENES, Scene, TactileSensor
 from activetouch.distributions import Uniform
-from activetouch.recorded.dsa import read_dsa
-from activetouch.recorded.sdh2 import SHAPES
 from activetouch.shapes import Box, Cylinder, Family, Sphere
 from belief.statistics import wilson_interval
+from benchmarks.recorded_sets.dsa import read_dsa
+from benchmarks.recorded_sets.sdh2 import SHAPES
 
 TAXEL = 3.4e-3
 """Edge of a taxel of the real pads [m]."""

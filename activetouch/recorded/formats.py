@@ -10,16 +10,14 @@ from typing import Literal, TypeAlias, get_args
 from activetouch.errors import BadRecording
 from activetouch.recorded.bts3 import read_bts3
 from activetouch.recorded.csv_format import read_csv
-from activetouch.recorded.cy101 import read_cy101
 from activetouch.recorded.named_columns import features_read
 from activetouch.recorded.npz_format import read_npz
-from activetouch.recorded.sdh2 import read_sdh2
 from activetouch.recorded.touches import RecordedTouches
 
-Format: TypeAlias = Literal["cy101", "sdh2", "bts3", "npz", "csv"]
+Format: TypeAlias = Literal["csv", "npz", "bts3"]
 
 FORMATS: Mapping[str, Callable[[Path], tuple[RecordedTouches, tuple[str, ...]]]] = MappingProxyType(
-    {"cy101": read_cy101, "sdh2": read_sdh2, "bts3": read_bts3, "npz": read_npz, "csv": read_csv}
+    {"csv": read_csv, "npz": read_npz, "bts3": read_bts3}
 )
 """Functions that read a folder: they return the touches, and sentences about what was left out."""
 assert tuple(FORMATS) == get_args(Format)

@@ -31,7 +31,7 @@ _PROMISED = 0.93  # accuracy of stops below which a number is bold
 
 
 def robustness(page: str) -> str:
-    """The page with its tables of all scenes, and those of strangers."""
+    """The page with its tables of all scenes, and those of unknown objects."""
     records = {scene: _record(f"robustness/{scene}") for scene in SHIFTED}
     conditions = list(dict.fromkeys(name for record in records.values() for name in record["conditions"]))
     for beginning, cell in (("## What is stated", _stops), ('## "I do not know"', _answers)):
@@ -39,15 +39,15 @@ def robustness(page: str) -> str:
             _row(name, *(cell(record["conditions"].get(name)) for record in records.values())) for name in conditions
         ]
         page = _with_rows(page, beginning, rows)
-    strange, among = [], []
+    unknown, among = [], []
     for scene, record in records.items():
-        if record["unseen"]:
-            strange += [_row(f"`{scene}`, {number}", *_strangers(record["unseen"], number)) for number in ("3", "6")]
+        if scores := record["unseen"]:
+            unknown += [_row(f"`{scene}`, {number}", *_unknown_objects(scores, number)) for number in ("3", "6")]
         if found := record["among_strangers"]:
             first = found["knows of strangers"]
             cells = (f"{_interval(some)}, {some['wrong'][0]:.3f}, {some['touches']:.1f}" for some in found.values())
             among.append(_row(f"`{scene}`, {first['number']} searches", *cells, f"{first['no_touch']:.2f}"))
-    return _with_rows(_with_rows(page, "## Strangers", strange), "**Searches among strangers.**", among)
+    return _with_rows(_with_rows(page, "## Unknown objects", unknown), "**Searches among unknown objects.**", among)
 
 
 def perception(page: str) -> str:
@@ -330,7 +330,7 @@ def _answers(condition: Mapping[str, Any] | None) -> str:
     return f"{searches['wrong'][0]:.3f}, {unsure['wrong'][0]:.3f}; {unsure['unsure'][0]:.3f}"
 
 
-def _strangers(unseen: Mapping[str, Any], number: str) -> list[str]:
+def _unknown_objects(unseen: Mapping[str, Any], number: str) -> list[str]:
     """AUROC after some touches; the misfit needs two."""
     scores = {label: found["after"][number]["auroc"] for label, found in unseen.items()}
     cells = [scores[label]["misfit"][0] if number != "1" else None for label in ("all", "cuboid", "wedge")]

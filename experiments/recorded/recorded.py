@@ -147,13 +147,13 @@ class Recorded:
     The set is split by time or by object, a classifier is trained and calibrated, correlations between touches are
     fitted, and objects are then identified, and searched for, by their held-out recordings. Needs the extra
     "recorded".
-    docs/real_touch.md describes the formats; "csv" and "npz" are for touches of your own.
+    docs/real_touch.md describes the formats; "csv" and "npz" are for touches of your own, "bts3" is a public set.
 
     For example:
 
         activetouch recorded --data my_touches --format csv
-        activetouch recorded --data cy101 --format cy101 --task categories
-        activetouch recorded --data sdh2 --format sdh2 --task shapes --objects 3
+        activetouch recorded --data my_touches.npz --format npz --task categories
+        activetouch recorded --data tests/fixtures/bts3 --format bts3
     """
 
     data: Path

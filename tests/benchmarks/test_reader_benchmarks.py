@@ -1,7 +1,6 @@
 """Scores of readers on a small collection: learning curve and frontier."""
 
 import json
-from dataclasses import replace
 from shutil import which
 
 import numpy as np
@@ -14,7 +13,6 @@ from belief.statistics import clopper_pearson_interval
 from benchmarks.frontier import Frontier
 from benchmarks.learning_curve import LearningCurve
 from benchmarks.reader_scores import scores
-from experiments.command_line.arguments import BadArgument
 from experiments.command_line.collection_arguments import PlanArguments
 from experiments.scene_choice import SceneChoice
 from experiments.sensor.collect import Collect
@@ -69,24 +67,6 @@ def test_a_learning_curve_gives_every_part_as_many_steps(data, tmp_path):
     assert [(p["images"], p["epochs"]) for p in points] == [(36, 8), (144, 2)]
     assert all(0.0 <= p["scores"]["accuracy"] <= 1.0 for p in points)
     assert (tmp_path / "learning_curve.svg").exists()
-
-
-def test_a_timed_batch_is_full_even_of_few_images(tmp_path):
-    sizes = []
-
-    class Counting:
-        def read(self, images, batch_size):
-            sizes.append(len(images))
-
-    Frontier((tmp_path,), rounds=2)._time([Counting()], np.zeros((3, 4, 4), np.uint8), 8)
-    assert sizes == [8, 8, 8]
-
-
-def test_the_frontier_refuses_a_network_that_tells_shapes_only_with_hypotheses(data, tmp_path):
-    card = replace(card_for(read_split(data, "train"), "cnn", 4, ("a", "b"), ("p",)), embedding=8)
-    new_classifier(card, seed=0).save(tmp_path / "embeds.safetensors")
-    with pytest.raises(BadArgument, match=r"train --recipe large.*embeds\.safetensors"):
-        Frontier((tmp_path / "embeds.safetensors",), "coarse", data, rounds=1, out=tmp_path).run()
 
 
 @pytest.mark.slow

@@ -6,7 +6,6 @@ import pytest
 from activetouch.hypotheses import quaternions
 from activetouch.poses import random_orientation, to_matrices
 from belief.observation_model import FixedHypotheses, RigidBodyModel
-from belief.touch_batch import TouchBatch
 from experiments.calibration.orientation import LEAST_P, QUANTITIES, _ranks, rank_tests
 from experiments.calibration.sequences import Rounds
 
@@ -85,14 +84,3 @@ def test_a_constant_in_all_log_weights_changes_no_rank(rng):
     ]
     np.testing.assert_allclose(found[1:], [found[0]] * 2, atol=1e-9)
     assert 0.0 < min(found[0]) < max(found[0]) < 1.0
-
-
-def test_ranks_follow_from_the_generator():
-    first, second = (all_tests(np.random.default_rng(3), objects=20) for _ in range(2))
-    assert first == second
-
-
-def test_a_touch_without_its_embedding_is_refused(rng):
-    model, rounds = touched(rng, symmetric=False, objects=1)
-    with pytest.raises(ValueError, match="embedding"):
-        model.log_weights(TouchBatch(np.zeros((1, 1), int), rounds.logits[:1, 0, :1]))

@@ -10,13 +10,11 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from experiments import parallel
-from experiments.command_line.collection_arguments import PlanArguments
 from experiments.command_line.console import plain_console
 from experiments.reporting.tables import Table, csv_text
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
 from experiments.search.setting import Setting
-from experiments.sensor.collect import Collect
 
 ROOT = Path(__file__).parents[3]
 HOSTILE = ["runs/[/green]", "[bold]cone[/bold]", ":smile:", "[link=x]y", "\\[x]", "[[", "[#ff0000]nut"]
@@ -63,13 +61,6 @@ def test_a_comparison_in_a_folder_named_like_markup_ends_well(tmp_path, capsys):
     assert (out / "report.html").exists()
 
 
-@pytest.mark.mujoco
-def test_a_collection_in_a_folder_named_like_markup_ends_well(tmp_path, capsys):
-    out = tmp_path / "[/green]"
-    Collect(SceneChoice("coarse"), out=out, plan=PlanArguments(train=1, calibration=0, test=0), jobs=1).run()
-    assert "[/green] is complete" in capsys.readouterr().out
-
-
 FEW = ("--targets", "cone", "--fidelity", "quasistatic", "--episodes", "1", "--jobs", "1")
 
 
@@ -88,10 +79,8 @@ def run(arguments, where, **environment):
 @pytest.mark.parametrize(
     "arguments",
     [
-        ["compare", "--help"],
         [*("compare", "--scene", "coarse", "--deciders", "random_confirm"), *FEW],
         ["touch", "--shape", "größe–λ"],
-        ["nonsense–λ"],
     ],
     ids=lambda arguments: " ".join(arguments[:2]),
 )

@@ -51,10 +51,6 @@ def test_a_clear_winner_is_best():
     assert "tie" not in verdict_sentences(found)[0]
 
 
-def test_one_decider_alone_has_no_rank():
-    assert [card.rank for card in cards(compared("information_gain", number=8))] == [""]
-
-
 def test_failures_are_drawn_on_a_logarithmic_axis_whatever_their_number(with_a_tie):
     drawn = {picture.name: picture for picture in pictures(with_a_tie)}
     for name in ("success", "frontier"):

@@ -21,7 +21,6 @@ from planners import SequentialDecider, make_decider
 from planners.probing import FixedOrder
 from planners.stopping import PosteriorThresholds
 
-needs_world = [pytest.mark.mujoco, pytest.mark.torch]
 MINE = """
 from dataclasses import dataclass
 
@@ -226,9 +225,3 @@ def test_an_installed_package_offers_parts_by_entry_points(monkeypatch, coarse_t
     assert SceneChoice("offered", renderer="offered").named.scene.image_shape == (128, 128)
     with pytest.raises(UnknownName, match="offered"):
         make_decider("offred", coarse_table)
-
-
-@pytest.mark.mujoco
-def test_one_decider_and_one_target_need_no_list(tmp_path):
-    found = activetouch.compare("coarse", "random_confirm", targets="cone", episodes=1, out=tmp_path, jobs=1)
-    assert (found.deciders, found.targets) == (["random_confirm"], ["cone"])

@@ -13,10 +13,10 @@ import numpy as np
 
 from activetouch.errors import BadRecording
 from activetouch.recorded.bounded import require_bounded, require_folder
-from activetouch.recorded.dsa import read_dsa
 from activetouch.recorded.named_columns import SCALARS, touches_of_columns
-from activetouch.recorded.pressure_features import before_contact, grasp_features, pressure_scalars
 from activetouch.recorded.touches import RecordedTouches
+from benchmarks.recorded_sets.dsa import read_dsa
+from benchmarks.recorded_sets.pressure_features import before_contact, grasp_features, pressure_scalars
 
 _MOST_FILES = 100_000
 _FIRST_FRAME = re.compile(r"_([0-9]+)-[0-9]+\.dsa$")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from activetouch.recorded.dsa import PressureFilm
 from belief.problem import Floats
+from benchmarks.recorded_sets.dsa import PressureFilm
 
 _FIRMEST = 5  # frames that are averaged
 _EARLIEST = 3
