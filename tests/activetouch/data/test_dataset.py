@@ -240,6 +240,12 @@ def test_a_damaged_manifest_is_a_clear_error(folder, what):
         read_split(folder, "train")
 
 
+def test_a_collection_of_an_earlier_format_is_to_be_recorded_anew(folder):
+    change_manifest(folder, format=3)
+    with pytest.raises(CorruptFile, match="format 3, this version reads 4; record the touches anew"):
+        read_manifest(folder)
+
+
 def test_touches_record_where_the_body_was(folder):
     touches = read_split(folder, "train")
     assert np.allclose(np.linalg.norm(touches.orientations, axis=1), 1.0)
