@@ -25,22 +25,6 @@ from experiments.command_line.signals import running
 with running():
     list(run_tasks([partial(time.sleep, 60)] * 4, 2, "sleeping"))
 """
-POOL = """
-import multiprocessing, sys, time
-from pathlib import Path
-from experiments.command_line.workers import in_own_process
-from experiments.command_line.signals import running
-
-
-def work():
-    Path("at work").touch()
-    time.sleep(60)
-
-
-if __name__ == "__main__":
-    with running():
-        in_own_process(multiprocessing.get_context(sys.argv[1]), work)
-"""
 linux = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are listed by /proc")
 
 
@@ -112,13 +96,6 @@ def judge(found, code):
 def test_no_worker_outlives_its_command(tmp_path, number, send, code):
     process = start(["-c", SLEEPERS], tmp_path)
     judge(stopped(process, number, send, lambda: len(processes_of(process.pid)) >= FIVE), code)
-
-
-@linux
-@ENDS
-def test_no_process_that_measures_on_its_own_outlives_its_command(tmp_path, number, send, code):
-    (tmp_path / "pool.py").write_text(POOL)
-    judge(stopped(start(["pool.py", "forkserver"], tmp_path), number, send, (tmp_path / "at work").exists), code)
 
 
 @pytest.mark.parametrize(("module", "name"), [("tyro", "SIGINT"), ("numpy", "SIGTERM")])

@@ -6,7 +6,7 @@ import pytest
 from activetouch.hypotheses import quaternions
 from activetouch.poses import random_orientation, to_matrices
 from belief.observation_model import FixedHypotheses, RigidBodyModel
-from experiments.calibration.orientation import LEAST_P, QUANTITIES, _ranks, rank_tests
+from benchmarks.orientation_ranks import LEAST_P, QUANTITIES, Touched, _ranks, rank_tests
 from experiments.calibration.sequences import Rounds
 
 N, P, OBJECTS, NOISE = 4096, 6, 300, 0.4
@@ -40,10 +40,8 @@ def touched(rng, symmetric, noise=NOISE, objects=OBJECTS):
     model = RigidBodyModel(
         ("body",), N, 1.0, np.zeros((P, 1, depth)), np.zeros((P, 1, 1)), hypotheses=FixedHypotheses(table)
     )
-    rounds = Rounds(
-        np.zeros((objects, 1, P, 1)), np.zeros(objects, int), features, rests, rng.uniform(0.9, 1.1, objects)
-    )
-    return model, rounds
+    rounds = Rounds(np.zeros((objects, 1, P, 1)), np.zeros(objects, int), features)
+    return model, Touched(rounds, rests, rng.uniform(0.9, 1.1, objects))
 
 
 def all_tests(rng, symmetric=False, noise=NOISE, objects=OBJECTS):
