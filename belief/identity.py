@@ -10,22 +10,11 @@ import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from types import CodeType, FunctionType, ModuleType
+from types import CodeType, FunctionType
 from typing import Any
 
-_PACKAGES = frozenset({"belief", "planners", "activetouch", "experiments"})
 _ADDRESS = re.compile(" at 0x[0-9a-f]+")  # differs between processes
 _PLAIN = (type(None), bool, int, float, complex, str, bytes)
-
-
-def is_own(thing: object) -> bool:
-    """Whether the class of an object (or a class, or a function) is defined in this distribution.
-
-    >>> from belief import Touch
-    >>> is_own(Touch), is_own(hashlib.sha256)
-    (True, False)
-    """
-    return _kind(thing).__module__.partition(".")[0] in _PACKAGES
 
 
 def source_digest(thing: object) -> str:
@@ -78,24 +67,6 @@ def is_standard(name: str) -> bool:
     (True, False)
     """
     return name.partition(".")[0] in sys.stdlib_module_names
-
-
-def module_code(module: ModuleType) -> str:
-    """SHA-256 of the functions, classes and upper-case constants that a module defines, as loaded in this process.
-
-    >>> module_code(sys.modules["belief.frozen"]) == module_code(sys.modules["belief.files"])
-    False
-    """
-    found: list[Any] = []
-    for name, value in sorted(vars(module).items()):
-        one = inspect.unwrap(value) if callable(value) else value
-        if isinstance(one, FunctionType) and one.__module__ == module.__name__:
-            found.append([name, function_code(one)])
-        elif isinstance(one, type) and one.__module__ == module.__name__:
-            found.append([name, class_code(one)])
-        elif name.isupper() and _is_plain(one):
-            found.append([name, _plain(one)])
-    return _sha256(json.dumps(found))
 
 
 def class_code(cls: type) -> list[Any]:

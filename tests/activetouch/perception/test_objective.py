@@ -160,7 +160,7 @@ def test_the_losses_of_contrast_are_those_of_their_definitions(focus, drawn_shap
     prior = np.log([2.0 / 5.0, 8.0 / 5.0]) if focus else np.zeros(2)  # a shape in focus is drawn four times as often
     wanted = network.losses(images, shapes, [np.concatenate([shapes, drawn_shapes])] * 5, prior)
     assert float(found) == pytest.approx(wanted.mean(), rel=1e-5)
-    loss, accuracy = objective.evaluate(network, touches, False)
+    loss, accuracy = objective.evaluate(network, touches)
     others = [np.append(np.arange(4096) % 2, shape) for shape in touches.shapes]
     assert loss == pytest.approx(network.losses(touches.images, touches.shapes, others).mean(), rel=1e-5)
     read = (network(torch.from_numpy(touches.images))[0] @ network.vectors.T).argmax(dim=1).numpy()
