@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 import tyro
 
-from activetouch import SCENES, SHAPES, Quasistatic, predicted_contacts
+from activetouch import SCENES, SHAPES, Quasistatic
 from activetouch.distributions import Constant, Uniform
-from activetouch.hypotheses import member_shares, quaternions
+from activetouch.hypotheses import member_shares
 from activetouch.placement import WorldObject
-from activetouch.pressing.height_maps import Window
 from activetouch.pressing.pad import Pad
 from activetouch.scene_description import require_scene, scene_fields
 from activetouch.shapes import Box, Cone, Cylinder, Family, Torus
@@ -90,18 +89,6 @@ def test_hypotheses_share_at_most_64_members(num):
     plain, zeros = SCENE.bodies("cone", shares)
     assert plain == (SHAPES["cone"],)
     assert (len(zeros), zeros.any()) == (num, False)
-
-
-def test_geometry_by_member_is_that_of_each_hypothesis():
-    solids, numbers = SCENE.bodies("cylinder", member_shares(100))
-    turns, window = quaternions(100), Window(0.05, 8)
-    by_member = np.empty((100, 8, 8))
-    for number, solid in enumerate(solids):
-        rows = np.flatnonzero(numbers == number)
-        by_member[rows] = predicted_contacts(solid, turns[rows], np.zeros(2), window)
-    for row in (0, 17, 99):
-        alone = predicted_contacts(solids[numbers[row]], turns[row : row + 1], np.zeros(2), window)[0]
-        np.testing.assert_array_equal(by_member[row], alone)
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,6 @@ import importlib
 import json
 import sys
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -149,41 +148,3 @@ def test_one_number_in_an_array_of_any_kind_is_a_difference(kind, size):
     (found,) = scene_differences(first, second)
     assert found.path.startswith("renderer.table")
     json.dumps(first, allow_nan=False)
-
-
-def test_settings_in_slots_in_a_closure_in_defaults_and_in_a_partial_call_are_part_of_the_scene():
-    class Slotted:
-        __slots__ = ("width",)
-
-        def __init__(self, width):
-            self.width = width
-
-    class SlottedByText:
-        __slots__ = "width"
-
-        def __init__(self, width):
-            self.width = width
-
-    def closed(width):
-        return lambda contact: width * contact.pressure
-
-    def scaled(contact, width):
-        return width * contact.pressure
-
-    def by_default(width):
-        return lambda contact, width=width: width * contact.pressure
-
-    def by_named_default(width):
-        return lambda contact, *, width=width: width * contact.pressure
-
-    for make in (
-        Slotted,
-        SlottedByText,
-        closed,
-        by_default,
-        by_named_default,
-        lambda width: partial(scaled, width=width),
-    ):
-        first, again, second = (scene_fields(_Holder(make(width))) for width in (1, 1, 2))
-        assert first == again
-        assert len(scene_differences(first, second)) == 1

@@ -240,9 +240,9 @@ def test_a_damaged_manifest_is_a_clear_error(folder, what):
         read_split(folder, "train")
 
 
-def test_a_collection_without_orientations_is_refused_with_the_command_for_a_new_one(folder):
+def test_a_collection_of_an_earlier_format_is_to_be_recorded_anew(folder):
     change_manifest(folder, format=3)
-    with pytest.raises(CorruptFile, match=r"orientation, size and offset.*Record the touches anew"):
+    with pytest.raises(CorruptFile, match="format 3, this version reads 4; record the touches anew"):
         read_manifest(folder)
 
 

@@ -41,7 +41,7 @@ def weights(trained):
     return torch.cat([value.flatten() for value in trained.classifier.network.state_dict().values()])
 
 
-@pytest.mark.parametrize(("backbone", "bf16"), [("cnn", False), ("atto", False), ("atto", True)])
+@pytest.mark.parametrize(("backbone", "bf16"), [("cnn", True), ("atto", False)])
 def test_training_learns_a_simple_task(backbone, bf16, tmp_path):
     trained = trainer(tmp_path / "state.safetensors", replace(RECIPE, bf16=bf16), backbone=backbone)
     reports = [trained.run_epoch() for _ in range(3)]
@@ -96,7 +96,7 @@ def test_a_gradient_that_is_not_finite_is_refused_with_advice_and_nothing_is_wri
     diverged = trainer(tmp_path / "state.safetensors")
     with torch.no_grad():
         diverged.classifier.network.head.bias.fill_(torch.inf)
-    with pytest.raises(TrainingDiverged, match=r"epoch 1: after 0 images .*--change\.bf16 False"):
+    with pytest.raises(TrainingDiverged, match=r"epoch 1: after 0 images .*--change\.learning-rate"):
         diverged.run_epoch()
     assert not diverged.state.exists()
 

@@ -114,12 +114,12 @@ def test_the_report_is_one_file_that_needs_nothing_else(page):
     html = page.read_text()
     assert not re.search(r"""(src|href)\s*=\s*["'](?!data:|#)""", html)
     assert not re.search(r"url\((?!#)|@import|<link|<script src|http-equiv=.refresh", html)
-    assert html.count("<svg") == 6
+    assert html.count("<svg") == 2
     assert html.count("data:image/png") >= 4
     assert "no-touch baseline succeeds in 0.250" in html
     assert len(html) < 5_000_000
     ids = re.findall(r'<[^>]* id="([^"]+)"', html)
-    assert len(ids) == len(set(ids))  # six figures on one page
+    assert len(ids) == len(set(ids))  # of both figures
 
 
 def test_figures_and_tables_are_files_too(finished, page):
@@ -227,7 +227,6 @@ def test_abstaining_deciders_are_played_reported_replayed_and_kept_apart_from_ot
     assert comparison.cells["random_confirm", "cone"].reward == -0.5
     assert "I do not know" in page.read_text()
     assert (tmp_path / "tables" / "abstention.csv").is_file()
-    assert (tmp_path / "figures" / "selective_risk.svg").is_file()
     Replay(tmp_path, decider="random_confirm", target="cone", out=tmp_path / "search.png").run()
     assert Compare.from_config(tmp_path / "run.json").setting == setting
     with pytest.raises(RunMismatch):

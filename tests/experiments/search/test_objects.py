@@ -81,7 +81,7 @@ def test_python_and_the_command_line_play_the_same_episodes(folder, tmp_path):
     deciders = {names[0]: fixed, names[1]: "own_parts:Mine(touches=3)"}
     found = activetouch.compare("coarse", deciders, episodes=1, targets=["sphere"], out=tmp_path / "python", jobs=2)
     assert found.deciders == list(names)
-    for file in ("episodes.jsonl", "tables/returns.csv"):
+    for file in ("episodes.jsonl", "tables/results.csv"):
         assert (tmp_path / "python" / file).read_bytes() == (tmp_path / "command" / file).read_bytes()
     assert (tmp_path / "python" / "report.html").exists()
 

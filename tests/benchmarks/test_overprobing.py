@@ -3,7 +3,7 @@
 import numpy as np
 
 from belief import Belief, Confirm, Probe, Reject, Touch
-from experiments.search.episode_statistics import overprobing
+from benchmarks.overprobing import overprobing, table
 from planners import Decision, Episode, Outcome, Step
 
 LABELS = ("cube", "cone")
@@ -35,3 +35,10 @@ def test_touches_after_certainty_are_counted_object_by_object():
 def test_a_search_cut_off_after_certainty_decided_nothing_and_counts_as_wrong():
     cut = episode((0, 1), [(0, 0.5, Probe(0)), (0, 0.99, Probe(0))], Outcome.TRUNCATED)
     assert overprobing([cut], 0.95).wrong == 1
+
+
+def test_the_table_has_a_row_for_each_decider_that_was_certain():
+    sure = episode((0, 1), [(0, 0.5, Probe(0)), (0, 0.99, Confirm())])
+    never = episode((0, 1), [(0, 0.5, Confirm())])
+    [row] = table({"sure": [sure], "never": [never]}).rows
+    assert row[:4] == ("sure", 1, 0.0, 0.0)
