@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import inf
 from pathlib import Path
 
@@ -68,10 +68,6 @@ class MeshSource:
     def label(self) -> str:
         """The name, or that of the file."""
         return self.name or self.path.stem
-
-    def resolved(self) -> MeshSource:
-        """The same source with an absolute path."""
-        return replace(self, path=self.path.resolve())
 
     def read(self, scale: float | None = None) -> Mesh:
         """The mesh; ``scale`` is for a source without its own. See :meth:`Mesh.from_file`."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.poses import Quaternion, require_unit
-from activetouch.shapes import Shape
+from activetouch.solids.solid import Shape
 
 
 @dataclass(frozen=True, eq=False)

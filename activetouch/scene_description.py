@@ -27,7 +27,7 @@ import numpy as np
 
 from activetouch.errors import WrongScene
 from activetouch.solids.mesh import Mesh
-from belief.identity import is_own, source_digest
+from belief.identity import source_digest
 
 if TYPE_CHECKING:
     from activetouch.scene import Scene
@@ -167,7 +167,7 @@ def _array(value: np.ndarray) -> Any:
 
 def _class_of(value: Any) -> dict[str, str]:
     kind = value if isinstance(value, type | FunctionType) else type(value)
-    if is_own(kind):
+    if kind.__module__.startswith(f"{__package__}."):
         return {"class": kind.__qualname__}
     return {"class": f"{kind.__module__}.{kind.__qualname__}", "class_sha256": source_digest(kind)}
 

@@ -2,8 +2,7 @@ r"""Bayes' rule, entropy and information gain as pure functions of arrays; leadi
 
     log p(y | o) = log p(y) + log p(o | y) - log p(o),    log p(o) = logsumexp over y of the first two terms.
 
-:func:`update` works on logarithms and is exact for likelihoods of any size. :func:`update_probs` works on plain
-probabilities and is twice as fast.
+:func:`update` works on logarithms and is exact for likelihoods of any size.
 
     >>> import numpy as np
     >>> log_prior = np.log([0.5, 0.5])
@@ -11,13 +10,13 @@ probabilities and is twice as fast.
     >>> np.exp(log_posterior).round(3), np.exp(log_evidence).round(3)
     (array([0.8, 0.2]), np.float64(0.5))
 
-Each rule is computed plainly, and a single row of few shapes with plain floats. Input is checked through sums that are
-computed anyway: NaN, infinity, underflow or a wrong total shows in them, and only such rows take the careful rule.
+The rule is computed plainly, in blocks of rows that fit in the cache, and a single row of few shapes with plain floats.
+Input is checked through sums that are computed anyway: NaN, infinity, underflow or a wrong total shows in them, and
+only such rows take the careful rule.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from math import exp, inf, log
 from typing import Any, NoReturn
 
@@ -41,6 +40,7 @@ from belief.validation import (
 _FEW_SHAPES = 16  # up to here plain floats are faster than arrays
 _LEAST_TOTAL = 1e-30  # a smaller sum may have lost terms to underflow: such rows take the careful rule
 _LARGEST = np.finfo(np.float64).max
+_BLOCK = 16_384  # numbers in a block; three such arrays fit in the second-level cache
 
 
 def update(
@@ -73,54 +73,22 @@ def update(
         result = _update_few(prior.tolist(), likelihood.tolist())
         if result is not None:
             return result
-    shape = _common_shape(prior, likelihood, ("log_prior", "log_likelihood"))
-    p, joint = _shapes_first(prior, len(shape)), _shapes_first(likelihood, len(shape))
-    with np.errstate(all="ignore"):  # NaN and infinity are handled by the careful rule
-        best = joint.max(axis=0)
-        joint = p + np.subtract(joint, best, out=joint)
-        total, prior_total = np.exp(joint).sum(axis=0), np.exp(p).sum(axis=0)
-        log_total = np.log(total)
-        log_evidence = log_total - np.log(prior_total) + best
-        joint -= log_total
-        sound = (total >= _LEAST_TOTAL) & (np.abs(prior_total - 1.0) <= SUM_TOLERANCE)
-    if joint.min() == -inf:  # ruled out, or beyond the largest float
-        sound &= ~((joint == -inf) & (p > -inf) & (_shapes_first(likelihood, len(shape)) > -inf)).any(axis=0)
-    return _with_care(_careful_logs, _complain_logs, sound, prior, likelihood, _shapes_last(joint), log_evidence)
-
-
-def update_probs(prior_probs: ArrayLike, likelihoods: ArrayLike) -> tuple[Floats, Floats]:
-    """Posterior over shapes, and evidence, as plain probabilities.
-
-    A posterior below about 1e-270 may become zero, and a later update cannot raise it again: use :func:`update` for
-    long sequences of touches.
-
-    Args:
-        prior_probs: p(y), ``(..., K)``; rows sum to one (float16 rows are renormalised).
-        likelihoods: p(o | y), ``(..., K)``; finite and not negative; densities may exceed one.
-
-    Returns:
-        p(y | o), ``(..., K)``, and p(o), ``(...,)``; an evidence that underflows is zero.
-
-    Raises:
-        ValueError: NaN, +inf, a negative number, an empty array, shapes that do not fit, a prior that does not sum to
-            one.
-        ImpossibleObservation: in some row, every shape has prior or likelihood zero.
-
-    >>> posterior, evidence = update_probs([0.5, 0.5], [[0.8, 0.2], [0.3, 0.1]])
-    >>> posterior.round(3).tolist(), evidence.round(3).tolist()
-    ([[0.8, 0.2], [0.75, 0.25]], [0.5, 0.2])
-    """
-    prior, likelihood = as_real(prior_probs, "prior_probs"), as_real(likelihoods, "likelihoods")
-    shape = _common_shape(prior, likelihood, ("prior_probs", "likelihoods"))
-    p, score = _shapes_first(prior, len(shape)), _shapes_first(likelihood, len(shape))
-    with np.errstate(all="ignore"):
-        joint = p * score
-        total, prior_total = joint.sum(axis=0), p.sum(axis=0)
-        evidence = total / prior_total
-        joint /= total
-    is_valid = p.min() >= 0.0 and score.min() >= 0.0
-    sound = (total >= _LEAST_TOTAL) & (evidence < inf) & (np.abs(prior_total - 1.0) <= SUM_TOLERANCE) & is_valid
-    return _with_care(_careful_probs, _complain_probs, sound, prior, likelihood, _shapes_last(joint), evidence)
+    shape = _common_shape(prior, likelihood)
+    priors, scores = (np.broadcast_to(x, shape).reshape(-1, shape[-1]) for x in (prior, likelihood))
+    posterior, evidence, is_sound = np.empty(scores.shape), np.empty(len(scores)), np.empty(len(scores), np.bool_)
+    size = max(1, _BLOCK // shape[-1])
+    for first in range(0, len(scores), size):
+        rows = slice(first, first + size)
+        posterior[rows], evidence[rows], is_sound[rows] = _update_block(priors[rows], scores[rows])
+    if not is_sound.all():
+        odd = np.flatnonzero(~is_sound)
+        priors, scores = priors[odd].astype(np.float64), scores[odd].astype(np.float64)
+        with np.errstate(all="ignore"):
+            posterior[odd], evidence[odd], is_answered = _careful_logs(priors, scores)
+        if not is_answered.all():
+            first = int(np.argmin(is_answered))
+            _complain(priors[first], scores[first], tuple(int(i) for i in np.unravel_index(odd[first], shape[:-1])))
+    return posterior.reshape(shape), evidence.reshape(shape[:-1])[()]
 
 
 def entropy(probs: ArrayLike, axis: int = -1) -> Floats:
@@ -214,36 +182,21 @@ def _overflowed(joint: float, prior: float, likelihood: float) -> bool:
     return joint == -inf < min(prior, likelihood)
 
 
-def _shapes_first(values: NDArray[np.floating], ndim: int) -> Floats:
-    """A contiguous array ``(K, ...)`` of so many axes, over which sums are fast."""
-    wide = values.reshape((1,) * (ndim - values.ndim) + values.shape)
-    return np.array(wide.transpose(ndim - 1, *range(ndim - 1)), np.float64, order="C")
-
-
-def _shapes_last(values: Floats) -> Floats:
-    return np.ascontiguousarray(values.transpose(*range(1, values.ndim), 0))
-
-
-def _with_care(
-    careful: Callable[[Floats, Floats], tuple[Floats, Floats, NDArray[np.bool_]]],
-    complain: Callable[[Floats, Floats, tuple[int, ...]], NoReturn],
-    sound: NDArray[np.bool_],
-    prior: NDArray[np.floating],
-    likelihood: NDArray[np.floating],
-    posterior: Floats,
-    evidence: Floats,
-) -> tuple[Floats, Floats]:
-    """The posterior and the evidence, where they are not sound by a careful rule, which also finds invalid rows."""
-    evidence = np.asarray(evidence)
-    if not sound.all():
-        odd = ~np.broadcast_to(sound, evidence.shape)
-        priors, scores = (np.broadcast_to(x, posterior.shape)[odd].astype(np.float64) for x in (prior, likelihood))
-        with np.errstate(all="ignore"):
-            posterior[odd], evidence[odd], answered = careful(priors, scores)
-        if not answered.all():
-            first = int(np.argmin(answered))
-            complain(priors[first], scores[first], tuple(np.argwhere(odd)[first].tolist()))
-    return posterior, evidence[()]
+def _update_block(prior: NDArray[np.floating], likelihood: NDArray[np.floating]) -> tuple[Floats, Floats, Any]:
+    """:func:`update` of rows ``(n, K)``, and which of them are sound; the others need the careful rule."""
+    p, scores = (np.array(values.T, np.float64, order="C") for values in (prior, likelihood))  # fast sums over shapes
+    with np.errstate(all="ignore"):  # NaN and infinity are handled by the careful rule
+        best = scores.max(axis=0)
+        joint = scores - best
+        joint += p
+        total, prior_total = np.exp(joint).sum(axis=0), np.exp(p).sum(axis=0)
+        log_total = np.log(total)
+        log_evidence = log_total - np.log(prior_total) + best
+        joint -= log_total
+        is_sound = (total >= _LEAST_TOTAL) & (np.abs(prior_total - 1.0) <= SUM_TOLERANCE)
+    if joint.min() == -inf:  # ruled out, or beyond the largest float
+        is_sound &= ~((joint == -inf) & (p > -inf) & (scores > -inf)).any(axis=0)
+    return joint.T, log_evidence, is_sound
 
 
 def _careful_logs(prior: Floats, likelihood: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
@@ -265,47 +218,28 @@ def _careful_logs(prior: Floats, likelihood: Floats) -> tuple[Floats, Floats, ND
     return np.where(possible, np.maximum(joint - log_total, -_LARGEST), -np.inf), log_evidence, sound
 
 
-def _careful_probs(prior: Floats, likelihood: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    log_posterior, log_evidence, sound = _careful_logs(np.log(prior), np.log(likelihood))  # negative ones become NaN
-    return np.exp(log_posterior), np.minimum(np.exp(log_evidence), _LARGEST), sound
-
-
-def _complain_logs(prior: Floats, likelihood: Floats, row: tuple[int, ...]) -> NoReturn:
+def _complain(prior: Floats, likelihood: Floats, row: tuple[int, ...]) -> NoReturn:
     require(~np.isnan(likelihood) & (likelihood != np.inf), likelihood, "log_likelihood", "NaN or +inf", row)
     believed = np.exp(normalise_log_probs(prior, "log_prior", row))
-    _complain_impossible(believed, f"log-likelihood {likelihood.tolist()}", row)
-
-
-def _complain_probs(prior: Floats, likelihood: Floats, row: tuple[int, ...]) -> NoReturn:
-    fine = (likelihood >= 0.0) & (likelihood < np.inf)
-    require(fine, likelihood, "likelihoods", "NaN, +inf or a negative number", row)
-    believed = normalise_probs(prior, "prior_probs", row=row)
-    _complain_impossible(believed, f"likelihood {likelihood.tolist()}", row)
-
-
-def _complain_impossible(prior: Floats, likelihood: str, row: tuple[int, ...]) -> NoReturn:
     raise ImpossibleObservation(
-        f"the observation{at(row)} has zero likelihood under every shape of positive probability: "
-        f"prior {prior.round(6).tolist()}, {likelihood}. A smoothed observation model never assigns zero."
+        f"the observation{at(row)} has zero likelihood under every shape of positive probability: prior "
+        f"{believed.round(6).tolist()}, log-likelihood {likelihood.tolist()}. A smoothed observation model never "
+        "assigns zero."
     )
 
 
-def _common_shape(
-    prior: NDArray[np.floating], likelihood: NDArray[np.floating], names: tuple[str, str]
-) -> tuple[int, ...]:
+def _common_shape(prior: NDArray[np.floating], likelihood: NDArray[np.floating]) -> tuple[int, ...]:
     if prior.ndim == 0 or likelihood.ndim == 0 or prior.shape[-1] != likelihood.shape[-1] or prior.size == 0:
         raise ValueError(
-            f"{names[0]} and {names[1]} need the same, non-empty last axis of shapes, got {prior.shape} "
-            f"and {likelihood.shape}"
+            f"log_prior and log_likelihood need the same, non-empty last axis of shapes, got {prior.shape} and "
+            f"{likelihood.shape}"
         )
-    if prior.shape == likelihood.shape:
-        return prior.shape
     try:
         shape = np.broadcast_shapes(prior.shape, likelihood.shape)
     except ValueError as error:
         raise ValueError(
-            f"the rows of {names[0]} {prior.shape} and {names[1]} {likelihood.shape} do not fit"
+            f"the rows of log_prior {prior.shape} and log_likelihood {likelihood.shape} do not fit"
         ) from error
     if 0 in shape:
-        raise ValueError(f"nothing to update: {names[0]} is {prior.shape}, {names[1]} {likelihood.shape}")
+        raise ValueError(f"nothing to update: log_prior is {prior.shape}, log_likelihood {likelihood.shape}")
     return shape

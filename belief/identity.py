@@ -1,31 +1,17 @@
-"""Digests of the code that an object runs: of source files, and of functions and classes as loaded."""
+"""Digests of the code that an object runs: of its source files, or of functions and classes as loaded."""
 
 from __future__ import annotations
 
 import functools
 import hashlib
 import inspect
-import json
 import re
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from types import CodeType, FunctionType, ModuleType
+from types import CodeType, FunctionType
 from typing import Any
 
-_PACKAGES = frozenset({"belief", "planners", "activetouch", "experiments"})
 _ADDRESS = re.compile(" at 0x[0-9a-f]+")  # differs between processes
-_PLAIN = (type(None), bool, int, float, complex, str, bytes)
-
-
-def is_own(thing: object) -> bool:
-    """Whether the class of an object (or a class, or a function) is defined in this distribution.
-
-    >>> from belief import Touch
-    >>> is_own(Touch), is_own(hashlib.sha256)
-    (True, False)
-    """
-    return _kind(thing).__module__.partition(".")[0] in _PACKAGES
 
 
 def source_digest(thing: object) -> str:
@@ -60,15 +46,30 @@ def _file_digest(file: str | None) -> bytes | None:
 
 
 def _code_digest(kind: type | FunctionType) -> bytes:
-    """Digest of a function or class as loaded, with the representation of a class's other attributes."""
-    if isinstance(kind, FunctionType):
-        return _sha256(json.dumps(function_code(kind))).encode()
-    others = [
-        f"{name} {_ADDRESS.sub('', repr(value))}"
-        for name, value in sorted(vars(kind).items())
-        if not (name.startswith("__") or _functions(value) or _is_plain(value))
-    ]
-    return _sha256(json.dumps([class_code(kind), others])).encode()
+    """Digest of a function, or of the members of a class, as loaded."""
+    members = vars(kind) if isinstance(kind, type) else {kind.__name__: kind}
+    found = [(name, _loaded(value)) for name, value in sorted(members.items())]
+    kept = [(name, one) for name, one in found if isinstance(one, list) or not name.startswith("__")]
+    return hashlib.sha256(repr(kept).encode()).digest()
+
+
+def _loaded(value: Any) -> Any:
+    """What a member of a class runs, as a list, or holds, as text, without addresses and line numbers."""
+    match value:
+        case CodeType():
+            return [value.co_code.hex(), value.co_names, [_loaded(one) for one in value.co_consts]]
+        case property():
+            return [_loaded(value.fget), _loaded(value.fset)]
+        case functools.cached_property():
+            return [_loaded(value.func)]
+        case staticmethod() | classmethod():
+            return [_loaded(value.__func__)]
+        case frozenset():
+            return str(sorted(map(repr, value)))
+    function = value if isinstance(value, type) or not callable(value) else inspect.unwrap(value)
+    if isinstance(function, FunctionType):
+        return [_loaded(function.__code__), _loaded(function.__defaults__), _loaded(function.__kwdefaults__)]
+    return _ADDRESS.sub("", repr(value))
 
 
 def is_standard(name: str) -> bool:
@@ -78,82 +79,3 @@ def is_standard(name: str) -> bool:
     (True, False)
     """
     return name.partition(".")[0] in sys.stdlib_module_names
-
-
-def module_code(module: ModuleType) -> str:
-    """SHA-256 of the functions, classes and upper-case constants that a module defines, as loaded in this process.
-
-    >>> module_code(sys.modules["belief.frozen"]) == module_code(sys.modules["belief.files"])
-    False
-    """
-    found: list[Any] = []
-    for name, value in sorted(vars(module).items()):
-        one = inspect.unwrap(value) if callable(value) else value
-        if isinstance(one, FunctionType) and one.__module__ == module.__name__:
-            found.append([name, function_code(one)])
-        elif isinstance(one, type) and one.__module__ == module.__name__:
-            found.append([name, class_code(one)])
-        elif name.isupper() and _is_plain(one):
-            found.append([name, _plain(one)])
-    return _sha256(json.dumps(found))
-
-
-def class_code(cls: type) -> list[Any]:
-    """Code of the methods of a class, without its bases, and its plain attributes, as JSON types.
-
-    >>> class Probing:
-    ...     touches = 2
-    >>> class_code(Probing)
-    [['touches', '2']]
-    """
-    found: list[Any] = []
-    for name, value in sorted(vars(cls).items()):
-        functions = [one for one in _functions(value) if isinstance(one, FunctionType)]
-        if functions:
-            found.append([name, [function_code(one) for one in functions]])
-        elif not name.startswith("__") and _is_plain(value):
-            found.append([name, _plain(value)])
-    return found
-
-
-def _functions(value: Any) -> list[Callable[..., Any] | None]:
-    if isinstance(value, property):
-        return [value.fget, value.fset]
-    if isinstance(value, functools.cached_property):
-        return [value.func]
-    if isinstance(value, staticmethod | classmethod):
-        return [value.__func__]
-    return [inspect.unwrap(value)] if callable(value) and not isinstance(value, type) else []
-
-
-def function_code(function: Any) -> list[Any]:
-    """Code of a function and its plain defaults, as JSON types; an empty list where there is no bytecode.
-
-    >>> function_code(lambda x: x + 1) == function_code(lambda x: x + 2), function_code(len)
-    (False, [])
-    """
-    code = getattr(function, "__code__", None)
-    if code is None:
-        return []
-    defaults = [*(function.__defaults__ or ()), *(function.__kwdefaults__ or {}).values()]
-    return [_code(code), [_plain(value) for value in defaults if _is_plain(value)]]
-
-
-def _code(code: CodeType) -> list[Any]:
-    """Instructions of a function with the names and constants they use; where it stands does not matter."""
-    constants = [_code(one) if isinstance(one, CodeType) else _plain(one) for one in code.co_consts]
-    return [_sha256(code.co_code), list(code.co_names), constants]
-
-
-def _is_plain(value: object) -> bool:
-    return isinstance(value, _PLAIN) or (isinstance(value, tuple | frozenset) and all(map(_is_plain, value)))
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, frozenset):
-        return sorted(map(repr, value))
-    return [_plain(one) for one in value] if isinstance(value, tuple) else repr(value)
-
-
-def _sha256(content: str | bytes) -> str:
-    return hashlib.sha256(content.encode() if isinstance(content, str) else content).hexdigest()

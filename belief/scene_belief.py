@@ -51,8 +51,6 @@ class SceneBelief(ReadableScene):
     Belief(shape_0 0.906, shape_1 0.094, shape_2 0.000)
     >>> print(scene.belief(2))                                # the bag holds one shape_0
     Belief(shape_0 0.047, shape_1 0.953, shape_2 0.000)
-    >>> scene.state.num_states
-    5
     >>> scene.remove(0, shape=0)                              # the object was found
     >>> scene.prob_present(0)
     0.0

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, NoReturn
 
 import numpy as np
 
-from belief.arrangement import blank_objects, num_states, prob_shape_absent
+from belief.arrangement import prob_shape_absent
 from belief.categorical import Belief
 from belief.conflict import log_conflict
 from belief.frozen import frozen
@@ -19,21 +18,6 @@ from belief.validation import Floats, require_index
 
 UNKNOWN = -1
 """Marks an object of unknown shape in ``_known``."""
-
-
-@dataclass(frozen=True)
-class ExactState:
-    """The smallest representation of a scene's exact posterior.
-
-    Attributes:
-        name: of the representation.
-        num_states: how many numbers it holds.
-        reason: why it is sufficient, in a sentence.
-    """
-
-    name: str
-    num_states: int
-    reason: str
 
 
 class ReadableScene:
@@ -124,28 +108,6 @@ class ReadableScene:
         """
         bets = (evidence.log_bets for evidence in self._evidence if evidence.log_bets is not None)
         return np.asarray(sum(bets, start=self._earlier_bets))
-
-    @property
-    def state(self) -> ExactState:
-        """The smallest exact state of this scene at present; touched objects enlarge it, known objects do not count."""
-        unknown = self._known == UNKNOWN
-        if self._counts is None:
-            return ExactState(
-                "one distribution per object",
-                int(unknown.sum()) * len(self.labels),
-                "shapes are independent, so only an object's own touches are evidence about its shape",
-            )
-        bag = self._bag(self._known)
-        blank = blank_objects(self._log_likelihoods[unknown], bag)
-        num_rows = int((~blank).sum()) + bool(blank.any())
-        distinct = max(self._counts) == 1
-        return ExactState(
-            "sets of used shapes" if distinct else "multisets of used shapes",
-            num_states(bag, num_rows),
-            f"sums over arrangements need only {'which shapes' if distinct else 'how many objects of each shape'} the "
-            f"others use up; {int(blank.sum())} of {int(unknown.sum())} unknown objects have no informative touch and "
-            "count as one",
-        )
 
     def _bag(self, known: np.ndarray) -> tuple[int, ...]:
         """Counts of the bag for the objects of unknown shape, ``(K,)``."""

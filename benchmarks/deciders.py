@@ -17,13 +17,13 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from tabular_model import TabularModel
 from timed import Timed
 from upper_bounds.search import search_bound
 
 from activetouch.sensor_files import load_observation_model
 from belief import SearchProblem
 from belief.observation_model import OutcomeTable
-from belief.observation_model.tabular import TabularModel
 from belief.statistics import paired_bootstrap, wilson_interval
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
 from experiments.sensor_choice import independent_sensor

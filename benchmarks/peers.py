@@ -28,7 +28,7 @@ from activetouch.placement import Placement
 from activetouch.poses import random_orientation
 from activetouch.pressing.contact import first_touch
 from activetouch.pressing.pad import Pad
-from belief.bayes import update, update_probs
+from belief.bayes import update
 from belief.calibration import TemperatureScaling
 from belief.metrics import negative_log_likelihood
 from belief.statistics import paired_bootstrap, wilson_interval
@@ -55,8 +55,8 @@ def measure_beliefs() -> None:
     table = rng.dirichlet(np.ones(NUM_OUTCOMES), size=4).T.copy()  # p(outcome | shape), (outcome, shape)
     log_prior, log_table = np.log(prior), np.log(table)
     one: Calls = {OURS: lambda i: update(log_prior[i], log_table[outcomes[i]])}
-    found = np.empty_like(prior)  # likelihoods, looked up in the table within the time, as by the others
-    batch: Calls = {OURS: lambda _: update_probs(prior, np.take(table, outcomes, axis=0, out=found, mode="clip"))}
+    found = np.empty_like(prior)  # log-likelihoods, looked up in the table within the time, as by the others
+    batch: Calls = {OURS: lambda _: update(log_prior, np.take(log_table, outcomes, axis=0, out=found, mode="clip"))}
     if has("pomdp-py"):
         one["pomdp-py, histogram"] = beliefs.histogram_update(prior, table[outcomes])
     if has("inferactively-pymdp"):
@@ -78,7 +78,7 @@ def pymdp_updates(table: np.ndarray, prior: np.ndarray, outcomes: np.ndarray) ->
 
     arrays = tuple(map(jax.numpy.asarray, (table, prior, outcomes)))
     single, every = jax.jit(infer), jax.jit(jax.vmap(infer, (None, 0, 0)))
-    np.testing.assert_allclose(every(*arrays), update_probs(prior, table[outcomes])[0], atol=1e-5)
+    np.testing.assert_allclose(every(*arrays), np.exp(update(np.log(prior), np.log(table[outcomes]))[0]), atol=1e-5)
     rows = list(zip(arrays[1][:1000], arrays[2][:1000], strict=True))
     return [
         lambda i: single(arrays[0], *rows[i]).block_until_ready(),

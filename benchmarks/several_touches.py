@@ -37,12 +37,12 @@ from belief.observation_model.selection import log_posteriors
 from belief.problem import Touch
 from belief.statistics import cluster_bootstrap, wilson_interval
 from belief.touch_batch import TouchBatch
+from benchmarks.belief_cost import belief_cost
 from benchmarks.precision import PRECISIONS, in_precision
 from experiments.command_line.arguments import BadArgument, Count, NotEmpty, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.reporting.tables import Table
 from experiments.scene_choice import named_scene, repeats_folder
-from experiments.sensor.belief_cost import belief_cost
 from experiments.sensor.scores import read_touches
 from experiments.sensor_choice import open_collection, require_collection, sensor_folder
 

@@ -39,7 +39,7 @@ COMMAND_GROUPS: dict[str, dict[str, Command]] = {
     },
     "Look at touches": {
         "touch": Command("press.touch:TouchCommand", "draw presses, watch one, or write them as time series"),
-        "explain": Command("press.explain:Explain", "list what a scene models, and measure its cost"),
+        "explain": Command("press.explain:Explain", "list what a scene models, and which shapes feel alike"),
     },
     "Make a sensor or a policy": {
         "collect": Command("sensor.collect:Collect", "record touches of thousands of objects"),

@@ -78,8 +78,6 @@ def test_imports_that_break_contracts_are_caught(tmp_path):
     for package in PACKAGES:
         shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("models", "__pycache__"))
     shutil.copy(ROOT / "pyproject.toml", tmp_path)
-    clean = lint_imports(tmp_path)
-    assert clean.returncode == 0, clean.stdout
     for file, line in BROKEN:
         with (tmp_path / file).open("a") as source:
             source.write(f"\n{line}\n")

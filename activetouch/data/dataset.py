@@ -49,7 +49,6 @@ __all__ = [
     "read_split",
     "record_shard",
     "shard_path",
-    "shard_size",
     "write_manifest",
 ]
 
@@ -293,11 +292,6 @@ def _planned(manifest: Manifest, objects: range) -> _Columns:
     num_touches = len(objects) * manifest.touches_per_object
     numbers = {name: ((num_touches, *_WIDTHS.get(name, ())), dtype) for name, dtype in _NUMBERS.items()}
     return {"images": ((num_touches, *manifest.image_shape), np.uint8), **numbers}
-
-
-def shard_size(manifest: Manifest, objects: range) -> int:
-    """Size of the arrays of a shard with these objects [bytes]."""
-    return sum(math.prod(shape) * np.dtype(dtype).itemsize for shape, dtype in _planned(manifest, objects).values())
 
 
 def _parse(data: bytes, columns: _Columns, path: Path, remedy: str) -> dict[str, NDArray[Any]]:

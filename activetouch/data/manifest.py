@@ -25,7 +25,7 @@ from belief.errors import CorruptFile
 from belief.files import create_text, require_regular_file, sealed_json, unsealed_json, write_text
 
 SPLITS = ("train", "calibration", "test")
-FORMAT = 4  # 3 did not record orientation, size and offset
+FORMAT = 4
 _OBJECTS_PER_SHARD = 48
 _DECISIVE = ("plan", "shape_labels", "pose_labels", "symmetry", "image_shape", "MuJoCo", "contact_model", "scene")
 
@@ -314,8 +314,9 @@ def solver_settings(scene: Scene) -> dict[str, Any]:
 
 
 def _parse(found: Mapping[str, Any], path: Path) -> Manifest:
-    if isinstance(found.get("format"), int) and found["format"] > FORMAT:
-        raise CorruptFile(f"{path} has format {found['format']}, this version reads {FORMAT}; a newer activetouch does")
+    if isinstance(number := found.get("format"), int) and number != FORMAT:
+        remedy = "a newer activetouch reads it" if number > FORMAT else f"record the touches anew, not in {path.parent}"
+        raise CorruptFile(f"{path} has format {number}, this version reads {FORMAT}; {remedy}")
     try:
         values = {field.name: found[field.name] for field in fields(Manifest) if field.name != "sha256"}
         values["sha256"] = digests = found["shards"]
@@ -341,12 +342,6 @@ def _parse(found: Mapping[str, Any], path: Path) -> Manifest:
             raise TypeError(f"redrawn is {redrawn!r}")
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise _damaged(path, f"{type(error).__name__}: {error}") from error
-    if found["format"] != FORMAT:
-        raise CorruptFile(
-            f"{path} has format {found['format']}, this version reads {FORMAT}, which records the orientation, "
-            f"size and offset of every touch. Record the touches anew, after deleting {path.parent}, "
-            f"{manifest.how(path.parent)}"
-        )
     return manifest
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
@@ -21,7 +20,7 @@ from activetouch.perception.contacts.imaging import STATE_SIZE, Imaging
 from activetouch.perception.contacts.network import FEW_PIXELS, ContactNetwork, ContactReader, ImageNetwork, losses
 from activetouch.perception.contacts.touches import Batches
 from activetouch.perception.export import exported
-from activetouch.perception.optimizers import Optimizers, with_prefix
+from activetouch.perception.learner import Learner, falling
 from activetouch.perception.reader import INPUT, OUTPUTS, TactileReader
 from activetouch.perception.sealed_tensors import read_tensors, write_tensors
 from activetouch.scene import Scene
@@ -80,8 +79,8 @@ class ContactRecipe:
 
     def rate(self, step: int) -> float:
         """Learning rate of a step: linear rise, then a cosine to almost zero."""
-        along = min(1.0, step / self.steps)
-        return self.learning_rate * min(1.0, (step + 1) / self.warmup) * (0.5 * (1 + math.cos(math.pi * along)) + 0.003)
+        rise = min(1.0, (step + 1) / self.warmup)
+        return self.learning_rate * rise * (falling(min(1.0, step / self.steps)) + 0.003)
 
 
 class _Stream(IterableDataset[dict[str, Tensor]]):
@@ -125,7 +124,7 @@ class ContactTrainer:
         torch.manual_seed(recipe.seed)
         network = ContactReader(recipe.widths, recipe.dense, recipe.embedding, imaging.pixels)
         self.network = network.to(device)
-        self._optimizers = Optimizers(network, weight_decay=1e-3)
+        self._learner = Learner(network, weight_decay=1e-3)
         folder.mkdir(parents=True, exist_ok=True)
         self.step, self._state = 0, folder / _STATE
         if self._state.exists():
@@ -160,10 +159,8 @@ class ContactTrainer:
 
     def _learn(self) -> None:
         contrast, entropy, accuracy = losses(self.network, self._on_device(next(self._stream)), self._bf16)
-        self.network.zero_grad(set_to_none=True)
-        torch.autograd.backward(contrast + entropy)
-        torch.nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
-        self._optimizers.step(self.recipe.rate(self.step))
+        self._learner.gradient(contrast + entropy)
+        self._learner.step(self.recipe.rate(self.step))
         self._sums += torch.stack([contrast.detach(), entropy.detach(), accuracy]).cpu()
         self.step += 1
 
@@ -178,17 +175,12 @@ class ContactTrainer:
         return found
 
     def _save(self) -> None:
-        tensors = {f"model.{name}": value for name, value in self.network.state_dict().items()}
-        tensors |= self._optimizers.moments()
-        arrays = {name: value.detach().cpu().contiguous().numpy() for name, value in tensors.items()}
-        write_tensors(self._state, arrays, {"step": self.step, "recipe": asdict(self.recipe)})
+        write_tensors(self._state, self._learner.arrays(), {"step": self.step, "recipe": asdict(self.recipe)})
 
     def _resume(self) -> None:
         arrays, fields = read_tensors(self._state)
-        tensors = {name: torch.from_numpy(array) for name, array in arrays.items()}
         self.step = int(fields["step"])
-        self.network.load_state_dict(with_prefix(tensors, "model."))
-        self._optimizers.restore(tensors, self.step)
+        self._learner.restore({name: torch.from_numpy(array) for name, array in arrays.items()}, self.step)
 
     def _on_device(self, batch: dict[str, Tensor]) -> dict[str, Tensor]:
         return {name: part.to(self.device) for name, part in batch.items()}

@@ -6,15 +6,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.hypotheses import Bodies
 from activetouch.perception.card import PRODUCTS, ClassifierCard
 from activetouch.poses import to_matrices, turned
-from activetouch.scene import Scene
+
+if TYPE_CHECKING:
+    from activetouch.hypotheses import Bodies
+    from activetouch.scene import Scene
 
 Floats32 = NDArray[np.float32]
 _AT_ONCE = 4096  # hypotheses

@@ -12,15 +12,15 @@ import scipy  # whose parts load at first use
 from numpy.typing import NDArray
 
 from activetouch.errors import WrongScene
-from activetouch.hypotheses import Bodies
 from activetouch.orientations import LyingAnyhow
-from activetouch.perception.reader import TactileReader
 from activetouch.poses import multiply, turned
-from activetouch.scene import Scene
 from belief.errors import InvalidArgument
 from belief.frozen import frozen
 
 if TYPE_CHECKING:
+    from activetouch.hypotheses import Bodies
+    from activetouch.perception.reader import TactileReader
+    from activetouch.scene import Scene
     from belief.observation_model.views import Views
 
 _FEW_POSES = 12

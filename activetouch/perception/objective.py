@@ -40,7 +40,7 @@ class Objective(Protocol):
             chance: source of random hypotheses.
         """
 
-    def evaluate(self, network: TouchNetwork, touches: TouchSet, bf16: bool) -> tuple[float, float]:
+    def evaluate(self, network: TouchNetwork, touches: TouchSet) -> tuple[float, float]:
         """Mean loss [nats] and accuracy on touches of other objects."""
 
 
@@ -78,9 +78,9 @@ class ShapeObjective:
             logits, _ = network(images)
         return nn.functional.cross_entropy(logits.float(), self._shapes[rows], weight=self.class_weights)
 
-    def evaluate(self, network: TouchNetwork, touches: TouchSet, bf16: bool) -> tuple[float, float]:
+    def evaluate(self, network: TouchNetwork, touches: TouchSet) -> tuple[float, float]:
         """See :class:`Objective`."""
-        logits, labels = embeddings(network, touches, bf16), torch.from_numpy(touches.shapes)
+        logits, labels = embeddings(network, touches, self._bf16), torch.from_numpy(touches.shapes)
         return nn.functional.cross_entropy(logits, labels).item(), (logits.argmax(1) == labels).float().mean().item()
 
 
@@ -146,9 +146,9 @@ class Contrast:
         logits = shape_logits(scores[:, len(rows) :], others.shapes, self._num_shapes)
         return contrast + nn.functional.cross_entropy(logits + self._log_prior, own.shapes)
 
-    def evaluate(self, network: TouchNetwork, touches: TouchSet, bf16: bool) -> tuple[float, float]:
+    def evaluate(self, network: TouchNetwork, touches: TouchSet) -> tuple[float, float]:
         """See :class:`Objective`: among the touch's own hypothesis and 4 096 that are the same for all touches."""
-        found, own = embeddings(network, touches, bf16), hypotheses_of(touches)
+        found, own = embeddings(network, touches, self._recipe.bf16), hypotheses_of(touches)
         others = drawn(self._known, every_shape(_CHECKED, self._num_shapes), torch.Generator().manual_seed(0))
         loss = correct = 0.0
         with torch.inference_mode():

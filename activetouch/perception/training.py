@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from activetouch.data.dataset import TouchSet
 from activetouch.errors import LabelMismatch, TrainingDiverged
 from activetouch.perception.augmentation import augment, worn
 from activetouch.perception.classifier import TouchClassifier
+from activetouch.perception.learner import Learner, falling, with_prefix
 from activetouch.perception.objective import Contrast, Objective, ShapeObjective
-from activetouch.perception.optimizers import Optimizers, with_prefix
 from activetouch.perception.reader import require_stack
 from activetouch.perception.recipe import TrainingRecipe
 from activetouch.perception.sealed_tensors import read_fields, read_tensors, write_tensors
@@ -84,7 +84,7 @@ class Trainer:
         data = {"training touches": train, "calibration touches": calibration}
         task |= {name: array_digest(vars(touches)) for name, touches in data.items()}
         self._task: dict[str, Any] = json.loads(json.dumps(task))  # as the state file has it
-        self.optimizers = Optimizers(classifier.network, recipe.weight_decay, recipe.optimizer == "muon")
+        self.learner = Learner(classifier.network, recipe.weight_decay, recipe.optimizer == "muon")
         labels = classifier.card.shape_labels
         contrast = classifier.card.knows_orientations
         self.objective: Objective = (Contrast if contrast else ShapeObjective)(train, labels, recipe)
@@ -126,7 +126,7 @@ class Trainer:
         peak, warmup, epochs = self.recipe.learning_rate, self.recipe.warmup, self.recipe.epochs
         if epoch < warmup:
             return peak * (epoch + 1 / self.steps_per_epoch) / warmup
-        return peak * 0.5 * (1 + math.cos(math.pi * (epoch - warmup) / (epochs - warmup)))
+        return peak * falling((epoch - warmup) / (epochs - warmup))
 
     def run_epoch(self, tick: Callable[[int], None] = lambda _: None) -> EpochReport:
         """One pass over the training split; ``tick`` is called with how many images each step took.
@@ -147,20 +147,18 @@ class Trainer:
             if recipe.gain or recipe.noise or recipe.dead:
                 images = worn(images, recipe.gain, recipe.noise, recipe.dead, self.taxels, generator)
             loss = self.objective.loss(network, images, rows, turns, generator)
-            network.zero_grad(set_to_none=True)
-            loss.backward()
-            norm = nn.utils.clip_grad_norm_(network.parameters(), 1.0)
+            norm = self.learner.gradient(loss)
             if not torch.isfinite(norm):
                 raise TrainingDiverged(
                     f"epoch {self.epochs_done + 1}: after {seen} images the loss is {loss.item():g} and the gradient "
                     f"{norm.item():g}. {_ADVICE}"
                 )
-            self.optimizers.step(self.learning_rate(self.epochs_done + seen / num_images))
+            self.learner.step(self.learning_rate(self.epochs_done + seen / num_images))
             total += loss.item() * len(rows)
             seen += len(rows)
             tick(len(rows))
         report = EpochReport(
-            self.epochs_done + 1, total / num_images, *self.objective.evaluate(network, self.calibration, recipe.bf16)
+            self.epochs_done + 1, total / num_images, *self.objective.evaluate(network, self.calibration)
         )
         if not math.isfinite(report.calibration_loss):
             raise TrainingDiverged(f"{report.words}. {_ADVICE}")
@@ -173,10 +171,9 @@ class Trainer:
     def _save(self) -> None:
         if self.state.exists():
             self._require_own(read_fields(self.state))
-        tensors = {f"model.{name}": value for name, value in self.classifier.network.state_dict().items()}
-        tensors |= {f"best.{name}": value for name, value in self._best.items()} | self.optimizers.moments()
+        best = {f"best.{name}": value.numpy() for name, value in self._best.items()}
         fields = {"task": self._task, "reports": [asdict(report) for report in self.reports]}
-        write_tensors(self.state, {name: value.numpy() for name, value in tensors.items()}, fields)
+        write_tensors(self.state, self.learner.arrays() | best, fields)
 
     def _resume(self) -> None:
         try:
@@ -185,10 +182,9 @@ class Trainer:
             raise CorruptFile(f"{error}; delete it to start anew") from error
         tensors = {name: torch.from_numpy(array) for name, array in arrays.items()}
         self._require_own(header)
-        self.classifier.network.load_state_dict(with_prefix(tensors, "model."))
         self._best = with_prefix(tensors, "best.")
         self.reports = [EpochReport(**report) for report in header["reports"]]
-        self.optimizers.restore(tensors, self.epochs_done * self.steps_per_epoch)
+        self.learner.restore(tensors, self.epochs_done * self.steps_per_epoch)
 
     def _require_own(self, header: Mapping[str, Any]) -> None:
         if header.get("task") != self._task:

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.placement import Placement
 from activetouch.poses import to_matrix
 from activetouch.pressing.height_maps import ray_distances
-from activetouch.pressing.pad import Pad
-from activetouch.pressing.trace import Trace
 from activetouch.solids.mesh import Mesh
 from activetouch.solids.raster import heights
+
+if TYPE_CHECKING:
+    from activetouch.placement import Placement
+    from activetouch.pressing.pad import Pad
+    from activetouch.pressing.trace import Trace
 
 Floats = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from activetouch.pressing.facing import facing_geom
 from activetouch.pressing.press import Press
 from activetouch.pressing.setup import Setup
 from activetouch.pressing.trace import Phase
-from activetouch.shapes import Geom, Shape
+from activetouch.solids.solid import Geom, Shape
 
 if TYPE_CHECKING:
     import mujoco

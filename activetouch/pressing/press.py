@@ -17,7 +17,7 @@ from activetouch.poses import Quaternion
 from activetouch.pressing.contact import Contact, elastic_contact, surface_gap
 from activetouch.pressing.setup import Setup
 from activetouch.pressing.trace import Trace
-from activetouch.shapes import Shape
+from activetouch.solids.solid import Shape
 
 if TYPE_CHECKING:
     import mujoco

@@ -20,7 +20,7 @@ from activetouch.placement import Placement
 from activetouch.poses import Quaternion
 from activetouch.pressing.setup import Setup
 from activetouch.pressing.trace import Phase, Trace
-from activetouch.shapes import Geom, Shape
+from activetouch.solids.solid import Geom, Shape
 
 _OLDEST = (4, 0, 1)
 if tuple(int(part) for part in mujoco.__version__.split(".")[:3]) < _OLDEST:

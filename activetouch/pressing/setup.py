@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from activetouch.pressing.pad import Pad
-from activetouch.shapes import Shape
+from activetouch.solids.solid import Shape
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.pressing.contact import Contact
-from activetouch.pressing.pad import Pad
+if TYPE_CHECKING:
+    from activetouch.pressing.contact import Contact
+    from activetouch.pressing.pad import Pad
 
 Floats = NDArray[np.float64]
 

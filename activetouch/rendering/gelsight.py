@@ -7,12 +7,13 @@ the camera. Red, green and blue come from three sides, so an untouched pad is ev
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.pressing.contact import Contact
+if TYPE_CHECKING:
+    from activetouch.pressing.contact import Contact
 
 _AZIMUTHS = np.deg2rad([90.0, 210.0, 330.0])  # of the red, green and blue light
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.pressing.contact import Contact
+if TYPE_CHECKING:
+    from activetouch.pressing.contact import Contact
 
 
 @dataclass(frozen=True)

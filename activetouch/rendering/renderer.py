@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Protocol
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.errors import WrongRenderer
-from activetouch.pressing.contact import Contact
+
+if TYPE_CHECKING:
+    from activetouch.pressing.contact import Contact
 
 _RULE = "a renderer gives floating-point images in [0, 1], (n, n) in grey or (n, n, 3) in colour"
 _SLACK = 1e-6  # rounding errors below 0

@@ -15,8 +15,8 @@ from activetouch.errors import BadMesh, MeshWarning
 from activetouch.solids.mesh_surface import examined
 from activetouch.solids.raster import Surface
 from activetouch.solids.raycast import first_entry
-from activetouch.solids.solid import Floats, Geom
-from activetouch.solids.triangles import Ints, is_convex
+from activetouch.solids.solid import Floats, Geom, Ints
+from activetouch.solids.triangles import is_convex
 from belief.errors import InvalidArgument
 
 _MIN_RADIUS, _MAX_RADIUS = 0.0005, 0.3  # of the bounding ball [m]; objects may be much larger than the pad

@@ -8,8 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from activetouch.solids.solid import Floats
-from activetouch.solids.triangles import Ints
+from activetouch.solids.solid import Floats, Ints
 
 Node = TypeVar("Node")
 T = TypeVar("T")
@@ -48,16 +47,16 @@ def assembled(
         while todo:
             node, place = todo.pop()
             if node not in known:
-                known[node] = *_joined(counted(parts(node))), list(islice(children(node), _MOST_NODES + 1))
+                known[node] = *joined(counted(parts(node))), list(islice(children(node), _MOST_NODES + 1))
             points, triangles, inside = known[node]
             if len(triangles):
                 yield points @ place[:3, :3].T + place[:3, 3], triangles
             todo.extend((child, place @ within) for child, within in reversed(list(counted(inside))))
 
-    return _joined(placed())
+    return joined(placed())
 
 
-def _joined(surfaces: Iterable[tuple[Floats, Ints]]) -> tuple[Floats, Ints]:
+def joined(surfaces: Iterable[tuple[Floats, Ints]]) -> tuple[Floats, Ints]:
     """One surface of several; raises ValueError for a vertex that does not exist, and beyond the largest number."""
     vertices, faces, num_vertices, num_corners = [np.empty((0, 3))], [np.empty((0, 3), np.intp)], 0, 0
     for points, triangles in surfaces:

@@ -9,17 +9,11 @@ import scipy  # whose parts load at first use
 
 from activetouch.errors import BadMesh
 from activetouch.solids.mesh_assembly import MOST_BYTES
-from activetouch.solids.mesh_formats import read_obj, read_off, read_stl
-from activetouch.solids.mesh_gltf import read_gltf
-from activetouch.solids.mesh_ply import read_ply
 from activetouch.solids.mesh_reduction import LARGEST_ERROR, reduced
-from activetouch.solids.mesh_xml import read_3mf, read_dae
-from activetouch.solids.solid import Floats
-from activetouch.solids.triangles import Ints
+from activetouch.solids.solid import Floats, Ints
 from belief.files import require_regular_file
 
-_FORMATS = {".stl": read_stl, ".obj": read_obj, ".ply": read_ply, ".off": read_off}
-_SCENES = {".glb": read_gltf, ".gltf": read_gltf, ".3mf": read_3mf, ".dae": read_dae}
+_ENDINGS = (".stl", ".obj", ".ply", ".off", ".glb", ".gltf", ".3mf", ".dae")
 _MOST_PAIRS = 10_000_000
 _REDUCED = 20_000  # triangles that a reduction aims at
 _SAME_POINT = 1e-8  # distance [m]; STL repeats corners in every triangle, with seven digits
@@ -44,20 +38,16 @@ def read_surface(
     kind = path.suffix.lower()
     if not path.exists():
         raise FileNotFoundError(f"there is no mesh file {path}; relative paths start from {Path.cwd()}")
-    if kind not in _FORMATS | _SCENES:
-        raise BadMesh(f"{path}: meshes are read from {', '.join(_FORMATS | _SCENES)} files")
+    if kind not in _ENDINGS:
+        raise BadMesh(f"{path}: meshes are read from {', '.join(_ENDINGS)} files")
     require_regular_file(path, BadMesh)
     try:
         if (size := path.stat().st_size) > MOST_BYTES:
             raise ValueError(f"it has {size} bytes, {MOST_BYTES} are the most; simplify it")
-        content = path.read_bytes()
-        if kind in _FORMATS:
-            vertices, faces = _FORMATS[kind](content)
-        else:
-            vertices, faces, unit = _read_scene(kind, content, path.parent)
-            scale = unit if scale is None else scale
+        vertices, faces, unit = _read(kind, path.read_bytes(), path.parent)
     except (OSError, ValueError) as error:
         raise BadMesh(f"{path.name}: cannot be read as {kind[1:].upper()}: {error}") from error
+    scale = unit if scale is None else scale
     used, faces = np.unique(faces, return_inverse=True)
     vertices, faces = vertices[used], faces.reshape(-1, 3)
     if not (len(used) and np.isfinite(np.square(np.ptp(vertices, axis=0)).sum())):
@@ -73,14 +63,29 @@ def read_surface(
     return fewer_vertices, fewer, (*remarks, f"{len(faces)} triangles {how}")
 
 
-def _read_scene(kind: str, content: bytes, folder: Path) -> tuple[Floats, Ints, float | None]:
-    """The triangles of a file of a whole scene, and metres per unit, if it says so.
+def _read(kind: str, content: bytes, folder: Path) -> tuple[Floats, Ints, float | None]:
+    """The triangles of a file, and metres per unit, if its format says so; only the reader that it needs is loaded.
 
     Raises:
-        ValueError: for every damage; what is read from a description may have any type.
+        ValueError: for every damage; what is read from the description of a scene may have any type.
     """
     try:
-        return _SCENES[kind](content, folder)
+        match kind:
+            case ".glb" | ".gltf":
+                from activetouch.solids.mesh_gltf import read_gltf
+
+                return read_gltf(content, folder)
+            case ".3mf" | ".dae":
+                from activetouch.solids.mesh_xml import read_3mf, read_dae
+
+                return read_3mf(content) if kind == ".3mf" else read_dae(content)
+            case ".ply":
+                from activetouch.solids.mesh_ply import read_ply
+
+                return *read_ply(content), None
+        from activetouch.solids.mesh_formats import read_obj, read_off, read_stl
+
+        return *{".stl": read_stl, ".obj": read_obj, ".off": read_off}[kind](content), None
     except (ValueError, OSError):
         raise
     except Exception as error:  # zipfile, expat and the use of what should be numbers raise many kinds

@@ -10,12 +10,11 @@ import io
 import re
 from array import array
 from collections.abc import Callable, Iterator, Sequence
-from itertools import pairwise
 
 import numpy as np
 
-from activetouch.solids.solid import Floats
-from activetouch.solids.triangles import Ints
+from activetouch.solids.mesh_assembly import fans, joined
+from activetouch.solids.solid import Floats, Ints
 from belief.files import plain_number
 
 _STL_HEADER = 84
@@ -24,11 +23,11 @@ _OFF = re.compile(r"(ST)?C?N?OFF", re.IGNORECASE)
 _MOST = 2**53  # integers below are exact as floats
 
 
-class Surface:
-    """The vertices and triangles that a reader found so far."""
+class SurfaceBuilder:
+    """The vertices and polygons that a reader found so far."""
 
     def __init__(self) -> None:
-        self.coordinates, self.corners = array("d"), array("q")
+        self.coordinates, self.corners, self.sizes = array("d"), array("q"), array("q")
 
     @property
     def num_vertices(self) -> int:
@@ -45,18 +44,13 @@ class Surface:
         """Add a polygon of three or more vertices, given by their indices."""
         if len(corners) < 3:
             raise ValueError(f"a face has {len(corners)} corners, it needs at least 3")
-        for pair in pairwise(corners[1:]):
-            self.corners.extend((corners[0], *pair))
+        self.corners.extend(corners)
+        self.sizes.append(len(corners))
 
     def arrays(self) -> tuple[Floats, Ints]:
         """The vertices, and the triangles as indices of vertices; raises ValueError for an index of no vertex."""
-        vertices = np.array(self.coordinates, np.float64).reshape(-1, 3)
-        faces = np.array(self.corners, np.intp).reshape(-1, 3)
-        if (wrong := faces[(faces < 0) | (faces >= len(vertices))]).size:
-            raise ValueError(
-                f"a face has the vertex {wrong[0]}, counted from 0, and there are {len(vertices)} vertices"
-            )
-        return vertices, faces
+        faces = fans(np.array(self.corners, np.intp), np.array(self.sizes, np.intp))
+        return joined([(np.array(self.coordinates, np.float64).reshape(-1, 3), faces)])
 
 
 class Lines:
@@ -86,9 +80,9 @@ def index_of_vertex(number: float) -> int:
     return int(number)
 
 
-def from_text(content: bytes, fill: Callable[[Lines, Surface], None]) -> tuple[Floats, Ints]:
+def from_text(content: bytes, fill: Callable[[Lines, SurfaceBuilder], None]) -> tuple[Floats, Ints]:
     """The surface that a function fills from lines; its ValueErrors get the number of the line."""
-    lines, surface = Lines(content), Surface()
+    lines, surface = Lines(content), SurfaceBuilder()
     try:
         fill(lines, surface)
     except ValueError as error:
@@ -111,7 +105,7 @@ def read_stl(content: bytes) -> tuple[Floats, Ints]:
     )
 
 
-def _fill_from_stl(lines: Lines, surface: Surface) -> None:
+def _fill_from_stl(lines: Lines, surface: SurfaceBuilder) -> None:
     """Read the triangles of text; normals are not used."""
     first = 0
     for words in lines:
@@ -130,7 +124,7 @@ def _fill_from_stl(lines: Lines, surface: Surface) -> None:
 def read_obj(content: bytes) -> tuple[Floats, Ints]:
     """The faces of all objects of an OBJ file; a negative index counts back from the line that it is in."""
 
-    def fill(lines: Lines, surface: Surface) -> None:
+    def fill(lines: Lines, surface: SurfaceBuilder) -> None:
         for words in lines:
             if words[0] == "v":
                 surface.add_vertex(words[1:])
@@ -153,7 +147,7 @@ def read_off(content: bytes) -> tuple[Floats, Ints]:
     return from_text(content, _fill_from_off)
 
 
-def _fill_from_off(lines: Lines, surface: Surface) -> None:
+def _fill_from_off(lines: Lines, surface: SurfaceBuilder) -> None:
     first = lines.next("its header")
     if not _OFF.fullmatch(first[0]):
         raise ValueError(f"it must begin with OFF, COFF, NOFF or STOFF, got {first[0][:40]!r}")

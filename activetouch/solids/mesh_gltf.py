@@ -14,8 +14,7 @@ import numpy as np
 import scipy  # whose parts load at first use
 
 from activetouch.solids.mesh_assembly import MOST_BYTES, assembled, fans
-from activetouch.solids.solid import Floats
-from activetouch.solids.triangles import Ints
+from activetouch.solids.solid import Floats, Ints
 from belief.files import require_regular_file
 
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}

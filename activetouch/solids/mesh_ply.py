@@ -9,9 +9,8 @@ from dataclasses import dataclass, field
 from itertools import islice
 from typing import Protocol
 
-from activetouch.solids.mesh_formats import Lines, Surface, from_text, index_of_vertex
-from activetouch.solids.solid import Floats
-from activetouch.solids.triangles import Ints
+from activetouch.solids.mesh_formats import Lines, SurfaceBuilder, from_text, index_of_vertex
+from activetouch.solids.solid import Floats, Ints
 from belief.files import plain_number
 
 _HEADER = re.compile(rb"ply\s.*?\nend_header[ \t]*\r?\n", re.DOTALL)
@@ -90,7 +89,7 @@ def read_ply(content: bytes) -> tuple[Floats, Ints]:
     if encoding == "ascii":
         above = b"\n" * header[0].count(b"\n")  # so that lines are counted from the beginning of the file
         return from_text(above + content[header.end() :], lambda lines, it: _fill(it, elements, _TextRows(lines)))
-    surface = Surface()
+    surface = SurfaceBuilder()
     _fill(surface, elements, _ByteRows(content, header.end(), _ORDERS[encoding]))
     return surface.arrays()
 
@@ -121,7 +120,7 @@ def _header(text: str) -> tuple[str, list[_Element]]:
     return encoding, elements
 
 
-def _fill(surface: Surface, elements: Sequence[_Element], rows: _Rows) -> None:
+def _fill(surface: SurfaceBuilder, elements: Sequence[_Element], rows: _Rows) -> None:
     for element in elements:
         for number in range(element.number):
             rows.start(f"the end of {element.name} {number + 1} of {element.number}, which its header promises")

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 import scipy  # whose parts load at first use
 
-from activetouch.solids.solid import Floats
-from activetouch.solids.triangles import Ints, normals
+from activetouch.solids.solid import Floats, Ints
+from activetouch.solids.triangles import normals
 
 LARGEST_ERROR = 1e-4
 """Distance that no measured point of the original or of the reduced surface may have from the other [m]."""

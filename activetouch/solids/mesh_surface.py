@@ -12,8 +12,8 @@ import scipy  # whose parts load at first use
 from numpy.typing import NDArray
 
 from activetouch.solids.raster import portions
-from activetouch.solids.solid import Floats
-from activetouch.solids.triangles import Ints, areas, bodies_of_vertices, edges, tetrahedra
+from activetouch.solids.solid import Floats, Ints
+from activetouch.solids.triangles import areas, bodies_of_vertices, edges, tetrahedra
 
 MOST_INSIDE = 0.1
 """Largest share of the rays from outside that may first meet the inside of a surface, through its holes."""

@@ -9,7 +9,6 @@ from array import array
 from collections.abc import Iterator
 from functools import cache
 from itertools import starmap
-from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -18,8 +17,7 @@ import numpy as np
 import scipy  # whose parts load at first use
 
 from activetouch.solids.mesh_assembly import MOST_BYTES, assembled, fans
-from activetouch.solids.solid import Floats
-from activetouch.solids.triangles import Ints
+from activetouch.solids.solid import Floats, Ints
 from belief.files import plain_number
 
 _UNITS = {"micron": 1e-6, "millimeter": 1e-3, "centimeter": 1e-2, "inch": 0.0254, "foot": 0.3048, "meter": 1.0}
@@ -68,13 +66,8 @@ def _parsed(content: bytes) -> tuple[Element, _Builder]:
     return parser.close(), builder
 
 
-def read_3mf(content: bytes, folder: Path) -> tuple[Floats, Ints, float]:
-    """The triangles of all items of a 3MF file, and metres per unit.
-
-    Args:
-        content: bytes of the file.
-        folder: not used; no other file is opened.
-    """
+def read_3mf(content: bytes) -> tuple[Floats, Ints, float]:
+    """The triangles of all items of a 3MF file, and metres per unit; no other file is opened."""
     objects: dict[tuple[str, str | None], tuple[Element, _Builder]] = {}
     items: list[tuple[Element, str]] = []
     unit = "millimeter"
@@ -127,13 +120,8 @@ def _numbers(text: str | None) -> Floats:
     return np.array(array("d", (plain_number(word[0]) for word in re.finditer(r"\S+", text or ""))))
 
 
-def read_dae(content: bytes, folder: Path) -> tuple[Floats, Ints, float | None]:
-    """The triangles of the scene of a COLLADA file, and metres per unit, if it says so.
-
-    Args:
-        content: bytes of the file.
-        folder: not used; no other file is opened.
-    """
+def read_dae(content: bytes) -> tuple[Floats, Ints, float | None]:
+    """The triangles of the scene of a COLLADA file, and metres per unit, if it says so; no other file is opened."""
     root, _ = _parsed(content)
     named = {element.get("id"): element for element in root.iter() if element.get("id")}
     numbers = cache(lambda element: _numbers(element.text))

@@ -8,8 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from activetouch.solids.raster import portions
-from activetouch.solids.solid import Floats
-from activetouch.solids.triangles import Ints
+from activetouch.solids.solid import Floats, Ints
 
 _MAX_PAIRS = 1 << 18  # of a triangle and a ray, tested at a time; limits memory to about 100 MB
 

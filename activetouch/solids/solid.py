@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
 
 _NUM_FACETS = 64  # sides of the mesh that stands for a cylinder
 

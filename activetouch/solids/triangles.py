@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import scipy  # whose parts load at first use
-from numpy.typing import NDArray
 
-from activetouch.solids.solid import Floats
-
-Ints = NDArray[np.intp]
+from activetouch.solids.solid import Floats, Ints
 
 _SAME = 1e-6  # relative difference of areas and volumes that are one
 

@@ -9,7 +9,7 @@ from belief.calibration.affine import DirichletCalibration, StructuredMatrixScal
 from belief.calibration.base import Calibration, Status
 from belief.calibration.choice import Choice, choose_calibration
 from belief.calibration.per_pose import PerPose
-from belief.calibration.table import CALIBRATIONS, calibration_from_json
+from belief.calibration.table import CALIBRATIONS
 from belief.calibration.temperature import TemperatureScaling
 
 __all__ = [
@@ -22,6 +22,5 @@ __all__ = [
     "StructuredMatrixScaling",
     "TemperatureScaling",
     "VectorScaling",
-    "calibration_from_json",
     "choose_calibration",
 ]

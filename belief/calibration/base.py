@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Literal, Self, TypeAlias, TypeVar
+from collections.abc import Mapping
+from typing import Any, ClassVar, Literal, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from belief.errors import InvalidArgument
-from belief.files import sealed_json, unsealed_json
 from belief.validation import Floats, as_logs, normalise_probs
 
 Status: TypeAlias = Literal["unfitted", "ok", "separable", "uninformative", "anti_informative"]
@@ -31,8 +30,7 @@ class Calibration(ABC):
         >>> from belief.calibration import TemperatureScaling
         >>> logits, labels = np.array([[2.0, 0.0], [0.0, 2.0], [2.0, 0.0], [2.0, 0.0]]), np.array([0, 1, 0, 1])
         >>> calibration = TemperatureScaling().fit(logits, labels)
-        >>> text = calibration.to_json(["cube", "cone"])
-        >>> TemperatureScaling.from_json(text, ["cube", "cone"]) == calibration
+        >>> TemperatureScaling.from_fields(calibration.to_fields()) == calibration
         True
     """
 
@@ -108,47 +106,6 @@ class Calibration(ABC):
     @abstractmethod
     def from_fields(cls, fields: Mapping[str, Any]) -> Self:
         """The calibration of fields from :meth:`to_fields`."""
-
-    def to_json(self, shape_labels: Sequence[str]) -> str:
-        """The calibration as exact JSON text, with the names of its shapes."""
-        if self.num_shapes not in (None, len(shape_labels)):
-            raise ValueError(f"fitted for {self.num_shapes} shapes, got the names {list(shape_labels)}")
-        return sealed_json({"calibration": self.name, "shape_labels": list(shape_labels), **self.to_fields()})
-
-    @classmethod
-    def from_json(cls, text: str, shape_labels: Sequence[str]) -> Self:
-        """The calibration from :meth:`to_json`, for shapes in the order of the logits; errors as :func:`read_json`."""
-        return read_json(text, {cls.name: cls}, shape_labels)
-
-
-CalibrationT = TypeVar("CalibrationT", bound=Calibration)
-
-
-def read_json(text: str, kinds: Mapping[str, type[CalibrationT]], shape_labels: Sequence[str]) -> CalibrationT:
-    """The calibration in a JSON text, whose class is in ``kinds`` by its name.
-
-    Raises:
-        ValueError: the text is not such a calibration, was changed, or is for other shapes or another order.
-
-    >>> read_json("[]", {}, ["cube"])
-    Traceback (most recent call last):
-    ...
-    ValueError: not the calibration that was asked for: it is list, not a JSON object
-    """
-    try:
-        fields = unsealed_json(text)
-        if fields["calibration"] not in kinds:
-            raise ValueError(f"expected {' or '.join(kinds)}, found {fields['calibration']!r}")
-        if list(fields["shape_labels"]) != list(shape_labels):
-            raise ValueError(f"it is for the shapes {fields['shape_labels']}, not for {list(shape_labels)}")
-        calibration = kinds[fields["calibration"]].from_fields(fields)
-        if calibration.num_shapes not in (None, len(shape_labels)):
-            raise ValueError(f"it has parameters for {calibration.num_shapes} shapes, and names {len(shape_labels)}")
-    except ValueError as error:
-        raise ValueError(f"not the calibration that was asked for: {error}") from error
-    except (KeyError, TypeError, AttributeError, OverflowError) as error:
-        raise ValueError(f"not a calibration: {error!r}") from error
-    return calibration
 
 
 def given_logits(logits: ArrayLike | None, probs: ArrayLike | None) -> Floats:

@@ -16,7 +16,6 @@ from belief.observation_model.likelihood_ratio import RatioModel
 from belief.observation_model.model import ArrayModel, ObservationModel
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.plda import PLDAModel
-from belief.observation_model.quantisation import information_of_touch
 from belief.observation_model.registry import read_observation_model, read_origin
 from belief.observation_model.rigid_body import FittedRigidBody, RigidBodyModel
 
@@ -32,7 +31,6 @@ __all__ = [
     "RatioModel",
     "RigidBodyModel",
     "check_observation_model",
-    "information_of_touch",
     "read_observation_model",
     "read_origin",
 ]

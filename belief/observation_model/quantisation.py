@@ -115,24 +115,6 @@ def sampled_posteriors(model: ArrayModel, rng: np.random.Generator, num_samples:
     return found
 
 
-def information_of_touch(
-    model: ArrayModel, rng: np.random.Generator | None = None, num_samples: int = _SAMPLES
-) -> Floats:
-    """Mutual information of a continuous touch and the shape in each pose under a uniform prior [nats], ``(P,)``.
-
-    It is a mean over sampled touches with a standard error of about 0.5 / √(K · num_samples).
-
-    >>> from belief.synthetic import random_model
-    >>> model = random_model(np.random.default_rng(0))
-    >>> information_of_touch(model).round(1), model.outcome_table().information().round(1)
-    (array([0.5, 0.5, 0.5]), array([0.5, 0.5, 0.5]))
-    """
-    rng = rng if rng is not None else np.random.default_rng(1)
-    log_posteriors = sampled_posteriors(model, rng, num_samples)
-    right = np.einsum("pknk->pkn", log_posteriors)
-    return np.asarray(right.mean(axis=(1, 2)) + np.log(log_posteriors.shape[1]))
-
-
 def cluster(log_posteriors: Floats, num_clusters: int, rng: np.random.Generator, num_rounds: int = 30) -> Floats:
     """Log of cluster means ``(M, K)`` of posteriors ``(n, K)``: k-means under the Kullback-Leibler divergence.
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -32,7 +33,7 @@ def write_npz(touches: RecordedTouches, path: Path) -> None:
     The actions of the set must be in alphabetical order, as those of an ``.npz`` file are.
     """
     assert list(touches.action_names) == sorted(touches.action_names)
-    arrays = {
+    arrays: dict[str, Any] = {
         "features": touches.features,
         "object": np.array(touches.object_names)[touches.objects],
         "action": np.array(touches.action_names)[touches.actions],

@@ -12,22 +12,19 @@ import numpy as np
 
 from activetouch.data.dataset import read_split
 from activetouch.data.manifest import read_manifest
-from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
 from activetouch.scene import Scene
 from activetouch.sensor_files import READER_FILE
 from belief.claims import claim_folder, ends_claims
 from belief.errors import ActiveTouchError
 from belief.observation_model import registry
-from belief.observation_model.rigid_body import joint_model
 from belief.observation_model.selection import choose_observation_model
 from belief.seeding import keyed_rng
 from experiments.calibration.models import UNDISCOUNTED, score_model
-from experiments.calibration.orientation import RankTest, rank_tests
 from experiments.calibration.report import Measurements
 from experiments.calibration.sequences import KINDS, Rounds
 from experiments.calibration.touches import CALIBRATION_FITS, score_touches
-from experiments.command_line.arguments import Count, Jobs, Seed, check_arguments
+from experiments.command_line.arguments import Jobs, Seed, check_arguments
 from experiments.command_line.trust import Trust
 from experiments.parallel import default_jobs, run_tasks
 from experiments.scene_choice import in_file_names, named_scene, repeats_folder
@@ -65,10 +62,6 @@ class CalibrationReport:
     """Folder of the sensor, or name of a shipped one; the shipped sensor of the scene by default."""
     out: Path | None = None
     """Folder for report.html, numbers.json, tables.md and figures; runs/calibration-SCENE by default."""
-    orientation_hypotheses: Count | None = None
-    """Test the posterior of orientation and size with so many hypotheses of each shape, at temperature 1; with those of
-    the model, at its temperature, by default. Hypotheses are points: 2 048 lie too far apart where touches are
-    sharp, and the model's temperature makes up for that."""
     seed: Seed = 0
     """Seed of sequences, null distributions and intervals."""
     jobs: Jobs = field(default_factory=default_jobs)
@@ -96,7 +89,6 @@ class CalibrationReport:
             data,
             scene,
             name=self.scene,
-            orientation_hypotheses=self.orientation_hypotheses,
             seed=self.seed,
             jobs=self.jobs,
         )
@@ -112,7 +104,6 @@ def calibration_report(
     *,
     name: str = "",
     confidence: float = 0.95,
-    orientation_hypotheses: int | None = None,
     resamples: int = 500,
     seed: int = 0,
     jobs: int = 1,
@@ -125,8 +116,6 @@ def calibration_report(
         scene: scene of the touches, if it is known; without it, no model is about one rigid body.
         name: name of the scene, for the report.
         confidence: posterior probability at which a search stops.
-        orientation_hypotheses: number of hypotheses of each shape with which the posterior of orientation and size is
-            tested, at temperature 1; those of the model, at its temperature, by default.
         resamples: number of bootstrap samples of objects for the interval of a calibration error.
         seed: seed of sequences, null distributions and intervals.
         jobs: number of processes; the results do not depend on it.
@@ -172,13 +161,11 @@ def calibration_report(
     chosen |= {n: choosing[n]() for n in choosing if n in embeds}  # which embed their hypotheses once, here
     models = {n: (choice.model, choice.losses[n]) for n, choice in chosen.items()}
     ratio: Any = models["ratio"][0]
-    joint = [found for model, _ in models.values() if (found := joint_model(model)) is not None]
     sequences = {kind: gather(test, generator(1, index)) for index, (kind, gather) in enumerate(KINDS.items())}
     scoring = {
         n: partial(score_model, n, *fit, sequences, confidence, generator(2, index))
         for index, (n, fit) in enumerate({**models, UNDISCOUNTED: (replace(ratio, correlation=0.0), None)}.items())
     }
-    hypotheses = HypothesisTable(reader, scene) if joint and scene is not None else None
     return Measurements(
         scene=name,
         seed=seed,
@@ -187,23 +174,7 @@ def calibration_report(
         num_rounds=test.num_rounds,
         touches=list(touch_scores.values()),
         models=list(_results(scoring, jobs, "fused touches").values()),
-        orientation=[
-            test_of_shape
-            for model in joint
-            if hypotheses is not None
-            for test_of_shape in _rank_tests(model, hypotheses, orientation_hypotheses, rounds, generator(4))
-        ],
-        orientation_hypotheses=orientation_hypotheses,
     )
-
-
-def _rank_tests(
-    model: Any, hypotheses: HypothesisTable, number: int | None, rounds: Mapping[str, Rounds], rng: np.random.Generator
-) -> list[RankTest]:
-    if number is not None:
-        model = model.with_hypotheses(hypotheses, number).at(1.0)
-    bodies = hypotheses.hypotheses(model.num_hypotheses)
-    return rank_tests(model, bodies.rests, bodies.sizes, list(rounds.values()), rng)
 
 
 def _results(tasks: Mapping[str, Callable[[], T]], jobs: int, description: str) -> dict[str, T]:

@@ -14,7 +14,6 @@ import numpy as np
 from belief.files import write_text
 from belief.metrics import CalibrationError
 from experiments.calibration.models import UNDISCOUNTED, ModelScores
-from experiments.calibration.orientation import LEAST_P, QUANTITIES, RankTest
 from experiments.calibration.targets import judge_model, judge_touches, verdict
 from experiments.calibration.touches import RAW, TouchScores
 from experiments.reporting.page import Section
@@ -35,8 +34,6 @@ class Measurements:
         num_rounds: number of rounds of all poses in which every object was touched.
         touches: scores by calibration, the raw softmax first.
         models: scores in the order of the registry of models, the model without a discount last.
-        orientation: tests of the joint model's posterior of orientation and size; none without such a model.
-        orientation_hypotheses: number of hypotheses of each shape in these tests; None for those of the model.
     """
 
     scene: str
@@ -46,8 +43,6 @@ class Measurements:
     num_rounds: int
     touches: Sequence[TouchScores]
     models: Sequence[ModelScores]
-    orientation: Sequence[RankTest] = ()
-    orientation_hypotheses: int | None = None
 
     def __str__(self) -> str:
         pieces = [[f"# {s.title}", *s.sentences, *(table.markdown() for table in s.tables)] for s in sections(self)]
@@ -87,13 +82,7 @@ class Measurements:
 
 def sections(found: Measurements) -> list[Section]:
     """All sections of the report, the verdict first."""
-    return [
-        _verdict(found),
-        _touches(found),
-        _fusion(found),
-        _stops(found),
-        *_orientation(found),
-    ]
+    return [_verdict(found), _touches(found), _fusion(found), _stops(found)]
 
 
 def _verdict(found: Measurements) -> Section:
@@ -209,44 +198,6 @@ def _stops(found: Measurements) -> Section:
     )
     shown = list(dict.fromkeys([UNDISCOUNTED, "ratio", found.model.name]))
     return Section("Stopping", [sentence], tables, [claims(found.models, shown, found.confidence)])
-
-
-def _orientation(found: Measurements) -> list[Section]:
-    """The posterior of orientation and size; nothing without a joint model."""
-    if not found.orientation:
-        return []
-    rows = [
-        (
-            *(test.shape, str(test.num_touches), str(test.num_objects)),
-            f"{test.p_value:.2g} {'✓' if test.passes else '✗'}",
-            test.worst,
-            f"{test.ranks[test.worst].mean:.3f}",
-            f"{test.ranks[test.worst].spread:.2f}",
-            f"{max(ranks.spread for ranks in test.ranks.values()):.2f}",
-        )
-        for test in found.orientation
-    ]
-    passed = sum(test.passes for test in found.orientation)
-    temperature = (
-        "the one temperature of the model was fitted to the calibration split"
-        if found.orientation_hypotheses is None
-        else f"there are {found.orientation_hypotheses} hypotheses of each shape, at temperature 1"
-    )
-    sentences = [
-        f"The joint posterior of orientation and size is calibrated in {passed} of {len(found.orientation)} tests "
-        f"(p > {LEAST_P:g}, corrected for {len(QUANTITIES)} quantities).",
-        "If a posterior is calibrated, the rank of the true value of any quantity among draws from the posterior of "
-        "the true shape is uniform (simulation-based calibration). This holds for symmetric shapes too: orientations "
-        "that look alike are equally probable before and after touches. Every object of both splits has one sequence "
-        f"of touches in different poses; {temperature}. A "
-        "posterior that is too narrow has a spread above 1, and a mean rank above 0.5 of the angle to the likeliest.",
-    ]
-    headings = (
-        *("shape", "touches", "objects", "p, corrected"),
-        *("quantity with the smallest p", "its mean rank", "its spread", "largest spread"),
-    )
-    table = Table("Uniformity of the ranks of the true orientation and size", headings, rows)
-    return [Section("Orientation and size", sentences, [table])]
 
 
 def _named(found: Measurements, name: str) -> str:

@@ -23,14 +23,10 @@ class Rounds(TouchRounds):
 
     Attributes:
         features: of the touches, ``(N, R, P, F)``, or None: the embeddings that a joint model needs.
-        rests: orientation of every object at rest, unit quaternions ``wxyz``, ``(N, 4)``, if known.
-        sizes: size factor of every object, ``(N,)``, if known.
     """
 
     logits: Floats
     features: NDArray[np.floating] | None = None
-    rests: Floats | None = None
-    sizes: Floats | None = None
 
     @classmethod
     def of(cls, truth: TouchSet, touches: TouchBatch, num_poses: int) -> Rounds:
@@ -47,8 +43,6 @@ class Rounds(TouchRounds):
             touches.require_logits().reshape(*by_object, touches.num_shapes),
             truth.shapes[::each],
             None if touches.features is None else touches.features.reshape(*by_object, touches.features.shape[2]),
-            truth.rests[::each],
-            truth.sizes[::each],
         )
 
     def singles(self) -> Sequences:

@@ -7,15 +7,10 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from multiprocessing import resource_tracker
-from multiprocessing.context import BaseContext
 from types import FrameType
-from typing import TypeVar
-
-T = TypeVar("T")
 
 _EVERY = 0.5  # seconds
 
@@ -77,15 +72,3 @@ def block_interrupt() -> Iterator[None]:
         signal.signal(signal.SIGINT, handler)
         if heard:
             handler(*heard[0])
-
-
-def in_own_process(context: BaseContext, function: Callable[..., T], *arguments: object) -> T:
-    """Call a function in a new process, which ends with this one or with an interrupt, and return its result."""
-    with ProcessPoolExecutor(1, context, initializer=end_with_parent) as pool:
-        try:
-            with block_interrupt():
-                result = pool.submit(function, *arguments)
-            return result.result()
-        except KeyboardInterrupt:
-            end_workers()
-            raise

@@ -57,8 +57,8 @@ class Reproduce:
     """Reproduce the paper's tables and figures; after an interruption, the same command continues.
 
     Table 1 is made twice with the same images and the paper's recipe: split by image and split by object. Table 2 plays
-    the manual rule and PPO on images like the paper's (scene paper). It uses the shipped sensor and policies;
-    --from-nothing trains new ones.
+    the manual rule and PPO on images like the paper's (scene paper). It uses the shipped sensor and policies, or
+    those in a folder of your own.
 
     For example:
 
@@ -78,8 +78,8 @@ class Reproduce:
     """Table 1: few images and a small network, for a look within minutes."""
     episodes: Count = 100
     """Table 2: searches per target; the paper uses 100."""
-    from_nothing: bool = False
-    """Table 2: train a new sensor and policies instead of using the shipped ones."""
+    sensor: Path | None = None
+    """Table 2: folder of a sensor with policies, from activetouch calibrate and train-ppo; a shipped one by default."""
     seed: Seed = 0
     """Seed of splits, intervals and searches."""
     out: Path = Path("runs/reproduce")
@@ -91,19 +91,14 @@ class Reproduce:
     def run(self) -> None:
         """Make what is missing, write and print it."""
         check_arguments(self)
-        for extra in ("train", "rl") if self.from_nothing else ("train",) if "table1" in self.parts else ():
-            require_extra(extra)
+        if "table1" in self.parts:
+            require_extra("train")
         settings = QUICK if self.quick else table1.Settings(weights=self.weights)
         if self.input_size is not None:
             settings = replace(settings, input_size=self.input_size)
         require_input_size(settings.input_size, SCENES["paper"].scene.image_shape[0], settings.backbone)
         claim_folder(self.out)
-        sensor = None
-        if self.from_nothing and {"table2", "figure3"} & {*self.parts}:
-            from experiments.paper.pipeline import make_sensor_with_policies
-
-            sensor = make_sensor_with_policies("paper", self.out / "from-nothing" / "paper", self.jobs)
-        found = reproduce(self.parts, self.out, settings, sensor, self.episodes, self.seed, self.jobs)
+        found = reproduce(self.parts, self.out, settings, self.sensor, self.episodes, self.seed, self.jobs)
         found.save(self.out)
         from rich.markdown import Markdown
 
@@ -212,7 +207,7 @@ def reproduce(
         second = table2.search_columns(chosen, episodes, seed, folder / "searches" / "paper", jobs)
     arguments = {
         **asdict(settings),
-        "sensor": "trained from nothing" if sensor is not None else "shipped; --from-nothing trains new ones",
+        "sensor": "shipped" if sensor is None else str(sensor),
         "episodes": episodes,
         "seed": seed,
     }

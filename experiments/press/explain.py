@@ -1,9 +1,9 @@
-"""``activetouch explain``: what a scene models, what that costs, and which of its shapes feel alike."""
+"""``activetouch explain``: what a scene models, and which of its shapes feel alike."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -11,11 +11,11 @@ from typing import Annotated
 import numpy as np
 import tyro
 from numpy.typing import NDArray
-from rich.progress import track
 
-from activetouch.errors import LabelMismatch, NoIndependentModel, WrongScene
+from activetouch.errors import LabelMismatch, WrongScene
 from activetouch.named_scenes import NamedScene
 from activetouch.pressing.contact import surface_gap
+from activetouch.rendering import read_out
 from activetouch.scene import Scene
 from activetouch.sensor import TactileSensor
 from activetouch.sensor_files import READER_FILE, reader_file, sensor_shift
@@ -24,11 +24,9 @@ from experiments.command_line.arguments import Count, Jobs, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs
 from experiments.press.alike import SHOWN, Alike, Likeness, alike
-from experiments.press.inventory import Item, inventory, latent, leaner, richer
-from experiments.press.press_cost import Cost, press_cost
+from experiments.press.inventory import Item, inventory, latent
 from experiments.reporting.tables import Table
 from experiments.scene_choice import SceneChoice
-from experiments.sensor.belief_cost import belief_cost
 from experiments.sensor_choice import sensor_folder
 
 _PRESSES = 50  # of each shape, to see where the layer bottoms out
@@ -39,36 +37,26 @@ _WIDE = 0.95  # share of the surface below which an aim is offered
 
 @dataclass(frozen=True)
 class Explanation:
-    """What a scene models, and what that costs; it prints as tables and sentences.
+    """What a scene models; it prints as tables and sentences.
 
     Attributes:
         name: of the scene.
         items: the parts of the model.
-        costs: of the next simpler scene, this scene and the next richer one, by what they are.
-        remarks: sentences about the belief, and about presses that show less than they could.
+        remarks: sentences about the belief, the time of a press, and presses that show less than they could.
         alike: how alike the shapes feel; None where they were not compared.
     """
 
     name: str
     items: Sequence[Item]
-    costs: Mapping[str, Cost]
     remarks: Sequence[str]
     alike: Alike | None = None
 
     def tables(self) -> list[Table]:
-        """What the scene models, what a press costs, and which shapes feel alike if they were compared."""
+        """What the scene models, and which shapes feel alike if they were compared."""
         rows = [(item.number, item.part, item.why) for item in self.items]
         columns = [("number", "d"), ("part", ""), ("what", "")]
         what = Table(f"what the scene '{self.name}' models", columns, rows)
-        return [what, self._cost_table(), *([] if self.alike is None else [alike_table(self.alike)])]
-
-    def _cost_table(self) -> Table:
-        rows = [
-            (what, 1e3 * cost.press, 1e3 * cost.image, cost.memory, ", ".join(cost.imports) or "none")
-            for what, cost in self.costs.items()
-        ]
-        columns = ["scene", ("ms/press", ".2f"), ("ms/image", ".2f"), ("MB", ".0f"), ("large imports", "")]
-        return Table("what a press costs on one core", columns, rows)
+        return [what, *([] if self.alike is None else [alike_table(self.alike)])]
 
     def __str__(self) -> str:
         return "\n\n".join([*(table.markdown() for table in self.tables()), *self.remarks])
@@ -83,15 +71,15 @@ def explain(
     jobs: int = 1,
     sensor: Path | None = None,
 ) -> Explanation:
-    """What a scene models, and what that costs beside the next simpler and the next richer scene.
+    """What a scene models, which of its shapes feel alike, and how long a press takes.
 
     Args:
         named: the scene, and its search.
         name: of the scene.
-        presses: number of presses to measure in each scene.
+        presses: number of presses to measure.
         compare: whether to compare all pairs of shapes, which takes about a quarter of a second for a pair.
         jobs: number of processes that compare shapes.
-        sensor: folder of a sensor, whose belief is measured if it fits the scene; None for none.
+        sensor: folder of a sensor, whose belief is described if it fits the scene; None for none.
     """
     scene = named.scene
     remarks = [_belief_words(scene, sensor if sensor is not None and _fits(sensor, scene) else None)]
@@ -100,25 +88,19 @@ def explain(
         remarks.append(f"Shapes are not compared: the proportions of {', '.join(scene.families)} vary.")
     elif compare and len(scene.shapes) > 1:
         likeness = alike(scene, jobs=jobs)
-    variants = [("leaner", leaner(scene)), ("", ("this scene", scene)), ("richer", richer(scene))]
-    costs = {}
-    for relation, variant in track(variants, "measuring", transient=True):
-        if variant is not None:
-            what = f"{relation}: {variant[0]}" if relation else variant[0]
-            costs[what] = press_cost(variant[1], presses)
+    remarks.append(_cost_words(scene, presses))
     remarks += _bottoming_words(scene, np.random.default_rng(0))
     if likeness and (partly := [label for label, (ever, _) in likeness.reach.items() if ever < _WIDE]):
         remarks.append(f"No touch meets all of {', '.join(partly)}: aim beside the axis (activetouch.poses.aimed).")
-    return Explanation(name, inventory(named), costs, remarks, likeness)
+    return Explanation(name, inventory(named), remarks, likeness)
 
 
 @dataclass(frozen=True)
 class Explain:
-    """List what a scene models, and measure its cost and that of the next simpler and next richer scene.
+    """List what a scene models, and measure the time of a press.
 
-    Also shows what the belief about an object holds hidden (orientation and size, if touches share them), and its
-    memory and time beside the leaner model that takes touches as independent. Says which shapes feel alike to the pad,
-    and where touches show less than they could.
+    Also says what the belief about an object holds hidden (orientation and size, if touches share them), which shapes
+    feel alike to the pad, and where touches show less than they could.
 
     For example:
 
@@ -130,7 +112,7 @@ class Explain:
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
     """The world."""
     presses: Count = 60
-    """Number of presses to measure in each scene."""
+    """Number of presses to measure."""
     alike: bool = True
     """Compare all pairs of shapes; a second for each shape and a quarter for each pair."""
     jobs: Jobs = field(default_factory=default_jobs)
@@ -219,23 +201,34 @@ def _bottoming_words(scene: Scene, rng: np.random.Generator) -> list[str]:
     ]
 
 
+def _cost_words(scene: Scene, num_presses: int) -> str:
+    """The median times of a press and of its image, on one core."""
+    rng = np.random.default_rng(0)
+    pressed = [scene.sample_object(number % len(scene.shapes), rng) for number in range(num_presses)]
+    for each in pressed[: len(scene.shapes)]:
+        scene.press(each, 0, rng)  # compiles the models
+    presses, images = [], []
+    for number, each in enumerate(pressed):
+        started = time.perf_counter()
+        contact = scene.press(each, number % len(scene.poses), rng).contact
+        ended = time.perf_counter()
+        read_out(scene.image(contact), scene.faults, rng)  # again, to measure its time
+        images.append(time.perf_counter() - ended)
+        presses.append(ended - started - images[-1])
+    press, image = 1e3 * float(np.median(presses)), 1e3 * float(np.median(images))
+    return f"A press takes {press:.2f} ms on one core, and its image {image:.2f} ms."
+
+
 def _belief_words(scene: Scene, folder: Path | None) -> str:
-    """What the belief about one object holds, and what it costs with a sensor in a folder."""
+    """What the belief about one object holds, with a sensor in a folder."""
     hidden = latent(scene)
     words = f"The belief about an object holds its shape, {', '.join(hidden)}"
     if not hidden:
         words = "The belief about an object holds its shape; each touch has its own orientation"
-    sensor = None if folder is None else TactileSensor.load(folder, scene, anyway=True)
-    model = None if sensor is None else joint_model(sensor.model)
-    if sensor is None or folder is None or model is None:
+    model = None if folder is None else joint_model(TactileSensor.load(folder, scene, anyway=True).model)
+    if model is None:
         return f"{words}. No shipped sensor with a joint model was fitted to these objects."
-    width = sensor.reader.card.embedding
-    costs = [belief_cost(sensor.model, width)]
-    with suppress(NoIndependentModel):
-        costs.append(belief_cost(TactileSensor.load(folder, scene, anyway=True, independent=True).model, width))
-    measured = [f"{cost.memory:.1f} MB and {cost.update:.2f} ms a touch" for cost in costs]
-    plain = f"; {measured[1]} where touches count as independent" if len(measured) > 1 else ""
-    return f"{words}: {model.num_hypotheses} hypotheses for each shape, {measured[0]}{plain}."
+    return f"{words}: {model.num_hypotheses} hypotheses for each shape."
 
 
 def _fits(sensor: Path, scene: Scene) -> bool:

@@ -1,14 +1,12 @@
-"""The parts that a scene models, counted in the compiled model, and scenes with one part less or more."""
+"""The parts that a scene models, counted in the compiled model."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from activetouch.named_scenes import NamedScene
 from activetouch.orientations import Resampled, Upright
-from activetouch.pressing.dynamic import Dynamic
-from activetouch.pressing.press import Quasistatic
 from activetouch.scene import Scene
 from belief.composition import Composition
 
@@ -83,27 +81,3 @@ def _rigid_bodies(model: mujoco.MjModel) -> list[Item]:
         Item(sum(name.startswith("finger") for name in names), "finger segments", "carry the pad, as in the paper"),
         Item(sum(name.startswith("parked") for name in names), "parked objects", "fixed to the world, no contact"),
     ]
-
-
-def leaner(scene: Scene) -> tuple[str, Scene] | None:
-    """The next simpler scene, and the difference; None for the simplest."""
-    press = scene.press_model
-    if scene.parking or scene.finger:
-        return "without finger and parked objects", replace(scene, parking=False, finger=False)
-    if press.traced:
-        return "force control, no trace", replace(scene, press_model=Dynamic())
-    return ("no time stepping", replace(scene, press_model=Quasistatic())) if press.moves else None
-
-
-def richer(scene: Scene) -> tuple[str, Scene] | None:
-    """The next richer scene, and the difference; None for the richest."""
-    press = scene.press_model
-    if not press.moves:
-        return "stepped motion", replace(scene, press_model=Dynamic())
-    if not press.traced:
-        return "a trace of force and contact point", replace(scene, press_model=press.with_trace())
-    if not scene.finger or not (scene.parking or scene.families):
-        parks = not scene.families
-        change = "the finger, and all objects loaded" if parks else "the finger"
-        return change, replace(scene, parking=parks, finger=True)
-    return None

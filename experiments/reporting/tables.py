@@ -30,7 +30,6 @@ class Table:
         rows: values in the order of the columns; a row with a single value is a heading of the rows below it.
         note: explanation below the table.
         name: stem of the CSV file that a page offers; none if empty.
-        is_long: whether a page shows the table collapsed.
 
     >>> table = Table("Success", ["decider", ("success", ".2f"), ("95 %", ".2f")], [("greedy", 0.8125, (0.7, 0.9))])
     >>> print(table.markdown())
@@ -48,7 +47,6 @@ class Table:
     rows: Sequence[Sequence[Value]]
     note: str = ""
     name: str = ""
-    is_long: bool = False
 
     @property
     def headings(self) -> list[str]:

@@ -1,26 +1,21 @@
-"""Tables and figure of ``robustness``."""
+"""Tables of ``robustness``."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any, TypeAlias
 
-import numpy as np
-
-from experiments.reporting.style import PALETTE, figure
 from experiments.reporting.tables import Table, Value, interval
 from experiments.robustness.searches import CONFIDENCE, ROBOTS
 from experiments.robustness.strangers import FALSE_ALARMS
 from experiments.robustness.touches import AS_TRAINED
 
 Numbers: TypeAlias = Mapping[str, Any]
-_TICKS = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0)
 
 
 def robustness_tables(numbers: Numbers) -> list[Table]:
     """Tables of a report, from the contents of ``robustness.json``."""
-    first = next(iter(numbers["conditions"][AS_TRAINED]["models"].values()))
+    first = _own(numbers["conditions"][AS_TRAINED])
     found = [_accuracy_table(numbers), _stops_table(numbers)]
     if "searches" in first:
         found.append(_searches_table(numbers))
@@ -36,7 +31,7 @@ def robustness_tables(numbers: Numbers) -> list[Table]:
 def _accuracy_table(numbers: Numbers) -> Table:
     rows = []
     for condition, row in numbers["conditions"].items():
-        own, number = next(iter(row["models"].values())), row["num_objects"]
+        own, number = _own(row), row["num_objects"]
         fewer = number < numbers["conditions"][AS_TRAINED]["num_objects"]
         difference = interval(row["difference"], *row["difference_interval"], spec="+.3f")
         rows.append(
@@ -57,32 +52,34 @@ def _accuracy_table(numbers: Numbers) -> Table:
     )
 
 
-def _by_model(
+def _own(row: Numbers) -> Numbers:
+    """The scores of the sensor's own observation model in a condition; records of earlier versions have others too."""
+    scores: Numbers = next(iter(row["models"].values()))
+    return scores
+
+
+def _with_ends(
     numbers: Numbers, title: str, columns: Sequence[str], cells: Callable[[Numbers], tuple[list[Value], Numbers | None]]
 ) -> Table:
-    """One row per condition, and for every model the given cells and what it states and achieves at the end.
+    """One row per condition: the given cells, and what the model states and achieves at the end.
 
     Args:
         numbers: contents of ``robustness.json``.
         title: of the table.
         columns: headings of the given cells.
-        cells: from the scores of a model: the given cells, and ``touches``, ``stated`` and ``achieved``, if any.
+        cells: from the scores of the model: the given cells, and ``touches``, ``stated`` and ``achieved``, if any.
     """
     rows: list[list[Value]] = []
-    gaps: dict[str, dict[str, float]] = {}
+    gaps: dict[str, float] = {}
     for condition, row in numbers["conditions"].items():
-        rows.append([condition])
-        for model, scores in row["models"].items():
-            given, ends = cells(scores)
-            rows[-1] += [*given, *((ends or {}).get(key) for key in ("touches", "stated", "achieved"))]
-            if ends and ends["stated"] is not None and not row["is_chance"]:
-                gaps.setdefault(model, {})[condition] = ends["stated"] - ends["achieved"]
-    headings: list[Sequence[str]] = ["condition"]
-    for model in numbers["conditions"][AS_TRAINED]["models"]:
-        headings += [(f"{model}: {columns[0]}", ""), *((heading, "") for heading in columns[1:])]
-        headings += [("touches", ".2f"), ("stated", ".3f"), ("achieved", ".3f")]
-    worst = {model: max(found, key=lambda name: abs(found[name])) for model, found in gaps.items()}
-    note = " ".join(f"Largest gap of {model}: {gaps[model][name]:+.3f} ({name})." for model, name in worst.items())
+        given, ends = cells(_own(row))
+        rows.append([condition, *given, *((ends or {}).get(key) for key in ("touches", "stated", "achieved"))])
+        if ends and ends["stated"] is not None and not row["is_chance"]:
+            gaps[condition] = ends["stated"] - ends["achieved"]
+    headings = ["condition", *((heading, "") for heading in columns)]
+    headings += [("touches", ".2f"), ("stated", ".3f"), ("achieved", ".3f")]
+    worst = max(gaps, key=lambda name: abs(gaps[name]), default=None)
+    note = "" if worst is None else f"Largest gap: {gaps[worst]:+.3f} ({worst})."
     return Table(f"{numbers['scene']}: {title}", headings, rows, note)
 
 
@@ -94,7 +91,7 @@ def _stops_table(numbers: Numbers) -> Table:
         return [fused, worst, None if fired is None else interval(*fired)], stops
 
     title = f"objects touched in random order of the poses, until a shape has a posterior of {CONFIDENCE:g}"
-    return _by_model(numbers, title, ("all touches fused", "worst shape", "alarms of the conflict test"), cells)
+    return _with_ends(numbers, title, ("all touches fused", "worst shape", "alarms of the conflict test"), cells)
 
 
 def _searches_table(numbers: Numbers) -> Table:
@@ -102,12 +99,12 @@ def _searches_table(numbers: Numbers) -> Table:
         found = scores.get("searches")
         return [None if found is None else interval(found["success"], *found["interval"])], found
 
-    searches = next(iter(numbers["conditions"][AS_TRAINED]["models"].values()))["searches"]
-    return _by_model(numbers, f"{searches['number']} live searches by information gain", ("success",), cells)
+    number = _own(numbers["conditions"][AS_TRAINED])["searches"]["number"]
+    return _with_ends(numbers, f"{number} live searches by information gain", ("success",), cells)
 
 
 def _abstention_table(numbers: Numbers) -> Table:
-    """Wrong confirmations without and with the answer "I do not know", by condition, for the sensor's own model."""
+    """Wrong confirmations without and with the answer "I do not know", by condition."""
     columns = (
         "condition",
         "always answers: wrong",
@@ -118,7 +115,7 @@ def _abstention_table(numbers: Numbers) -> Table:
     )
     rows: list[tuple[Value, ...]] = []
     for condition, row in numbers["conditions"].items():
-        searches = next(iter(row["models"].values())).get("searches")
+        searches = _own(row).get("searches")
         if searches is None:
             rows.append((condition, *[None] * 5))
             continue
@@ -155,40 +152,3 @@ def _strangers_table(numbers: Numbers) -> Table:
     wrong = after[last]["false_alarms"]
     note = f"The test fires for {interval(*wrong)} of the known objects; {FALSE_ALARMS:g} stated." if wrong else ""
     return Table(f"{numbers['scene']}: AUROC of unknown against known shapes, by touches", columns, rows, note)
-
-
-def draw_conditions(numbers: Numbers, *paths: Path) -> None:
-    """Draw the error rates of one touch and of all touches fused; the endings of the paths decide the formats.
-
-    The scale is logarithmic above 1 % and linear below, so that it can show zero.
-    """
-    rows = numbers["conditions"]
-    models, place = list(rows[AS_TRAINED]["models"]), list(rows).index(AS_TRAINED)
-    alone = {"": [(row["accuracy"], *row["accuracy_interval"]) for row in rows.values()]}
-    fused = {}
-    for model in models:
-        scores = [row["models"][model] for row in rows.values()]
-        fused[model] = [(own["fused_accuracy"], *own["fused_interval"]) for own in scores]
-    with figure((9, 1.3 + 0.24 * len(rows)), *paths) as drawn:
-        drawn.suptitle(f"{numbers['scene']}: {rows[AS_TRAINED]['num_objects']} objects, intervals at 95 %")
-        panels = (("one touch", alone), ("all touches", fused))
-        for axes, (title, series) in zip(drawn.subplots(1, 2, sharey=True), panels, strict=True):
-            for number, (label, found) in enumerate(series.items()):
-                values, high, low = 1.0 - np.array(found).T
-                if number == 0:
-                    axes.axvspan(low[place], high[place], color="0.9", linewidth=0)
-                    axes.axvline(values[place], color="0.5", linewidth=1)
-                    axes.axvline(1.0 - numbers["chance"], color="0.5", linewidth=1, linestyle=":")
-                reach = np.maximum([values - low, high - values], 0.0)  # a mean and its quantiles round differently
-                style = {"fmt": "os"[number], "color": PALETTE[number], "markersize": 4, "elinewidth": 1}
-                axes.errorbar(values, np.arange(len(rows)) + 0.2 * number, xerr=reach, label=label, **style)
-            axes.set_yticks(range(len(rows)), list(rows))
-            if len(series) > 1:
-                axes.legend(loc="lower right")
-            axes.set(title=title, xlabel="error rate (line: as trained; dotted: chance)")
-            axes.set_xscale("symlog", linthresh=0.01, linscale=0.7)
-            labels = [*(f"{100 * tick:g}" for tick in _TICKS[:-1]), "100 %"]
-            axes.set(xlim=(-0.001, 1.0), xticks=_TICKS, xticklabels=labels)
-            axes.minorticks_off()
-            axes.grid(axis="x", alpha=0.25)
-        axes.invert_yaxis()

@@ -1,8 +1,7 @@
 """``activetouch robustness``: accuracy and calibration of a sensor outside the world it was trained in.
 
-The same objects are touched in every pose under many conditions, so differences to the training world are paired. A
-sensor with a joint observation model is compared with its own independent one. Touches of unknown shapes measure how
-well the conflict test distinguishes them.
+The same objects are touched in every pose under many conditions, so differences to the training world are paired.
+Touches of unknown shapes measure how well the conflict test distinguishes them.
 """
 
 from __future__ import annotations
@@ -18,7 +17,6 @@ from numpy.typing import NDArray
 
 from activetouch.named_scenes import NamedScene
 from activetouch.sensor import TactileSensor
-from activetouch.sensor_files import load_observation_model, observation_file
 from activetouch.shapes import EXTENDED_SHAPES
 from belief.claims import claim_folder, ends_claims
 from belief.files import write_text
@@ -31,15 +29,14 @@ from experiments.command_line.arguments import BadArgument, CountOrNone, Jobs, S
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs
 from experiments.reporting.tables import Table
+from experiments.robustness.report import robustness_tables
 from experiments.robustness.searches import CONFIDENCE, confidence_at_stops, search_scores
 from experiments.robustness.strangers import alarms, e_values, stranger_scores
 from experiments.robustness.touches import AS_TRAINED, ClassifierOutputs, applicable_conditions, measure_touches
 from experiments.scene_choice import SceneChoice, in_file_names
 from experiments.sensor.scores import accuracy_of_objects
-from experiments.sensor_choice import open_sensor, sensor_folder
+from experiments.sensor_choice import open_sensor
 
-INDEPENDENT_MODEL = "independent"
-"""Name of the model that takes touches as independent given the shape, beside a joint one."""
 _UNKNOWN = "unknown shapes"
 
 
@@ -55,24 +52,19 @@ class RobustnessReport:
 
     def tables(self) -> list[Table]:
         """The tables of the report."""
-        from experiments.robustness.report import robustness_tables  # loads matplotlib
-
         return robustness_tables(self.numbers)
 
     def __str__(self) -> str:
         return "\n\n".join(table.markdown() for table in self.tables())
 
     def save(self, folder: Path) -> None:
-        """Write robustness.json, tables (robustness.md) and a figure (robustness.svg and .png) into a folder.
+        """Write robustness.json and tables (robustness.md) into a folder.
 
         Raises:
             CannotWrite: the disk is full, or the folder cannot be written.
         """
-        from experiments.robustness.report import draw_conditions
-
         write_text(folder / "robustness.json", json.dumps(self.numbers, indent=1) + "\n")
         write_text(folder / "robustness.md", f"{self}\n")
-        draw_conditions(self.numbers, folder / "robustness.svg", folder / "robustness.png")
 
 
 def robustness(
@@ -80,7 +72,6 @@ def robustness(
     named: NamedScene,
     *,
     name: str = "scene",
-    models: Mapping[str, ArrayModel] | None = None,
     conditions: Sequence[str] = (),
     objects: int = 100,
     searches: int = 0,
@@ -94,11 +85,10 @@ def robustness(
         sensor: to measure.
         named: the scene that the sensor was trained in, and its search.
         name: of the scene.
-        models: observation models by name, the sensor's own first; only this one by default.
         conditions: keys of :data:`~experiments.robustness.conditions.CONDITIONS`; all whose presses are fast by
             default.
         objects: of every shape, at least two; each is touched once in every pose, under every condition.
-        searches: live searches for every target, by information gain with each observation model.
+        searches: live searches for every target, by information gain.
         abstain: false-alarm rate of the conflict test, with which searches may end with "I do not know"; also if the
             stated confidence is below that of stops. They never do by default.
         seed: of the objects, their touches, the searches and the bootstrap.
@@ -108,21 +98,20 @@ def robustness(
         UnknownName: there is no such condition.
         UnstablePress: no object could be pressed under a condition.
     """
-    scene, models = named.scene, {sensor.model.name: sensor.model} if models is None else models
+    scene = named.scene
     scenes, left_out = applicable_conditions(scene, conditions)
     novel = {label: shape for label, shape in EXTENDED_SHAPES.items() if label not in scene.shapes}
     touched = scenes | ({_UNKNOWN: replace(scene, shapes=novel)} if novel else {})
     if not novel:
         left_out[_UNKNOWN] = "the sensor was trained on all known shapes"
     outputs = measure_touches(sensor, touched, objects, seed, jobs)
-    scores = {c: condition_scores(outputs[c], outputs[AS_TRAINED], models, seed) for c in scenes}
+    scores = {c: condition_scores(outputs[c], outputs[AS_TRAINED], sensor.model, seed) for c in scenes}
     unseen: dict[str, Any] = {}
     if novel:
         unseen = stranger_scores(outputs[AS_TRAINED], outputs[_UNKNOWN], sensor.model, tuple(novel), seed)
     if searches:
-        found = search_scores(sensor, models, scenes, named, searches, seed, jobs, abstain)
-        for (condition, model), searched in found.items():
-            scores[condition]["models"][model]["searches"] = searched
+        for condition, found in search_scores(sensor, scenes, named, searches, seed, jobs, abstain).items():
+            scores[condition]["models"][sensor.model.name]["searches"] = found
     return RobustnessReport(
         {
             "scene": name,
@@ -142,8 +131,7 @@ def robustness(
 class Robustness:
     """Measure a sensor under faults, other objects, other presses and unknown shapes.
 
-    A sensor whose observation model is about one rigid body is measured beside its model that takes touches as
-    independent. Writes robustness.json, tables (robustness.md) and a figure (robustness.svg and .png).
+    Writes robustness.json and tables (robustness.md).
 
     For example:
 
@@ -162,8 +150,7 @@ class Robustness:
     conditions: tuple[str, ...] = ()
     """Conditions to measure, such as "noise × 2"; all by default."""
     searches: CountOrNone = 0
-    """Number of live searches for every target, by information gain with each observation model, under every
-    condition."""
+    """Number of live searches for every target, by information gain, under every condition."""
     abstain: Annotated[float, Within(0.0, 1.0, open_low=True, open_high=True)] | None = None
     """False-alarm rate of the conflict test, such as 0.02, with which searches may end with "I do not know"; also if
     the stated confidence is below that of stops. They never do by default."""
@@ -190,7 +177,6 @@ class Robustness:
             sensor,
             choice.named,
             name=self.scene,
-            models=_models(sensor, sensor_folder(self.sensor, self.scene)),
             conditions=self.conditions,
             objects=self.objects,
             searches=self.searches,
@@ -204,29 +190,21 @@ class Robustness:
         print(f"wrote {out}")
 
 
-def _models(sensor: TactileSensor, folder: Path) -> dict[str, ArrayModel]:
-    """The sensor's observation model, and the independent one beside a joint one, by name."""
-    models: dict[str, ArrayModel] = {sensor.model.name: sensor.model}
-    if observation_file(folder, independent=True) != observation_file(folder):
-        models[INDEPENDENT_MODEL] = load_observation_model(folder, independent=True)
-    return models
-
-
 def condition_scores(
-    outputs: ClassifierOutputs, trained: ClassifierOutputs, models: Mapping[str, ArrayModel], seed: int
+    outputs: ClassifierOutputs, trained: ClassifierOutputs, model: ArrayModel, seed: int
 ) -> dict[str, Any]:
     """Accuracy and calibration in a condition, with 95 % intervals.
 
     Args:
         outputs: of the classifier in this condition.
         trained: of the classifier in the training world.
-        models: observation models by name, the sensor's own first.
+        model: observation model of the sensor.
         seed: of the bootstrap, and of the order of poses.
 
     Returns:
         ``num_objects`` touched; ``accuracy`` of single touches and its paired ``difference`` to the training world,
-        with bootstrap intervals over objects; ``is_chance``: whether the interval contains chance; ``models``: by name
-        of the model, :func:`model_scores`.
+        with bootstrap intervals over objects; ``is_chance``: whether the interval contains chance; ``models``: by the
+        name of the model, :func:`model_scores`.
     """
     (num_objects, _, num_shapes), rng = outputs.logits.shape, np.random.default_rng(seed)
     right, right_trained = ((f.logits.argmax(axis=2) == f.shapes[:, None]).mean(axis=1) for f in (outputs, trained))
@@ -240,7 +218,7 @@ def condition_scores(
         "difference": difference,
         "difference_interval": difference_interval,
         "is_chance": interval[0] <= 1.0 / num_shapes <= interval[1],
-        "models": {name: model_scores(outputs, model, seed) for name, model in models.items()},
+        "models": {model.name: model_scores(outputs, model, seed)},
     }
 
 

@@ -1,4 +1,4 @@
-"""Live searches under changed conditions, with each observation model of a sensor on the same episodes."""
+"""Live searches under changed conditions, on the same episodes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from activetouch import Scene, TactileSensor, TouchWorld
 from activetouch.named_scenes import NamedScene
 from activetouch.world import touch_many
-from belief.observation_model.model import ArrayModel, ObservationModel
+from belief.observation_model.model import ObservationModel
 from belief.problem import SearchProblem, Touch
 from belief.seeding import arrangement_rng
 from belief.statistics import clopper_pearson_interval, cluster_bootstrap
@@ -55,35 +55,33 @@ def confidence_at_stops(stated: ArrayLike, correct: ArrayLike, num_touches: Arra
 
 def search_scores(
     sensor: TactileSensor,
-    models: Mapping[str, ArrayModel],
     scenes: Mapping[str, Scene],
     named: NamedScene,
     episodes: int,
     seed: int,
     jobs: int,
     abstain: float | None = None,
-) -> dict[tuple[str, str], dict[str, Any]]:
-    """Success and calibration at confirmation of live searches, by condition and model.
+) -> dict[str, dict[str, Any]]:
+    """Success and calibration at confirmation of live searches, by condition.
 
     Args:
-        sensor: reads the touches; its observation model is not used.
-        models: observation models by name, the sensor's own first.
-        scenes: by condition; those whose presses take seconds are left out.
+        sensor: reads the touches.
+        scenes: by condition.
         named: the scene of the sensor and its search.
-        episodes: for every target, the same for all models.
+        episodes: for every target.
         seed: of the episodes.
         jobs: number of processes.
-        abstain: false-alarm rate of the conflict test, with which the first model's decider makes the same searches
-            again and may answer "I do not know", also below a stated confidence of :data:`CONFIDENCE`; not by default.
+        abstain: false-alarm rate of the conflict test, with which the same searches are made again by a decider that
+            may answer "I do not know", also below a stated confidence of :data:`CONFIDENCE`; not by default.
 
     Returns:
-        By condition and model: :func:`success_scores`, and ``stated`` confidence and ``achieved`` accuracy at
-        confirmation. With ``abstain`` the first model has ``abstaining``: ``wrong`` and ``unsure``, fraction that ended
-        with "I do not know", with their intervals; ``sure``: calibration of the confirmations that state
-        :data:`CONFIDENCE` or more, as :func:`confidence_at_stops`; ``alarms``: how many robots had an alarm of their
-        test, which runs on from search to search (there are :data:`ROBOTS` of them, or one for each of fewer searches,
-        which search for all targets in random order); ``searches_to_alarm`` and ``touches_to_alarm``: median number of
-        the search in which, and of all touches until then.
+        By condition: :func:`success_scores`, and ``stated`` confidence and ``achieved`` accuracy at confirmation. With
+        ``abstain`` also ``abstaining``: ``wrong`` and ``unsure``, fraction that ended with "I do not know", with their
+        intervals; ``sure``: calibration of the confirmations that state :data:`CONFIDENCE` or more, as
+        :func:`confidence_at_stops`; ``alarms``: how many robots had an alarm of their test, which runs on from search
+        to search (there are :data:`ROBOTS` of them, or one for each of fewer searches, which search for all targets in
+        random order); ``searches_to_alarm`` and ``touches_to_alarm``: median number of the search in which, and of all
+        touches until then.
     """
     problem = SearchProblem(
         named.scene.shape_labels,
@@ -92,36 +90,30 @@ def search_scores(
         composition=named.composition,
         touch_limit=named.touches_per_object * named.num_objects,
     )
-    kinds = [(name, None) for name in models] + [(name, abstain) for name in list(models)[:1] if abstain is not None]
-    tasks = {
-        (condition, name, rate): partial(
-            _scores, replace(sensor, scene=scene, model=models[name]), problem, episodes, seed, rate
-        )
+    tasks = [
+        partial(_scores, condition, replace(sensor, scene=scene), problem, episodes, seed, abstain)
         for condition, scene in scenes.items()
-        for name, rate in kinds
-    }
-    keyed = [partial(_with_key, key, task) for key, task in tasks.items()]
-    done = dict(run_tasks(keyed, jobs, "searching under every condition"))
-    found: dict[tuple[str, str], dict[str, Any]] = {}
-    for condition, name, rate in tasks:
-        found.setdefault((condition, name), {}).update(done[condition, name, rate])
-    return found
-
-
-def _with_key(key: Any, task: partial[Any]) -> tuple[Any, Any]:
-    return key, task()
+    ]
+    found = dict(run_tasks(tasks, jobs, "searching under every condition"))
+    return {condition: found[condition] for condition in scenes}
 
 
 def _scores(
-    sensor: TactileSensor, problem: SearchProblem, number: int, seed: int, abstain: float | None
-) -> dict[str, Any]:
+    condition: str, sensor: TactileSensor, problem: SearchProblem, number: int, seed: int, abstain: float | None
+) -> tuple[str, dict[str, Any]]:
     decider: Decider = make_decider(_DECIDER, sensor.model.outcome_table(), sensor.model)
     seeds = [(seed, target, n) for target in range(problem.num_shapes) for n in range(number)]
-    worlds, targets = [], [target for _, target, _ in seeds]
-    for seed_of_episode in seeds:
-        rng = arrangement_rng(seed_of_episode)
-        worlds.append(TouchWorld.sample(sensor, sample_arrangement(problem, rng), rng))
+    targets = [target for _, target, _ in seeds]
+    played = played_together(sensor, _worlds(sensor, problem, seeds), decider, problem, targets, sensor.model, seeds)
+    confirmed = [episode for episode in played if episode.outcome is Outcome.CONFIRMED]
+    stated = [float(episode.steps[-1].belief.probs[episode.target]) for episode in confirmed]
+    scores = {
+        **success_scores(played),
+        "stated": float(np.mean(stated)) if confirmed else None,
+        "achieved": float(np.mean([episode.success for episode in confirmed])) if confirmed else None,
+    }
     if abstain is not None:
+        worlds = _worlds(sensor, problem, seeds)
         order = np.random.default_rng(seed).permutation(len(seeds)).tolist()  # a robot seeks all targets from the start
         parts = [order[first::ROBOTS] for first in range(ROBOTS)]
         by_robot = search_in_turn(
@@ -133,15 +125,17 @@ def _scores(
             [[seeds[n] for n in part] for part in parts],
             partial(_read_together, sensor),
         )
-        return {"abstaining": _abstention(by_robot)}
-    played = played_together(sensor, worlds, decider, problem, targets, sensor.model, seeds)
-    confirmed = [episode for episode in played if episode.outcome is Outcome.CONFIRMED]
-    stated = [float(episode.steps[-1].belief.probs[episode.target]) for episode in confirmed]
-    return {
-        **success_scores(played),
-        "stated": float(np.mean(stated)) if confirmed else None,
-        "achieved": float(np.mean([episode.success for episode in confirmed])) if confirmed else None,
-    }
+        scores["abstaining"] = _abstention(by_robot)
+    return condition, scores
+
+
+def _worlds(sensor: TactileSensor, problem: SearchProblem, seeds: Sequence[tuple[int, int, int]]) -> list[TouchWorld]:
+    """The world of each search."""
+    worlds = []
+    for seed in seeds:
+        rng = arrangement_rng(seed)
+        worlds.append(TouchWorld.sample(sensor, sample_arrangement(problem, rng), rng))
+    return worlds
 
 
 def played_together(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -11,38 +10,21 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 
 from experiments.reporting.style import INK, PALETTE, Picture
-from experiments.search.selective import RANKINGS
 from experiments.search.summary import ALL, Cell, Summary
 
 _WIDTH = 5.2  # inches; narrow, so that text stays readable on a phone
 _MARKERS = "osD^vP*X"
-_SMALLEST_ERROR = 1e-4
 
 
 def pictures(comparison: Summary) -> list[Picture]:
-    """All figures of a comparison that have something to show."""
-    found = _pictures(comparison)
-    return [*found, _selective_risk(comparison)] if comparison.is_selective else found
-
-
-def _pictures(comparison: Summary) -> list[Picture]:
+    """All figures of a comparison."""
     num_deciders, num_groups = len(comparison.deciders), len(comparison.targets) + 1
-    wide, flat = 2.6 + 0.1 * num_deciders, 0.9 + 0.2 * num_deciders
-    empty = {
-        "stated_confidence": not any(comparison.calibration.values()),
-        "times": not any(cell.seconds.num_touches for cell in comparison.cells.values()),
-    }
     return [
         Picture(name, caption, [partial(panel, comparison=comparison)], size=(_WIDTH, height))
         for name, caption, height, panel in (
             ("success", _SUCCESS, 1.0 + num_groups * (0.16 * num_deciders + 0.16), _draw_success),
             ("frontier", _FRONTIER, 3.4, _draw_frontier),
-            ("positions", _POSITIONS, wide, _draw_positions),
-            ("touches", _TOUCHES, wide, _draw_touches),
-            ("stated_confidence", _STATED, flat + 0.3, _draw_stated_confidence),
-            ("times", _TIMES, flat + 0.2, _draw_times),
         )
-        if not empty.get(name)
     ]
 
 
@@ -54,13 +36,6 @@ _FRONTIER = (
     "Fraction of failed searches against touches per search, over all targets. Points further down and to the left are "
     "better. An open marker at the lower edge stands for no failure at all. The dotted line is the no-touch baseline."
 )
-_POSITIONS = "Success by position of the target in the order of visit, with 95 % Wilson intervals."
-_TOUCHES = "Fraction of searches that took at most this number of touches."
-_STATED = (
-    "Error of confirmations: stated (open markers) and observed with 95 % Clopper-Pearson intervals (filled markers). "
-    f"Errors below {_SMALLEST_ERROR:g} are drawn at {_SMALLEST_ERROR:g}."
-)
-_TIMES = "Time per touch by component."
 
 
 def _draw_success(axes: Axes, comparison: Summary) -> None:
@@ -103,93 +78,6 @@ def _failures(cell: Cell, least: float, index: int) -> tuple[float, list[list[fl
     if cell.successes == cell.num_episodes:
         return least, [[0.0], [max(high - least, 0.0)]], style | {"markerfacecolor": "none"}
     return value, [[value - max(low, least)], [max(high - value, 0.0)]], style
-
-
-def _draw_positions(axes: Axes, comparison: Summary) -> None:
-    labels = list(dict.fromkeys(place.label for places in comparison.positions.values() for place in places))
-    labels.sort(key=lambda label: (label == "absent", label.zfill(4)))
-    for index, (decider, places) in enumerate(comparison.positions.items()):
-        x = [labels.index(p.label) + _offset(index, len(comparison.deciders)) / 2 for p in places]
-        bars = np.array([p.interval for p in places]).T
-        values = np.array([p.success for p in places])
-        axes.errorbar(x, values, [values - bars[0], bars[1] - values], **_style(index), label=decider)
-    axes.set(xlabel="position of the target", ylabel="success", ylim=(-0.02, 1.04))
-    axes.set_xticks(range(len(labels)), labels)
-    _legend(axes, comparison)
-
-
-def _draw_touches(axes: Axes, comparison: Summary) -> None:
-    for index, decider in enumerate(comparison.deciders):
-        numbers = np.sort([episode.num_touches for episode in comparison.of(decider)])
-        shares = np.arange(1, len(numbers) + 1) / len(numbers)
-        width = 1.3 + 3.0 * _earlier(index, len(comparison.deciders))
-        axes.step([0, *numbers], [0, *shares], where="post", color=_colour(index), label=decider, linewidth=width)
-    axes.set(xlabel="touches", ylabel="fraction of searches", ylim=(0, 1.02))
-    axes.set_xlim(left=-0.02 * axes.get_xlim()[1])
-    _legend(axes, comparison)
-
-
-def _draw_stated_confidence(axes: Axes, comparison: Summary) -> None:
-    found = {name: stops for name, stops in comparison.calibration.items() if stops is not None}
-    names = list(found)
-    for y, name in enumerate(names):
-        score, index = found[name].overall, comparison.deciders.index(name)
-        observed = max(1.0 - score.share_right, _SMALLEST_ERROR)
-        bounds = (max(1.0 - score.high, _SMALLEST_ERROR), max(1.0 - score.low, _SMALLEST_ERROR))
-        _whiskers(axes, [observed], [y], [bounds], index, name)
-        stated = max(1.0 - score.mean_stated, _SMALLEST_ERROR)
-        axes.plot(stated, y, marker="D", markerfacecolor="none", markersize=8, color=_colour(index))
-    axes.set(xscale="log", xlim=(_SMALLEST_ERROR / 1.3, 1.2), xlabel="error when confirming")
-    _plain_numbers(axes.xaxis)
-    axes.set(yticks=range(len(names)), yticklabels=names, ylim=(len(names) - 0.4, -0.6))
-
-
-def _draw_times(axes: Axes, comparison: Summary) -> None:
-    names = [name for name in comparison.deciders if comparison.cells[name, ALL].seconds.num_touches]
-    left = np.zeros(len(names))
-    for part, colour in zip(("physics", "network", "decision"), PALETTE, strict=False):
-        width = np.array([comparison.cells[name, ALL].seconds.ms_per_touch()[part] for name in names])
-        axes.barh(names, width, left=left, color=colour, label=part, height=0.6)
-        left += width
-    axes.set(xlabel="ms per touch", ylim=(len(names) - 0.4, -0.6))
-    axes.legend(frameon=False, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1))
-
-
-def _selective_risk(comparison: Summary) -> Picture:
-    names = [name for name, found in comparison.selective.items() if found is not None]
-    return Picture(
-        "selective_risk",
-        "Selective risk against coverage: the fraction of wrong answers if only the most trusted answers are given, "
-        "and the fraction of searches that these are. Left: answers ranked by their stated confidence; right: by the "
-        "statistic of the conflict test, least conflict first. A curve ends where all answers are given; the rest of "
-        "the searches ended with “I do not know” or at the touch limit. A ranking that tells right from wrong answers "
-        "begins at zero and rises to the right.",
-        [partial(_draw_selective_risk, comparison=comparison, ranking=ranking) for ranking in RANKINGS],
-        {name: _colour(comparison.deciders.index(name)) for name in names},
-        size=(_WIDTH / 1.4, 3.0),
-    )
-
-
-def _draw_selective_risk(axes: Axes, comparison: Summary, ranking: str) -> None:
-    for name, found in comparison.selective.items():
-        if found is not None and ranking in found.curves:
-            curve = found.curves[ranking]
-            axes.plot(curve.coverage, curve.risk, color=_colour(comparison.deciders.index(name)))
-    axes.set(xlabel=f"coverage, by {ranking}", ylabel="fraction of wrong answers", xlim=(0, 1.02))
-    top = max(axes.get_ylim()[1], 0.01)
-    axes.set_ylim(-0.03 * top, top)  # a curve at zero is not hidden by the axis
-
-
-def _whiskers(
-    axes: Axes,
-    values: Sequence[float],
-    y: Sequence[float],
-    intervals: Sequence[tuple[float, float]],
-    index: int,
-    label: str,
-) -> None:
-    x, (low, high) = np.array(values), np.array(intervals).T
-    axes.errorbar(x, y, xerr=[x - low, high - x], **_style(index), label=label)
 
 
 def _plain_numbers(axis: Axis) -> None:

@@ -1,4 +1,4 @@
-"""Report of a comparison: one HTML page with cards, verdict, tables, figures and a few searches to step through."""
+"""Report of a comparison: one HTML page with verdict, tables, figures and a few searches to step through."""
 
 from __future__ import annotations
 
@@ -23,22 +23,18 @@ from experiments.search.replay_figures import coloured
 from experiments.search.run_folder import RunFolder
 from experiments.search.summary import Summary
 from experiments.search.tables import comparison_tables
-from experiments.search.verdict import by_return, cards, short_names
+from experiments.search.verdict import by_return, short_names
 from experiments.sensor_choice import shift_sentences
 from experiments.sensor_commands import command
 from planners import Episode, Outcome
 
 _MOST_BYTES = 3_500_000  # of all displayed searches, to keep the page below 5 MB
 _SECTIONS = {
-    "Success": (("success", "frontier"), ("results", "differences", "returns")),
-    "Position of the target": (("positions",), ("positions",)),
-    "Touches": (("touches",), ("touches", "overprobing")),
-    "Calibration at stopping": (("stated_confidence",), ("stated_confidence", "calibration_at_stopping")),
-    "Answers and “I do not know”": (("selective_risk",), ("abstention", "selective_risk")),
-    "Time": (("times",), ("times",)),
+    "Success": ("results", "differences"),
+    "Stated confidence": ("stated_confidence",),
+    "Answers and “I do not know”": ("abstention", "selective_risk"),
+    "Time": ("times",),
 }
-_PRESSED = 0.2  # of the brightest pixel
-_ROWS, _COLUMNS = ("bottom", "middle", "top"), ("left", "centre", "right")
 _FAILURES = {
     Outcome.CONFIRMED: "confirmed the wrong object",
     Outcome.EXHAUSTED: "rejected every object",
@@ -67,10 +63,9 @@ def write_page_of(run: RunFolder, comparison: Summary, searches: Searches, verdi
     for table in comparison_tables(comparison):
         table.write_csv(folder / "tables" / f"{table.name}.csv")
     comparison = comparison.renamed(short_names(comparison.deciders)[0])
-    bodies = Bodies.of(searches.sensor, pixels=48, draws=24) if choose(comparison) else None
-    duel = [_story(searches, decider, episode, bodies) for decider, episode in where_two_differ(comparison)]
-    stories, left_out = _stories(searches, comparison, bodies, sum(story.num_bytes for story in duel))
-    others = ["Some searches, touch by touch", "How this was made"]
+    chosen = choose(comparison)
+    bodies = Bodies.of(searches.sensor, pixels=48, draws=24) if chosen else None
+    stories, left_out = _stories([_story(searches, decider, episode, bodies) for decider, episode in chosen])
     write_page(
         path,
         f"Searching by touch in the scene “{searches.scene_name}”",
@@ -84,9 +79,7 @@ def write_page_of(run: RunFolder, comparison: Summary, searches: Searches, verdi
         run=run.read_run(),
         again=command("compare", config=folder / "run.json"),
         replay=command("replay", folder=folder, decider="NAME", target="SHAPE", number="N", out="search.png"),
-        cards=cards(comparison),
-        duel=duel,
-        also=["Two deciders on the same search", *others] if duel else others,
+        also=["Some searches, touch by touch", "How this was made"],
         seed=searches.seed,
         longest_label=max(map(len, comparison.problem.shape_labels)),
     )
@@ -94,21 +87,16 @@ def write_page_of(run: RunFolder, comparison: Summary, searches: Searches, verdi
 
 
 def _sections(comparison: Summary, folder: Path) -> list[Section]:
-    """Figures and tables by section; the figures are written into the folder, too."""
-    drawn = {picture.name: picture for picture in pictures(comparison)}
-    shown = {table.name: table for table in comparison_tables(comparison)}
-    for picture in drawn.values():
+    """Tables by section, below the figures, which are written into the folder, too."""
+    drawn = pictures(comparison)
+    for picture in drawn:
         picture.write(folder / "figures")
+    shown = {table.name: table for table in comparison_tables(comparison) if table.rows}
     sections = [
-        Section(
-            title,
-            (),
-            [shown[name] for name in names if name in shown and shown[name].rows],
-            [drawn[name] for name in figures if name in drawn],
-        )
-        for title, (figures, names) in _SECTIONS.items()
+        Section(title, (), [shown[name] for name in names if name in shown], drawn if title == "Success" else [])
+        for title, names in _SECTIONS.items()
     ]
-    return [section for section in sections if section.tables or section.pictures]
+    return [section for section in sections if section.tables]
 
 
 @dataclass(frozen=True)
@@ -127,19 +115,13 @@ class Story:
         )
 
 
-def _stories(
-    searches: Searches, comparison: Summary, bodies: Bodies | None, total: int
-) -> tuple[list[Story], list[str]]:
-    """Searches to display, and titles of those omitted to limit the size of the page, which has ``total`` bytes."""
-    stories, left_out = [], []
-    for decider, episode in choose(comparison):
-        story = _story(searches, decider, episode, bodies)
-        if total + story.num_bytes > _MOST_BYTES:
-            left_out.append(story.title)
-            continue
-        total += story.num_bytes
-        stories.append(story)
-    return stories, left_out
+def _stories(stories: Sequence[Story]) -> tuple[list[Story], list[str]]:
+    """Searches to display, and titles of those omitted to limit the size of the page."""
+    kept: list[Story] = []
+    for story in stories:
+        if sum(one.num_bytes for one in kept) + story.num_bytes <= _MOST_BYTES:
+            kept.append(story)
+    return kept, [story.title for story in stories if story not in kept]
 
 
 def where_two_differ(comparison: Summary) -> list[tuple[str, Episode]]:
@@ -160,15 +142,12 @@ def where_two_differ(comparison: Summary) -> list[tuple[str, Episode]]:
 
 
 def choose(comparison: Summary) -> list[tuple[str, Episode]]:
-    """Select the longest failure, a success of median length and the longest search of each decider that touches."""
-    chosen = []
+    """Select the search in which two deciders differ most, then the longest failure of each, or its longest search."""
+    chosen = where_two_differ(comparison)
     for decider in comparison.deciders:
-        touched = sorted((e for e in comparison.of(decider) if e.num_touches), key=lambda e: e.num_touches)
-        failures = [e for e in touched if not e.success]
-        successes = [e for e in touched if e.success]
-        picks = failures[-1:] + successes[len(successes) // 2 :][:1] + touched[-1:]
-        chosen += [(decider, episode) for episode in dict.fromkeys(picks)]
-    return chosen
+        if touched := [episode for episode in comparison.of(decider) if episode.num_touches]:
+            chosen.append((decider, max(touched, key=lambda episode: (not episode.success, episode.num_touches))))
+    return list(dict.fromkeys(chosen))
 
 
 def _story(searches: Searches, decider: str, episode: Episode, bodies: Bodies | None) -> Story:
@@ -188,7 +167,7 @@ def _panel(problem: SearchProblem, episode: Episode, frame: Frame, bodies: Bodie
     bars = [(labels[k], float(prob), k == episode.target) for k, prob in enumerate(frame.posterior)]
     return {
         "body": body,
-        "alt": "" if frame.image is None else f"{image_in_words(frame.image)}; belief: {belief_in_words(bars)}",
+        "alt": f"touch image; belief: {belief_in_words(bars)}",
         "heading": f"object {frame.step.object_index + 1}, a {labels[frame.shape]}",
         "action": action_words(frame.step.decision.action, problem),
         "picture": None if frame.image is None else _picture(frame.image),
@@ -202,27 +181,6 @@ def _picture(image: NDArray[np.uint8]) -> str:
     buffer = io.BytesIO()
     Image.fromarray(colours[::-1]).quantize(64).save(buffer, format="PNG", optimize=True)
     return data_uri(buffer.getvalue(), "image/png")
-
-
-def image_in_words(image: NDArray[np.uint8]) -> str:
-    """How much of an image is pressed, and where it is brightest.
-
-    Args:
-        image: ``(H, W)`` or ``(H, W, 3)`` uint8; row 0 is at the bottom.
-
-    >>> image_in_words(np.eye(4, dtype=np.uint8) * 200)
-    '25 % of the image pressed, strongest at the bottom left'
-    >>> image_in_words(np.zeros((4, 4), np.uint8))
-    'nothing pressed'
-    """
-    bright = image.astype(float).mean(axis=2) if image.ndim == 3 else image.astype(float)
-    bright = np.abs(bright - np.median(bright)) if image.ndim == 3 else bright
-    if bright.max() == 0.0:
-        return "nothing pressed"
-    share = float((bright > _PRESSED * bright.max()).mean())
-    row, column = np.unravel_index(int(bright.argmax()), bright.shape)
-    place = f"{_ROWS[3 * int(row) // bright.shape[0]]} {_COLUMNS[3 * int(column) // bright.shape[1]]}"
-    return f"{100 * share:.0f} % of the image pressed, strongest at the {place.replace('middle centre', 'centre')}"
 
 
 def belief_in_words(bars: Sequence[tuple[str, float, bool]]) -> str:

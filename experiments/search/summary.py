@@ -8,17 +8,9 @@ from typing import Any, Self
 
 import numpy as np
 
-from belief.metrics import CalibrationAtStop
-from belief.problem import SearchProblem
+from belief.metrics import CalibrationAtStop, calibration_at_stop
+from belief.problem import Confirm, SearchProblem
 from belief.statistics import wilson_interval
-from experiments.search.episode_statistics import (
-    Overprobing,
-    Place,
-    by_position,
-    calibration_of_confirmations,
-    overprobing,
-    regret,
-)
 from experiments.search.paired import Difference, differences, prob_best
 from experiments.search.play import Seconds
 from experiments.search.selective import Selective, selective
@@ -92,6 +84,24 @@ def summarise(episodes: Sequence[Episode], seconds: Seconds, problem: SearchProb
     )
 
 
+def calibration_of_confirmations(episodes: Sequence[Episode]) -> CalibrationAtStop | None:
+    """Calibration of the stated confidence at confirmation, by number of touches of the confirmed object.
+
+    The stated confidence is the posterior probability at confirmation that the object is the target.
+
+    Returns:
+        None if no object was confirmed.
+    """
+    stops = [(e, e.steps[-1]) for e in episodes if e.steps and isinstance(e.steps[-1].decision.action, Confirm)]
+    if not stops:
+        return None
+    return calibration_at_stop(
+        [min(float(step.belief.probs[episode.target]), 1.0) for episode, step in stops],
+        [episode.success for episode, _ in stops],
+        [sum(s.touch is not None and s.object_index == last.object_index for s in e.steps) for e, last in stops],
+    )
+
+
 @dataclass(frozen=True)
 class Summary:
     """Episodes of a comparison and the numbers computed from them.
@@ -101,10 +111,7 @@ class Summary:
         episodes: searches by (decider, target label).
         cells: results by (decider, target label) and by (decider, :data:`ALL`).
         differences: each other decider minus ``reference``, over all targets.
-        positions: success by position of the target, by decider.
         calibration: calibration at stopping, by decider; None for a decider that never confirmed.
-        regret: return of the full-information oracle minus that of the decider: mean and 95 % interval.
-        overprobing: touches after the posterior was certain, by decider; None for a decider whose posterior never was.
         prob_best: fraction of bootstrap resamples in which the decider has the highest mean return, by decider.
         solved: whether the full-information oracle succeeds in each of the first episodes, by target
             (:mod:`experiments.search.oracle`).
@@ -116,10 +123,7 @@ class Summary:
     episodes: Mapping[tuple[str, str], Sequence[Episode]]
     cells: Mapping[tuple[str, str], Cell]
     differences: Mapping[str, Difference]
-    positions: Mapping[str, Sequence[Place]]
     calibration: Mapping[str, CalibrationAtStop | None]
-    regret: Mapping[str, tuple[float, float, float]]
-    overprobing: Mapping[str, Overprobing | None]
     prob_best: Mapping[str, float]
     solved: Mapping[str, Sequence[bool]]
     selective: Mapping[str, Selective | None]
@@ -197,10 +201,9 @@ class Summary:
             others: further fields of the class.
         """
         cells = {key: summarise(episodes[key], seconds[key], problem) for key in episodes}
-        by_decider: dict[str, dict[str, Sequence[Episode]]] = {}
-        for (decider, target), some in episodes.items():
-            by_decider.setdefault(decider, {})[target] = some
-        together = {name: [e for some in by_target.values() for e in some] for name, by_target in by_decider.items()}
+        together: dict[str, list[Episode]] = {}
+        for (decider, _), some in episodes.items():
+            together.setdefault(decider, []).extend(some)
         for decider, some in together.items():
             spent = sum((seconds[key] for key in episodes if key[0] == decider), Seconds())
             cells[decider, ALL] = summarise(some, spent, problem)
@@ -209,10 +212,7 @@ class Summary:
             episodes=episodes,
             cells=cells,
             differences=differences(together, reference, problem, rng),
-            positions={name: by_position(some) for name, some in together.items()},
             calibration={name: calibration_of_confirmations(some) for name, some in together.items()},
-            regret={name: regret(by_target, solved, problem, rng) for name, by_target in by_decider.items()},
-            overprobing={name: overprobing(some) for name, some in together.items()},
             prob_best=prob_best({name: [e.reward(problem) for e in some] for name, some in together.items()}, rng),
             solved=solved,
             selective={name: selective(some, rng) for name, some in together.items()},

@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
-from belief.statistics import wilson_interval
 from experiments.command_line.console import plain_console
 from experiments.reporting.tables import Table, Value
-from experiments.search.episode_statistics import CERTAIN
 from experiments.search.summary import ALL, Summary
 from experiments.search.verdict import ENOUGH
 
 _MOST_ROWS = 40  # a longer table has no rows of single targets
 _DROPPED = ("ms/touch", "none", "wrong", "95 %", "touches")  # columns to omit on a narrow terminal, in this order
-_SEARCHES = ("searches", "d")
-_SUCCESS = (("success", ".3f"), ("95 %", ".3f"))
 
 
 def comparison_tables(comparison: Summary) -> list[Table]:
@@ -24,13 +19,8 @@ def comparison_tables(comparison: Summary) -> list[Table]:
     return [
         _results(comparison),
         _differences(comparison),
-        _returns(comparison),
-        _positions(comparison),
         _stated_confidence(comparison),
-        _calibration_at_stopping(comparison),
         *([_abstention(comparison), _selective_risk(comparison)] if comparison.is_selective else []),
-        _touches(comparison),
-        _overprobing(comparison),
         _times(comparison),
     ]
 
@@ -42,18 +32,24 @@ def _results(comparison: Summary) -> Table:
             cell = comparison.cells[decider, target]
             counts = (cell.wrong, cell.none, cell.truncated, cell.unsure)
             touched = (cell.touches, *cell.touch_quantiles)
-            rows.append((decider, target, cell.num_episodes, cell.success, cell.success_interval, *counts, *touched))
+            returned = (cell.reward, comparison.prob_best[decider] if target == ALL else None)
+            rows.append(
+                (decider, target, cell.num_episodes, cell.success, cell.success_interval, *counts, *touched, *returned)
+            )
     table = Table(
         "Success by target",
         [
-            *("decider", ("target", ""), _SEARCHES, *_SUCCESS),
+            *("decider", ("target", ""), ("searches", "d"), ("success", ".3f"), ("95 %", ".3f")),
             *(("wrong", "d"), ("none", "d"), ("cut off", "d"), ("unsure", "d")),
             *(("touches", ".2f"), ("half ≤", "d"), ("90 % ≤", "d"), ("most", "d")),
+            *(("return", ".3f"), ("P(best)", ".3f")),
         ],
         rows,
         "Wilson intervals. Wrong: the decider confirmed an object of another shape. None: it rejected every object "
-        "although the target was there. Cut off: the search reached the touch limit."
-        + (" Unsure: it answered “I do not know”." if comparison.is_selective else ""),
+        "although the target was there. Cut off: the search reached the touch limit. "
+        + ("Unsure: it answered “I do not know”. " if comparison.is_selective else "")
+        + f"Return: +1 for success, {_unsure_reward(comparison)}−1 otherwise, minus {comparison.problem.touch_cost:g} "
+        "per touch. P(best): fraction of bootstrap resamples of the episodes in which the mean return is the highest.",
         "results",
     )
     return table if comparison.is_selective else table.without(["unsure"])
@@ -84,42 +80,9 @@ def _differences(comparison: Summary) -> Table:
     )
 
 
-def _returns(comparison: Summary) -> Table:
-    rows = [
-        (name, comparison.cells[name, ALL].reward, comparison.prob_best[name], mean, (low, high))
-        for name, (mean, low, high) in comparison.regret.items()
-    ]
-    return Table(
-        "Return and regret",
-        ["decider", ("return", ".3f"), ("P(best)", ".3f"), ("regret", ".3f"), ("95 %", ".3f")],
-        rows,
-        f"Return: +1 for success, {_unsure_reward(comparison)}−1 otherwise, minus "
-        f"{comparison.problem.touch_cost:g} per touch. P(best): fraction "
-        "of bootstrap resamples of the episodes in which the mean return is the highest. Regret: difference to the "
-        "return of the full-information oracle, which touches every object in every pose free of charge before it "
-        f"answers, on the {comparison.oracle[1]} episodes on which the oracle was run.",
-        "returns",
-    )
-
-
 def _unsure_reward(comparison: Summary) -> str:
     reward = comparison.problem.unsure_reward
     return "" if reward is None else f"{reward:g} for “I do not know”, "
-
-
-def _positions(comparison: Summary) -> Table:
-    rows = [
-        (name, place.label, place.num_episodes, place.success, place.interval, place.wrong, place.touches)
-        for name, places in comparison.positions.items()
-        for place in places
-    ]
-    return Table(
-        "Success by position of the target in the order of visit",
-        ["decider", ("position", ""), _SEARCHES, *_SUCCESS, ("wrong", "d"), ("touches", ".2f")],
-        rows,
-        name="positions",
-        is_long=len(rows) > 20,
-    )
 
 
 def _stated_confidence(comparison: Summary) -> Table:
@@ -144,34 +107,6 @@ def _stated_confidence(comparison: Summary) -> Table:
     )
 
 
-def _calibration_at_stopping(comparison: Summary) -> Table:
-    rows = [
-        (name, str(s.num_touches), s.count, s.mean_stated, s.share_right, (s.low, s.high))
-        for name, found in comparison.calibration.items()
-        if found is not None
-        for s in found.by_num_touches
-    ]
-    return Table(
-        "Stated confidence and fraction correct at confirmation, by touches of the confirmed object",
-        [
-            *("decider", ("touches", ""), ("confirmed", "d")),
-            *(("stated confidence", ".3f"), ("fraction correct", ".3f"), ("95 %", ".3f")),
-        ],
-        rows,
-        name="calibration_at_stopping",
-        is_long=True,
-    )
-
-
-def _touches(comparison: Summary) -> Table:
-    rows = [
-        (name, number, count)
-        for name in comparison.deciders
-        for number, count in sorted(Counter(episode.num_touches for episode in comparison.of(name)).items())
-    ]
-    return Table("Touches per search", ["decider", ("touches", "d"), _SEARCHES], rows, name="touches", is_long=True)
-
-
 def _times(comparison: Summary) -> Table:
     rows = []
     for name in comparison.deciders:
@@ -181,27 +116,6 @@ def _times(comparison: Summary) -> Table:
             rows.append((name, seconds.num_touches, *ms.values(), sum(ms.values())))
     parts = ((part, ".2f") for part in ("physics", "network", "decision", "sum"))
     return Table("Milliseconds per touch", ["decider", ("touches", "d"), *parts], rows, name="times")
-
-
-def _overprobing(comparison: Summary) -> Table:
-    rows: list[Sequence[Value]] = []
-    for name, found in comparison.overprobing.items():
-        if found is not None:
-            counts = (found.went_on, found.doubted, found.first_wrong, found.wrong)
-            shares = [
-                share for count in counts for share in (count / found.objects, wilson_interval(count, found.objects))
-            ]
-            rows.append((name, found.objects, found.late_touches, *shares))
-    headings = ("touched again", "revised", "first wrong", "wrong")
-    columns = [column for n, name in enumerate(headings) for column in ((name, ".3f"), (f"95 %{' ' * n}", ".3f"))]
-    return Table(
-        "Touches after certainty",
-        ["decider", ("objects", "d"), ("touches after", ".2f"), *columns],
-        rows,
-        f"Objects whose posterior reached {CERTAIN:g} at some touch, with 95 % Wilson intervals. Revised: a later "
-        "touch made the posterior uncertain again. First wrong: the first certain decision would have been wrong.",
-        "overprobing",
-    )
 
 
 def _abstention(comparison: Summary) -> Table:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from statistics import fmean
-from typing import NamedTuple
 
 from belief.statistics.power import LEVEL, POWER
 from experiments.search.paired import Difference
@@ -19,26 +18,6 @@ LEAST_DOUBT = 0.025
 """A decider whose return is the highest in at least this fraction of bootstrap resamples may be the best."""
 ENOUGH = 20
 """Least number of searches after which a decider is called the best; resamples of fewer are too much alike."""
-
-
-class Card(NamedTuple):
-    """What a decider reached, as text and numbers.
-
-    Attributes:
-        name: of the decider.
-        rank: "best", "tied for best", or "".
-        success: fraction of searches, with its interval.
-        touches: mean number of a search.
-        reward: mean return.
-        stated: how stated confidence and fraction correct agree, in words.
-    """
-
-    name: str
-    rank: str
-    success: tuple[float, float, float]
-    touches: float
-    reward: float
-    stated: str
 
 
 def tied(comparison: Summary) -> list[str]:
@@ -58,18 +37,6 @@ def by_return(comparison: Summary) -> list[str]:
     return sorted(comparison.deciders, key=lambda name: -comparison.cells[name, ALL].reward)
 
 
-def cards(comparison: Summary) -> list[Card]:
-    """A card for each decider, the highest return first."""
-    best, found = tied(comparison), []
-    for name in by_return(comparison):
-        cell = comparison.cells[name, ALL]
-        is_ranked = name in best and len(comparison.deciders) > 1 and not is_small(comparison)
-        rank = ("tied for best" if len(best) > 1 else "best") if is_ranked else ""
-        success = (cell.success, *cell.success_interval)
-        found.append(Card(name, rank, success, cell.touches, cell.reward, _stated(comparison, name)))
-    return found
-
-
 def tie_sentence(names: Sequence[str], comparison: Summary) -> str:
     """A tie in words; empty where one decider is certainly the best."""
     if len(names) < 2:
@@ -79,19 +46,6 @@ def tie_sentence(names: Sequence[str], comparison: Summary) -> str:
         f"This is a tie of {len(names)}: no return is certainly the highest. In bootstrap resamples of the episodes, "
         f"the highest return is {shares}."
     )
-
-
-def _stated(comparison: Summary, name: str) -> str:
-    found = comparison.calibration[name]
-    if found is None:
-        return "never confirmed"
-    score = found.overall
-    word = (
-        "as stated"
-        if score.is_consistent
-        else ("overconfident" if score.mean_stated > score.high else "underconfident")
-    )
-    return f"{word}: {score.share_right:.3f} right, {score.mean_stated:.3f} stated"
 
 
 def short_names(names: Sequence[str]) -> tuple[dict[str, str], list[str]]:

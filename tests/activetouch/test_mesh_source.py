@@ -1,20 +1,14 @@
 """Mesh files as people name them: one name and one scale each, and files that are called alike."""
 
-import importlib.util
-import os
-import random
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-import activetouch
 from activetouch.distributions import Constant
 from activetouch.errors import BadMesh, DuplicateShape, MeshWarning
 from activetouch.mesh_source import MeshSource, read_meshes
 from activetouch.scene import Dynamic, Quasistatic, Scene, Variation
-from activetouch.shapes import Mesh
 from belief.errors import InvalidArgument
 
 CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * 0.012  # a cube of 24 mm
@@ -98,36 +92,8 @@ def test_names_are_given_or_those_of_the_files_or_of_their_folders(folder):
             read_meshes("mug/model.obj", "box/model.obj", "mug=cube.obj")
         with pytest.raises(DuplicateShape, match="must have other names than cup"):
             read_meshes("cup=mug/model.obj", "cup=box/model.obj")
-        resolved = [str(MeshSource.parse(source).resolved()) for source in sources]
     assert list(meshes) == ["mug", "box", "cup", "big"]
     assert size(meshes["big"])[0] == pytest.approx(0.0324)
-    assert read_meshes(*resolved) == meshes
-
-
-def test_a_path_that_exists_is_taken_as_it_is(folder):
-    path = folder / "at=@0.5.obj"
-    assert MeshSource.parse(path) == MeshSource(path)
-    assert MeshSource.parse(f"name={path}@2") == MeshSource(path, 2.0, "name")
-    assert MeshSource.parse("no=such@file.obj") == MeshSource(Path("such@file.obj"), None, "no")
-    with pytest.raises(FileNotFoundError, match="there is no mesh file"):
-        read_meshes("nowhere.obj@0.001")
-
-
-def test_a_folder_with_signs_in_its_name_is_no_name_and_no_scale(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    for folder in ("data=1", "dir@2"):
-        (tmp_path / folder).mkdir()
-        (tmp_path / folder / "mug.obj").write_text("")
-        wanted = MeshSource(Path(folder) / "mug.obj", 0.001)
-        assert MeshSource.parse(f"{folder}/mug.obj@0.001") == wanted == MeshSource.parse(str(wanted))
-    assert MeshSource.parse("cup=data=1/mug.obj") == MeshSource(Path("data=1/mug.obj"), None, "cup")
-    (tmp_path / "dir").mkdir()
-    assert MeshSource.parse("dir@3/mug.obj") == MeshSource(Path("dir@3/mug.obj"))  # is not there: said when it is read
-
-
-def test_meshes_in_a_list_are_refused_with_what_works():
-    with pytest.raises(InvalidArgument, match=r"read_meshes\(\*files\)"):
-        read_meshes(["a.obj", "b.obj"])
 
 
 @pytest.mark.parametrize("scale", ["mm", "", "0x1"])
@@ -140,30 +106,6 @@ def test_a_scale_that_is_no_number_is_refused(scale, folder):
 def test_a_scale_that_makes_no_object_is_refused(scale, folder):
     with pytest.raises(InvalidArgument, match="scale must be positive and finite"):
         read_meshes(f"{folder}/cube.obj@{scale}")
-
-
-def test_a_scene_reads_the_same_texts(folder):
-    scene = Scene(shapes={"small": f"{folder}/a_mm.obj@0.0005", **activetouch.read_meshes(folder / "b_m.obj")})
-    assert [size(mesh)[0] for mesh in scene.shapes.values()] == pytest.approx([0.012, 0.0216])
-
-
-def pybullet_files():
-    """Mesh files of the package pybullet, if it is there: 1 000 assemblies of several bodies, and V-HACD's hulls."""
-    found = importlib.util.find_spec("pybullet_data")
-    place = os.environ.get("PYBULLET_DATA") or (found and found.submodule_search_locations[0])
-    return Path(place) if place else None
-
-
-@pytest.mark.skipif(pybullet_files() is None, reason="the meshes of pybullet are not there")
-def test_a_hundred_of_the_thousand_meshes_of_pybullet_and_its_convex_parts_are_read():
-    files = sorted((pybullet_files() / "random_urdfs").glob("*/*.obj"))
-    files = [file for file in files if file.stem != "168"]  # whose vertices are nan
-    scales = dict.fromkeys(random.Random(0).sample(files, 100), 0.01)
-    scales |= {pybullet_files() / "duck_vhacd.obj": 0.1, pybullet_files() / "teddy2_VHACD_CHs.obj": 0.01}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", MeshWarning)
-        meshes = [Mesh.from_file(file, scale) for file, scale in scales.items()]
-    assert all(0.001 < mesh.bounding_radius < 0.3 for mesh in meshes)
 
 
 @pytest.mark.mujoco

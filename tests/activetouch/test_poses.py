@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from activetouch import Quasistatic, Scene
-from activetouch.poses import POSE_SETS, POSES, aimed, facing, to_matrix
+from activetouch.poses import POSE_SETS, POSES, aimed, to_matrix
 from belief.errors import InvalidArgument, UnknownName
 
 
@@ -15,12 +15,6 @@ def test_every_pose_of_directions26_turns_its_side_to_the_pad():
         side = np.array([{"+": 1.0, "-": -1.0}[label[label.index(a) - 1]] if a in label else 0.0 for a in "xyz"])
         np.testing.assert_allclose(to_matrix(quaternion) @ side, [-np.linalg.norm(side), 0, 0], atol=1e-9)
         assert np.linalg.norm(quaternion) == pytest.approx(1.0)
-
-
-def test_facing_works_for_any_direction(rng):
-    for direction in [*rng.normal(size=(50, 3)), (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (1.0, 1e-13, 0.0)]:
-        met = to_matrix(facing(direction)) @ direction / np.linalg.norm(direction)
-        np.testing.assert_allclose(met, [-1.0, 0.0, 0.0], atol=1e-6)
 
 
 def test_a_scene_takes_the_name_of_a_set_and_aims_move_the_object(rng):

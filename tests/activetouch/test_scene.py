@@ -12,10 +12,9 @@ from activetouch.distributions import LogUniform, Uniform
 from activetouch.errors import BadMesh
 from activetouch.orientations import Inexact, Resampled, Tumbled, Upright
 from activetouch.poses import aimed, to_matrix, turn
-from activetouch.pressing.setup import Setup
 from activetouch.rendering import DeadTaxels, GelSightRenderer
 from activetouch.scene import Symmetry, Variation
-from activetouch.shapes import Box, ConvexPolyhedron, Cut, Cylinder, Mesh, Pyramid, Union
+from activetouch.shapes import Box, ConvexPolyhedron, Cut, Mesh, Pyramid, Union
 from belief.errors import InvalidArgument
 
 STILL = Scene(press_model=Quasistatic())
@@ -106,10 +105,8 @@ class _OwnBox(Box):
     [
         (Cut(Box((0.016,) * 3), ((1.0, 1.0, 1.0, 0.022),)), True),
         (Cut(Box((0.016,) * 3), ((1.0, 2.0, 3.0, 0.02),)), False),
-        (Union((Box((0.016, 0.01, 0.004)), Cylinder(0.004, 0.012))), True),
         (Union((Box((0.016,) * 3), Cut(Box((0.02,) * 3), ((1.0, 2.0, 3.0, 0.02),)))), False),
         (ConvexPolyhedron(((0.02, 0, -0.01), (-0.01, 0.01, -0.01), (-0.01, -0.02, -0.01), (0, 0, 0.02))), False),
-        (ConvexPolyhedron(((0.02, 0, -0.01), (-0.01, 0.02, -0.01), (-0.01, -0.02, -0.01), (0, 0, 0.02))), True),
         (ConvexPolyhedron(tuple(map(tuple, Pyramid(4, 0.02, 0.03).corners.tolist()))), True),  # up to rounding
         (_OwnBox((0.016,) * 3), False),
     ],
@@ -124,16 +121,6 @@ def test_a_pose_that_would_stretch_objects_is_refused(pose):
     with pytest.raises(InvalidArgument, match="the pose 'own' must be a unit quaternion"):
         replace(STILL, poses={"own": np.array(pose)})
     assert replace(STILL, poses={"own": np.array([0.707, 0.0, 0.0, 0.707])}).pose_labels == ("own",)
-
-
-def test_a_presentation_that_would_stretch_objects_is_refused(rng):
-    class Twice(Tumbled):
-        def rest(self, rng):
-            return 2.0 * super().rest(rng)
-
-    scene = replace(STILL, presentation=Twice())
-    with pytest.raises(InvalidArgument, match="orientation must be a unit quaternion"):
-        scene.press(scene.sample_object("cone", rng), "front", rng)
 
 
 def test_an_object_keeps_its_friction_and_stiffness_through_the_episode(rng):
@@ -158,39 +145,17 @@ def test_a_path_stands_for_the_mesh_in_the_file(tmp_path):
         Scene(shapes={"mine": path})
 
 
-def test_all_shapes_are_in_the_model_only_where_they_are_parked():
-    assert STILL.setup == Setup(STILL.pad)
-    parked = replace(STILL, parking=True, height=0.07, finger=True)
-    assert parked.setup == Setup(STILL.pad, 0.07, True, tuple(SHAPES.values()))
-
-
 @pytest.mark.parametrize("part", [{"press_model": Quasistatic}, {"press_model": "dynamic"}, {"presentation": Upright}])
 def test_a_way_to_press_or_to_lie_that_is_none_is_refused_when_the_scene_is_made(part):
     with pytest.raises(InvalidArgument, match=f"{next(iter(part))} must be an object such as"):
         Scene(**part)
 
 
-def test_a_scene_without_shapes_is_refused():
-    with pytest.raises(ValueError, match="at least one shape"):
-        Scene(shapes={})
-
-
-@pytest.mark.parametrize("given", [2.0, (0.9, 1.1), Uniform, None])
+@pytest.mark.parametrize("given", [2.0, Uniform])
 @pytest.mark.parametrize("name", ["size", "offset", "force", "friction", "stiffness"])
 def test_a_variation_that_is_no_distribution_is_refused(name, given):
     with pytest.raises(InvalidArgument, match=f"{name} must be a distribution such as Uniform"):
         Variation(**{name: given})
-
-
-def test_a_touch_takes_at_least_one_press(rng):
-    with pytest.raises(InvalidArgument, match="attempts must be"):
-        STILL.press(STILL.sample_object(0, rng), 0, rng, attempts=0)
-
-
-@pytest.mark.parametrize("height", [np.nan, np.inf, "0.07", None])
-def test_a_height_that_is_none_is_refused(height):
-    with pytest.raises(InvalidArgument, match="height must be a finite number"):
-        Scene(height=height)
 
 
 def test_a_shape_without_a_hash_is_refused_at_once():

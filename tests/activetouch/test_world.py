@@ -61,11 +61,6 @@ def test_a_sensor_comes_from_a_folder_named_by_a_string_and_needs_a_scene():
         TactileSensor.load(MODELS / "coarse", coarse)
 
 
-def test_the_name_of_one_shape_is_no_arrangement(rng):
-    with pytest.raises(InvalidArgument, match=r"such as \['cube'\]"):
-        TouchWorld.sample(TactileSensor.shipped("coarse"), "cube", rng)
-
-
 def test_objects_come_one_after_the_other_and_from_the_first_again():
     some = world(limit=3.0)
     assert some.arrangement == (0, 1)

@@ -28,7 +28,6 @@ from belief.observation_model.action_kernel import ActionKernelModel
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.logit_embedding import LogitEmbedding
 from belief.observation_model.outcome_mixture import OutcomeMixture
-from belief.observation_model.tabular import TabularModel
 from belief.observation_model.variance_components import Components
 from belief.observation_model.views import SharedMixture, Views
 from belief.out_of_distribution import MahalanobisScore
@@ -63,7 +62,6 @@ HOLDERS = {
         lambda a, b, c: SharedMixture(a, b, c, Views(np.array([0, 0]), np.array([[0, 1], [1, 0]]))),
         [np.array([[0.5, 0.5]]), np.array([[0, 1]]), np.full((1, 1, 2, 4), 0.25, np.float32)],
     ),
-    "TabularModel": (lambda a: TabularModel(LABELS, OutcomeTable(a)), [TABLE]),
     "LogitEmbedding": (LogitEmbedding, [np.full(2, -9.0), np.full(2, 9.0)]),
     "ConfusionModel": (lambda a: ConfusionModel(LABELS, a, TemperatureScaling(1.0, "ok")), [TABLE]),
     "GaussianModel": (lambda a, b: GaussianModel(LABELS, embedding(), a, b), [np.array([[[0.0], [1.0]]]), IDENTITY]),

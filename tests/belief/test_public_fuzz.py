@@ -29,7 +29,7 @@ from belief import (
     touch_batch,
     validation,
 )
-from belief.observation_model import selection, tabular
+from belief.observation_model import selection
 from belief.observation_model.logit_embedding import LogitEmbedding
 from belief.observation_model.variance_components import Components
 from belief.touch_batch import TouchBatch
@@ -53,7 +53,6 @@ MODULES = (
     selection,
     statistics,
     synthetic,
-    tabular,
 )
 
 
@@ -156,7 +155,6 @@ CALLS = {
         TouchBatch(np.zeros((1, 4), int), a[None], a[None]).features,
     ),
     "update": lambda a: (bayes.update(np.log(np.full(3, 1 / 3)), a), bayes.update(a, a)),
-    "update_probs": lambda a: (bayes.update_probs(np.full(3, 1 / 3), a), bayes.update_probs(a, a)),
     "entropy": bayes.entropy,
     "expected_information_gain": lambda a: bayes.expected_information_gain(a, a[None, :3]),
     "target_information_gain": lambda a: bayes.target_information_gain(a, a[None, :3], 1),
@@ -172,7 +170,6 @@ CALLS = {
     "choose_calibration": lambda a: calibration.choose_calibration(
         np.tile(a, (2, 1)), np.tile(SHAPES, 2), np.arange(8), num_folds=2
     ).calibration.predict_proba(a),
-    "calibration_from_json": lambda a: calibration.calibration_from_json(str(a.tolist()), LABELS),
     # metrics
     "accuracy": lambda a: metrics.accuracy(a, SHAPES),
     "bias_corrected_interval": lambda a: metrics.bias_corrected_interval(
@@ -228,10 +225,9 @@ CALLS = {
         observation_model.OutcomeTable(a[None]).information(),
         observation_model.OutcomeTable(a[None]).merged(2).probs,
     ),
-    "information_of_touch": lambda a: observation_model.information_of_touch(world(a), rng(), num_samples=9),
     "read_observation_model": lambda a: observation_model.read_observation_model(str(a.tolist())),
     "read_origin": lambda a: observation_model.read_origin(str(a.tolist())),
-    # rows, selection, synthetic, tabular
+    # rows, selection, synthetic
     "checked_outcomes": lambda a: validation.checked_outcomes("a", a[:, 0]).astype(float),
     "checked_pair": lambda a: validation.checked_pair(a, SHAPES)[0],
     "checked_probs": validation.checked_probs,
@@ -266,9 +262,6 @@ CALLS = {
     ).losses["confusion"],
     "random_model": lambda a: synthetic.random_model(rng(), 2, 1, float(a[0, 0])).probs,
     "SyntheticWorld": lambda a: synthetic.SyntheticWorld(world(a), [0, 1]).touch(0, rng()).logits,
-    "TabularModel": lambda a: tabular.TabularModel(LABELS, observation_model.OutcomeTable(a[None, :3])).log_likelihood(
-        []
-    ),
     # statistics
     "clopper_pearson_interval": lambda a: statistics.clopper_pearson_interval(a[0, 0], a[0, 1], a[0, 2]),
     "cluster_bootstrap": lambda a: statistics.cluster_bootstrap(a[0], a[1], rng(), num_resamples=3),
@@ -388,7 +381,7 @@ ORDINARY = {
     "update": np.log(np.full((4, 3), 1 / 3)),
     "wilson_interval": np.array([[3, 5, 0.95]]),
 }
-REFUSE_ALL_NUMBERS = {"Composition", "calibration_from_json", "read_observation_model", "read_origin"}
+REFUSE_ALL_NUMBERS = {"Composition", "read_observation_model", "read_origin"}
 
 
 @pytest.mark.parametrize("name", CALLS)

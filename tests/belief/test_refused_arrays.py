@@ -19,7 +19,6 @@ from belief.observation_model import (
     RigidBodyModel,
 )
 from belief.observation_model.registry import OBSERVATION_MODELS
-from belief.observation_model.tabular import TabularModel
 from belief.out_of_distribution import MahalanobisScore, auroc
 
 pytestmark = pytest.mark.filterwarnings("ignore:logits has no negative number:UserWarning")
@@ -140,15 +139,13 @@ def fitted_models():
     labels, ids = np.arange(40) % 2, np.arange(40) // 4 * 2 + np.arange(40) % 2
     hypotheses, references = rng.normal(size=(2, 2, 3, 4)).astype(np.float32), rng.normal(size=(2, 5, 4))
     found = {name: fit(touches, labels, ids) for name, fit in FITS.items() if name != "rigid body"}
-    table = OutcomeTable(np.full((2, 2, 2), 0.5))
     return {
         **found,
         "fixed hypotheses": FixedHypotheses(hypotheses),
         "rigid body": RigidBodyModel(
             ("a", "b"), 3, 1.0, references, references[..., :2], hypotheses=FixedHypotheses(hypotheses)
         ),
-        "TabularModel": TabularModel(("a", "b"), table),
-        "OutcomeTable": table,
+        "OutcomeTable": OutcomeTable(np.full((2, 2, 2), 0.5)),
         "LogitEmbedding": found["plda"].embedding,
         "VectorScaling": CALIBRATIONS["vector"]().fit(logits=2.0 * np.eye(2), labels=[0, 1]),
         "MahalanobisScore": MahalanobisScore.fit(rng.normal(size=(20, 3)), np.arange(20) % 2),

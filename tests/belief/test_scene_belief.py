@@ -131,7 +131,6 @@ def test_what_is_felt_and_what_is_told_come_in_any_order(composition, weights, o
 
     one, other = happen(range(4)), happen(order)
     np.testing.assert_allclose(one.log_marginals(), other.log_marginals(), atol=1e-9)
-    assert one.state.num_states == other.state.num_states
 
 
 @given(arrays(np.float64, (3, 3), elements=st.floats(-10, 10)))
@@ -207,24 +206,6 @@ def test_a_prior_that_rules_a_shape_out_is_not_talked_into_it():
     with pytest.raises(ImpossibleObservation, match="the prior rules it out"):
         scene.known(0, 2)
     assert scene.prob_present(2) == 0.0
-
-
-def test_the_state_is_as_small_as_the_scene_allows():
-    independent, distinct = scene_of("independent", 9), scene_of("distinct")
-    assert (independent.state.name, independent.state.num_states) == ("one distribution per object", 27)
-    assert "independent" in independent.state.reason
-    sizes = [distinct.state.num_states]
-    for i in range(3):
-        distinct.update(i, felt([0.1, 0.2, 0.3]))
-        sizes.append(distinct.state.num_states)
-    assert sizes == [4, 7, 8, 8]  # sets of at most 1, 2, 3 of three shapes
-    assert "3 unknown objects" in distinct.state.reason
-    distinct.remove(0, shape=1)
-    assert distinct.state.num_states == 4
-    bag = scene_of(COMPOSITIONS["a bag"], 5)
-    for i in range(5):
-        bag.update(i, felt([0.1, 0.2, 0.3]))
-    assert (bag.state.name, bag.state.num_states) == ("multisets of used shapes", 3 * 2 * 3)
 
 
 def test_a_target_without_a_chance_warns_once():

@@ -13,21 +13,18 @@ from activetouch.pressing.contact import elastic_contact, surface_gap
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Press
 from activetouch.pressing.trace import Phase, Trace
-from activetouch.rendering import RENDERERS, ForcePatchRenderer
+from activetouch.rendering import RENDERERS
 from benchmarks.leak import (
     PLAIN,
     REMOVED,
     SHUFFLED,
     Leak,
     contact_at_depth,
-    cross_fitted_guesses,
     exchange,
     judged,
-    share_by_object,
     shares_without_image,
     with_numbers_of,
 )
-from experiments.command_line.arguments import BadArgument
 from experiments.scene_choice import SceneChoice
 
 PAD = Pad(num_taxels=16)
@@ -91,25 +88,6 @@ def test_an_exchanged_touch_has_the_depth_of_its_lender_and_the_contact_region_o
     assert (touched.lent[~deeper] <= touched.plain[~deeper]).all()
 
 
-def test_every_touch_lends_once_and_objects_are_touched_in_every_pose():
-    touched = exchange(Scene(pad=PAD, press_model=Quasistatic()), 9, KEY, depth_reader)
-    assert sorted(touched.lenders) == list(range(9 * 4 * 6))
-    np.testing.assert_array_equal(np.bincount(touched.object_ids), [6] * 36)
-    np.testing.assert_array_equal(np.bincount(touched.shapes), 4 * [9 * 6])
-
-
-def test_other_streams_and_seeds_touch_other_objects():
-    scene = Scene(pad=PAD, press_model=Quasistatic())
-    numbers = [exchange(scene, 2, key, depth_reader).numbers for key in ((0, 0), (0, 1), (1, 0))]
-    assert not (set(numbers[0][:, 0]) & set(numbers[1][:, 0]))
-    assert not (set(numbers[0][:, 0]) & set(numbers[2][:, 0]))
-
-
-def test_a_single_object_is_too_few():
-    with pytest.raises(BadArgument, match="--objects"):
-        Leak(objects=1).run()
-
-
 @pytest.mark.mujoco
 def test_the_command_says_how_much_is_lost_with_the_depth_of_another_touch(tmp_path):
     Leak(SceneChoice("coarse", fidelity="quasistatic"), objects=5, out=tmp_path, jobs=1).run()
@@ -145,47 +123,3 @@ def test_a_contact_that_borrows_from_the_same_object_pressed_harder_looks_like_t
         assert (renderer(gentle) != renderer(hard)).any()
         np.testing.assert_allclose(renderer(with_numbers_of(hard, gentle)), renderer(hard), atol=1e-12)
         np.testing.assert_array_equal(renderer(with_numbers_of(hard, hard)), renderer(hard))
-
-
-def test_a_force_patch_with_a_lent_force_stays_at_its_own_point():
-    gap, patch = gap_of("cube"), ForcePatchRenderer()
-    contact = elastic_contact(PAD, gap, 1.0, trace=held([1.0, 0.4, 0.0], point=(0.004, 0.0)))
-    lender = elastic_contact(PAD, gap, 3.0, trace=held([3.0, 0.0, 0.0], point=(-0.006, 0.002)))
-    expected = elastic_contact(PAD, gap, 3.0, trace=held([3.0, 0.0, 0.0], point=(0.004, 0.0)))
-    np.testing.assert_array_equal(patch(with_numbers_of(lender, contact)), patch(expected))
-
-
-def test_a_miss_stays_blank_whoever_lends_and_lends_nothing_itself():
-    miss = elastic_contact(PAD, np.full((16, 16), np.inf), 2.0, trace=held([0.0, 0.0, 0.0]))
-    sphere = elastic_contact(PAD, gap_of("sphere"), 2.0)
-    assert not with_numbers_of(sphere, miss).pressure.any()
-    assert not with_numbers_of(miss, sphere).pressure.any()
-    assert not with_numbers_of(miss, elastic_contact(PAD, sphere.gap, 1.0, trace=held([1.0, 0, 0]))).trace.force.any()
-
-
-def test_nobody_is_asked_about_their_own_touches(rng):
-    # Each object has a number of its own, which its own touches would give away; others know nothing of its shape.
-    # By Hoeffding each of five folds of 80 objects has .8 right with probability 6e-7 at most.
-    shapes = np.repeat(rng.integers(2, size=400), 6)
-    object_ids = np.repeat(np.arange(400), 6)
-    guesses = cross_fitted_guesses(rng.permutation(400)[object_ids, None].astype(float), shapes, object_ids)
-    assert np.mean(guesses == shapes) < 0.8
-
-
-def test_one_object_cannot_be_guessed_from_others():
-    with pytest.raises(ValueError, match="at least two objects"):
-        cross_fitted_guesses(np.zeros((3, 1)), np.zeros(3, int), np.zeros(3, int))
-
-
-def test_shares_are_counted_by_object():
-    right = np.array([True, False, True, True, False, False])
-    np.testing.assert_array_equal(share_by_object(right, np.array([7, 7, 3, 3, 3, 9])), [2 / 3, 0.5, 0.0])
-
-
-def test_what_only_the_depth_tells_is_not_told_by_the_force(rng):
-    # 600 objects among four: .25 plus or minus .1 holds but with probability 1e-7.
-    shapes, object_ids = np.arange(600) % 4, np.arange(600)
-    numbers = np.column_stack([rng.uniform(1, 3, 600), 1e-3 * shapes])
-    shares = shares_without_image(numbers, shapes, object_ids)
-    assert abs(shares["force"].mean() - 0.25) < 0.1
-    assert shares["depth"].mean() == shares["force and depth"].mean() == 1.0

@@ -1,7 +1,5 @@
 """Comparisons with several seeds are pooled without losing or mixing searches."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -35,11 +33,3 @@ def test_the_searches_of_all_seeds_count_and_stay_paired(of_seeds):
         assert [episode.seed for episode in both.of(decider)] == [episode.seed for episode in both.of(both.reference)]
     assert len({episode.seed for episode in both.of(both.reference)}) == 8
     assert both.oracle == tuple(np.sum([one.oracle for one in of_seeds], axis=0))
-
-
-def test_searches_that_the_oracle_made_come_first(of_seeds):
-    short = [replace(one, solved={target: some[:1] for target, some in one.solved.items()}) for one in of_seeds]
-    both = pooled(short)
-    seeds = [episode.seed for episode in both.episodes[both.reference, "cone"]]
-    firsts, seconds = ([one.episodes[one.reference, "cone"][n].seed for one in of_seeds] for n in (0, 1))
-    assert seeds == [*firsts, *seconds]

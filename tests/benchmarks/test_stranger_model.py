@@ -1,6 +1,5 @@
 """Strangers in the belief: their likelihood, their next touch, and searches among them."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,9 +7,6 @@ import pytest
 from scipy.special import softmax
 
 from belief import Belief, Counts, SceneBelief, SearchProblem, Touch
-from belief.conflict import ConflictTest
-from belief.errors import InvalidArgument
-from belief.observation_model.outcome_mixture import OutcomeMixture
 from benchmarks.stranger_model import StrangerEvidence, StrangerModel
 
 
@@ -71,48 +67,3 @@ def test_a_scene_takes_a_strange_object_for_a_stranger_and_nothing_for_a_conflic
     rows = model.log_likelihood([touch([0.0, -3.0], 9.0)])
     assert rows == pytest.approx([0.0, -3.0, np.log(0.5 * (1.0 + np.exp(-3.0))) + 9.0])
     assert isinstance(scene.belief(1), Belief)
-
-
-def test_the_next_touch_of_a_stranger_is_that_of_the_known_shapes_that_are_possible():
-    rng = np.random.default_rng(0)
-    weights, probs = rng.dirichlet(np.ones(5), size=2), rng.dirichlet(np.ones(4), size=(3, 2, 5))
-    logs = np.log([0.8, 0.2])
-    outcomes = StrangerEvidence(known_evidence(logs, mixture=OutcomeMixture(weights, probs))).outcome_mixture(4, 5)
-    # The same as a mixture of three shapes, the third of which has the hypotheses of both others.
-    both = np.concatenate([0.8 * weights[0], 0.2 * weights[1]])
-    padded = np.concatenate([weights, np.zeros((2, 5))], axis=1)
-    spread = np.concatenate([probs, np.full((3, 2, 5, 4), 0.25)], axis=2)
-    whole = OutcomeMixture(
-        np.vstack([padded, both]),
-        np.concatenate([spread, np.concatenate([probs[:, 0], probs[:, 1]], axis=1)[:, None]], axis=1),
-    )
-    assert outcomes.table.probs == pytest.approx(whole.table.probs)
-    factors = rng.random((2, 3))
-    assert outcomes.two_touches(1, factors) == pytest.approx(whole.two_touches(1, factors), rel=1e-4, abs=1e-6)
-    assert StrangerEvidence(known_evidence(logs)).outcome_mixture(4, 5) is None
-    ruled_out = known_evidence([-np.inf, -np.inf], mixture=OutcomeMixture(weights, probs))
-    assert np.isfinite(StrangerEvidence(ruled_out).outcome_mixture(4, 5).table.probs).all()
-
-
-def test_a_stranger_needs_a_name_of_its_own():
-    with pytest.raises(ValueError, match="cube"):
-        StrangerModel(Known(), "cube")
-
-
-def test_touches_and_tables_of_known_shapes_are_those_of_the_known_model(body, rng):
-    embeddings, truth = rng.normal(size=(40, 3, 4)), np.arange(40) % 4
-    known = replace(body, conflict=ConflictTest.fit(embeddings, np.zeros((40, 3)), truth))
-    model = StrangerModel(known)
-    for ours, theirs in zip(
-        model.sample(3, [0, 2], np.random.default_rng(1)),
-        known.sample(3, [0, 2], np.random.default_rng(1)),
-        strict=True,
-    ):
-        np.testing.assert_array_equal(ours.features, theirs.features)
-    with pytest.raises(InvalidArgument, match="stranger"):
-        model.sample(4, [0], rng)
-    with pytest.raises(ValueError, match="5"):
-        model.sample(5, [0], rng)
-    probs, expected = model.outcome_table().probs, known.outcome_table().probs
-    np.testing.assert_array_equal(probs[:, :4], expected)
-    np.testing.assert_allclose(probs[:, 4], expected.mean(axis=1))

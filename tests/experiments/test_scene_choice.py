@@ -86,11 +86,6 @@ def test_only_the_meshes_are_left_and_their_sizes_do_not_vary_unless_asked(mesh)
         assert SceneChoice.from_dict(plain, Trust(Path("run.json"))) == one
 
 
-def test_options_of_earlier_versions_that_had_no_effect_are_read():
-    earlier = {**SceneChoice().to_dict(), "mesh_scale": 1.0, "robot": None, "randomised": False}
-    assert SceneChoice.from_dict(earlier, Trust(Path("run.json"))) == SceneChoice()
-
-
 @pytest.mark.parametrize(
     ("changes", "words"),
     [

@@ -20,7 +20,6 @@ from activetouch.sensor_files import INDEPENDENT_FILE, MODELS, OBSERVATION_FILE,
 from belief.errors import CorruptFile
 from experiments.calibration.calibration_report import CalibrationReport
 from experiments.cli import commands
-from experiments.command_line.arguments import BadArgument
 from experiments.command_line.trust import Trust
 from experiments.ppo.touch_bank import kept_bank
 from experiments.ppo.train_ppo import TrainPPO
@@ -47,10 +46,7 @@ def compared(choice, sensor=None, **changes):
 
 REFUSED = {
     "a finer pad": (compared(SceneChoice("coarse"), GEL), WrongScene, "pad.num_taxels is 32, not 128"),
-    "a larger pad": (compared(SceneChoice("hard"), MANY), WrongScene, "pad.half_width is 0.0075, not 0.015"),
-    "the paper's images": (compared(SceneChoice("gel"), PAPER), WrongScene, "PressureRenderer, not ForcePatch"),
     "another renderer": (compared(SceneChoice(renderer="gelsight")), WrongScene, "GelSightRenderer, not Pressure"),
-    "another renderer of coarse": (compared(SceneChoice("coarse", renderer="force_patch")), WrongScene, "ForcePatch"),
     "other shapes": (compared(SceneChoice("hard"), KEYED), LabelMismatch, "torus"),
     "no sensor": (compared(SceneChoice("gel"), Path(".")), NoSensor, "there is no reader.safetensors"),
     "no policies": (
@@ -170,28 +166,6 @@ def test_a_sensor_remembers_the_scene_it_was_calibrated_in(tmp_path):
 
 
 @pytest.mark.torch
-def test_a_joint_model_has_as_many_hypotheses_as_asked_for(tmp_path):
-    data, out = tmp_path / "data", tmp_path / "sensor"
-    collect(QUICK, CollectionPlan(0, 2, 1, repeats=2), data, jobs=1)
-    how = {"scene": "coarse", "data": data, "reader": COARSE / READER_FILE, "out": out, "hypotheses": 64}
-    Calibrate(**how, observation_model=("rigid body",)).run()
-    assert load_observation_model(out).num_hypotheses == 64
-    collect(SceneChoice("paper"), CollectionPlan(0, 2, 1, repeats=2), tmp_path / "paper", jobs=1)
-    of_shapes = {"scene": "paper", "data": tmp_path / "paper", "reader": MODELS / "paper-independent" / READER_FILE}
-    for refused in ({"observation_model": ("ratio",)}, of_shapes):
-        with pytest.raises(BadArgument, match="--hypotheses 64 is a setting of rigid body"):
-            Calibrate(**{**how, **refused}).run()
-
-
-@pytest.mark.torch
-def test_a_known_shift_warns_and_the_report_tells_it(tmp_path, capsys):
-    compared(QUICK, targets=("cone",))(tmp_path)
-    told = "press_model is Quasistatic, not Dynamic"
-    assert told in capsys.readouterr().err
-    assert told in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
-
-
-@pytest.mark.torch
 @pytest.mark.filterwarnings("ignore::activetouch.errors.AlikeShapes")  # as its taxels are too wide for the reader
 def test_a_sensor_of_another_scene_is_used_anyway_when_asked_to(tmp_path, capsys, monkeypatch):
     for name in ("FEWEST", "MOST"):
@@ -204,15 +178,6 @@ def test_a_sensor_of_another_scene_is_used_anyway_when_asked_to(tmp_path, capsys
     for text in (capsys.readouterr().err, (tmp_path / "run" / "report.html").read_text(encoding="utf-8")):
         assert "pad.num_taxels is 32, not 128" in text
     assert Setting.from_dict(setting.to_dict(), Trust(Path("run.json"))) == setting
-
-
-def test_anyway_is_not_offered_where_the_network_cannot_read_the_images():
-    for choice, offered in ((SceneChoice("coarse"), True), (SceneChoice(renderer="gelsight"), False)):
-        with pytest.raises(WrongScene) as found:
-            Setting(choice, sensor=GEL).open_sensor()
-        assert ("--anyway" in str(found.value)) == offered
-    with pytest.raises(WrongScene, match="takes images of 1 channels"):
-        Setting(SceneChoice(renderer="gelsight"), anyway=True).open_sensor()
 
 
 @pytest.mark.parametrize("name", list(SCENES))
@@ -316,12 +281,3 @@ def test_a_joint_sensor_keeps_its_independent_model_and_compare_can_play_it(tmp_
     (tmp_path / "sensor" / INDEPENDENT_FILE).unlink()
     with pytest.raises(NoIndependentModel, match="calibrate writes both"):
         replace(independent, sensor=tmp_path / "sensor").open_sensor()
-
-
-def test_only_the_model_that_is_asked_for_is_checked(tmp_path):
-    shutil.copytree(MODELS / "coarse", tmp_path / "sensor")
-    (tmp_path / "sensor" / OBSERVATION_FILE).write_text("{}")
-    joint = Setting(SceneChoice("coarse"), sensor=tmp_path / "sensor")
-    assert replace(joint, observation_model="independent").open_sensor().shift == ()
-    with pytest.raises(CorruptFile, match=OBSERVATION_FILE):
-        joint.open_sensor()

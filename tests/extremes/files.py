@@ -78,11 +78,6 @@ def _changed(**changes: object) -> Damage:
     return damage
 
 
-def _temperature_of_zero() -> object:
-    text = TemperatureScaling(2.0, "ok").to_json(["a"])
-    return TemperatureScaling.from_json(sealed_json(unsealed_json(text) | {"temperature": 0.0}), ["a"])
-
-
 def _read(images: NDArray[Any]) -> Callable[[], object]:
     return lambda: TactileSensor.shipped("coarse").read(images, [0])
 
@@ -124,16 +119,12 @@ def _of_sensors() -> list[Case]:
                 ),
             },
         ),
-        *refusals(
-            "TemperatureScaling.from_json",
+        refuses(
+            "TemperatureScaling.from_fields",
+            "a temperature of zero",
+            lambda: TemperatureScaling.from_fields({"temperature": 0.0, "status": "ok", "floor": 0.0}),
             ValueError,
-            {
-                "the text of another thing": (
-                    lambda: TemperatureScaling.from_json(sealed_json({"a": 1}), ["cube"]),
-                    "not a calibration",
-                ),
-                "a temperature of zero": (_temperature_of_zero, "temperature > 0"),
-            },
+            "temperature > 0",
         ),
     ]
 

@@ -20,7 +20,7 @@ from belief import (
     ZeroPriorTarget,
 )
 from belief.arrangement import arrangement_marginals, log_arrangement_marginals
-from belief.bayes import entropy, expected_information_gain, target_information_gain, update, update_probs
+from belief.bayes import entropy, expected_information_gain, target_information_gain, update
 from belief.errors import UnknownName
 from belief.synthetic import random_model, sample_arrangement
 from tests.extremes.cases import Case, Verdict, answers, equal_to, judge, refusals, refuses, such_that
@@ -160,25 +160,6 @@ CASES: tuple[Case, ...] = (
             "words": (lambda: update(_HALF, ["a", "b"]), "real numbers"),
             "complex numbers": (lambda: update(_HALF, [1j, 0]), "real numbers"),
         },
-    ),
-    answers(
-        "bayes.update_probs",
-        "likelihoods of 1e308",
-        lambda: update_probs([0.5, 0.5], [1e308, 1e308])[0],
-        equal_to([0.5, 0.5]),
-    ),
-    answers(
-        "bayes.update_probs",
-        "likelihoods of the least float",
-        lambda: update_probs([0.5, 0.5], [5e-324, 0])[0],
-        equal_to([1, 0]),
-    ),
-    refuses(
-        "bayes.update_probs",
-        "a negative likelihood",
-        lambda: update_probs([0.5, 0.5], [-0.1, 1]),
-        ValueError,
-        "negative",
     ),
     answers(
         "bayes.entropy",

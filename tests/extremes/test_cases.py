@@ -18,10 +18,10 @@ from tests.extremes.cases import Verdict, answers, equal_to, judge, refuses, suc
 CASES = [(part.__name__.rpartition(".")[2], case) for part in (touch, files, commands, foreign) for case in part.CASES]
 # Words, bases and results that have no extremes of their own, and what is met through a table.
 WORDS = {"ActiveTouchError", "Probe", "Confirm", "Reject", "ObjectEvidence", "ObservationModel", "ArrayModel"}
-WORDS |= {"McNemar", "BrierDecomposition", "CalibrationError", "ReliabilityCurve", "ShapeScore", "StopScore", "Status"}
+WORDS |= {"McNemar", "CalibrationError", "ReliabilityCurve", "ShapeScore", "StopScore", "Status"}
 WORDS |= {"CalibrationAtStop", "CalibrationReport", "Choice", "Calibration", "PerPose", "CALIBRATIONS"}
-WORDS |= {"calibration_from_json", "GaussianModel", "PLDAModel", "RatioModel"}
-WORDS |= {"FeatureEmbedding", "LogitEmbedding", "SceneView", "TouchHistory", "read_origin", "check_observation_model"}
+WORDS |= {"GaussianModel", "PLDAModel", "RatioModel"}
+WORDS |= {"SceneView", "TouchHistory", "read_origin", "check_observation_model"}
 
 
 @pytest.mark.mujoco

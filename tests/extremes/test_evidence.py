@@ -38,7 +38,6 @@ from belief.observation_model import (
     FixedHypotheses,
     OutcomeTable,
     RigidBodyModel,
-    information_of_touch,
     read_observation_model,
     read_origin,
 )
@@ -320,12 +319,6 @@ def _observation_models() -> list[Case]:
                     "object 7 has",
                 ),
             },
-        ),
-        answers(
-            "information_of_touch",
-            "a sensor that is never wrong: log K",
-            lambda: information_of_touch(random_model(_rng(), sharpness=500.0), num_samples=200),
-            equal_to([math.log(4)] * 3, 1e-6),
         ),
         *_of_rigid_bodies(),
         refuses(

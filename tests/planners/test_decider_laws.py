@@ -17,8 +17,8 @@ from belief import (
     SearchProblem,
 )
 from belief.observation_model import OutcomeTable
-from belief.observation_model.tabular import TabularModel
 from belief.synthetic import SyntheticWorld, sample_arrangement
+from benchmarks.tabular_model import TabularModel
 from planners import DECIDERS, InformationState, Outcome, search_lockstep
 from planners import make_decider as make_any_decider
 from planners.registry import NEED_FILES

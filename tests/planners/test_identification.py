@@ -6,8 +6,8 @@ import pytest
 from belief import SearchProblem
 from belief.errors import InvalidArgument
 from belief.observation_model import OutcomeTable
-from belief.observation_model.tabular import TabularModel
 from belief.synthetic import SyntheticWorld, random_model
+from benchmarks.tabular_model import TabularModel
 from planners import search
 from planners.decider import SequentialDecider
 from planners.identification import identify

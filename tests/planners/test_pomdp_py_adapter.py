@@ -9,7 +9,7 @@ import pytest
 
 from belief import Belief, Composition, Confirm, Counts, Probe, Reject, SceneBelief, SearchProblem, Touch
 from belief.observation_model import OutcomeTable
-from belief.observation_model.tabular import TabularModel
+from benchmarks.tabular_model import TabularModel
 from planners import InformationState, make_decider
 
 adapter = pytest.importorskip("pomdp_py") and pytest.importorskip("planners.pomdp_py_adapter")

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from belief import Belief, Composition, Confirm, Counts, Probe, Reject, SceneBelief, SearchProblem, Touch
 from belief.observation_model import OutcomeTable
-from belief.observation_model.tabular import TabularModel
 from belief.synthetic import SyntheticWorld
+from benchmarks.tabular_model import TabularModel
 from planners import InformationState, search_lockstep
 from planners.continuation_value import ContinuationValue, prob_missed, target_chances
 from planners.repeats import CorrelatedRepeats, LeastUsedFirst

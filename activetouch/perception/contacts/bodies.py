@@ -15,8 +15,8 @@ import scipy  # whose parts load at first use
 
 from activetouch.poses import random_orientation, to_matrix
 from activetouch.solids.raster import Surface
-from activetouch.solids.solid import Floats
-from activetouch.solids.triangles import Ints, tetrahedra
+from activetouch.solids.solid import Floats, Ints
+from activetouch.solids.triangles import tetrahedra
 
 Triangles = tuple[Floats, Ints]
 """Vertices ``(v, 3)`` [m] and triangles ``(f, 3)``, counter-clockwise from outside."""

@@ -14,20 +14,21 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from activetouch.hypotheses import Bodies
 from activetouch.perception.cached_arrays import cached_array
 from activetouch.perception.contacts.imaging import Floats32, Imaging, encoded
 from activetouch.perception.contacts.sensor_state import sensor_state
 from activetouch.perception.sessions import session_of
 from activetouch.poses import turned
 from activetouch.pressing.height_maps import predicted_contacts
-from activetouch.scene import Scene
 from activetouch.scene_description import scene_fields
-from activetouch.solids.solid import Shape
 from belief.files import array_digest
 
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession
+
+    from activetouch.hypotheses import Bodies
+    from activetouch.scene import Scene
+    from activetouch.solids.solid import Shape
 
 
 CONTACTS = ("contacts", "cells", "code")

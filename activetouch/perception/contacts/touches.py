@@ -19,6 +19,8 @@ from activetouch.poses import hamilton_product, to_matrices
 from activetouch.pressing.height_maps import Window
 from activetouch.solids.raster import Surface, heights
 
+_NOMINAL = 0.45  # share of nuisances that are as they should be
+_CELLS = (0.035, 0.35)  # narrowest and widest cell [rad]
 _FACTORS = ("stiffness", "force", "noise", "gain")
 _TOGETHER = (*((name,) for name in _FACTORS), ("blur", "hysteresis"), ("shift",), ("dead", "stuck"))
 """Nuisances that are as they should be together."""
@@ -56,8 +58,6 @@ class Batches:
         groups: G.
         touches: of each body in a batch.
         worlds: W.
-        nominal: share of nuisances that are as they should be.
-        cells: narrowest and widest cell [rad].
         seed: of the stream.
     """
 
@@ -66,17 +66,15 @@ class Batches:
     groups: int = 16
     touches: int = 32
     worlds: int = 8
-    nominal: float = 0.45
-    cells: tuple[float, float] = (0.035, 0.35)
     seed: int = 0
 
     def __call__(self, number: int) -> Batch:
         """Batch ``number``."""
         rng = np.random.default_rng([self.seed, number, len(self.bodies)])
         imaging, total = self.imaging, self.groups * self.touches
-        worlds = drawn_worlds(rng, self.worlds, self.nominal, imaging.coarser)
+        worlds = drawn_worlds(rng, self.worlds, _NOMINAL, imaging.coarser)
         world = np.tile(np.arange(self.worlds), -(-total // self.worlds))[:total]
-        narrow, broad = np.log(self.cells)
+        narrow, broad = np.log(_CELLS)
         cells = np.exp(rng.uniform(narrow, broad, total))
         turns = _normalised(rng.normal(size=(total, 4)))
         sizes = rng.uniform(*imaging.sizes, total)

@@ -26,8 +26,7 @@ from activetouch.data.dataset import (
     shard_path,
     write_manifest,
 )
-from activetouch.data.manifest import NoCollection, seal
-from activetouch.distributions import Constant
+from activetouch.data.manifest import seal
 from activetouch.errors import LabelMismatch, UnstablePress
 from activetouch.placement import Placement
 from activetouch.poses import multiply
@@ -35,9 +34,9 @@ from activetouch.pressing.contact import Contact
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Press
 from activetouch.pressing.setup import Setup
-from activetouch.scene import Symmetry, Variation
+from activetouch.scene import Symmetry
 from activetouch.scene_description import scene_fields
-from belief.errors import CorruptFile, UnknownName
+from belief.errors import CorruptFile
 from belief.files import sealed_json, unsealed_json
 
 PLAN = CollectionPlan(train=13, calibration=1, test=1)
@@ -115,11 +114,6 @@ def test_the_first_round_of_touches_does_not_depend_on_how_many_follow(original,
     assert not (rounds[:, 0] == rounds[:, 1]).all(axis=-1).any()
 
 
-def test_a_plan_without_a_round_is_refused():
-    with pytest.raises(ValueError, match="at least one round"):
-        CollectionPlan(repeats=0)
-
-
 @pytest.mark.parametrize("wrong", [{"train": -1}, {"seed": 2**32}, {"test": 1.5}])
 def test_a_plan_that_cannot_be_keyed_is_refused(wrong):
     with pytest.raises(ValueError, match="whole and in"):
@@ -175,21 +169,6 @@ def test_a_scene_in_which_nothing_can_be_pressed_names_the_shape_and_the_last_pr
     assert not list(tmp_path.iterdir())
 
 
-def test_an_unreadable_count_of_replaced_objects_is_a_clear_error(tmp_path):
-    path = tmp_path / "00000.npz"
-    path.write_bytes(b"PK nothing")
-    with pytest.raises(CorruptFile, match=r"00000.npz is truncated or damaged"):
-        num_redrawn(path)
-
-
-def test_an_object_that_misses_the_pad_is_recorded_without_force():
-    scene = Scene(press_model=Quasistatic(), variation=Variation(offset=Constant(0.5)))
-    rng = np.random.default_rng(0)
-    contact, image, *_ = scene.press(scene.sample_object(0, rng), 0, rng)
-    assert (contact.force, contact.depth) == (0.0, 0.0)
-    assert image.max() < 0.15 * 255  # noise only
-
-
 # What a folder says about itself
 
 
@@ -202,10 +181,6 @@ def test_a_manifest_comes_back_as_it_was_written(original):
     assert manifest.image_shape == (16, 16)
     assert manifest.versions.keys() == {"activetouch", "mujoco", "numpy", "python"}
     assert read_manifest(original / "manifest.json") == manifest
-
-
-def test_a_press_without_engine_has_no_contact_model(original):
-    assert read_manifest(original).contact_model == {}
 
 
 @pytest.mark.mujoco
@@ -234,14 +209,6 @@ def test_other_physics_does_not_mix_into_the_folder(folder):
     change_manifest(folder, versions=versions, contact_model={"impratio": 10.0})
     with pytest.raises(LabelMismatch, match=r"other contact_model .*impratio"):
         write_manifest(folder, SCENE, PLAN)
-
-
-def test_a_collection_may_be_continued_with_another_numpy_and_stays_what_was_recorded_first(folder):
-    versions = {"activetouch": "0.0.1", "mujoco": read_manifest(folder).mujoco_version, "numpy": "2.1.0", "python": "3"}
-    change_manifest(folder, versions=versions)
-    before = (folder / "manifest.json").read_bytes()
-    assert write_manifest(folder, SCENE, PLAN).versions == versions
-    assert (folder / "manifest.json").read_bytes() == before
 
 
 DAMAGE = {
@@ -273,15 +240,9 @@ def test_a_damaged_manifest_is_a_clear_error(folder, what):
         read_split(folder, "train")
 
 
-def test_a_digest_that_is_none_is_a_damaged_manifest(folder):
-    change_manifest(folder, shards=dict.fromkeys(read_manifest(folder).sha256, "ab"))
-    with pytest.raises(CorruptFile, match="is damaged"):
-        read_manifest(folder)
-
-
-def test_a_collection_without_orientations_is_refused_with_the_command_for_a_new_one(folder):
+def test_a_collection_of_an_earlier_format_is_to_be_recorded_anew(folder):
     change_manifest(folder, format=3)
-    with pytest.raises(CorruptFile, match=r"orientation, size and offset.*Record the touches anew"):
+    with pytest.raises(CorruptFile, match="format 3, this version reads 4; record the touches anew"):
         read_manifest(folder)
 
 
@@ -298,21 +259,10 @@ def test_touches_record_where_the_body_was(folder):
     assert ((touches.offsets >= low) & (touches.offsets <= high)).all()
 
 
-def test_a_manifest_of_a_later_format_asks_for_a_later_version(folder):
-    change_manifest(folder, format=99)
-    with pytest.raises(CorruptFile, match="format 99, this version reads 4; a newer"):
-        read_manifest(folder)
-
-
 def test_shards_without_a_manifest_are_not_adopted(folder):
     (folder / "manifest.json").unlink()
     with pytest.raises(CorruptFile, match=r"4 shards without a manifest\.json"):
         write_manifest(folder, SCENE, PLAN)
-
-
-def test_a_folder_without_a_collection_is_told_from_a_damaged_one(tmp_path):
-    with pytest.raises(NoCollection, match=r"holds no collection: manifest\.json"):
-        read_split(tmp_path, "train")
 
 
 def test_a_manifest_in_which_one_digit_flipped_is_refused(folder):
@@ -330,14 +280,6 @@ def test_an_unfinished_collection_is_not_used_in_silence(folder):
     shard_path(folder, "train", 1).unlink()
     with pytest.raises(CorruptFile, match=r"1 of 2 shards are missing .*with the program that began it"):
         read_split(folder, "train")
-
-
-def test_a_split_that_was_not_planned_is_a_clear_error(tmp_path):
-    write_manifest(tmp_path, SCENE, replace(PLAN, test=0))
-    with pytest.raises(CorruptFile, match="without any test objects"):
-        read_split(tmp_path, "test")
-    with pytest.raises(UnknownName, match="Did you mean 'train'"):
-        read_split(tmp_path, "trian")
 
 
 @pytest.mark.parametrize("digests", [True, False])
@@ -374,14 +316,6 @@ def test_a_flipped_bit_in_a_column_is_noticed_even_without_digests(folder, rng):
         path.write_bytes(changed)
         with pytest.raises(CorruptFile, match=r"truncated or damaged .*Bad CRC-32"):
             read_split(folder, "test")
-
-
-def test_an_image_that_was_changed_is_noticed(folder):
-    images = read_split(folder, "test").images
-    images[3, 5, 5] ^= 1
-    change_shard(folder, "test", 0, images=images)
-    with pytest.raises(CorruptFile, match=r"was changed after it was recorded: its SHA-256 is"):
-        read_split(folder, "test")
 
 
 def test_splits_that_changed_places_are_noticed(folder):
@@ -494,13 +428,4 @@ def test_a_header_that_promises_more_than_the_file_has_gets_no_memory(folder):
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("images.npy", content.getvalue())
     with pytest.raises(CorruptFile, match=r"is said to be \(1000000000000,\)"):
-        read_split(folder, "test")
-
-
-def test_a_column_that_is_not_there_is_a_clear_error(folder):
-    without_digests(folder)
-    path = shard_path(folder, "test", 0)
-    with np.load(path) as file:
-        np.savez(path, **{name: column for name, column in file.items() if name != "poses"})
-    with pytest.raises(CorruptFile, match=r"truncated or damaged \(.*poses"):
         read_split(folder, "test")

@@ -3,12 +3,11 @@
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from activetouch.perception.cached_arrays import cache_folder, cached_array
+from activetouch.perception.cached_arrays import cached_array
 
 
 @pytest.fixture
@@ -37,13 +36,6 @@ def test_an_array_is_computed_once_and_is_the_same_from_the_file(cache):
     assert len(list(cache.iterdir())) == 1
 
 
-def test_other_keys_have_other_arrays(cache):
-    keys = ({"of": 1}, {"of": 2}, {"of": "1"}, {"of": [1]}, {"of": 1, "and": None})
-    found = [cached_array(key, Computed(number))[0, 0] for number, key in enumerate(keys)]
-    assert found == [0, 1, 2, 3, 4]
-    assert cached_array({"and": None, "of": 1}, Computed(9.0))[0, 0] == 4
-
-
 @pytest.mark.parametrize("damage", [b"", b"no tensors", None])
 def test_a_damaged_file_is_computed_again_and_mended(cache, damage):
     make = Computed()
@@ -63,29 +55,6 @@ def test_without_a_folder_that_can_be_written_it_is_computed_each_time(tmp_path,
     found = [cached_array({}, make) for _ in range(2)]
     assert make.times == 2
     assert np.array_equal(*found)
-
-
-def test_a_cache_without_a_home_keeps_nothing(monkeypatch):
-    for name in ("ACTIVETOUCH_CACHE", "XDG_CACHE_HOME"):
-        monkeypatch.delenv(name, raising=False)
-
-    def home():
-        raise RuntimeError("Could not determine home directory.")
-
-    monkeypatch.setattr(Path, "home", home)
-    make = Computed()
-    cached_array({}, make)
-    cached_array({}, make)
-    assert make.times == 2
-
-
-def test_the_folder_is_the_users_unless_another_is_named(tmp_path, monkeypatch):
-    assert Path.home() not in cache_folder().parents  # in tests
-    monkeypatch.delenv("ACTIVETOUCH_CACHE")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert cache_folder() == tmp_path / "activetouch"
-    monkeypatch.setenv("XDG_CACHE_HOME", "relative")  # which the XDG specification tells to ignore
-    assert cache_folder() == Path.home() / ".cache" / "activetouch"
 
 
 def test_processes_that_compute_the_same_array_leave_one_whole_file(cache):

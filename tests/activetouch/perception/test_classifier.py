@@ -10,8 +10,7 @@ from activetouch.errors import TrainingDiverged
 from activetouch.perception.backbones import BACKBONES
 from activetouch.perception.card import ClassifierCard
 from activetouch.perception.classifier import TouchClassifier, TouchNetwork
-from activetouch.sensor_files import MODELS, READER_FILE
-from belief.errors import CorruptFile, InvalidArgument
+from belief.errors import CorruptFile
 
 pytestmark = pytest.mark.torch
 IMAGES = np.random.default_rng(0).integers(0, 255, (3, 64, 64)).astype(np.uint8)
@@ -53,18 +52,6 @@ def test_a_backbone_sees_mean_or_repeated_pixels_in_standard_deviations_from_the
     np.testing.assert_allclose(found, (wanted / 255.0 - 0.2) / 0.05, atol=1e-5)
 
 
-def test_the_same_classifier_is_the_same_file(tmp_path):
-    classifier = random_classifier()
-    for number in range(4):
-        classifier.save(tmp_path / f"{number}.safetensors")
-    assert len({path.read_bytes() for path in tmp_path.iterdir()}) == 1
-
-
-def test_a_reader_is_no_checkpoint():
-    with pytest.raises(CorruptFile, match=r"holds activetouch-reader-1, not activetouch-classifier-5"):
-        TouchClassifier.load(MODELS / "gel" / READER_FILE)
-
-
 def test_a_checkpoint_whose_tensors_do_not_fit_its_card_is_a_clear_error(tmp_path):
     wide = TouchClassifier(card(), TouchNetwork(card()))
     wide.card = replace(wide.card, backbone="atto")
@@ -81,12 +68,6 @@ def test_weights_that_diverged_are_not_written(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_embeddings_are_not_given_out_as_logits():
-    embeds = replace(card(), embedding=8)
-    with pytest.raises(InvalidArgument, match="tells shapes only with hypotheses"):
-        TouchClassifier(embeds, TouchNetwork(embeds)).read(IMAGES)
-
-
 def test_loading_a_checkpoint_unpickles_nothing(monkeypatch, tmp_path):
     def refuse(*arguments, **options):
         raise AssertionError("something was unpickled")
@@ -98,21 +79,6 @@ def test_loading_a_checkpoint_unpickles_nothing(monkeypatch, tmp_path):
     TouchClassifier.load(tmp_path / "classifier.safetensors")
 
 
-def test_an_input_size_that_does_not_fit_the_image_is_refused():
-    with pytest.raises(ValueError, match="is no multiple of the images' 128 pixels"):
-        TouchNetwork(card(input_size=48))(torch.zeros(1, 128, 128))
-
-
-@pytest.mark.parametrize(("shape", "channels"), [((4, 4), 1), ((32, 32), 1), ((128, 128), 1), ((64, 64, 3), 3)])
-def test_coarse_fine_and_coloured_images_are_read(shape, channels):
-    network = TouchNetwork(card(channels=channels)).eval()
-    logits, features = network(torch.zeros((2, *shape), dtype=torch.uint8))
-    assert logits.shape == (2, 2)
-    assert features.shape == (2, BACKBONES["cnn"].num_features)
-    with pytest.raises(ValueError, match=f"reads images of {channels} channels"):
-        network(torch.zeros((2, 32, 32, 4 - channels), dtype=torch.uint8))
-
-
 @pytest.mark.parametrize("name", BACKBONES)
 def test_every_backbone_gives_logits_features_and_labels_in_one_pass(name):
     reading = TouchClassifier(card(name), TouchNetwork(card(name))).read(IMAGES)
@@ -120,7 +86,3 @@ def test_every_backbone_gives_logits_features_and_labels_in_one_pass(name):
     assert reading.features.shape == (3, BACKBONES[name].num_features)
     assert reading.labels.tolist() == reading.logits.argmax(axis=1).tolist()
     assert np.isfinite(reading.logits).all()
-
-
-def test_tiny_has_the_papers_768_features():
-    assert BACKBONES["tiny"].num_features == 768

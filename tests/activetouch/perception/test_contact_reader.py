@@ -1,7 +1,6 @@
 """A reader of any object as a part of the product: its file, its hypotheses, and what is prepared for a scene."""
 
 import json
-import pickle
 import re
 import warnings
 from dataclasses import replace
@@ -17,7 +16,6 @@ from activetouch.errors import AlikeShapes
 from activetouch.perception import preparation
 from activetouch.perception.card import READER
 from activetouch.perception.contacts import hypotheses
-from activetouch.perception.contacts.hypotheses import cell_of
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.preparation import prepared
 from activetouch.perception.reader import TactileReader
@@ -25,7 +23,7 @@ from activetouch.perception.sealed_tensors import read_tensors, write_tensors
 from activetouch.pressing.dynamic import Dynamic
 from activetouch.rendering import Noise
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
-from activetouch.shapes import Box, Cylinder, Sphere
+from activetouch.shapes import Box, Sphere
 from activetouch.solids.family import Family
 from belief.errors import CorruptFile
 
@@ -92,14 +90,6 @@ def test_a_card_of_something_else_is_refused(what, tmp_path):
         TactileSensor.load(tmp_path, SCENE)
 
 
-def test_a_file_without_the_network_of_contacts_is_refused(tmp_path):
-    tensors, card = read_tensors(FILE, READER)
-    path = tmp_path / ANY_OBJECT_FILE
-    write_tensors(path, {"network": tensors["network"]}, card, READER)
-    with pytest.raises(CorruptFile, match="contacts"):
-        TactileReader.load(path)
-
-
 def test_a_reader_that_is_about_no_objects_yet_says_so(reader):
     with pytest.raises(ValueError, match=r"about none yet; bound_to\(scene\)"):
         reader.read(IMAGES)
@@ -148,23 +138,6 @@ def test_a_table_depends_on_all_that_the_scene_says_and_its_objects(reader, cach
     assert len(list(cache.iterdir())) == num_files
 
 
-def test_hypotheses_of_a_family_are_of_its_members_in_their_order(reader, cache):
-    rod = Cylinder(0.01, 0.01)
-    family = Family(rod, half_length=Uniform(0.005, 0.03))
-    scene = replace(SCENE, shapes={"rod": family})
-    bodies = scene.hypotheses(32)
-    found = reader.hypotheses.embedded(scene, bodies, 0)[0]
-    solids, members = scene.bodies("rod", bodies.shares)
-    cell = cell_of(32)
-    for row in (0, 7, 31):
-        alone = replace(SCENE, shapes={"rod": solids[members[row]]})
-        wanted = reader.hypotheses.embedded(alone, bodies, 0)[0, row]
-        np.testing.assert_allclose(found[row], wanted, atol=2e-2)
-    nominal = reader.hypotheses.embedded(replace(SCENE, shapes={"rod": rod}), bodies, 0)[0]
-    assert np.abs(found - nominal).max() > 0.1
-    assert cell == pytest.approx((8 * np.pi**2 / 32) ** (1 / 3) / 12**0.5)
-
-
 def test_what_is_prepared_twice_is_pressed_once_and_the_same(reader, cache, monkeypatch):
     bound, presses = reader.bound_to(SCENE), []
     press = type(SCENE).press
@@ -180,39 +153,6 @@ def test_what_is_prepared_twice_is_pressed_once_and_the_same(reader, cache, monk
     assert len(presses) == 2 * 2 * 2 * 12
 
 
-def test_what_is_prepared_depends_on_the_scene_and_the_reader(reader, cache):
-    bound = reader.bound_to(SCENE)
-    prepared(bound, SCENE)
-    others = [
-        (bound, replace(SCENE, faults=(*SCENE.faults, Noise(0.1)))),
-        (bound, replace(SCENE, variation=replace(SCENE.variation, size=Uniform(0.5, 0.6)))),
-        (replace(bound, card=replace(bound.card, imaging={**bound.card.imaging, "noise": 0.06})), SCENE),
-    ]
-    for number, given in enumerate(others, 2):
-        prepared(*given)
-        assert len(list(cache.glob("*.json"))) == number
-    prepared(bound, replace(SCENE, height=0.3))  # which changes no touch
-    assert len(list(cache.glob("*.json"))) == len(others) + 1
-
-
-def test_preparing_that_was_interrupted_starts_again_with_the_tables_that_there_are(reader, cache, monkeypatch):
-    calls, embed = [], type(reader.hypotheses).embed
-
-    def interrupted(*given):
-        calls.append(1)
-        if len(calls) == 3:
-            raise KeyboardInterrupt
-        return embed(*given)
-
-    monkeypatch.setattr(type(reader.hypotheses), "embed", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        prepared(reader.bound_to(SCENE), SCENE)
-    assert len(list(cache.iterdir())) == 2
-    prepared(reader.bound_to(SCENE), SCENE)
-    assert len(calls) == 5  # of four, two were kept
-    assert not list(cache.glob(".*"))
-
-
 def test_shapes_that_look_equal_are_said_to_be_alike(reader, cache):
     cube = Box((0.016, 0.016, 0.016))
     scene = replace(SCENE, shapes={"cube": cube, "dice": Box((0.016, 0.016, 0.016))})
@@ -222,18 +162,6 @@ def test_shapes_that_look_equal_are_said_to_be_alike(reader, cache):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         prepared(reader.bound_to(SCENE), SCENE)
-
-
-def test_a_sensor_of_a_file_alone_is_sent_to_another_process(cache, tmp_path):
-    (tmp_path / ANY_OBJECT_FILE).write_bytes(FILE.read_bytes())
-    sensor = TactileSensor.load(tmp_path, SCENE)
-    assert sensor.shift == ()
-    assert sensor.reader.card.shape_labels == ("ball", "plate")
-    back = pickle.loads(pickle.dumps(sensor))
-    for one, other in zip(sensor.read(IMAGES, ["front"] * 5), back.read(IMAGES, ["front"] * 5), strict=True):
-        assert np.array_equal(one.logits, other.logits)
-        assert np.array_equal(one.features, other.features)
-    assert back.model.log_likelihood(sensor.read(IMAGES[:2], ["front", "corner"])).shape == (2,)
 
 
 @pytest.mark.torch

@@ -7,8 +7,7 @@ import pytest
 
 from activetouch import SCENES, SHAPES, predicted_contacts
 from activetouch.perception.contacts.bodies import _FAMILIES, random_body
-from activetouch.perception.contacts.imaging import STATE_SIZE, Imaging, SensorState, encoded
-from activetouch.perception.contacts.touches import drawn_worlds
+from activetouch.perception.contacts.imaging import STATE_SIZE, Imaging, SensorState
 from activetouch.placement import Placement
 from activetouch.poses import random_orientation, to_matrices
 from activetouch.pressing.press import Quasistatic
@@ -68,21 +67,6 @@ def test_worlds_change_the_image_as_they_say():
     assert (seen(stuck=corner)[0][:8, :8] == 1.0).all()
     assert not seen(dead=corner)[0][:8, :8].any()
     assert seen(blur=[0.05])[0].max() < usual.max()
-
-
-def test_the_first_world_of_a_batch_is_nominal_and_others_are_not():
-    codes = drawn_worlds(np.random.default_rng(0), 8, 0.4).code()
-    assert not codes[0].any()
-    assert codes[1:].any(axis=1).all()
-
-
-def test_contacts_are_read_from_the_first_point_in_front_of_the_pad():
-    maps = np.full((1, 12, 12), -np.inf, np.float32)
-    maps[0, 3:9, 3:9], maps[0, 0, 0] = 0.010, 0.012  # the highest point is beside the pad
-    near = encoded(maps, 8)[0, 0]
-    assert near[5, 5] == 0.0
-    assert near[0, 0] == pytest.approx(-0.5)
-    assert near[0, 5] == pytest.approx(2.0)
 
 
 @pytest.mark.torch

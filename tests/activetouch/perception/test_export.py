@@ -7,7 +7,6 @@ import pytest
 import torch
 
 from activetouch.distributions import Uniform
-from activetouch.errors import TrainingDiverged, WrongScene
 from activetouch.hypotheses import quaternions, sizes
 from activetouch.perception.card import ClassifierCard
 from activetouch.perception.classifier import TouchClassifier, TouchNetwork
@@ -52,24 +51,6 @@ def test_a_reader_gives_what_its_network_gives(backbone, input_size, image_shape
     parameters = sum(p.numel() for p in single.network.parameters())
     assert (tmp_path / "reader.safetensors").stat().st_size < 2 * parameters + 150_000  # half precision
     assert reader.card == replace(single.card, image_shape=image_shape)
-
-
-def test_the_same_network_is_the_same_reader():
-    first, second = (export_reader(classifier("cnn", 16), (16, 16)) for _ in range(2))
-    assert first.network == second.network
-    assert b".py" not in first.network  # nothing about the sources of the exporter
-
-
-def test_images_that_the_network_cannot_read_are_refused_before_exporting():
-    with pytest.raises(WrongScene, match="no multiple"):
-        export_reader(classifier("cnn", 48), (128, 128))
-
-
-def test_weights_that_diverged_are_not_exported():
-    diverged = classifier("cnn", 16)
-    torch.nn.init.constant_(diverged.network.head.bias, 1e6)
-    with pytest.raises(TrainingDiverged, match=r"head\.bias are not finite in half precision"):
-        export_reader(diverged, (16, 16))
 
 
 def arrays(network):

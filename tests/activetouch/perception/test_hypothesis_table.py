@@ -6,10 +6,7 @@ import numpy as np
 import pytest
 
 from activetouch import SCENES, TactileSensor, TouchWorld
-from activetouch.errors import WrongScene
 from activetouch.hypotheses import quaternions
-from activetouch.orientations import Inexact, Tumbled, Upright
-from activetouch.perception import hypothesis_table
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.poses import facing, turned
 from belief.touch_batch import TouchBatch
@@ -33,19 +30,6 @@ def test_poses_that_no_training_touch_was_made_in_are_read_by_their_rotations():
     assert (wrong == shapes).mean() < 0.8  # with the rotations of other poses
 
 
-def test_poses_look_alike_wherever_objects_lie_anyhow():
-    """The sensor of many poses also works where these are missed a little, and says why where objects stand."""
-    shipped = TactileSensor.shipped("keyed")
-    scene = SCENES["keyed"].scene
-    tumbled, inexact, upright = (
-        HypothesisTable(shipped.reader, replace(scene, presentation=how)) for how in (Tumbled(), Inexact(), Upright())
-    )
-    assert inexact.groups == tumbled.groups
-    assert np.array_equal(inexact.views(64).same, tumbled.views(64).same)
-    with pytest.raises(WrongScene, match="objects that lie anyhow"):
-        upright.views(64)
-
-
 @pytest.mark.parametrize("first_to_last", [True, False])
 def test_a_hypothesis_looks_like_the_one_whose_orientation_before_the_pad_is_nearest(first_to_last):
     scene = SCENES["keyed"].scene
@@ -61,16 +45,3 @@ def test_a_hypothesis_looks_like_the_one_whose_orientation_before_the_pad_is_nea
         likeness = np.abs(shown @ there.T)  # cosine of half the angle between what both show
         np.testing.assert_allclose(likeness[np.arange(64), views.same[pose]], likeness.max(axis=1), atol=1e-9)
     assert len(set(table.groups)) == len(set(map(tuple, scene.aim_offsets.tolist())))
-
-
-def test_the_table_of_one_pose_is_its_part_of_all_and_only_large_ones_are_in_half_precision(monkeypatch):
-    shipped = TactileSensor.shipped("coarse")
-    whole = HypothesisTable(shipped.reader, shipped.scene)(16)
-    for most, kind in ((whole.size, np.float32), (whole.size - 1, np.float16)):
-        monkeypatch.setattr(hypothesis_table, "_MOST_IN_SINGLE", most)
-        table = HypothesisTable(shipped.reader, shipped.scene)
-        for pose in range(len(shipped.scene.poses)):
-            found = table.in_pose(16, pose)
-            assert found.dtype == kind
-            assert found is table.in_pose(16, pose)
-            np.testing.assert_array_equal(found, whole[pose].astype(kind))

@@ -10,7 +10,6 @@ from activetouch.data.dataset import TouchSet
 from activetouch.errors import LabelMismatch, TrainingDiverged
 from activetouch.perception.classifier import ClassifierCard, TouchClassifier, TouchNetwork
 from activetouch.perception.recipe import RECIPES, TrainingRecipe
-from activetouch.perception.sealed_tensors import write_tensors
 from activetouch.perception.training import Trainer
 from belief.errors import CorruptFile
 
@@ -42,20 +41,12 @@ def weights(trained):
     return torch.cat([value.flatten() for value in trained.classifier.network.state_dict().values()])
 
 
-@pytest.mark.parametrize(("backbone", "bf16"), [("cnn", False), ("atto", False), ("atto", True)])
+@pytest.mark.parametrize(("backbone", "bf16"), [("cnn", True), ("atto", False)])
 def test_training_learns_a_simple_task(backbone, bf16, tmp_path):
     trained = trainer(tmp_path / "state.safetensors", replace(RECIPE, bf16=bf16), backbone=backbone)
     reports = [trained.run_epoch() for _ in range(3)]
     assert reports[-1].calibration_loss < reports[0].calibration_loss
     assert reports[-1].calibration_accuracy > 0.9
-
-
-def test_the_loss_of_an_epoch_that_changes_nothing_is_that_of_the_network(tmp_path):
-    trained = trainer(tmp_path / "state.safetensors", replace(RECIPE, learning_rate=1e-12, batch_size=36))
-    told: list[int] = []
-    report = trained.run_epoch(told.append)
-    assert told == [36, 36, 24]
-    assert report.training_loss == pytest.approx(report.calibration_loss, rel=1e-4)
 
 
 @pytest.mark.parametrize("optimizer", ["adamw", "muon"])
@@ -72,24 +63,6 @@ def test_an_interrupted_training_ends_where_an_uninterrupted_one_does(optimizer,
         second.run_epoch()
     torch.testing.assert_close(weights(second), weights(whole), rtol=0, atol=0)
     assert second.reports == whole.reports
-
-
-def test_muon_takes_steps_of_known_size_in_matrices_and_adamw_in_other_parameters(tmp_path):
-    adamw, muon = (
-        trainer(tmp_path / name, replace(RECIPE, epochs=1, warmup=0.0, batch_size=96, optimizer=name))
-        for name in ("adamw", "muon")
-    )
-    before = {name: value.clone() for name, value in muon.classifier.network.named_parameters()}
-    for trained in (adamw, muon):
-        trained.run_epoch()
-    by_adamw = dict(adamw.classifier.network.named_parameters())
-    for name, value in muon.classifier.network.named_parameters():
-        step, usual = (value - before[name]).detach(), (by_adamw[name] - before[name]).detach()
-        if value.ndim == 2:
-            expected = RECIPE.learning_rate * 0.2 * max(value.shape) ** 0.5
-            assert 0.6 < torch.linalg.svdvals(step)[0] / expected < 1.3  # its iterations end near 1
-        else:
-            torch.testing.assert_close(step, usual)
 
 
 def test_patience_stops_and_goes_back_to_the_best_epoch(tmp_path):
@@ -109,16 +82,6 @@ def test_patience_stops_and_goes_back_to_the_best_epoch(tmp_path):
     torch.testing.assert_close(weights(again), weights(trained), rtol=0, atol=0)
 
 
-def test_without_patience_the_last_epoch_is_kept(tmp_path):
-    trained = trainer(tmp_path / "state.safetensors", replace(RECIPE, patience=None))
-    while not trained.is_finished:
-        trained.run_epoch()
-    last = weights(trained)
-    trained.finish()
-    assert trained.epochs_done == RECIPE.epochs
-    torch.testing.assert_close(weights(trained), last, rtol=0, atol=0)
-
-
 def test_class_weights_make_all_shapes_count_alike(tmp_path):
     few_discs = TOUCHES.select(np.flatnonzero((TOUCHES.shapes == 0) | (np.arange(96) < 12)))
     counts = np.bincount(few_discs.shapes)
@@ -129,27 +92,13 @@ def test_class_weights_make_all_shapes_count_alike(tmp_path):
     assert plain.objective.class_weights.tolist() == [1.0, 1.0]
 
 
-def test_a_shape_without_images_is_refused(tmp_path):
-    with pytest.raises(ValueError, match="no image of disc"):
-        trainer(tmp_path / "state.safetensors", train=TOUCHES.select(TOUCHES.shapes == 0))
-
-
 def test_a_gradient_that_is_not_finite_is_refused_with_advice_and_nothing_is_written(tmp_path):
     diverged = trainer(tmp_path / "state.safetensors")
     with torch.no_grad():
         diverged.classifier.network.head.bias.fill_(torch.inf)
-    with pytest.raises(TrainingDiverged, match=r"epoch 1: after 0 images .*--change\.bf16 False"):
+    with pytest.raises(TrainingDiverged, match=r"epoch 1: after 0 images .*--change\.learning-rate"):
         diverged.run_epoch()
     assert not diverged.state.exists()
-
-
-def test_a_loss_that_is_not_finite_after_the_last_step_is_refused_with_advice_and_nothing_is_written(tmp_path):
-    recipe = replace(RECIPE, learning_rate=1e12, warmup=0.0, batch_size=len(TOUCHES.images))
-    diverged = trainer(tmp_path / "state.safetensors", recipe)
-    with pytest.raises(TrainingDiverged, match=r"epoch 1: .* split loss (inf|nan) .*--change\.learning-rate"):
-        diverged.run_epoch()
-    assert not diverged.state.exists()
-    assert diverged.reports == []
 
 
 def test_what_differs_from_the_training_of_a_state_is_named(tmp_path):
@@ -166,35 +115,6 @@ def test_other_touches_do_not_resume_though_they_are_as_many_and_look_alike(spli
         trainer(tmp_path / "state.safetensors", **{split: swapped})
 
 
-def test_of_two_trainings_that_begin_in_one_folder_the_one_that_saves_first_goes_on(tmp_path):
-    one, other = (trainer(tmp_path / "state.safetensors", replace(RECIPE, seed=seed)) for seed in (0, 1))
-    one.run_epoch()
-    with pytest.raises(LabelMismatch, match=r"with other seed \(0 there, 1 here\)"):
-        other.run_epoch()
-    one.run_epoch()
-    assert trainer(tmp_path / "state.safetensors").epochs_done == 2
-
-
-def test_a_state_of_another_kind_of_training_does_not_resume(tmp_path):
-    write_tensors(tmp_path / "state.safetensors", {}, {"settings": {}, "progress": {}})
-    with pytest.raises(LabelMismatch, match=r"belongs to another training\. Choose"):
-        trainer(tmp_path / "state.safetensors")
-
-
-@pytest.mark.parametrize("images", [TOUCHES.images[:0], (TOUCHES.images / 255).astype(np.float16)])
-def test_images_that_are_none_or_not_of_bytes_are_refused_before_training(images, tmp_path):
-    some = replace(TOUCHES.select(np.arange(len(images))), images=images)
-    for split in ("train", "calibration"):
-        with pytest.raises(ValueError, match="images"):
-            trainer(tmp_path / "state.safetensors", **{split: some})
-
-
-def test_a_damaged_training_state_is_a_clear_error(tmp_path):
-    (tmp_path / "state.safetensors").write_bytes(b"half a file")
-    with pytest.raises(CorruptFile, match="delete it to start anew"):
-        trainer(tmp_path / "state.safetensors")
-
-
 def test_a_flipped_bit_of_a_training_state_is_noticed(tmp_path):
     state = tmp_path / "state.safetensors"
     trainer(state).run_epoch()
@@ -205,12 +125,6 @@ def test_a_flipped_bit_of_a_training_state_is_noticed(tmp_path):
         state.write_bytes(damaged)
         with pytest.raises(CorruptFile, match="delete it to start anew"):
             trainer(state)
-
-
-def test_the_paper_recipe_is_the_papers():
-    paper = RECIPES["paper"]
-    assert paper == TrainingRecipe()
-    assert (paper.epochs, paper.learning_rate, paper.weight_decay, paper.class_weights) == (30, 1e-4, 1e-4, True)
 
 
 @pytest.mark.parametrize(

@@ -1,23 +1,21 @@
 """Real presses in MuJoCo: every shape in every pose, misses, extremes."""
 
 import re
-from itertools import pairwise
 
-import mujoco
 import numpy as np
 import pytest
 
 from activetouch import POSES, SHAPES, Dynamic, Quasistatic, Scene
 from activetouch.errors import UnstablePress
 from activetouch.placement import Placement
-from activetouch.poses import multiply, random_orientation, turn
+from activetouch.poses import multiply, random_orientation
 from activetouch.pressing.contact import first_touch
 from activetouch.pressing.guarded_move import GuardedMove, RecordedMove
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.rig import LARGEST_SCALE, Rig, build_spec, shared_rig
 from activetouch.pressing.setup import Setup
 from activetouch.pressing.trace import Phase
-from activetouch.shapes import EXTENDED_SHAPES, Sphere
+from activetouch.shapes import EXTENDED_SHAPES
 
 pytestmark = pytest.mark.mujoco
 SETUP = Setup()
@@ -63,7 +61,7 @@ def test_an_object_that_misses_the_pad_gives_no_force_and_a_blank_image():
     assert force == 0.0
 
 
-@pytest.mark.parametrize("timestep", [0.0005, 0.001, 0.005])
+@pytest.mark.parametrize("timestep", [0.0005, 0.005])
 @pytest.mark.parametrize("scale", [0.05, 1.0, 2.0])
 def test_the_stop_force_is_reached_at_any_timestep_and_size(timestep, scale, rng):
     for shape in SHAPES.values():
@@ -76,11 +74,6 @@ def test_a_simulation_that_does_not_settle_is_an_error_that_says_what_to_try():
         Dynamic(admittance=5.0).press(SETUP, Placement(SHAPES["cube"], 1.0, UPRIGHT), 2.0)
 
 
-def test_an_approach_that_could_jump_through_the_pad_is_refused():
-    with pytest.raises(ValueError, match="pass through the pad"):
-        Dynamic(speed=20.0)
-
-
 def test_a_force_the_guide_cannot_reach_is_an_error_and_not_a_miss():
     with pytest.raises(UnstablePress, match="did not settle at 300 N"):
         Dynamic().press(SETUP, Placement(SHAPES["sphere"], 1.0, UPRIGHT), 300.0)
@@ -91,51 +84,6 @@ def test_a_force_the_guide_cannot_reach_is_an_error_and_not_a_miss():
 def test_a_press_that_would_never_arrive_is_refused(kind, speed):
     with pytest.raises(ValueError, match="speed"):
         kind(speed=speed)
-
-
-@pytest.mark.parametrize("press", [RecordedMove(speed=0.05), Dynamic(speed=0.05, traced=True)], ids=repr)
-def test_an_object_goes_back_to_its_start_at_the_stated_speed(press, rng):
-    trace = press.press(SETUP, Placement(SHAPES["cone"], 1.0, random_orientation(rng)), 2.0).trace
-    place, phases = trace.position[:, 0], np.array(trace.phase)
-    away, back = place[phases == Phase.APPROACH], place[phases == Phase.WITHDRAW]
-    advance = press.speed * press.timestep
-    np.testing.assert_allclose(np.diff(away)[200:-1], -advance, rtol=1e-3)  # the servo has caught up
-    assert back.max() == pytest.approx(press.start, abs=5 * advance)  # the object is a little behind the servo
-    middle = (back > back.min() + 0.012) & (back < back.max() - 0.002)  # free of the pad, and still moving
-    assert middle.sum() > 30
-    np.testing.assert_allclose(np.diff(back[middle]), advance, rtol=1e-2)
-
-
-def test_an_object_is_turned_evenly_along_the_shorter_arc(rng, monkeypatch):
-    seen: list[np.ndarray] = []
-    turn_rig = Rig.turn
-
-    def turning(rig, orientation):
-        seen.append(np.array(orientation))
-        turn_rig(rig, orientation)
-
-    monkeypatch.setattr(Rig, "turn", turning)
-    for _ in range(6):
-        start, end = random_orientation(rng), random_orientation(rng)
-        seen.clear()
-        trace = GuardedMove().rotate(SETUP, Placement(SHAPES["cube"], 1.0, start), end)
-        cosines = [min(1.0, abs(np.sum(one * other))) for one, other in pairwise(seen)]
-        assert len(trace) == len(cosines) == 100
-        assert set(trace.phase) == {Phase.ROTATE}
-        np.testing.assert_allclose([np.linalg.norm(one) for one in seen], 1.0)
-        assert abs(seen[0] @ start) == pytest.approx(1.0)
-        assert abs(seen[-1] @ end) == pytest.approx(1.0)
-        assert 2 * np.arccos(cosines).sum() == pytest.approx(2 * np.arccos(abs(start @ end)), abs=1e-5)
-
-
-def test_a_pause_of_no_steps_is_refused():
-    with pytest.raises(ValueError, match="pause"):
-        Dynamic(pause=0.0)
-
-
-def test_an_absurd_size_is_refused():
-    with pytest.raises(ValueError, match="scale must be in"):
-        Dynamic().press(SETUP, Placement(SHAPES["cube"], 50.0, UPRIGHT), 2.0)
 
 
 @pytest.mark.parametrize("press", [Dynamic(), Quasistatic()], ids=["dynamic", "quasistatic"])
@@ -163,17 +111,6 @@ def test_both_fidelities_leave_nearly_the_same_image(rng):
     assert min(correlations) > 0.85
 
 
-@pytest.mark.parametrize("radius", [0.0005, 0.005, 0.030])
-def test_objects_of_one_to_sixty_millimetres_are_pressed(radius, rng):
-    for timestep in (0.0005, 0.002, 0.005):
-        for press in (Dynamic(timestep=timestep), GuardedMove(timestep=timestep), Quasistatic()):
-            contact = press.press(SETUP, Placement(Sphere(radius), 1.0, random_orientation(rng)), 2.0)
-            assert 0.0 < contact.force < 10.0
-            assert np.isfinite(contact.pressure).all()
-            carried = contact.pressure.sum() * SETUP.pad.taxel_area
-            assert contact.is_bottomed_out or carried == pytest.approx(contact.force, rel=1e-9)
-
-
 @pytest.mark.parametrize(
     "pad",
     [
@@ -192,27 +129,6 @@ def test_stiff_and_bouncy_pads_give_a_physical_press_or_say_they_cannot(pad, pre
             continue
         assert 0.0 <= contact.force < 100.0
         assert np.isfinite(contact.indentation).all()
-
-
-def test_a_glancing_contact_at_the_rim_of_the_pad_is_pressed_or_missed(rng):
-    for overlap in np.linspace(-0.002, 0.002, 9):
-        offset = np.array([SETUP.pad.half_width + 0.020 - overlap, 0.0])
-        contact = Dynamic().press(SETUP, Placement(SHAPES["sphere"], 1.0, UPRIGHT, offset), 2.0)
-        felt = contact.pressure.any()
-        assert felt == (contact.force > 0.0)
-        assert np.isfinite(contact.pressure).all()
-
-
-@pytest.mark.parametrize("tilt", np.deg2rad([0.0, 0.5, 30.0, 45.0, 60.0, 89.5, 90.0]))
-def test_a_cylinder_standing_on_its_edge_stops_at_one_depth_whatever_its_roll(tilt):
-    # Contacts of a cylinder's edge with a box were faulty in MuJoCo 4.0.0: their depth depended on the roll.
-    depths = []
-    for roll in np.deg2rad([0.0, 17.0, 90.0, 133.0]):
-        orientation = multiply(turn("x", roll), multiply(turn("z", tilt), turn("y", np.pi / 2)))
-        contact = Dynamic(traced=True).press(SETUP, Placement(SHAPES["cylinder"], 1.0, orientation), 2.0)
-        assert contact.force == pytest.approx(2.0, rel=0.1)
-        depths.append(contact.trace.position[contact.trace.end_of_pause - 1, 0])
-    assert np.ptp(depths) < 1e-4
 
 
 def test_friction_and_stiffness_are_those_of_the_placement():
@@ -238,34 +154,19 @@ def test_the_finger_stands_behind_the_pad_and_all_but_the_pressed_shape_are_park
     assert parked == ["parked0", "parked2", "parked3"]
 
 
-def test_the_guarded_move_holds_still_in_the_pause(rng):
-    contact = GuardedMove().press(SETUP, Placement(SHAPES["cube"], 1.0, random_orientation(rng)), 1.0)
-    end = contact.trace.end_of_pause
-    assert np.ptp(contact.trace.position[end - 10 : end, 0]) < 1e-5
-    assert contact.force == pytest.approx(contact.trace.force[end - 1, 0], rel=1e-6)
-
-
 @pytest.mark.parametrize("kind", [GuardedMove, RecordedMove])
 @pytest.mark.parametrize("speed", [0.3, 0.5])
-@pytest.mark.parametrize("name", ["sphere", "cube"])
-def test_a_guarded_move_that_is_too_fast_for_its_threshold_says_what_works(kind, speed, name):
-    placement = Placement(SHAPES[name], 1.0, UPRIGHT)
+def test_a_guarded_move_that_is_too_fast_for_its_threshold_says_what_works(kind, speed):
+    placement = Placement(SHAPES["cube"], 1.0, UPRIGHT)
     with pytest.raises(UnstablePress, match=rf"threshold is 2 N, .* holds .* N, .* {speed} m/s .* speed of") as error:
         kind(speed=speed).press(SETUP, placement, 2.0)
     suggested = float(re.search(r"speed of ([0-9.e-]+) m/s", str(error.value)).group(1))
     assert kind(speed=suggested).press(SETUP, placement, 2.0).force <= 3.0
 
 
-@pytest.mark.parametrize("speed", [0.1, 0.3, 0.5])
+@pytest.mark.parametrize("speed", [0.1, 0.5])
 def test_a_controlled_press_is_not_carried_beyond_its_force_at_any_speed(speed, rng):
     for target_force in (0.2, 2.0, 5.0):
         for shape in SHAPES.values():
             contact = Dynamic(speed=speed).press(SETUP, Placement(shape, 1.0, random_orientation(rng)), target_force)
             assert contact.force <= 1.101 * target_force
-
-
-def test_steps_measure_no_time():
-    rig = Rig(Setup(), SHAPES["cube"], 0.002)
-    mujoco.mj_step(rig.model, rig.data)
-    assert rig.data.timer[mujoco.mjtTimer.mjTIMER_STEP].number == 1
-    assert rig.data.timer[mujoco.mjtTimer.mjTIMER_STEP].duration == 0.0

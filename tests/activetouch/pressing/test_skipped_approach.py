@@ -7,9 +7,8 @@ from activetouch import SHAPES, Dynamic
 from activetouch.placement import Placement
 from activetouch.poses import random_orientation, turn
 from activetouch.pressing.contact import first_touch
-from activetouch.pressing.guarded_move import GuardedMove, RecordedMove
+from activetouch.pressing.guarded_move import GuardedMove
 from activetouch.pressing.pad import Pad
-from activetouch.pressing.rig import Rig
 from activetouch.pressing.setup import Setup
 from activetouch.pressing.trace import Phase
 from activetouch.shapes import EXTENDED_SHAPES, Sphere
@@ -51,13 +50,6 @@ def test_the_approach_is_skipped(press, rng):
         assert 2 <= num_steps <= 2 + 0.001 / (press.speed * press.timestep)
 
 
-@pytest.mark.parametrize(("timestep", "speed"), [(0.0005, 0.1), (0.005, 0.1), (0.002, 0.4), (0.002, 0.01)])
-def test_any_timestep_and_speed_skip_to_the_same_end(timestep, speed, rng):
-    for shape in SHAPES.values():
-        placement = Placement(shape, rng.uniform(0.8, 1.2), random_orientation(rng))
-        agree(Dynamic(timestep=timestep, speed=speed), placement)
-
-
 @every_press
 def test_what_the_rays_do_not_see_is_met_all_the_same(press):
     # The convex hull of a ring is flat over its hole, into which all rays of a small pad go.
@@ -83,38 +75,3 @@ def test_misses_glances_and_large_objects_end_as_from_the_start(press):
     ):
         short, complete = agree(press, Placement(shape, scale, UPRIGHT, np.array([offset, 0.0])))
         assert (short.force > 0.0) == (complete.force > 0.0)
-
-
-@every_press
-def test_a_force_that_counts_as_reached_in_the_air_ends_there(press):
-    assert press.press(Setup(), Placement(SHAPES["cube"], 1.0, UPRIGHT), 0.0).force == 0.0
-    careless = Dynamic(tolerance=2.0)
-    assert careless.press(Setup(), Placement(SHAPES["cube"], 1.0, UPRIGHT), 2.0).force == 0.0
-
-
-def test_a_guarded_move_traces_the_contact_and_a_recorded_one_everything():
-    placement = Placement(SHAPES["cube"], 1.0, turn("z", 0.3))
-    short, complete = (press.press(Setup(), placement, 1.0).trace for press in (GuardedMove(), RecordedMove()))
-    assert len(short) < 0.3 * len(complete)
-    assert complete.time[0] == pytest.approx(0.002)
-    common = np.isin(complete.time, short.time)
-    assert common.sum() == len(short)  # the same clock, to the last bit
-    np.testing.assert_allclose(short.force, complete.force[common], atol=1e-6)
-    np.testing.assert_allclose(short.position, complete.position[common], atol=1e-9)
-    assert (
-        short.select(slice(0, short.end_of_pause)).phase
-        == complete.phase[: complete.end_of_pause][-short.end_of_pause :]
-    )
-    assert GuardedMove(speed=0.01).with_trace() == RecordedMove(speed=0.01)
-    assert not complete.force[~common].any()
-
-
-def test_a_rig_that_recorded_steps_does_as_one_that_did_not(rng):
-    placement, forces = Placement(SHAPES["cone"], 1.0, random_orientation(rng)), []
-    touching = first_touch(Pad(), placement)[1]
-    for traced in (False, True):
-        rig = Rig(Setup(), placement.shape, 0.002, traced)
-        rig.place(touching + 0.001, placement)
-        forces.append([rig.step(touching + 0.001 - 2e-5 * number, Phase.CONTACT) for number in range(120)])
-    assert forces[0] == forces[1]
-    assert max(forces[0]) > 0.1

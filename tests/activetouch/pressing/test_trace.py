@@ -1,19 +1,14 @@
 """The time series of a press, and the paper's log files."""
 
-from dataclasses import replace
-
 import numpy as np
 import pandas
 import pytest
 
 from activetouch import SCENES, SHAPES, Dynamic
-from activetouch.distributions import Constant
-from activetouch.errors import WrongPress
 from activetouch.placement import Placement
 from activetouch.poses import random_orientation
 from activetouch.pressing.setup import Setup
-from activetouch.pressing.trace import COLUMNS, Phase, Trace, join, write_csv
-from activetouch.scene import Scene
+from activetouch.pressing.trace import COLUMNS, Phase, write_csv
 from experiments.press.cycles import record_cycles
 
 pytestmark = pytest.mark.mujoco
@@ -64,30 +59,3 @@ def test_the_contact_point_lies_under_the_imprint(rng):
         contact = Dynamic(traced=True).press(Setup(height=0.07), placement, 2.0)
         point = contact.trace.point[contact.trace.end_of_pause - 1]
         assert np.linalg.norm(point - contact.centre_of_pressure) < 0.006
-
-
-def test_a_miss_has_no_pause_with_force(rng):
-    placement = Placement(SHAPES["sphere"], 1.0, random_orientation(rng), np.array([0.05, 0.0]))
-    contact = Dynamic(traced=True).press(Setup(), placement, 2.0)
-    assert contact.force == 0.0
-    assert not contact.trace.force.any()
-    assert set(contact.trace.phase) == {Phase.APPROACH, Phase.WITHDRAW}
-
-
-def test_only_guarded_moves_rotate(rng):
-    scene = Scene()
-    with pytest.raises(WrongPress, match="use the scene 'paper'"):
-        record_cycles(scene, scene.sample_object(0, rng), 1, rng)
-
-
-def test_every_cycle_aims_where_the_pose_does(rng):
-    scene = replace(PAPER, aims={"front": (0.004, -0.003)}, variation=replace(PAPER.variation, offset=Constant(0.0)))
-    for cycle in record_cycles(scene, scene.sample_object(0, rng), 2, rng):
-        np.testing.assert_allclose(cycle.position[0, 1:], (0.004, 0.07 - 0.003))
-
-
-def test_traces_are_joined_in_time():
-    one = Trace(np.array([0.1, 0.2]), np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 2)), (Phase.PAUSE,) * 2)
-    np.testing.assert_allclose(join([one, one]).time, [0.1, 0.2, 0.3, 0.4])
-    with pytest.raises(ValueError, match="no trace"):
-        join([])

@@ -55,21 +55,13 @@ def test_a_csv_gives_objects_actions_sessions_and_controls(tmp_path):
     [
         ("", "must name the columns"),
         ("thing,x\nmug,1\n", "with 'object' among them"),
-        ("object,x,x\nmug,1,2\n", "each once"),
         ("object;x\nmug;0,5\n", "separated by commas, .*'object;x'"),
         (",object,x\n0,mug,1\n1,mug,2\n", r"column 1 of .*touches.csv has no name.*to_csv\(index=False\)"),
         ('object,x\nmug,"0,5"\n', "'0,5', no number .decimals have a point"),
-        ("object,x\n", "no rows"),
         ("object,x\nmug\n", "line 2 of .* has 1 cells, the header has 2"),
         ("object,x\nmug,hot\n", "line 2 .*'x' is 'hot'"),
-        ("object,x\nmug,nan\n", "not finite"),
         ("object,x\nmug,1\n,1\n", "line 3 of .*touches.csv names no object"),
-        ("object\nmug\n", "no features"),
         ("object,session,x\nmug,1,1\nmug,soon,1\n", "line 3 of .*: the session is 'soon'; it must be a whole number"),
-        ("object,session,x\nmug,1.5,1\n", "line 2 .*'1.5'"),
-        ("object,session,x\nmug,nan,1\n", "line 2 .*'nan'"),
-        ("object,session,x\nmug,1e300,1\n", "line 2 .*'1e300'"),
-        ("object,session,x\nmug,,1\n", "line 2 .*the session is ''"),
         ("object,x,pressure\nmug,1,1\n\nmug,2,inf\n", "line 4 .*'pressure' is 'inf', not finite"),
         ("object,category,x\nmug,cup,1\nmug,tin,1\n", "line 3 .*two of category: 'tin' here and 'cup' in line 2"),
     ],
@@ -77,13 +69,6 @@ def test_a_csv_gives_objects_actions_sessions_and_controls(tmp_path):
 def test_an_error_in_a_csv_says_where_it_is(tmp_path, text, words):
     write_csv(tmp_path, text)
     with pytest.raises(BadRecording, match=words):
-        read_recorded(tmp_path, "csv")
-
-
-def test_lines_are_counted_in_each_file(tmp_path):
-    write_csv(tmp_path, "object,category,x\nmug,cup,1\n", "a.csv")
-    write_csv(tmp_path, "object,category,x\ncan,tin,1\nmug,tin,1\n", "b.csv")
-    with pytest.raises(BadRecording, match=r"line 3 of .*b.csv: .* in line 2 of .*a.csv"):
         read_recorded(tmp_path, "csv")
 
 
@@ -154,12 +139,9 @@ def test_an_npz_that_says_it_is_larger_than_memory_is_refused(tmp_path):
     ("arrays", "words"),
     [
         ({"session": np.arange("2024-01-01", "2024-01-07", dtype="datetime64[D]")}, "session is '2024-01-01'; it must"),
-        ({"session": 1j * np.arange(6)}, "session is '0j'; it must be a whole number"),
         ({"object": np.array([1.0, 1.0, 2.0, 2.0, np.nan, 3.0])}, "row 4 of .* names no object"),
         ({"features": np.full((6, 3), 1e200)}, "features of touch 0 .*hold 1e.200; .*up to 1e.100: use another unit"),
         ({"untouched": np.ones(6)}, r"untouched in .* must be numbers \(n, C\), got float64 \(6,\)"),
-        ({"untouched": np.float64(1.0)}, r"untouched in .* must be numbers \(n, C\)"),
-        ({"control:own": np.array(list("aabbcc"))}, r"control:own in .* must be numbers \(n, C\)"),
         ({"control:own": np.ones((5, 1))}, r"the control 'own' must be \(6, C\)"),
         ({"object": np.array([b"\xff"] * 6)}, "cannot be read as .npz of plain arrays"),
     ],
@@ -168,23 +150,6 @@ def test_an_array_of_another_kind_in_an_npz_is_said(tmp_path, arrays, words):
     np.savez(tmp_path / "a.npz", **{"features": np.ones((6, 3)), "object": np.array(list("aabbcc")), **arrays})
     with pytest.raises(BadRecording, match=words):
         read_recorded(tmp_path, "npz")
-
-
-def test_an_object_whose_category_is_nan_has_none(tmp_path):
-    np.savez(tmp_path / "a.npz", features=np.ones((3, 1)), object=np.arange(3), category=np.array([1.0, np.nan, 2.0]))
-    touches, _ = read_recorded(tmp_path, "npz")
-    assert touches.labels == {"categories": ("1.0", "", "2.0")}
-
-
-def test_bytes_in_an_npz_are_text(tmp_path):
-    np.savez(tmp_path / "a.npz", features=np.ones((2, 3)), object=np.array(["café".encode(), b"mug"]))
-    assert read_recorded(tmp_path, "npz")[0].object_names == ("café", "mug")
-
-
-def test_a_cell_without_end_in_a_csv_says_where_it_is(tmp_path):
-    write_csv(tmp_path, f"object,x\nmug,{'1' * 200_000}\n")
-    with pytest.raises(BadRecording, match=r"line 2 of .* is not CSV"):
-        read_recorded(tmp_path, "csv")
 
 
 def test_bts3_without_rows_is_refused(tmp_path):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from activetouch.errors import BadRecording
-from activetouch.recorded import FORMATS, RecordedTouches, bounded, check_recorded, read_recorded
+from activetouch.recorded import bounded, check_recorded, read_recorded
 
 NOISE = np.random.default_rng(0).normal(size=(12, 2))
 
@@ -63,10 +63,6 @@ def test_what_is_not_finite_is_refused_by_place(name, cell, tmp_path):
         read_recorded(tmp_path, format_name)
 
 
-def test_the_readers_know_all_formats():
-    assert {format_name for format_name, _ in WRITERS.values()} == FORMATS.keys()
-
-
 @pytest.mark.parametrize("name", WRITERS)
 def test_the_features_that_were_read_are_counted_and_named(name, tmp_path):
     format_name, write = WRITERS[name]
@@ -89,34 +85,6 @@ def test_a_feature_that_names_the_object_or_numbers_the_session_is_said_by_name(
     said = check_recorded(touches)
     assert said[0].startswith("these features name the object: label. They are equal in all touches of an object and")
     assert said[1].startswith("these features number the session: trial. They are equal in all touches of a session")
-
-
-def test_features_without_names_that_name_the_object_are_numbered():
-    rows = np.column_stack([NOISE[:, 0], np.repeat([3.0, 3.0, 5.0], 4), np.arange(12.0)])
-    sessions = np.tile(np.arange(4), 3)
-    touches = RecordedTouches(rows, [0] * 12, np.repeat(np.arange(3), 4), sessions, ("press",), ("a", "b", "c"))
-    said = check_recorded(touches)
-    assert said[0].startswith("these features name the object: feature 1. They are equal in all touches of an object")
-    assert said[1].startswith("these features count the rows: feature 2. They grow by the same in every row")
-
-
-def test_measured_features_and_constants_are_not_said_to_name_the_object():
-    rows = np.column_stack([NOISE, np.ones(12)])
-    touches = RecordedTouches(
-        rows, [0] * 12, np.repeat(np.arange(3), 4), np.tile(np.arange(4), 3), ("p",), tuple("abc")
-    )
-    assert not any("these features" in remark for remark in check_recorded(touches))
-
-
-def test_what_is_not_read_is_said(tmp_path):
-    write_labelled(tmp_path)
-    (tmp_path / "b.CSV").write_text("")
-    (tmp_path / "notes.txt").write_text("")
-    assert "ignored files: 'b.CSV', 'notes.txt'" in read_recorded(tmp_path, "csv")[1]
-    np.savez(tmp_path / "a.npz", features=NOISE, object=np.arange(12) // 4, categories=np.arange(12) // 4, mood=1)
-    notes = read_recorded(tmp_path, "npz")[1]
-    assert notes[0] == "2 features without names"
-    assert "ignored arrays: 'categories', 'mood'" in notes
 
 
 @pytest.mark.parametrize("name", WRITERS)
@@ -155,16 +123,6 @@ def test_a_bomb_is_left_where_the_limit_is_reached(tmp_path, monkeypatch):
         with pytest.raises(BadRecording, match=words):
             read_recorded(tmp_path, "csv")
     assert len(content) < 1000
-
-
-def test_long_names_of_many_touches_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(bounded, "MOST_CHARACTERS", 1000)
-    (tmp_path / "a.csv").write_text("object,x\n" + "mug,1\n" * 20 + "m" * 51 + ",1\n")
-    with pytest.raises(BadRecording, match="a name of 51 characters; of 21 names each has at most 47"):
-        read_recorded(tmp_path, "csv")
-    np.savez(tmp_path / "a.npz", features=np.zeros((21, 1)), object=np.array(["m" * 51] * 21))
-    with pytest.raises(BadRecording, match="a name of 51 characters"):
-        read_recorded(tmp_path, "npz")
 
 
 def test_a_long_line_is_refused_before_it_is_whole_in_memory(tmp_path, monkeypatch):

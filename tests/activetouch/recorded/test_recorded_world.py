@@ -9,8 +9,8 @@ from scipy.special import softmax
 from activetouch.errors import BadRecording
 from activetouch.recorded import RecordedBank, RecordedTouches, RecordedWorld, check_recorded, without_incomplete
 from activetouch.recorded.discriminants import LinearDiscriminants
-from activetouch.recorded.reader import _cross_calibrated, kinds, read
-from activetouch.recorded.splits import Split, by_object, by_session
+from activetouch.recorded.reader import _cross_calibrated, read
+from activetouch.recorded.splits import by_object, by_session
 from belief.calibration import StructuredMatrixScaling, TemperatureScaling
 from belief.errors import InvalidArgument
 from belief.observation_model.action_kernel import touch_weights
@@ -67,14 +67,6 @@ def test_every_object_is_learned_calibrated_on_and_tested_on(sessions, rng):
     split = by_session(touches)
     for rows in (split.train, split.calibration, split.test):
         assert len(np.unique(np.stack([touches.objects[rows], touches.actions[rows]]), axis=1).T) == 4 * 3
-
-
-def test_objects_with_fewer_sessions_are_not_named_more_often(rng):
-    touches = with_few(rng, 40, 4, 20).for_task("objects")
-    split = by_session(touches)
-    labels, named = touches.labels[split.test], read(touches, split).test_ratios.argmax(axis=1)
-    share = np.mean([(named[labels == label] < 20).mean() for label in range(40)])
-    assert share < 0.6  # they are half of all
 
 
 @pytest.mark.parametrize("task", ["objects", "categories"])
@@ -164,29 +156,6 @@ def test_shuffled_features_are_read_as_chance(rng):
     assert np.abs(reading.test_ratios).max() < 3.0  # and it says so
 
 
-def test_many_touches_are_learned_without_support_vectors():
-    assert any("support" in name for name in kinds(5, 300))
-    assert not any("support" in name for name in kinds(5, 10**6))
-    assert not any("support" in name for name in kinds(100, 300))
-
-
-def test_the_reader_learns_from_calibration_touches_too(rng):
-    touches = drawn(rng).for_task("objects")
-    split = by_session(touches)
-    both = read(touches, split)
-    swapped = Split(split.train, np.empty(0, np.int64), split.test, split.inner, split.inner)
-    assert np.abs(both.test_ratios - read(touches, swapped).test_ratios).max() > 0.1
-    centre = both.reader.classifiers[0].centre
-    learned = np.concatenate([split.train, split.calibration])
-    own = learned[touches.actions[learned] == 0]
-    np.testing.assert_allclose(centre, touches.features()[own].mean(axis=0))
-
-
-def test_one_object_is_nothing_to_tell_apart(rng):
-    with pytest.raises(BadRecording, match=r"at least two different labels, there is \['thing_0'\]"):
-        check_recorded(drawn(rng, num_objects=1))
-
-
 def test_discriminants_are_those_of_scikit_learn(rng):
     from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 
@@ -195,35 +164,6 @@ def test_discriminants_are_those_of_scikit_learn(rng):
     mine = LinearDiscriminants(0.0).fit(rows, labels).decision_function(rows)
     theirs = LinearDiscriminantAnalysis(solver="lsqr").fit(rows, labels).decision_function(rows)
     np.testing.assert_allclose(mine - mine[:, :1], theirs - theirs[:, :1], atol=1e-5)
-
-
-def test_heavy_tails_tell_little_far_away(rng):
-    labels = np.repeat([0, 1, 2], [10, 20, 70])
-    rows = rng.normal(size=(100, 4)) + labels[:, None]
-    normal, heavy = (LinearDiscriminants(0.1, is_heavy).fit(rows, labels) for is_heavy in (False, True))
-    centres = np.array([rows[labels == label].mean(axis=0) for label in range(3)])
-    np.testing.assert_allclose(heavy.decision_function(centres).diagonal(), 0.0, atol=1e-6)  # however often it is
-    squares = -2.0 * normal.decision_function(rows)  # squared distances, from the normal densities
-    # Student's kernel has the curvature of the normal one at its centre, and grows with the logarithm far away.
-    np.testing.assert_allclose(np.exp(-heavy.decision_function(rows) / 2.0), 1.0 + squares / 4.0, rtol=1e-6)
-    far = centres + 1e6
-    np.testing.assert_allclose(np.diff(heavy.decision_function(far)), 0.0, atol=1e-3)
-    assert np.abs(np.diff(normal.decision_function(far))).min() > 1e3
-
-
-@pytest.mark.parametrize("is_heavy", [False, True])
-def test_discriminants_of_more_features_than_touches_are_those_of_the_whole_space(is_heavy, rng):
-    labels, size, shrinkage = np.arange(12) % 3, 40, 0.3
-    rows, new = rng.normal(size=(12, size)) + labels[:, None], rng.normal(size=(7, size))
-    means = np.array([rows[labels == label].mean(axis=0) for label in range(3)])
-    rest = rows - means[labels]
-    pooled = rest.T @ rest / len(rest)
-    covariance = (1.0 - shrinkage) * pooled + (shrinkage * np.trace(pooled) / size + 1e-9) * np.eye(size)
-    gaps = new[:, None] - means
-    squares = np.einsum("nkf,fg,nkg->nk", gaps, np.linalg.inv(covariance), gaps)
-    expected = -0.5 * size * np.log1p(squares / size) if is_heavy else -0.5 * squares
-    found = LinearDiscriminants(shrinkage, is_heavy).fit(rows, labels).decision_function(new)
-    np.testing.assert_allclose(np.diff(found), np.diff(expected), rtol=1e-6)
 
 
 def bank(sessions=3):
@@ -245,23 +185,6 @@ def test_a_world_stays_with_a_session_and_repeats_only_after_the_last(rng):
         world.advance()
     world.reset()
     assert world.touch(0, rng).logits[0] == first[0]
-
-
-def test_the_same_seed_replays_the_same_recordings(rng):
-    made = [[RecordedWorld(bank(), [0], seed).touch(0, rng).logits[0] for _ in range(1)] for seed in ([1], [1])]
-    assert made[0] == made[1]
-    assert RecordedWorld(bank(), [0], 1).touch(0, rng).logits[0] == made[0][0]  # a single number is a key of one
-    assert len({RecordedWorld(bank(), [0], [seed]).touch(0, rng).logits[0] for seed in range(20)}) == 3
-
-
-def test_a_bank_of_some_labels_has_their_logits():
-    some = bank().among(["can"])
-    assert some.ratios.shape == (6, 1)
-    assert set(some.labels) == {0}
-    with pytest.raises(BadRecording, match="no held-out touch with the action rub"):
-        RecordedBank(("mug",), ("press", "rub"), np.zeros((1, 1)), *np.zeros((4, 1), np.int64))
-    with pytest.raises(InvalidArgument, match="has no object 7"):
-        RecordedWorld(bank(), [7], [0])
 
 
 def test_a_set_that_cannot_be_split_is_refused(rng):
@@ -290,17 +213,6 @@ def test_all_objects_that_lack_an_action_are_named_at_once_and_may_be_left_out(t
     assert rest.num_touches == 7 * 10
     assert len(notes) == 1
     assert without_incomplete(whole, task) == (whole, ())
-
-
-def test_nothing_is_left_out_of_a_set_without_a_complete_object(rng):
-    with pytest.raises(BadRecording, match="6 of 6 objects have too few sessions"):
-        without_incomplete(drawn(rng, sessions=3))
-
-
-def test_advice_on_the_number_of_features_comes_before_the_work(rng):
-    wide = replace(drawn(rng), features=rng.normal(size=(60, 501)))
-    assert "a touch has 501 features" in check_recorded(wide)[0]
-    assert not any("average neighbouring" in remark for remark in check_recorded(drawn(rng)))
 
 
 @pytest.mark.parametrize(

@@ -10,13 +10,11 @@ import pytest
 
 from activetouch import Quasistatic, Scene
 from activetouch.distributions import Constant
-from activetouch.errors import BadMesh, WrongRenderer
+from activetouch.errors import WrongRenderer
 from activetouch.pressing.pad import Pad
 from activetouch.rendering import Gain, PressureRenderer
 from activetouch.scene import Variation
 from belief.errors import ActiveTouchError, InvalidArgument
-
-TETRAHEDRON = "v 0 0 0\nv .02 0 0\nv 0 .02 0\nv 0 0 .02\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
 
 
 @dataclass(frozen=True)
@@ -86,56 +84,15 @@ def test_what_is_no_renderer_is_refused_when_the_scene_is_made(renderer):
         Scene(renderer=renderer)
 
 
-def test_a_shape_may_be_the_text_of_a_path(tmp_path):
-    (tmp_path / "a.obj").write_text(TETRAHEDRON)
-    assert Scene(shapes={"a": str(tmp_path / "a.obj")}).shapes == Scene(shapes={"a": tmp_path / "a.obj"}).shapes
-
-
 @pytest.mark.parametrize("shape", [3, None, np.zeros((3, 3)), "cube.step", "nowhere.stl", Path("nowhere.stl")])
 def test_what_is_no_shape_is_refused_when_the_scene_is_made(shape):
     with pytest.raises((ActiveTouchError, FileNotFoundError), match=r"mesh file|nowhere|\.stl"):
         Scene(shapes={"a": shape})
 
 
-def test_a_mesh_whose_unit_is_not_clear_is_told_the_flag_and_the_call(tmp_path):
-    (tmp_path / "a.obj").write_text(TETRAHEDRON.replace(".02", "10"))
-    with pytest.raises(BadMesh, match=r"a\.obj@0\.001 .*scale=0\.001"):
-        Scene(shapes={"a": tmp_path / "a.obj"})
-
-
-class Blank:
-    """A fault that writes into the image that it is given."""
-
-    isotropic = True
-
-    def __call__(self, image, rng):
-        image[:] = 0.0
-        return image
-
-
-class Cropped:
-    isotropic = True
-
-    def __call__(self, image, rng):
-        return image[:8, :8]
-
-
 class Undirected:
     def __call__(self, image, rng):
         return image
-
-
-def test_a_fault_that_writes_into_its_image_leaves_the_ideal_one(rng):
-    scene = Scene(pad=Pad(num_taxels=16), press_model=Quasistatic(), faults=(Blank(),))
-    pressed = scene.press(scene.sample_object("cone", rng), "front", rng)
-    assert pressed.image.max() == 0
-    assert pressed.ideal.max() > 0.0
-
-
-def test_a_fault_that_gives_an_image_of_another_shape_is_named(rng):
-    scene = Scene(pad=Pad(num_taxels=16), press_model=Quasistatic(), faults=(Gain(0.1), Cropped()))
-    with pytest.raises(InvalidArgument, match=r"Cropped .* gave an image of shape \(8, 8\)"):
-        scene.press(scene.sample_object("cone", rng), "front", rng)
 
 
 @pytest.mark.parametrize(

@@ -24,16 +24,6 @@ def test_a_cut_cube_is_the_polyhedron_of_its_remaining_corners(name, rng):
         np.testing.assert_allclose(cut.entry_distance(*some), same.entry_distance(*some), atol=1e-9)
 
 
-def test_a_flat_is_where_it_was_cut_and_nowhere_else(rng):
-    shaft, flat = KEYED_SHAPES["shaft"], KEYED_SHAPES["shaft_flat"]
-    above = np.array([[0.05], [0.0], [0.0]])
-    assert flat.entry_distance(above, np.array([-1.0, 0.0, 0.0])) == pytest.approx(0.05 - 0.013)
-    assert flat.entry_distance(-above, np.array([1.0, 0.0, 0.0])) == shaft.entry_distance(-above, np.array([1.0, 0, 0]))
-    for _ in range(10):
-        some = rays(rng)
-        assert (flat.entry_distance(*some) >= shaft.entry_distance(*some) - 1e-12).all()
-
-
 def test_a_union_is_met_at_its_nearest_part_and_hull_and_ball_contain_it(rng):
     parts = (CUBE, Cylinder(0.005, 0.030))
     union = Union(parts)

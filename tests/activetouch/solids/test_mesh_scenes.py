@@ -167,19 +167,7 @@ def test_what_trimesh_writes_is_read_as_trimesh_reads_it(tmp_path):
         np.testing.assert_allclose(np.ptp(mesh.vertices, axis=0), np.ptp(expected.vertices, axis=0), atol=1e-8)
 
 
-def test_parts_of_a_3mf_may_stand_in_other_members_of_the_archive(tmp_path):
-    path = "{http://schemas.microsoft.com/3dmanufacturing/production/2015/06}path"
-    items = f'<item objectid="2" xmlns:p="{path[1:-5]}" p:path="/3D/Objects/object_1.model"/>'
-    file = io.BytesIO()
-    with zipfile.ZipFile(file, "w") as members:
-        members.writestr("3D/3dmodel.model", f"<model><build>{items}</build></model>")
-        members.writestr("3D/Objects/object_1.model", model(items=""))
-        members.writestr("Metadata/thumbnail.png", b"none")
-    assert len(read(write(tmp_path, "bambu.3mf", file.getvalue())).faces) == 24
-
-
 DOCTYPE = '<!DOCTYPE lolz [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;">]>'
-INDICES = FACES.astype("<u2").tobytes()
 DOUBLES = [{"children": [i + 1, i + 1]} for i in range(40)] + [{"mesh": 0}]
 HUGE = [{"bufferView": 0, "componentType": 5126, "count": 2**32, "type": "VEC3"}]
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from activetouch.errors import BadMesh, MeshWarning
+from activetouch.errors import MeshWarning
 from activetouch.shapes import Mesh
-from activetouch.solids import mesh_surface
 from activetouch.solids.mesh_surface import MOST_INSIDE, examined
 
 CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * 0.012
@@ -47,22 +46,6 @@ def test_a_triangle_that_is_turned_alone_is_turned_back_without_a_word():
     np.testing.assert_array_equal(Mesh("cube", CUBE, FACES[:, ::-1]).faces, FACES)
 
 
-def test_a_closed_cavity_is_neither_told_nor_weighed():
-    for turned in (False, True):
-        surface = examined(*pair(CUBE, CUBE * 0.25 + [0.008, 0, 0], turned))
-        assert (surface.remarks, surface.problem) == ((), None)
-        np.testing.assert_allclose(surface.centre, 0.0, atol=1e-12)
-
-
-def test_two_cubes_at_one_edge_are_read_with_their_edge_of_four_triangles():
-    vertices = np.vstack([CUBE, CUBE + np.array([0.024, 0.024, 0])])
-    same = np.arange(16)
-    same[8:10] = 6, 7  # the common edge
-    surface = examined(vertices, same[np.vstack([FACES, FACES + 8])])
-    assert surface.remarks == ("1 edges of more than two triangles, which touches do not show",)
-    np.testing.assert_allclose(surface.centre, [0.012, 0.012, 0.0], atol=1e-12)
-
-
 @pytest.mark.parametrize("height", [0.019, 0.017, 0.012])
 def test_a_hole_is_told_with_the_share_of_rays_that_enter_it_and_refused_if_it_is_large(height):
     """Random rays enter convex surfaces in proportion to their areas, here the disc of the hole (Cauchy)."""
@@ -75,40 +58,9 @@ def test_a_hole_is_told_with_the_share_of_rays_that_enter_it_and_refused_if_it_i
     np.testing.assert_allclose(surface.centre, 0.0, atol=0.006)
 
 
-def test_the_hole_in_a_turned_surface_is_the_same_hole():
-    kept = BALL.faces[BALL.vertices[BALL.faces][:, :, 2].mean(axis=1) < 0.018]
-    plain, turned = examined(BALL.vertices, kept), examined(BALL.vertices, kept[:, ::-1])
-    np.testing.assert_array_equal(plain.faces, turned.faces)
-    assert plain.remarks == turned.remarks
-
-
-def test_a_cup_without_thickness_is_refused_with_its_hole():
-    kept = BALL.faces[BALL.vertices[BALL.faces][:, :, 2].mean(axis=1) < 0.0]
-    with pytest.raises(BadMesh, match=r"cup: it is not closed: \d+ open edges; [2-5]\d\.\d% of .* 10% are.*hole"):
-        Mesh("cup", BALL.vertices, kept)
-
-
 def test_a_warning_names_the_mesh_and_an_ordinary_mesh_causes_none():
     with pytest.warns(MeshWarning, match="two: 2 separate surfaces"):
         Mesh("two", *pair(CUBE, CUBE + np.array([0.05, 0, 0])))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         Mesh("one", CUBE, FACES)
-
-
-def test_a_heap_of_large_triangles_meets_fewer_rays_so_that_its_time_is_bounded(rng, monkeypatch):
-    corners, faces = rng.uniform(-0.02, 0.02, (2400, 3)), np.arange(2400).reshape(-1, 3)
-    plain = mesh_surface.first_met(corners, faces)[0]
-    assert len(plain) > 16_000
-    monkeypatch.setattr(mesh_surface, "_MOST_PAIRS", 1 << 18)
-    sizes, seen_along = [], mesh_surface._seen_along
-
-    def recorded(*args):
-        sizes.append(seen_along(*args))
-        return sizes[-1]
-
-    monkeypatch.setattr(mesh_surface, "_seen_along", recorded)
-    fewer = mesh_surface.first_met(corners, faces)[0]
-    assert 1000 < len(fewer) < len(plain) / 4
-    assert sum(size.prod(axis=1).sum() for _, _, size in sizes[-32:]) < 1.2 * 2**18
-    assert "it is not closed" in examined(corners, faces).problem

@@ -1,11 +1,5 @@
 """Twins: meshes that are the same body, mirror images, or the same body in another size."""
 
-import gc
-import time
-import warnings
-import weakref
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import trimesh
@@ -69,28 +63,3 @@ def test_a_scene_with_twins_warns_and_is_made():
     Scene(shapes={"one": HANDED, "other": larger}, variation=Variation(size=Constant(1.0)))
     with pytest.warns(MeshWarning, match="the same body in two sizes"):
         Scene(shapes={"one": HANDED, "other": larger}, variation=Variation(size=Uniform(0.9, 1.1)))
-
-
-def test_hundreds_of_meshes_are_compared_by_their_moments_alone(rng):
-    sizes = {f"{label} {i}": (mesh, 1 + i / 100) for label, mesh in hulls(5, rng).items() for i in range(50)}
-    many = {label: Mesh("x", mesh.vertices * size, mesh.faces) for label, (mesh, size) in sizes.items()}
-    start = time.perf_counter()
-    assert len(find_twins(many, largest_factor=1.0)) == 0
-    assert time.perf_counter() - start < 2.0
-
-
-def test_a_copy_of_a_scene_does_not_repeat_its_warning():
-    with pytest.warns(MeshWarning, match="here and there are the same body") as told:
-        scene = Scene(shapes={"here": HANDED, "there": HANDED})
-    assert [warning.filename for warning in told] == [__file__]
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert replace(scene, height=0.01).shape_labels == ("here", "there")
-
-
-def test_a_mesh_that_was_compared_is_not_kept():
-    one, other = (Mesh(name, HANDED.vertices * 1.3, FACES) for name in ("one", "other"))
-    assert len(find_twins({"one": one, "other": other})) == 1
-    one, other = weakref.ref(one), weakref.ref(other)
-    gc.collect()
-    assert (one(), other()) == (None, None)

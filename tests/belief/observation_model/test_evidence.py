@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 from belief import Belief, BeliefTracker, SceneBelief, SearchProblem, Touch
-from belief.observation_model import OutcomeTable
 from belief.observation_model.evidence import RecomputedEvidence, SummarisedEvidence, start
 from belief.observation_model.registry import fits
-from belief.observation_model.tabular import TabularModel
 from tests.belief.conftest import MODELS, model_named
 
 LABELS = ("ball", "cube", "cone")
@@ -106,12 +104,6 @@ def test_a_model_with_a_likelihood_alone_is_asked_about_all_touches():
     assert isinstance(evidence, RecomputedEvidence)
     assert evidence.log_likelihood.tolist() == [1.0] * 3
     assert (evidence.num_touches, model.handed) == (3, 3)
-
-
-def test_touches_of_a_table_add_up(rng):
-    model = TabularModel(LABELS, OutcomeTable(np.eye(3)[None]))
-    touches = model.sample(1, [0, 0, 0], rng)
-    assert fold(model, touches).log_likelihood.tolist() == [-np.inf, 0.0, -np.inf]
 
 
 def test_a_touch_that_does_not_fit_is_refused(any_model):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.special import softmax
 
-from belief.observation_model import OutcomeTable, information_of_touch
+from belief.observation_model import OutcomeTable
 from belief.observation_model.log_weights import bounded_softmax
 from belief.observation_model.quantisation import cluster, drawn, nearest, smoothed, tabulate
 
@@ -70,11 +70,6 @@ def test_a_table_tells_what_its_clusters_mean_posteriors_tell(rng):
 def test_smoothing_leaves_no_outcome_impossible_and_moves_no_more_than_a_tenth_of_a_touch():
     table = smoothed(np.array([1.0, 0.0]), 10.0)
     np.testing.assert_allclose(table, [10.05 / 10.1, 0.05 / 10.1], rtol=1e-12)
-
-
-def test_information_of_a_discrete_model_is_that_of_its_table(model):
-    # 2 000 touches of four shapes: four standard errors of about half a nat each are .02.
-    np.testing.assert_allclose(information_of_touch(model), model.outcome_table().information(), atol=0.03)
 
 
 def test_a_table_of_many_poses_takes_the_memory_of_one_pose(rng):

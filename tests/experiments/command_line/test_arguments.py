@@ -121,10 +121,6 @@ def test_a_file_of_an_unknown_format_is_refused_before_anything_is_made(kind, na
     ("arguments", "words"),
     [
         (["collect", "--plan.train", "-1"], ["--plan.train", "-1"]),
-        (["collect", "--jobs", "0"], ["--jobs", "0"]),
-        (["train", "--change.seed", str(2**63)], ["--change.seed", str(2**63)]),
-        (["reproduce", "--episodes", "0"], ["--episodes", "0"]),
-        (["train", "--change.epochs", "0"], ["--change.epochs", "0"]),
     ],
 )
 def test_the_command_line_ends_in_one_message(arguments, words, monkeypatch, capsys):

@@ -10,13 +10,8 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from experiments import parallel
-from experiments.command_line.collection_arguments import PlanArguments
 from experiments.command_line.console import plain_console
 from experiments.reporting.tables import Table, csv_text
-from experiments.scene_choice import SceneChoice
-from experiments.search.compare import Compare
-from experiments.search.setting import Setting
-from experiments.sensor.collect import Collect
 
 ROOT = Path(__file__).parents[3]
 HOSTILE = ["runs/[/green]", "[bold]cone[/bold]", ":smile:", "[link=x]y", "\\[x]", "[[", "[#ff0000]nut"]
@@ -53,23 +48,6 @@ def test_no_command_prints_with_a_console_of_its_own():
             assert "Console(" not in path.read_text().replace("plain_console(", ""), path.name
 
 
-@pytest.mark.mujoco
-@pytest.mark.torch
-def test_a_comparison_in_a_folder_named_like_markup_ends_well(tmp_path, capsys):
-    out = tmp_path / "[/green]" / "[bold]"
-    setting = Setting(SceneChoice("coarse", fidelity="quasistatic"))
-    Compare(deciders=("random_confirm",), targets=("cone",), episodes=1, setting=setting, out=out, jobs=1).run()
-    assert "[/green]/[bold]" in capsys.readouterr().out
-    assert (out / "report.html").exists()
-
-
-@pytest.mark.mujoco
-def test_a_collection_in_a_folder_named_like_markup_ends_well(tmp_path, capsys):
-    out = tmp_path / "[/green]"
-    Collect(SceneChoice("coarse"), out=out, plan=PlanArguments(train=1, calibration=0, test=0), jobs=1).run()
-    assert "[/green] is complete" in capsys.readouterr().out
-
-
 FEW = ("--targets", "cone", "--fidelity", "quasistatic", "--episodes", "1", "--jobs", "1")
 
 
@@ -88,10 +66,8 @@ def run(arguments, where, **environment):
 @pytest.mark.parametrize(
     "arguments",
     [
-        ["compare", "--help"],
-        [*("compare", "--scene", "coarse", "--deciders", "random_confirm"), *FEW],
+        [*("compare", "--scene", "coarse", "--deciders", "random_confirm"), *FEW, "--out", "[/green]/[bold]"],
         ["touch", "--shape", "größe–λ"],
-        ["nonsense–λ"],
     ],
     ids=lambda arguments: " ".join(arguments[:2]),
 )
@@ -102,6 +78,9 @@ def test_a_terminal_that_is_not_utf_8_gets_all_in_ascii(tmp_path, arguments):
     assert "Traceback" not in words
     assert "UnicodeEncodeError" not in words
     assert (found.returncode == 0) is (arguments[0] == "compare"), words
+    if found.returncode == 0:  # and a name like markup is printed as it is
+        assert "[/green]/[bold]" in words
+        assert (tmp_path / "[/green]" / "[bold]" / "report.html").exists()
 
 
 def test_characters_that_cannot_be_printed_are_replaced_by_what_looks_alike(tmp_path):

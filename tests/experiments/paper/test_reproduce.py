@@ -83,7 +83,7 @@ def test_table_2_is_played_with_the_shipped_policies_and_every_file_is_written(t
     assert all(sum(column["successes"].values()) <= 4 for column in numbers)
     page = (tmp_path / "reproduce.md").read_text()
     assert "Deviations from the paper" in page
-    assert "--from-nothing trains new ones" in page
+    assert "Sensor and policies of the searches: shipped." in page
     assert str(found) in page
     assert {"figure2.svg", "figure3.svg"} <= {path.name for path in tmp_path.iterdir()}
 

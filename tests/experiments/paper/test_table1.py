@@ -1,23 +1,16 @@
 """The paper's Table 1: what the splits share, and the command from nothing to its files."""
 
-import json
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.spatial.distance import cdist
 
-from activetouch.data.dataset import TouchSet
 from activetouch.named_scenes import SCENES
-from activetouch.perception.recipe import RECIPES
-from activetouch.perception.training import Trainer
 from belief.errors import CorruptFile
 from belief.metrics import shape_scores
 from belief.statistics import clopper_pearson_interval
-from experiments.paper.reproduce import kept_confusion, reproduce
 from experiments.paper.sliding_windows import WindowPlan, kept_windows, record_windows, split_by_image, split_by_object
-from experiments.paper.table1 import PAPER, Result, Settings, _read, nearest_image_guesses, table
+from experiments.paper.table1 import PAPER, Result, _read, table
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch]
 PLAN = WindowPlan(objects=5, presses=2, images=4)
@@ -32,11 +25,6 @@ def test_every_shape_has_as_many_images_as_planned(images):
     assert images.images.shape == (160, 128, 128, 3)
     assert np.bincount(images.shapes).tolist() == [40] * 4
     assert len(np.unique(images.object_ids)) == 20
-
-
-def test_images_do_not_depend_on_the_number_of_processes(images):
-    again = record_windows(SCENES["paper"].scene, PLAN, 0, jobs=2)
-    np.testing.assert_array_equal(again.images, images.images)
 
 
 @pytest.mark.parametrize("split", [split_by_image, split_by_object])
@@ -54,16 +42,6 @@ def test_split_by_object_shares_no_object_and_by_image_nearly_all(images):
     first, second = split_by_image(images, 0.8, np.random.default_rng(0))
     # An object has 8 images: none among the 128 with probability C(152, 128) / C(160, 128) below 1e-5.
     assert set(second.object_ids) <= set(first.object_ids)
-
-
-def test_windows_of_one_press_are_near_copies_and_other_presses_are_not(images):
-    flat = images.images.reshape(len(images.images), -1).astype(float)
-    key = 10 * images.object_ids + images.poses
-    distance = cdist(flat, flat)
-    np.fill_diagonal(distance, np.inf)
-    same = key[:, None] == key[None]
-    nearest_is_sibling = np.take_along_axis(same, distance.argmin(axis=1)[:, None], axis=1).mean()
-    assert nearest_is_sibling > 0.6  # 3 of 159 others are siblings: .02 by chance
 
 
 def test_the_papers_table_agrees_with_itself():
@@ -93,36 +71,6 @@ def test_a_classifier_that_is_always_right_has_no_interval_of_width_zero(images)
     assert result.interval == result.nearest_interval == clopper_pearson_interval(20, 20)
 
 
-@pytest.mark.slow
-def test_killed_between_epochs_and_in_another_folder_it_ends_with_the_same_file(tmp_path, monkeypatch):
-    plan, recipe = WindowPlan(objects=3, presses=1, images=2), replace(RECIPES["paper"], epochs=2)
-
-    def made(name):
-        folder = tmp_path / name
-        reproduce(("table1",), folder, Settings(plan, "cnn", 16, recipe)).save(folder)
-        return (folder / "table1.json").read_bytes()
-
-    whole, run_epoch = made("whole"), Trainer.run_epoch
-
-    def run_epoch_and_stop(self, *arguments):
-        run_epoch(self, *arguments)
-        raise KeyboardInterrupt
-
-    for _ in range(3):  # of two trainings of two epochs each
-        with monkeypatch.context() as patched:
-            patched.setattr(Trainer, "run_epoch", run_epoch_and_stop)
-            with pytest.raises(KeyboardInterrupt):
-                made("parts")
-    assert made("parts") == whole
-    splits = json.loads(whole)["splits"]
-    assert np.sum(splits["by object"]["held-out objects"]["confusion"]) == 24
-    assert (tmp_path / "parts" / "table1.md").read_text().startswith("|  | paper | by image, held out |")
-    assert np.shape(kept_confusion(tmp_path / "parts")) == (4, 4)
-    (tmp_path / "parts" / "table1.json").write_bytes(whole.replace(b'"support": ', b'"support": 1'))
-    with pytest.raises(CorruptFile, match="reproduce --parts table1"):
-        kept_confusion(tmp_path / "parts")
-
-
 def test_damaged_windows_are_refused(tmp_path):
     scene, plan = SCENES["paper"].scene, WindowPlan(objects=1, presses=1, images=2)
     kept_windows(scene, plan, 0, 1, tmp_path)
@@ -137,12 +85,3 @@ def test_damaged_windows_are_refused(tmp_path):
     file.write_bytes(whole[: len(whole) // 2])
     with pytest.raises(CorruptFile, match="delete it to press"):
         kept_windows(scene, plan, 0, 1, tmp_path)
-
-
-def test_the_nearest_image_is_a_near_copy_where_there_is_one(rng):
-    images = rng.integers(0, 255, (6, 64, 64)).astype(np.uint8)
-    known = TouchSet(images, np.arange(6), np.arange(6), np.zeros(6, int), np.ones(6), np.ones(6))
-    noisy = replace(
-        known, images=np.clip(images.astype(int) + rng.integers(-9, 9, images.shape), 0, 255).astype(np.uint8)
-    )
-    assert nearest_image_guesses(known, noisy).tolist() == [0, 1, 2, 3, 4, 5]

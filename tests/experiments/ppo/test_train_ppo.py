@@ -18,7 +18,7 @@ from belief.errors import CorruptFile, UnknownName
 from belief.synthetic import random_model
 from experiments.command_line.arguments import BadArgument
 from experiments.ppo.recipe import PPORecipe
-from experiments.ppo.train_ppo import ALL, TrainPPO, train_policies
+from experiments.ppo.train_ppo import ALL, train_policies
 from experiments.ppo.training import POLICY, SETTINGS, OtherTraining, Training, evaluate, policy_of
 from planners.ppo import Policy, load_ppo_policy
 
@@ -167,12 +167,6 @@ def test_what_makes_no_sense_is_refused_before_anything_is_trained(changes, erro
     assert not list(tmp_path.iterdir())
 
 
-def test_the_command_refuses_an_unknown_scene(tmp_path):
-    with pytest.raises(UnknownName, match="scene 'gell'"):
-        TrainPPO("gell", out=tmp_path / "out").run()
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.mark.parametrize(
     ("name", "wrong"),
     [
@@ -191,21 +185,8 @@ def test_a_setting_out_of_range_is_refused_by_name(name, wrong):
         PPORecipe(**{name: wrong})
 
 
-def test_a_policy_of_many_priors_is_measured_at_the_middle_one(bank, sharp, tmp_path):
-    assert PPORecipe(target_prob=0.3).test_prob == 0.3
-    recipe = replace(TINY, state="posterior", target_prob=(0.2, 0.6))
-    some = training(bank, sharp, tmp_path, recipe)
-    last = some.run()[-1]
-    policy = Policy.from_bytes((tmp_path / POLICY).read_bytes())
-    assert evaluate(policy, BankEpisodes(bank, sharp, "shape_0", 2000, "posterior", target_prob=0.4), 512) == last
-    chosen_by = BankEpisodes(bank, sharp, "shape_0", 4000, "posterior", target_prob=(0.2, 0.6))
-    assert evaluate(policy, chosen_by, 512) == some.score()
-    with pytest.raises(OtherTraining):  # of one prior, in the same folder
-        training(bank, sharp, tmp_path, replace(recipe, target_prob=0.4)).run()
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["PPO", "DQN", "MaskablePPO", "RecurrentPPO"])
+@pytest.mark.parametrize("name", ["DQN", "MaskablePPO"])
 def test_common_learners_train_on_the_environment(name, sharp):
     import sb3_contrib
     import stable_baselines3

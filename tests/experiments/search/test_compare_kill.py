@@ -1,6 +1,5 @@
 """A real process is killed without warning, in the middle of a run; nothing finished is lost, nothing is doubled."""
 
-import json
 import os
 import signal
 import subprocess
@@ -74,17 +73,6 @@ def test_a_run_killed_again_and_again_ends_like_one_that_was_not(whole, tmp_path
     assert lines.count(b"\n") == len(set(lines.splitlines())) == 2 * 60
     assert lines == finish(whole)
     assert {key: one.lines for key, one in after.items()} == {key: one.lines for key, one in batches(whole).items()}
-
-
-def test_of_two_runs_that_start_in_one_folder_at_once_one_gets_it_and_the_other_is_refused(tmp_path):
-    processes = {seed: start(tmp_path, "--seed", str(seed), "--episodes", "25") for seed in (1, 2)}
-    errors = {seed: process.communicate(timeout=300)[1] for seed, process in processes.items()}
-    [winner] = [seed for seed, process in processes.items() if process.returncode == 0]
-    assert "holds a run with other seed" in errors[3 - winner]
-    assert RunFolder(tmp_path).read_run()["identity"]["seed"] == winner
-    lines = (tmp_path / "episodes.jsonl").read_text().splitlines()
-    assert {json.loads(line)["seed"][0] for line in lines} == {winner}
-    assert len(lines) == 2 * 25
 
 
 def test_two_processes_fill_one_folder_at_once(whole, tmp_path):

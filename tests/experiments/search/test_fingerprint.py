@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.search.fingerprint import code_digest, fingerprint, versions
+from experiments.search.fingerprint import fingerprint
 from planners import SequentialDecider
 from planners.probing import FixedOrder, RandomOrder
 from planners.stopping import PosteriorThresholds
@@ -153,41 +153,3 @@ def test_the_files_of_a_folder_count_by_content_wherever_it_lies(tmp_path):
         (tmp_path / name / "policy").write_text(text)
     a, b, c = (fingerprint(Settings(tmp_path / name)) for name in "abc")
     assert a == b != c
-
-
-class Reads:
-    """An object that reads one file for each target."""
-
-    def __init__(self, folder):
-        self.folder = folder
-
-    def files(self, target):
-        assert target is not None, "asked for a target only"
-        return [self.folder / f"{target}.policy"]
-
-
-def test_of_the_files_of_an_object_only_those_of_the_target_count(tmp_path):
-    for name in ("cone", "cube"):
-        (tmp_path / f"{name}.policy").write_text(name)
-
-    def digests():
-        return [fingerprint(Reads(tmp_path), target) for target in ("cone", "cube", None)]
-
-    cone, cube, none = digests()
-    assert len({cone, cube, none}) == 3
-    (tmp_path / "cube.policy").write_text("trained again")
-    assert [old == new for old, new in zip((cone, cube, none), digests(), strict=True)] == [True, False, True]
-
-
-def test_code_of_a_checkout_counts_by_its_text_and_installed_code_by_its_version():
-    assert code_digest("belief.frozen") != code_digest("belief.naming")
-    assert code_digest("numpy") == code_digest("tyro") == code_digest("json")
-    assert {"python", "mujoco-core", "numpy", "onnxruntime", "activetouch"} <= versions().keys()
-
-
-def test_what_else_is_imported_later_changes_no_digest():
-    code = (
-        "from experiments.search.fingerprint import made_with; first = made_with(); import experiments.search.page;"
-        "import belief.statistics.power; assert made_with() == first"
-    )
-    subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from experiments.scene_choice import SceneChoice
-from experiments.search import oracle
 from experiments.search.comparison import prepared
 from experiments.search.oracle import solved_by_full_information
 from experiments.search.play import TouchMemo, make_world
@@ -14,14 +13,6 @@ from planners.search import TouchRequest
 
 def searches(**how):
     return prepared(Setting(**how), ["random_confirm"], seed=5, jobs=1).searches
-
-
-@pytest.mark.torch
-@pytest.mark.mujoco
-def test_which_episodes_full_information_solves_does_not_depend_on_which_are_asked_for():
-    coarse = searches(choice=SceneChoice("coarse"))
-    some, all_of_them = (solved_by_full_information(coarse, 0, numbers) for numbers in ([2, 3], [0, 1, 2, 3]))
-    assert all_of_them[2:] == some
 
 
 @pytest.mark.torch
@@ -47,13 +38,3 @@ def test_the_oracle_gives_the_most_probable_answer_also_where_the_target_is_abse
     assert 4 < sum(absent) < 20
     assert solved_by_full_information(coarse, 1, range(24)) == expected
     assert sum(expected) >= 22
-
-
-@pytest.mark.torch
-@pytest.mark.mujoco
-def test_the_oracle_that_answers_when_certain_answers_as_if_it_had_touched_every_pose(monkeypatch):
-    coarse, memo, every = searches(choice=SceneChoice("coarse")), TouchMemo(), TouchMemo()
-    early = solved_by_full_information(coarse, 2, range(8), memo)
-    monkeypatch.setattr(oracle, "_CERTAIN", 2.0)  # never
-    assert solved_by_full_information(coarse, 2, range(8), every) == early
-    assert 0 < len(memo._kept) < len(every._kept) == 8 * 4 * 6  # episodes, objects, poses

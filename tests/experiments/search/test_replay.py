@@ -33,11 +33,10 @@ def play(run, numbers=range(25)):
     return play_episodes(run.searches, run.deciders["threshold"], 0, numbers)[0]
 
 
-@pytest.mark.parametrize("ending", ["gif", "webp"])
-def test_an_animation_has_a_picture_for_every_step_and_dwells_on_the_last(run, tmp_path, ending):
+def test_an_animation_has_a_picture_for_every_step_and_dwells_on_the_last(run, tmp_path):
     folder, episodes = run
     number = next(n for n in range(25) if 2 <= episodes[n].num_touches <= 5)  # few pictures
-    out = tmp_path / f"search.{ending}"
+    out = tmp_path / "search.gif"
     Replay(folder, decider="threshold", target="sphere", number=number, out=out).run()
     with Image.open(out) as picture:
         assert picture.n_frames == len(episodes[number].steps)
@@ -53,13 +52,6 @@ def test_a_still_picture_is_drawn_of_the_last_search(run, tmp_path):
     Replay(run[0], decider="threshold", target="sphere", number=24, out=tmp_path / "search.png").run()
     with Image.open(tmp_path / "search.png") as picture:
         assert picture.width > 400
-
-
-def test_frames_carry_the_image_of_every_touch_and_of_nothing_else(run):
-    _, episodes = run
-    for frame, step in zip(replay(COARSE.open_sensor(), COARSE.problem, episodes[3]), episodes[3].steps, strict=True):
-        assert (frame.image is not None) == (step.touch is not None)
-        assert frame.shape == episodes[3].arrangement[step.object_index]
 
 
 def test_a_search_with_a_joint_belief_shows_the_bodies_it_believes_in(tmp_path):
@@ -88,9 +80,7 @@ def test_a_search_with_a_joint_belief_shows_the_bodies_it_believes_in(tmp_path):
     ("asked", "message"),
     [
         ({"number": 99}, "--number 99.*25 searches of threshold for sphere, numbers 0 to 24"),
-        ({"number": 1000}, "--number 1000.*numbers 0 to 24"),
         ({"target": "cone"}, "no searches of 'threshold' for 'cone'.*: threshold for sphere"),
-        ({"decider": "ppo"}, "no searches of 'ppo' for 'sphere'"),
     ],
 )
 def test_a_search_that_is_not_there_is_refused_with_what_is(run, tmp_path, asked, message):

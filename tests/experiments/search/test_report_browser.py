@@ -61,7 +61,7 @@ addEventListener("load", () => {
   play.click();
   seen.paused = play.textContent;
   const touched = [...document.querySelectorAll(".touch img")];
-  seen.unnamed = touched.filter((image) => !image.alt.includes("of the image pressed")).length;
+  seen.unnamed = touched.filter((image) => !image.alt.includes("belief: ")).length;
   const field = document.querySelector(".filter"), table = field.nextElementSibling;
   const rows = () => [...table.querySelectorAll("tbody tr")].filter((row) => !row.hidden).length;
   const all = rows();

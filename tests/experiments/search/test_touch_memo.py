@@ -1,17 +1,15 @@
 """Deciders that make the same touch of the same episode press the object once, and get what they would get alone."""
 
-import numpy as np
 import pytest
 
 from activetouch.world import TouchTime, touch_many
 from experiments.scene_choice import SceneChoice
 from experiments.search.comparison import prepared
 from experiments.search.oracle import solved_by_full_information
-from experiments.search.play import Seconds, TouchMemo, make_world, play_episodes
+from experiments.search.play import Seconds, TouchMemo, play_episodes
 from experiments.search.run_folder import episode_lines
 from experiments.search.setting import Setting
 from planners import search_lockstep
-from planners.search import TouchRequest
 
 pytestmark = pytest.mark.mujoco
 COARSE = Setting(SceneChoice("coarse", fidelity="quasistatic"))
@@ -81,17 +79,3 @@ def test_the_time_of_touches_is_no_time_of_decisions(run, monkeypatch):
     assert seconds == Seconds(1.0 * touches, 2.0 * touches, 0.0, touches, 0)
     steps[:] = [0.0, 7.0]
     assert play(run, "threshold", numbers=[0])[1].decision == 7.0
-
-
-def test_a_full_memo_presses_again(run):
-    searches = run.searches
-
-    def request(pose):
-        return TouchRequest.of(make_world(searches.problem, searches.sensor, (5, 1, 0)), (5, 1, 0), 0, pose, 0)
-
-    image = TouchMemo().press(request(0))[0]
-    memo = CountedMemo(most_bytes=image.nbytes)
-    for pose in (0, 1, 0, 1):
-        again = TouchMemo().press(request(pose))[0]
-        np.testing.assert_array_equal(memo.press(request(pose))[0], again)
-    assert memo.num_shared == 1  # the second touch did not fit

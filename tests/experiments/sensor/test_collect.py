@@ -1,7 +1,6 @@
 """A collection is recorded once, whatever happens meanwhile, and can be made again byte for byte."""
 
 import os
-import shlex
 import shutil
 import signal
 import subprocess
@@ -12,13 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import tyro
 
-from activetouch import Quasistatic
 from activetouch.data.dataset import read_manifest, read_split, record_shard
-from activetouch.data.manifest import Manifest, solver_settings, write_manifest
-from activetouch.errors import LabelMismatch, UnstablePress
-from activetouch.pressing.contact import elastic_contact, surface_gap
 from activetouch.rendering import Noise
 from activetouch.scene_description import scene_fields
 from belief.errors import CorruptFile
@@ -106,11 +100,6 @@ def test_what_cannot_be_made_again_says_why(folder, tmp_path, command, changes, 
         replace(Collect(from_manifest=folder, out=tmp_path / "again", jobs=1), **command).run()
 
 
-def test_a_collection_is_not_compared_with_itself(folder):
-    with pytest.raises(NotReproduced, match="needs an --out other than"):
-        Collect(from_manifest=folder / "manifest.json", out=folder / "train" / "..", jobs=1).run()
-
-
 @pytest.mark.parametrize(
     "left", ["train/.00000.npz.abc.npz", "train/.00001.seal.json.abc.json", ".manifest.json.abc.json"]
 )
@@ -151,42 +140,10 @@ def test_a_killed_run_goes_on_to_the_bytes_of_one_that_was_not(tmp_path):
     assert {path: path.stat().st_mtime_ns for path in finished} == finished  # not recorded a second time
 
 
-def test_a_half_written_shard_of_a_killed_run_does_not_count_and_goes(original, tmp_path):
-    folder = Path(shutil.copytree(original, tmp_path / "killed"))
-    change_manifest(folder, shards=None)
-    shard = folder / "train" / "00001.npz"
-    shard.rename(folder / "train" / ".00001.npz.k1ll3d00.npz")
-    with pytest.raises(CorruptFile, match="1 of 2 shards are missing"):
-        read_split(folder, "train")
-    collect(COARSE, PLAN, folder, jobs=1)
-    assert contents(folder) == contents(original)
-
-
-def test_a_shard_that_another_process_is_writing_meanwhile_stays(folder, monkeypatch):
-    theirs = folder / "train" / ".00000.npz.writing0.npz"
-    (folder / "calibration" / "00000.npz").unlink()
-
-    def record_beside_another(*arguments):
-        theirs.write_bytes(b"half a shard")
-        return record_shard(*arguments)
-
-    monkeypatch.setattr("experiments.sensor.collect.record_shard", record_beside_another)
-    collect(COARSE, PLAN, folder, jobs=1)
-    assert theirs.read_bytes() == b"half a shard"
-
-
 def test_a_lost_shard_is_recorded_again_as_it_was(folder, original):
     (folder / "calibration" / "00000.npz").unlink()
     collect(COARSE, PLAN, folder, jobs=1)
     assert contents(folder) == contents(original)
-
-
-def test_a_lost_shard_that_comes_out_different_is_told(folder):
-    sha256 = {**read_manifest(folder).sha256, "test/00000.npz": "0" * 64}
-    change_manifest(folder, shards=sha256)
-    (folder / "test" / "00000.npz").unlink()
-    with pytest.raises(NotReproduced, match=r"1 lost shards .* other bytes than they had: test/00000\.npz"):
-        collect(COARSE, PLAN, folder, jobs=1)
 
 
 def test_a_changed_shard_is_found_when_the_command_is_run_again(folder):
@@ -230,58 +187,3 @@ def test_a_shard_and_its_seal_from_another_collection_are_refused(tmp_path, monk
     for use in (lambda: collect(COARSE, PLAN.plan, mine, jobs=1), lambda: read_split(mine, "train")):
         with pytest.raises(CorruptFile, match=r"train/00000\.npz was recorded for another collection"):
             use()
-
-
-def test_a_shard_without_a_seal_is_recorded_again_as_nobody_knows_where_it_is_from(
-    original, tmp_path, monkeypatch, capsys
-):
-    mine, theirs = tmp_path / "mine", tmp_path / "theirs"
-    interrupted(mine, monkeypatch)
-    interrupted(theirs, monkeypatch, replace(PLAN, seed=1))
-    shutil.copy(theirs / "train" / "00000.npz", mine / "train" / "00000.npz")
-    (mine / "train" / "00000.seal.json").unlink()
-    collect(COARSE, PLAN.plan, mine, jobs=1)
-    assert "train/00000.npz do not say which collection they belong to" in capsys.readouterr().out
-    assert contents(mine) == contents(original)
-
-
-def test_of_two_collections_that_find_a_folder_empty_the_first_to_write_gets_it(tmp_path, monkeypatch):
-    def another_begins(scene):
-        monkeypatch.undo()
-        write_manifest(tmp_path, scene, replace(PLAN.plan, seed=1))
-        return solver_settings(scene)
-
-    monkeypatch.setattr("activetouch.data.manifest.solver_settings", another_begins)
-    with pytest.raises(LabelMismatch, match="holds a collection with other plan"):
-        collect(COARSE, PLAN.plan, tmp_path, jobs=1)
-    assert read_manifest(tmp_path).plan.seed == 1
-
-
-def test_the_command_that_an_error_names_is_the_one_that_finishes_the_collection(tmp_path):
-    meshes = (Path("a b.stl@0.001"), Path("c.stl"))
-    choice = SceneChoice("hard", "quasistatic", meshes=meshes, only=True)
-    folder = tmp_path / "some where"
-    manifest = replace(Manifest.of(COARSE.named.scene, PLAN), choice=choice.to_dict())
-    program, name, *arguments = shlex.split(manifest.command(folder))
-    assert (program, name) == ("activetouch", "collect")
-    named = tyro.cli(Collect, args=arguments)
-    assert (named.choice, named.plan, named.out) == (choice, PLAN, folder)
-
-
-def test_replaced_objects_are_counted_in_the_manifest_and_told(monkeypatch, tmp_path, capsys):
-    def press_what_is_small(self, stage, placement, target_force):
-        if placement.scale > 1.05:
-            raise UnstablePress(f"{placement} is too large")
-        return elastic_contact(stage.pad, surface_gap(stage.pad, placement), target_force)
-
-    choice = SceneChoice("coarse", fidelity="quasistatic")
-    Collect(choice, out=tmp_path / "plain", plan=PLAN, jobs=1).run()
-    assert "drawn anew" not in capsys.readouterr().out
-    assert read_manifest(tmp_path / "plain").redrawn == 0
-    monkeypatch.setattr(Quasistatic, "press", press_what_is_small)
-    Collect(choice, out=tmp_path / "replaced", plan=PLAN, jobs=1).run()
-    redrawn = read_manifest(tmp_path / "replaced").redrawn
-    assert 0 < redrawn < 15 * 4
-    assert f"{redrawn} objects were drawn anew" in capsys.readouterr().out
-    Collect(from_manifest=tmp_path / "replaced", out=tmp_path / "again", jobs=1).run()
-    assert contents(tmp_path / "again") == contents(tmp_path / "replaced")

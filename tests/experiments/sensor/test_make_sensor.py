@@ -54,12 +54,6 @@ def _only_a_readable_model_is_written(folder):
         Calibrate(**how, observation_model=("ratio(edges=3)",)).run()
 
 
-@pytest.mark.parametrize(("name", "size"), [("gel", 64), ("coarse", 16), ("paper", 64)])
-def test_the_images_of_a_scene_fit_its_network(name, size):
-    scene = SCENES[name].scene
-    assert as_named(scene).input_size == size or scene.image_shape[0] % as_named(scene).input_size == 0
-
-
 @pytest.mark.parametrize("edge", [7, 67, 134, 201])
 def test_the_images_of_a_pad_of_any_size_fit_its_network(edge):
     require_input_size(as_named(Scene(pad=Pad(num_taxels=edge))).input_size, edge, "cnn")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from activetouch.data.dataset import read_split
-from activetouch.errors import ImpossibleRecipe, MissingWeights
+from activetouch.errors import ImpossibleRecipe
 from activetouch.perception.card import CLASSIFIER_FILE
 from activetouch.perception.classifier import TouchClassifier
 from activetouch.perception.reader import TactileReader
@@ -20,7 +20,7 @@ from experiments.scene_choice import SceneChoice
 from experiments.sensor.calibrate import best_order
 from experiments.sensor.collect import Collect
 from experiments.sensor.scores import accuracy_of_objects
-from experiments.sensor.train import Changes, Train, card_for, new_classifier
+from experiments.sensor.train import Changes, Train
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch]
 
@@ -41,8 +41,9 @@ def trained(data, out, **settings):
 
 
 def test_a_trained_classifier_knows_what_it_was_trained_on(data, tmp_path, capsys):
-    card = trained(data, tmp_path).card
-    train = read_split(data, "train")
+    classifier, train = trained(data, tmp_path), read_split(data, "train")
+    card, reader = classifier.card, TactileReader.load(tmp_path / READER_FILE)
+    np.testing.assert_allclose(reader.read(train.images).logits, classifier.read(train.images).logits, atol=1e-4)
     assert card.shape_labels == ("sphere", "cube", "cylinder", "cone")
     assert card.pixel_mean == pytest.approx(train.images.mean() / 255, abs=2e-3)
     assert card.pixel_std == pytest.approx(train.images.std() / 255, abs=5e-3)
@@ -69,33 +70,6 @@ def test_what_a_collection_or_a_network_cannot_give_is_refused_before_training(d
         trained(data, tmp_path / "out", **wrong)
     assert all(word in str(refused.value) for word in words)
     assert not (tmp_path / "out").exists()
-
-
-def test_the_same_command_trains_the_same_classifier(data, tmp_path):
-    for name in ("first", "second"):
-        trained(data, tmp_path / name)
-    first, second = ((tmp_path / name / CLASSIFIER_FILE).read_bytes() for name in ("first", "second"))
-    assert first == second
-
-
-def test_a_training_for_a_worn_pad_says_so(data, tmp_path):
-    card = trained(data, tmp_path, input_size=2, recipe="worn", change=Changes(epochs=1, batch_size=64)).card
-    assert "Muon" in card.training
-    assert "up to 25% of the taxels dead in half of the images" in card.training
-    assert "gains of 1 ± 0.4 in half of the images" in card.training
-    assert "noise of up to 0.04 of full scale in half of the images" in card.training
-
-
-def test_a_training_writes_the_reader_of_its_network_beside_the_checkpoint(data, tmp_path):
-    classifier, test = trained(data, tmp_path), read_split(data, "test")
-    reader = TactileReader.load(tmp_path / READER_FILE)
-    np.testing.assert_allclose(reader.read(test.images).logits, classifier.read(test.images).logits, atol=1e-4)
-
-
-def test_nobody_publishes_weights_of_the_small_network(data, tmp_path):
-    card = card_for(read_split(data, "test"), "cnn", 16, ("a", "b", "c", "d"), ("p",))
-    with pytest.raises(MissingWeights, match="no published weights of 'cnn'"):
-        new_classifier(card, 0, str(tmp_path))
 
 
 def test_changes_leave_the_rest_of_a_recipe():

@@ -4,7 +4,7 @@ import csv
 import json
 import shlex
 from dataclasses import replace
-from itertools import accumulate, chain, product
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -12,12 +12,8 @@ import pytest
 from activetouch import TactileSensor
 from activetouch.data.dataset import CollectionPlan
 from activetouch.named_scenes import SCENES
-from activetouch.sensor_files import OBSERVATION_FILE
-from activetouch.world import touch_many
 from belief.errors import UnknownName
-from belief.statistics import wilson_interval
 from experiments.command_line.arguments import BadArgument
-from experiments.reporting.tables import Table
 from experiments.scene_choice import SceneChoice
 from experiments.sensor.collect import collect
 from experiments.tradeoff.configuration import (
@@ -26,14 +22,11 @@ from experiments.tradeoff.configuration import (
     NUM_HYPOTHESES,
     SHARES,
     SHIPPED,
-    VARIED,
     Configuration,
     Network,
-    shipped_networks,
     sweep,
 )
-from experiments.tradeoff.figures import _STYLES as STYLES
-from experiments.tradeoff.measure import Measured, measured, sensor_of, touch_times
+from experiments.tradeoff.measure import Measured, measured, sensor_of
 from experiments.tradeoff.picks import fronts, picks
 from experiments.tradeoff.report import TradeoffReport
 from experiments.tradeoff.tradeoff import Tradeoff, measure_all
@@ -43,7 +36,6 @@ from planners.registry import NEED_FILES
 COARSE = Network("coarse", "coarse", "", "cnn 16 px", "ab" * 32, knows_orientation=True)
 GEL = Network("gel", "gel", "", "cnn 32 px", "cd" * 32, knows_orientation=True)
 PAPER = Network("paper", "paper", "", "cnn 32 px", "56" * 32, knows_orientation=True)
-HARD = Network("hard", "hard", "", "cnn 32 px", "12" * 32, knows_orientation=True)
 PLAIN = Network("paper", "paper-independent", "", "atto 32 px", "34" * 32)
 SMALL = Network("gel", "", "runs/small.safetensors", "cnn 8 px", "ef" * 32)
 
@@ -66,19 +58,6 @@ def test_a_key_follows_from_what_decides_the_result_and_from_nothing_else():
     ]  # fmt: skip
     keys = [replace(base, **change).key for change in changes]
     assert len({base.key, *keys}) == len(changes) + 1
-
-
-def test_another_observation_model_of_a_shipped_sensor_is_another_key(tmp_path, monkeypatch):
-    monkeypatch.setattr("experiments.tradeoff.configuration.MODELS", tmp_path)
-    (tmp_path / "gel").mkdir()
-    keys = {"shipped": [], "ratio": []}
-    for text in ("one", "two", "one"):
-        (tmp_path / "gel" / OBSERVATION_FILE).write_text(text)
-        for name, found in keys.items():
-            found.append(Configuration(GEL, observation_model=name).key)
-    one, two, again = keys["shipped"]
-    assert one == again != two
-    assert len(set(keys["ratio"])) == 1  # one that is fitted follows from reader and scene
 
 
 def test_a_sweep_names_every_decider_that_needs_no_training_and_nothing_twice():
@@ -105,15 +84,6 @@ def test_the_default_sensor_is_measured_with_every_number_of_hypotheses():
     assert unknown.key == found[0].key  # it is part of the file
 
 
-def test_the_shipped_sensors_of_a_scene_come_with_the_default_first():
-    found = shipped_networks("coarse")
-    assert [network.sensor for network in found] == ["coarse"]
-    of_paper = shipped_networks("paper")
-    assert [network.sensor for network in of_paper] == ["paper", "paper-independent"]
-    assert [network.knows_orientation for network in of_paper] == [True, False]
-    assert all(network.path.is_file() and not network.file for network in [*found, *of_paper])
-
-
 @pytest.mark.mujoco
 def test_a_joint_model_of_few_hypotheses_is_fitted_once_and_plays(tmp_path, monkeypatch):
     plan = CollectionPlan(train=0, calibration=3, test=1, repeats=2)
@@ -132,31 +102,6 @@ def test_a_joint_model_of_few_hypotheses_is_fitted_once_and_plays(tmp_path, monk
     assert f"--sensor {folder}" in configuration.command(folder)
 
 
-def test_without_recorded_touches_no_observation_model_is_to_be_fitted():
-    found = sweep([COARSE, GEL, SMALL], ["coarse"], episodes=100, seed=0)
-    assert {c.observation_model for c in found if c.scene == "gel"} == {SHIPPED}
-    assert SMALL not in {c.network for c in found}
-
-
-def test_an_interrupted_sweep_has_the_main_deciders_of_all_scenes_first():
-    found = sweep([HARD, COARSE, GEL], ["coarse"], episodes=100, seed=0)
-    assert [c.scene for c in found[:12]] == ["gel"] * 4 + ["coarse"] * 4 + ["hard"] * 4
-    assert len({c.decider for c in found[:12]}) == 4
-    assert [c.episodes for c in found[::4][:3]] == [100, 100, 20]
-
-
-def test_what_is_varied_has_a_word():
-    base = Configuration(GEL)
-    words = {
-        "nothing": {}, "decider": {"decider": "threshold"}, "touch cost λ": {"touch_cost": 0.1},
-        "sensor": {"network": PLAIN}, "network": {"network": SMALL, "observation_model": "ratio"},
-        "hypotheses": {"observation_model": JOINT, "num_hypotheses": 64}, "fidelity": {"fidelity": "quasistatic"},
-    }  # fmt: skip
-    assert {replace(base, **change).varied for change in words.values()} == set(words) == set(STYLES)
-    assert all(replace(base, **change).varied == word for word, change in words.items())
-    assert set(words) == {"nothing", *VARIED}
-
-
 def test_the_command_of_a_configuration_is_one_for_a_shell():
     words = shlex.split(Configuration(SMALL, fidelity="dynamic").command(Path("my runs/sensor")))
     assert words[words.index("--sensor") + 1] == "my runs/sensor"
@@ -165,13 +110,6 @@ def test_the_command_of_a_configuration_is_one_for_a_shell():
     assert base.command(base.network.folder) == (
         f"activetouch compare --scene gel --deciders information_gain --touch-cost 0.02 --out runs/compare-{base.key}"
     )
-
-
-def test_a_point_costs_its_touches_and_its_decisions():
-    here = Measured(Configuration(GEL), [1, 0], [2, 4], [3, 5], [0.9, -1.1], 2.0, 1.5, 0.5)
-    assert here.ms_of_searches.tolist() == pytest.approx([2 * 2.0 + 3 * 2.0, 4 * 2.0 + 5 * 2.0])
-    assert here.ms_per_search == pytest.approx(14.0)
-    assert here.interval == wilson_interval(1, 2)
 
 
 def test_the_front_and_the_picks_are_those_found_by_hand():
@@ -184,26 +122,6 @@ def test_the_front_and_the_picks_are_those_found_by_hand():
     assert front.on_front.tolist() == [True, True, False, True]
     assert [pick.point for pick in picks(front, 0.98, 50.0)] == [good, best]
     assert [pick.point for pick in picks(front, 0.9999, 0.5)] == [None, None]
-
-
-def test_of_equally_good_configurations_the_one_that_touches_least_is_the_best_unless_it_is_too_slow():
-    few, many = point("information_gain", 400, 2, press=9.0), point("threshold", 400, 6, press=1.0)
-    [front] = fronts([few, many])
-    assert [pick.point for pick in picks(front, 0.98, 50.0)] == [many, few]
-    assert [pick.point for pick in picks(front, 0.98, 8.0)] == [many, many]
-
-
-@pytest.mark.mujoco
-@pytest.mark.torch
-def test_the_first_press_of_each_shape_and_an_unusual_reading_do_not_count(monkeypatch):
-    """The clock says how long each press, and each reading, took."""
-    sensor = TactileSensor.shipped("coarse", SceneChoice("coarse", "quasistatic").named.scene, anyway=True)
-    press = [9.0] * 4 + [0.001] * 100 + [0.003] * 100
-    read = [9.0] * 40 + [0.004] * 60
-    durations = chain.from_iterable((p, 1.0, r, 1.0) for p, r in zip(press[:100], read, strict=True))
-    ticks = accumulate(chain([0.0], durations, chain.from_iterable((p, 1.0) for p in press[100:])))
-    monkeypatch.setattr("experiments.tradeoff.measure.time.thread_time", ticks.__next__)
-    assert touch_times(sensor) == (pytest.approx(2.0), pytest.approx(4.0))
 
 
 def test_the_report_says_of_each_configuration_what_was_measured(tmp_path):
@@ -234,23 +152,6 @@ def test_the_report_says_of_each_configuration_what_was_measured(tmp_path):
     assert accurate.endswith("under 0.5 ms per touch, with the fewest touches among equals: no configuration.")
     assert fastest in str(found)
     assert "4 configurations in 2 scenes (gel, coarse), 1 290 live searches" in (tmp_path / "report.html").read_text()
-
-
-@pytest.mark.mujoco
-def test_the_time_of_touches_is_no_time_of_decisions(tmp_path, monkeypatch):
-    """Each look at the clock takes a second, and a touch two."""
-    ticks, batches = iter(range(10**6)), []
-    monkeypatch.setattr("experiments.tradeoff.measure.time.thread_time", lambda: float(next(ticks)))
-    monkeypatch.setattr(
-        "experiments.tradeoff.measure.touch_many",
-        lambda sensor, requests: (batches.append(len(requests)), touch_many(sensor, requests))[1],
-    )
-    network = Network.of_sensor("coarse", "coarse")
-    result = measured(Configuration(network, episodes=2, decider="threshold", fidelity="quasistatic"), tmp_path)
-    assert len(result.touches) == 8
-    assert sum(batches) > sum(result.touches)  # one search of each target was played before
-    seconds = result.ms_per_decision * sum(result.decisions) / 1e3
-    assert seconds == round(seconds) <= len(batches)  # one beside each batch of touches, and one at the end
 
 
 def test_what_makes_no_sense_is_refused(tmp_path):
@@ -294,12 +195,3 @@ def test_the_figures_of_the_documentation_are_those_of_its_table():
     assert set(shown) <= written
     for line in numbers["answers"]:
         assert line.split(". Success")[0] in " ".join(page.split())
-
-
-def test_a_table_has_words_to_the_left_and_numbers_to_the_right():
-    table = Table(
-        "", ("who", "what", "share", "n"), [("1 a", "good", "0.5 [0.4, 0.6]", "3"), ("b", "bad", "default", "4")]
-    )
-    assert table.is_word == [True, True, False, False]
-    assert table.markdown().splitlines()[1] == "| --- | --- | ---: | ---: |"
-    assert Table("", ("who", "n"), []).is_word == [True, False]

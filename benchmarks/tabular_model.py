@@ -1,4 +1,4 @@
-"""An observation model that is an outcome table, for exact tests of planners."""
+"""An observation model that is an outcome table, for exact tests and comparisons of planners."""
 
 from __future__ import annotations
 

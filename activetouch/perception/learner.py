@@ -1,19 +1,23 @@
-"""AdamW, and where it is asked for Muon for the matrices, with moments that a state file can hold by name."""
+"""What all trainings share: AdamW or Muon, the rate along a cosine, and a state that a file can hold by name."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.optim import AdamW, Muon, Optimizer
 
 
-class Optimizers:
-    """AdamW (Loshchilov & Hutter 2019) for all parameters, or Muon (Jordan et al. 2024) for matrices, AdamW for others.
+class Learner:
+    """A network and its optimizers.
 
-    Muon's steps are scaled as Liu et al. (2025) do, so that both take the same learning rate. Vectors do not decay.
+    These are AdamW (Loshchilov & Hutter 2019) for all parameters, or Muon (Jordan et al. 2024) for matrices and AdamW
+    for others. Muon's steps are scaled as Liu et al. (2025) do, so that both take the same learning rate. Vectors do
+    not decay.
 
     Args:
         network: in training.
@@ -22,6 +26,7 @@ class Optimizers:
     """
 
     def __init__(self, network: nn.Module, weight_decay: float, muon: bool = False) -> None:
+        self.network = network
         named = dict(network.named_parameters())
         vectors, matrices, kernels = (
             [p for p in named.values() if low <= p.ndim <= high] for low, high in ((0, 1), (2, 2), (3, math.inf))
@@ -38,6 +43,12 @@ class Optimizers:
             for moment in (("momentum_buffer",) if id(parameter) in with_muon else ("exp_avg", "exp_avg_sq"))
         ]
 
+    def gradient(self, loss: Tensor) -> Tensor:
+        """Compute the gradient of a loss, cut to length 1; the length that it had."""
+        self.network.zero_grad(set_to_none=True)
+        torch.autograd.backward(loss)
+        return nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
+
     def step(self, learning_rate: float) -> None:
         """Change the parameters by their gradients."""
         for optimizer in self._optimizers:
@@ -45,15 +56,23 @@ class Optimizers:
                 group["lr"] = learning_rate
             optimizer.step()
 
-    def moments(self) -> dict[str, Tensor]:
-        """What the optimizers remember of earlier steps, but for their number: by ``MOMENT.PARAMETER``."""
-        return {key: optimizer.state[parameter][moment] for key, optimizer, parameter, moment in self._moments}
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """The network as ``model.NAME``, and the optimizers' moments as ``MOMENT.NAME``."""
+        tensors = {f"model.{name}": value for name, value in self.network.state_dict().items()}
+        tensors |= {key: optimizer.state[parameter][moment] for key, optimizer, parameter, moment in self._moments}
+        return {name: value.detach().cpu().contiguous().numpy() for name, value in tensors.items()}
 
     def restore(self, tensors: Mapping[str, Tensor], steps: int) -> None:
-        """Go on as after so many steps with these moments; ``tensors`` may hold others."""
+        """Go on as after so many steps with these :meth:`arrays`; ``tensors`` may hold others."""
+        self.network.load_state_dict(with_prefix(tensors, "model."))
         for key, optimizer, parameter, moment in self._moments:
             optimizer.state[parameter][moment] = tensors[key].to(parameter.device)
             optimizer.state[parameter]["step"] = torch.tensor(float(steps))
+
+
+def falling(along: float) -> float:
+    """Share of the highest learning rate after a share of the training: a cosine from 1 to 0."""
+    return 0.5 * (1 + math.cos(math.pi * along))
 
 
 def with_prefix(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:

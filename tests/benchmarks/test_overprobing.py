@@ -1,10 +1,9 @@
 """What counts as probing on after certainty."""
 
 import numpy as np
-import pytest
 
 from belief import Belief, Confirm, Probe, Reject, Touch
-from experiments.search.episode_statistics import overprobing
+from benchmarks.overprobing import overprobing, table
 from planners import Decision, Episode, Outcome, Step
 
 LABELS = ("cube", "cone")
@@ -33,18 +32,13 @@ def test_touches_after_certainty_are_counted_object_by_object():
     assert (found.went_on, found.doubted, found.first_wrong, found.wrong) == (1, 1, 0, 1)
 
 
-def test_one_touch_after_certainty_is_going_on():
-    once = episode((0, 1), [(0, 0.5, Probe(0)), (0, 0.99, Probe(1)), (0, 0.99, Confirm())])
-    none = episode((0, 1), [(0, 0.5, Probe(0)), (0, 0.99, Confirm())])
-    found = overprobing([once, none, none], 0.95)
-    assert (found.late_touches, found.went_on) == (pytest.approx(1 / 3), 1)
-
-
 def test_a_search_cut_off_after_certainty_decided_nothing_and_counts_as_wrong():
     cut = episode((0, 1), [(0, 0.5, Probe(0)), (0, 0.99, Probe(0))], Outcome.TRUNCATED)
     assert overprobing([cut], 0.95).wrong == 1
 
 
-def test_who_is_never_sure_has_no_numbers():
-    assert overprobing([episode((0, 1), [(0, 0.99, Confirm())])], 0.95) is None
-    assert overprobing([], 0.95) is None
+def test_the_table_has_a_row_for_each_decider_that_was_certain():
+    sure = episode((0, 1), [(0, 0.5, Probe(0)), (0, 0.99, Confirm())])
+    never = episode((0, 1), [(0, 0.5, Confirm())])
+    [row] = table({"sure": [sure], "never": [never]}).rows
+    assert row[:4] == ("sure", 1, 0.0, 0.0)

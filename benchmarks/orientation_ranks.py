@@ -7,10 +7,16 @@ posterior probability of smaller values, which has no error of drawing.
 
 A reader that was trained with cells knows the likelihood of a touch after a small random rotation, another one in every
 touch. Its posterior is tested with touches of such a world (``collect --presentation inexact``).
+
+    python -m benchmarks.orientation_ranks coarse 131072
+
+The arguments are a scene, whose shipped sensor and collection data/SCENE-repeats are used, and a number of hypotheses
+of each shape, at temperature 1; without it, those of the sensor at its own temperature are tested.
 """
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -19,9 +25,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import kstest
 
+from activetouch import TactileSensor
+from activetouch.data.dataset import read_split
+from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.poses import to_matrices
-from belief.observation_model.rigid_body import RigidBodyModel
+from belief.observation_model.rigid_body import RigidBodyModel, joint_model
+from belief.seeding import keyed_rng
 from experiments.calibration.sequences import Rounds
+from experiments.command_line.console import plain_console
+from experiments.reporting.tables import Table
+from experiments.scene_choice import repeats_folder
+from experiments.sensor.scores import read_touches
 
 Floats = NDArray[np.float64]
 Quantity = Callable[[Floats, Floats, Floats], Floats]
@@ -44,6 +58,21 @@ QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
     }
 )
 """What is ranked, by name. Components are those in the frame of the body at rest; angles enter as -2 cos - 1."""
+
+
+@dataclass(frozen=True, eq=False)
+class Touched:
+    """Touches of objects whose orientations and sizes are known.
+
+    Attributes:
+        rounds: the touches.
+        rests: orientation of every object at rest, unit quaternions ``wxyz``, ``(N, 4)``.
+        sizes: size factor of every object, ``(N,)``.
+    """
+
+    rounds: Rounds
+    rests: Floats
+    sizes: Floats
 
 
 @dataclass(frozen=True)
@@ -104,7 +133,7 @@ def rank_tests(
     model: RigidBodyModel,
     rests: Floats,
     sizes: Floats,
-    splits: Sequence[Rounds],
+    splits: Sequence[Touched],
     rng: np.random.Generator,
 ) -> list[RankTest]:
     """Ranks of the true orientation and size of every shape: of all objects, each in one sequence of different poses.
@@ -113,19 +142,18 @@ def rank_tests(
         model: fitted, with its hypotheses.
         rests: orientations at rest of these, unit quaternions ``wxyz``, ``(N, 4)``.
         sizes: size factors of these, ``(N,)``.
-        splits: touches of objects whose orientations and sizes are known.
+        splits: touches of objects.
         rng: of the sequences, and of ranks among equals.
     """
     rotations = to_matrices(rests)
     at_once = max(1, _AT_ONCE // model.num_hypotheses)  # objects
     found: dict[tuple[int, int], list[dict[str, float]]] = {}
-    for rounds in splits:
-        assert rounds.rests is not None, "recorded"
-        assert rounds.sizes is not None, "recorded with it"
+    for split in splits:
+        rounds = split.rounds
         sequences = rounds.distinct_poses(rng)
         _, first = np.unique(sequences.object_ids, return_index=True)
         batch = sequences.batch.sequences(first)
-        truths = list(zip(to_matrices(rounds.rests), rounds.sizes, strict=True))
+        truths = list(zip(to_matrices(split.rests), split.sizes, strict=True))
         for number in [number for number in NUM_TOUCHES if number <= batch.num_touches]:
             for start in range(0, len(truths), at_once):
                 rows = np.arange(start, min(start + at_once, len(truths)))
@@ -161,3 +189,49 @@ def _ranks(
         rank = float(probs[values < true].sum() + rng.random() * probs[values == true].sum())
         found[name] = min(rank, 1.0)  # a sum of all may exceed one by rounding
     return found
+
+
+def table(tests: Sequence[RankTest]) -> Table:
+    """The tests as a table."""
+    rows = [
+        (
+            *(test.shape, test.num_touches, test.num_objects),
+            f"{test.p_value:.2g} {'✓' if test.passes else '✗'}",
+            test.worst,
+            test.ranks[test.worst].mean,
+            test.ranks[test.worst].spread,
+            max(ranks.spread for ranks in test.ranks.values()),
+        )
+        for test in tests
+    ]
+    columns = [
+        *("shape", ("touches", "d"), ("objects", "d"), ("p, corrected", "")),
+        *(("quantity with the smallest p", ""), ("its mean rank", ".3f"), ("its spread", ".2f")),
+        ("largest spread", ".2f"),
+    ]
+    return Table("Uniformity of the ranks of the true orientation and size", columns, rows)
+
+
+def main(name: str, number: str = "") -> None:
+    """Test the posterior of the shipped sensor of a scene."""
+    sensor, data = TactileSensor.shipped(name), repeats_folder(name)
+    model = joint_model(sensor.model)
+    assert model is not None, "a sensor whose model is about one rigid body"
+    hypotheses = HypothesisTable(sensor.reader, sensor.scene)
+    if number:
+        model = model.with_hypotheses(hypotheses, int(number)).at(1.0)
+    splits = []
+    for split in ("calibration", "test"):
+        truth = read_split(data, split)
+        rounds = Rounds.of(truth, read_touches(sensor.reader, truth, f"reading {split} touches"), model.num_poses)
+        each = len(truth.object_ids) // rounds.num_objects
+        splits.append(Touched(rounds, truth.rests[::each], truth.sizes[::each]))
+    bodies = hypotheses.hypotheses(model.num_hypotheses)
+    tests = rank_tests(model, bodies.rests, bodies.sizes, splits, keyed_rng([0, 4], is_fixed_length=True))
+    plain_console(width=140).print(table(tests).rich())
+    passed = sum(test.passes for test in tests)
+    print(f"{passed} of {len(tests)} tests pass (p > {LEAST_P:g}, corrected for {len(QUANTITIES)} quantities)")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,4 +1,4 @@
-"""The cards of a report put the best first and call a tie a tie; touches are described in words."""
+"""The verdict of a report calls a tie a tie."""
 
 import numpy as np
 import pytest
@@ -6,10 +6,9 @@ import pytest
 from belief import SearchProblem
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
 from experiments.search.figures import pictures
-from experiments.search.page import image_in_words
 from experiments.search.play import Seconds
 from experiments.search.summary import Summary
-from experiments.search.verdict import cards, tied, verdict_sentences
+from experiments.search.verdict import tied, verdict_sentences
 from planners import make_decider, search_lockstep
 
 SAME = "information_gain(confirm=0.99)"  # its default by another name
@@ -35,10 +34,7 @@ def with_a_tie():
 
 
 def test_equals_are_tied_and_the_verdict_says_so(with_a_tie):
-    found = cards(with_a_tie)
-    assert {card.name for card in found[:2]} == {"information_gain", SAME}
-    assert [card.rank for card in found] == ["tied for best", "tied for best", ""]
-    assert set(tied(with_a_tie)) == {card.name for card in found[:2]}
+    assert set(tied(with_a_tie)) == {"information_gain", SAME}
     told = verdict_sentences(with_a_tie)[0]
     assert "This is a tie of 2" in told
     assert "the highest return is that of" in told
@@ -46,13 +42,9 @@ def test_equals_are_tied_and_the_verdict_says_so(with_a_tie):
 
 def test_a_clear_winner_is_best():
     found = compared("random_confirm", "information_gain")
-    assert [(card.name, card.rank) for card in cards(found)] == [("information_gain", "best"), ("random_confirm", "")]
+    assert tied(found) == ["information_gain"]
     assert "information_gain is best" in verdict_sentences(found)[0]
     assert "tie" not in verdict_sentences(found)[0]
-
-
-def test_one_decider_alone_has_no_rank():
-    assert [card.rank for card in cards(compared("information_gain", number=8))] == [""]
 
 
 def test_failures_are_drawn_on_a_logarithmic_axis_whatever_their_number(with_a_tie):
@@ -61,13 +53,3 @@ def test_failures_are_drawn_on_a_logarithmic_axis_whatever_their_number(with_a_t
         [panel] = drawn[name].inline()
         assert "nan" not in panel.lower()
         assert panel.count("<use") >= 3  # a marker for each decider
-
-
-@pytest.mark.parametrize(
-    ("rows", "columns", "words"), [(0, 0, "bottom left"), (9, 9, "top right"), (5, 5, "centre"), (5, 0, "middle left")]
-)
-def test_the_place_of_a_touch_is_named(rows, columns, words):
-    image = np.zeros((10, 10), np.uint8)
-    image[rows, columns] = 200
-    assert image_in_words(image) == f"1 % of the image pressed, strongest at the {words}"
-    assert image_in_words(np.repeat(image[..., None], 3, axis=2)) == image_in_words(image)

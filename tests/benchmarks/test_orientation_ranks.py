@@ -6,8 +6,7 @@ import pytest
 from activetouch.hypotheses import quaternions
 from activetouch.poses import random_orientation, to_matrices
 from belief.observation_model import FixedHypotheses, RigidBodyModel
-from belief.touch_batch import TouchBatch
-from experiments.calibration.orientation import LEAST_P, QUANTITIES, _ranks, rank_tests
+from benchmarks.orientation_ranks import LEAST_P, QUANTITIES, Touched, _ranks, rank_tests
 from experiments.calibration.sequences import Rounds
 
 N, P, OBJECTS, NOISE = 4096, 6, 300, 0.4
@@ -41,10 +40,8 @@ def touched(rng, symmetric, noise=NOISE, objects=OBJECTS):
     model = RigidBodyModel(
         ("body",), N, 1.0, np.zeros((P, 1, depth)), np.zeros((P, 1, 1)), hypotheses=FixedHypotheses(table)
     )
-    rounds = Rounds(
-        np.zeros((objects, 1, P, 1)), np.zeros(objects, int), features, rests, rng.uniform(0.9, 1.1, objects)
-    )
-    return model, rounds
+    rounds = Rounds(np.zeros((objects, 1, P, 1)), np.zeros(objects, int), features)
+    return model, Touched(rounds, rests, rng.uniform(0.9, 1.1, objects))
 
 
 def all_tests(rng, symmetric=False, noise=NOISE, objects=OBJECTS):
@@ -85,14 +82,3 @@ def test_a_constant_in_all_log_weights_changes_no_rank(rng):
     ]
     np.testing.assert_allclose(found[1:], [found[0]] * 2, atol=1e-9)
     assert 0.0 < min(found[0]) < max(found[0]) < 1.0
-
-
-def test_ranks_follow_from_the_generator():
-    first, second = (all_tests(np.random.default_rng(3), objects=20) for _ in range(2))
-    assert first == second
-
-
-def test_a_touch_without_its_embedding_is_refused(rng):
-    model, rounds = touched(rng, symmetric=False, objects=1)
-    with pytest.raises(ValueError, match="embedding"):
-        model.log_weights(TouchBatch(np.zeros((1, 1), int), rounds.logits[:1, 0, :1]))
