@@ -20,9 +20,9 @@ search: environment
 test: check
 	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
-# Beliefs and planners alone, without physics and networks: under a minute.
+# Beliefs alone, without physics and networks: under a minute.
 quick: development
-	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 -m "not slow and not mujoco and not torch" tests/belief tests/planners tests/extremes
+	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 -m "not slow and not mujoco and not torch" tests/belief
 
 # Types take as long as all other checks together, so these run beside them.
 check: development

@@ -121,7 +121,7 @@ def test_a_view_reads_what_the_scene_says_and_can_be_sent_to_a_worker(model):
     for view in (scene.view(), copy.deepcopy(scene.view()), pickle.loads(pickle.dumps(scene.view()))):
         assert isinstance(view, SceneView)
         assert numbers(view) == numbers(scene)
-        assert (view.labels, view.num_objects, view.state) == (scene.labels, scene.num_objects, scene.state)
+        assert (view.labels, view.num_objects) == (scene.labels, scene.num_objects)
         assert view.belief(2).log_probs.tolist() == scene.belief(2).log_probs.tolist()
 
 
