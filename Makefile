@@ -139,10 +139,10 @@ policies: development
 # Policies on the belief about one rigid body, for the sensor of the scene; half an hour.
 BANKED.gel := --plan.calibration 200 --plan.test 200
 BANKED.paper := $(BANKED.gel)
-BANKED = data/$(SCENE)-joint-repeats
+REPEATED = data/$(SCENE)-joint-repeats
 joint-policies: development
-	$(BIN)/activetouch collect --scene $(SCENE) --plan.train 0 --plan.repeats 6 $(BANKED.$(SCENE)) --out $(BANKED)
-	$(BIN)/activetouch train-ppo --scene $(SCENE) --data $(BANKED) --recipes goal gains --steps 200000 \
+	$(BIN)/activetouch collect --scene $(SCENE) --plan.train 0 --plan.repeats 6 $(BANKED.$(SCENE)) --out $(REPEATED)
+	$(BIN)/activetouch train-ppo --scene $(SCENE) --data $(REPEATED) --recipes goal gains --steps 200000 \
 		--out runs/ppo-$(SCENE)-joint
 	mkdir -p activetouch/models/$(SCENE)/policies
 	cp runs/ppo-$(SCENE)-joint/policies/* activetouch/models/$(SCENE)/policies/
