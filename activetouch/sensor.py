@@ -169,6 +169,6 @@ class TactileSensor:
             UnknownName: no shape or no decider has this name.
             InvalidArgument: a number is out of its range, or a seed is none.
         """
-        require_own_packages()
+        require_own_packages("planners", "experiments")
         search_with = import_module("experiments.search.one_search").search_with
         return search_with(self, target, decider, seed, num_objects, composition, touch_cost)
