@@ -1,7 +1,7 @@
 """Upper bounds on the return of a scene's searches, and the time that each takes. One thread, without randomness.
 
-Run: OMP_NUM_THREADS=1 python benchmarks/bounds.py hard many                (a minute or two a scene)
-     OMP_NUM_THREADS=1 python benchmarks/bounds.py coarse --targets cone    (on a grid of beliefs: minutes a target)
+Run: OMP_NUM_THREADS=1 python -m benchmarks.bounds hard many                (a minute or two a scene)
+     OMP_NUM_THREADS=1 python -m benchmarks.bounds coarse --targets cone    (on a grid of beliefs: minutes a target)
 
 For every target: one touch that reveals the shape; the joint sensor whose bodies are revealed, with its standard error;
 its discretised model of independent touches. Means over targets in the last line.
