@@ -52,3 +52,12 @@ def sensors_loaded_once():
         shipped, kept = TactileSensor.shipped, cache(TactileSensor.shipped)
         patch.setattr(TactileSensor, "shipped", lambda *which: (kept if len(which) < 2 else shipped)(*which))
         yield
+
+
+@pytest.fixture
+def few_hypotheses(monkeypatch):
+    """Readers of any object predict 128 contacts for each shape and pose: what is run counts, not how well it reads."""
+    from activetouch.perception.contacts import hypotheses
+
+    monkeypatch.setattr(hypotheses, "FEWEST", 128)
+    monkeypatch.setattr(hypotheses, "MOST", 128)

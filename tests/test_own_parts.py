@@ -49,7 +49,7 @@ def test_the_example_of_a_decider_is_compared_by_its_name_with_settings(activeto
     assert name in (tmp_path / "run" / "report.html").read_text()
 
 
-def test_the_example_of_a_scene_is_touched_and_compared_with_a_sensor_of_another(activetouch, tmp_path):
+def test_the_example_of_a_scene_is_touched_and_compared_with_a_sensor_of_another(activetouch, few_hypotheses, tmp_path):
     scene = "own_scene:pressed_harder(force=2.5)"
     activetouch("own_scene", "touch", "--scene", scene, "--shape", "cube", "--out", "cube.png")
     assert (tmp_path / "cube.png").stat().st_size > 0

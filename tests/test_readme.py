@@ -50,7 +50,7 @@ PRINTS = {
 @pytest.mark.mujoco
 @pytest.mark.torch
 @pytest.mark.parametrize("code", [block for block in BLOCKS if "calibration.md" not in str(block.id)])
-def test_every_block_of_code_runs(code, sensors_loaded_once, tmp_path, monkeypatch, capsys, request):
+def test_every_block_of_code_runs(code, sensors_loaded_once, few_hypotheses, tmp_path, monkeypatch, capsys, request):
     monkeypatch.chdir(tmp_path)
     block = request.node.callspec.id
     exec(compile(code, block, "exec"), {})
