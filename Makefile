@@ -20,9 +20,9 @@ search: environment
 test: check
 	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
-# Beliefs alone, without physics and networks: under a minute.
+# Beliefs and statistics alone, without physics, networks and fits: under a minute.
 quick: development
-	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 -m "not slow and not mujoco and not torch" tests/belief
+	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 -m "not slow and not mujoco and not torch" tests/belief/test_*.py tests/belief/metrics tests/belief/statistics
 
 # Types take as long as all other checks together, so these run beside them.
 check: development
