@@ -73,16 +73,6 @@ def versions() -> dict[str, str]:
     return {"python": platform.python_version()} | {name: importlib.metadata.version(name) for name in names}
 
 
-def made_with(module: str = "experiments.search.play") -> dict[str, str]:
-    """Versions of packages, and the digest of the code that a module imports.
-
-    Args:
-        module: the module; that which plays searches by default.
-    """
-    importlib.import_module(module)
-    return versions() | {"code": code_digest(module)}
-
-
 def commit_of_code() -> str:
     """Git commit of this code, marked if there are uncommitted changes; empty outside a Git checkout."""
     command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=12"]
