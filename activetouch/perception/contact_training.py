@@ -49,6 +49,9 @@ class ContactRecipe:
         warmup: steps until it is reached.
         groups, touches: bodies of a batch, and touches of each.
         worlds: of a batch.
+        late: share of the steps after which batches are late ones, see
+            :class:`~activetouch.perception.contacts.touches.Batches`.
+        others: of a late batch.
         bf16: whether the networks compute in half precision.
         seed: of all that is drawn.
     """
@@ -64,6 +67,8 @@ class ContactRecipe:
     groups: int = 32
     touches: int = 32
     worlds: int = 8
+    late: float = 0.6
+    others: int = 96
     bf16: bool = True
     seed: int = 0
 
@@ -126,10 +131,11 @@ class ContactTrainer:
             self._resume()
         sizes = (recipe.groups, recipe.touches, recipe.worlds)
         bodies, workers = range(HELD_OUT, HELD_OUT + recipe.bodies), workers if device == "cpu" else 0
-        stream = _Stream(Batches(imaging, bodies, *sizes, recipe.seed, device), self.step)
+        part = {"late": recipe.late * recipe.steps, "others": recipe.others, "device": device}
+        stream = _Stream(Batches(imaging, bodies, *sizes, seed=recipe.seed, **part), self.step)
         ahead = 4 if workers else None
         self._stream = iter(DataLoader(stream, batch_size=None, num_workers=workers, prefetch_factor=ahead))
-        held_out = Batches(imaging, range(HELD_OUT), *sizes, recipe.seed + 1, device)
+        held_out = Batches(imaging, range(HELD_OUT), *sizes, seed=recipe.seed + 1, device=device)
         self._checks = [held_out(number) for number in range(CHECKS)]
         self._bf16 = recipe.bf16 and imaging.pixels >= _SMALLEST_IN_HALF
         self._started, self._sums = time.monotonic(), torch.zeros(3, device=device)

@@ -150,8 +150,9 @@ def losses(network: ContactReader, batch: Batch, groups: int, bf16: bool) -> tup
     scores = torch.einsum("bd,whd->bwh", seen, hypotheses)
     own = scores[torch.arange(number, device=scores.device), batch.world]  # (B, H), in the touch's own world
     contrast = torch.logsumexp(scores.flatten(1), 1) - own.diagonal() - math.log(scores[0].numel())
-    others = own.masked_fill(torch.eye(number, dtype=torch.bool, device=own.device), -torch.inf)
-    logits = torch.logsumexp(others.reshape(number, groups, -1), 2)
+    others = own.masked_fill(torch.eye(*own.shape, dtype=torch.bool, device=own.device), -torch.inf)
+    of_body = [part.reshape(number, groups, -1) for part in (others[:, :number], others[:, number:])]
+    logits = torch.logsumexp(torch.cat(of_body, dim=2), 2)
     entropy = nn.functional.cross_entropy(logits, batch.bodies, reduction="none")
     accurate = (logits.argmax(1) == batch.bodies).float()
     share = batch.hit / batch.hit.sum()

@@ -6,6 +6,7 @@ predicts, and the width of the cell that the hypothesis stands for.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import NamedTuple
@@ -33,13 +34,14 @@ _TOGETHER = (*((name,) for name in _FACTORS), ("blur", "hysteresis"), ("shift",)
 
 
 class Batch(NamedTuple):
-    """B touches of G bodies, of which touches i · B / G … belong to body i, in W worlds.
+    """B touches of G bodies, of which touches i · B / G … belong to body i, in W worlds, and H hypotheses.
 
     Attributes:
         images: ``(B, n, n)``.
         hit: whether the pad was hit, ``(B,)``.
-        contacts: encoded, of every touch's own hypothesis, ``(B, 2, m, m)``.
-        cells: width of the cells that the hypotheses stand for [rad], ``(B,)``.
+        contacts: encoded, of every touch's own hypothesis, then of others, of each body after another,
+            ``(H, 2, m, m)``.
+        cells: width of the cells that the hypotheses stand for [rad], ``(H,)``.
         world: of every touch, ``(B,)``, in 0 … W − 1.
         codes: of the worlds, ``(W, STATE_SIZE)``.
         bodies: ``(B,)``, in 0 … G − 1.
@@ -64,6 +66,9 @@ class Batches:
         groups: G.
         touches: of each body in a batch.
         worlds: W.
+        late: number of the first batch in which the sensor is as it should be in at least half of the worlds, instead
+            of one, and every body has hypotheses beside those of its touches, as in a table.
+        others: these, for each body.
         seed: of the stream.
         device: where batches are made. On ``cuda``, the triangles of all bodies are kept there.
     """
@@ -73,6 +78,8 @@ class Batches:
     groups: int = 16
     touches: int = 32
     worlds: int = 8
+    late: float = math.inf
+    others: int = 0
     seed: int = 0
     device: str = "cpu"
 
@@ -80,7 +87,8 @@ class Batches:
         """Batch ``number``."""
         rng = np.random.default_rng([self.seed, number, len(self.bodies)])
         imaging, total = self.imaging, self.groups * self.touches
-        states = drawn_worlds(rng, self.worlds, _NOMINAL, imaging.coarser)
+        usual, others = (self.worlds // 2, self.others) if number >= self.late else (1, 0)
+        states = drawn_worlds(rng, self.worlds, _NOMINAL, imaging.coarser, usual)
         world = np.tile(np.arange(self.worlds), -(-total // self.worlds))[:total]
         narrow, broad = np.log(_CELLS)
         cells = np.exp(rng.uniform(narrow, broad, total)).astype(np.float32)
@@ -94,16 +102,23 @@ class Batches:
         predicted = self._maps(chosen, near, nearby, np.zeros_like(places), imaging.wide_window)
         random = torch.Generator(self.device).manual_seed(int(rng.integers(1 << 62)))
         read, hit = images(imaging, seen, states, world, random)
-        others = cells, world, states.code(), np.arange(self.groups).repeat(self.touches)
-        cells, world, codes, bodies = (torch.from_numpy(part).to(self.device) for part in others)
+        if others:
+            more = self.groups * others
+            turns, sizes = _normalised(rng.normal(size=(more, 4))), rng.uniform(*imaging.sizes, more)
+            maps = self._maps(chosen, turns, sizes, np.zeros((more, 2)), imaging.wide_window)
+            predicted = torch.cat([predicted, maps])
+            cells = np.append(cells, np.exp(rng.uniform(narrow, broad, more)).astype(np.float32))
+        arrays = cells, world, states.code(), np.arange(self.groups).repeat(self.touches)
+        cells, world, codes, bodies = (torch.from_numpy(part).to(self.device) for part in arrays)
         return Batch(read, hit, encoded(predicted, imaging.contact_pixels), cells, world, codes, bodies)
 
     def _maps(self, chosen: NDArray[np.int64], turns: Floats, sizes: Floats, places: Floats, window: Window) -> Tensor:
         """Height maps over a window, those of each body after another."""
         axes, pixel = to_matrices(turns) * sizes[:, None, None], window.edge / window.num_pixels
         if self.device != "cpu":
-            return self._on_device.heights(chosen.repeat(self.touches), axes, places, pixel, window.num_pixels)
-        parts = (part.reshape(self.groups, self.touches, *part.shape[1:]) for part in (axes, places))
+            bodies = chosen.repeat(len(turns) // len(chosen))
+            return self._on_device.heights(bodies, axes, places, pixel, window.num_pixels)
+        parts = (part.reshape(len(chosen), -1, *part.shape[1:]) for part in (axes, places))
         maps = [
             heights(kept_body(self.bodies[body]), *part, pixel, window.num_pixels, np.float32)
             for body, *part in zip(chosen, *parts, strict=True)
@@ -121,10 +136,12 @@ def kept_body(number: int) -> Surface:
     return random_body(number)
 
 
-def drawn_worlds(rng: np.random.Generator, number: int, nominal: float, coarser: float = 0.0) -> SensorState:
-    """Random worlds, in which each nuisance is as it should be with probability ``nominal``, and all are in the first.
+def drawn_worlds(
+    rng: np.random.Generator, number: int, nominal: float, coarser: float = 0.0, usual: int = 1
+) -> SensorState:
+    """Random worlds, in which each nuisance is as it should be with probability ``nominal``.
 
-    The first world of a batch is nominal, because the sensor mostly is.
+    In the first ``usual`` worlds, all are, because the sensor mostly is.
     """
     broken = np.zeros((2, number, BROKEN, BROKEN), np.float32)
     for world in range(number):
@@ -143,7 +160,7 @@ def drawn_worlds(rng: np.random.Generator, number: int, nominal: float, coarser:
     is_strange = rng.uniform(size=(number, 7)) > nominal
     wide = rng.uniform(size=number) < coarser
     is_strange &= (~wide | (rng.uniform(size=number) < 0.5))[:, None]  # and often is as it should be otherwise
-    wide[0] = is_strange[0] = False
+    wide[:usual] = is_strange[:usual] = False
     usual = SensorState.nominal(number)._asdict()
     for column, names in enumerate(_TOGETHER):
         for name in names:
