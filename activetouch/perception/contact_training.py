@@ -6,12 +6,14 @@ import json
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import torch
 from torch.utils.data import DataLoader, IterableDataset
 
+from activetouch.errors import ImpossibleRecipe
 from activetouch.perception.card import ClassifierCard
 from activetouch.perception.contacts.hypotheses import CONTACTS, EMBEDDING, ContactHypotheses
 from activetouch.perception.contacts.imaging import STATE_SIZE, Imaging
@@ -56,7 +58,7 @@ class ContactRecipe:
         seed: of all that is drawn.
     """
 
-    steps: int = 8000
+    steps: int = 7500
     bodies: int = 16_000
     widths: tuple[int, ...] = (16, 32, 32, 64, 96)
     image_widths: tuple[int, ...] = (32, 32, 64, 64, 96)
@@ -67,7 +69,7 @@ class ContactRecipe:
     groups: int = 32
     touches: int = 32
     worlds: int = 8
-    late: float = 0.6
+    late: float = 0.8
     others: int = 96
     bf16: bool = True
     seed: int = 0
@@ -115,6 +117,9 @@ class ContactTrainer:
 
     Attributes:
         step: batches that were learned from.
+
+    Raises:
+        ImpossibleRecipe: the state in the folder is of a training with another recipe.
     """
 
     def __init__(
@@ -129,13 +134,15 @@ class ContactTrainer:
         self.step, self._state = 0, folder / _STATE
         if self._state.exists():
             self._resume()
-        sizes = (recipe.groups, recipe.touches, recipe.worlds)
-        bodies, workers = range(HELD_OUT, HELD_OUT + recipe.bodies), workers if device == "cpu" else 0
-        part = {"late": recipe.late * recipe.steps, "others": recipe.others, "device": device}
-        stream = _Stream(Batches(imaging, bodies, *sizes, seed=recipe.seed, **part), self.step)
+        drawn = partial(
+            Batches, imaging, groups=recipe.groups, touches=recipe.touches, worlds=recipe.worlds, device=device
+        )
+        bodies, late = range(HELD_OUT, HELD_OUT + recipe.bodies), recipe.late * recipe.steps
+        stream = _Stream(drawn(bodies, seed=recipe.seed, late=late, others=recipe.others), self.step)
+        workers = workers if device == "cpu" else 0
         ahead = 4 if workers else None
         self._stream = iter(DataLoader(stream, batch_size=None, num_workers=workers, prefetch_factor=ahead))
-        held_out = Batches(imaging, range(HELD_OUT), *sizes, seed=recipe.seed + 1, device=device)
+        held_out = drawn(range(HELD_OUT), seed=recipe.seed + 1)
         self._checks = [held_out(number) for number in range(CHECKS)]
         self._bf16 = recipe.bf16 and imaging.pixels >= _SMALLEST_IN_HALF
         self._started, self._sums = time.monotonic(), torch.zeros(3, device=device)
@@ -181,6 +188,15 @@ class ContactTrainer:
 
     def _resume(self) -> None:
         arrays, fields = read_tensors(self._state)
+        own, theirs = json.loads(json.dumps(asdict(self.recipe))), dict(fields["recipe"])
+        theirs["steps"] = own["steps"]  # more or fewer may follow
+        differing = [
+            f"{name} {theirs.get(name)} (not {value})" for name, value in own.items() if theirs.get(name) != value
+        ]
+        if differing:
+            raise ImpossibleRecipe(
+                f"{self._state} is of a training with {', '.join(differing)}; give its numbers, or another folder"
+            )
         self.step = int(fields["step"])
         self._learner.restore({name: torch.from_numpy(array) for name, array in arrays.items()}, self.step)
 

@@ -54,13 +54,11 @@ class DeviceBodies:
         ends = np.append(0, counts.cumsum())
         axes = turns[:, ::-1] * np.array([1 / pixel, 1 / pixel, -1.0])[:, None]  # row, column, height
         shift = np.concatenate([places[:, ::-1] / pixel + (edge - 1) / 2, np.zeros((len(bodies), 1))], axis=1)
-        axes, shift, counts, starts, firsts = (
-            torch.from_numpy(part).to(self._device)
-            for part in (axes.astype(np.float32), shift.astype(np.float32), counts, ends, self._starts[bodies])
-        )
-        owner = torch.repeat_interleave(counts, output_size=int(ends[-1]))
+        arrays = axes.astype(np.float32), shift.astype(np.float32), counts, ends, self._starts[bodies]
+        turned, moved, each, starts, firsts = (torch.from_numpy(part).to(self._device) for part in arrays)
+        owner = torch.repeat_interleave(each, output_size=int(ends[-1]))
         face = torch.arange(len(owner), device=self._device) + (firsts - starts[:-1])[owner]
-        points = torch.einsum("fij,fcj->fci", axes[owner], self._corners[face]) + shift[owner][:, None]
+        points = torch.einsum("fij,fcj->fci", turned[owner], self._corners[face]) + moved[owner][:, None]
         planes = _planes(points)
         return (_on_graphics_processor if planes.is_cuda else _anywhere)(planes, starts.int(), edge)
 

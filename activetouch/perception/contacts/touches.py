@@ -91,7 +91,7 @@ class Batches:
         states = drawn_worlds(rng, self.worlds, _NOMINAL, imaging.coarser, usual)
         world = np.tile(np.arange(self.worlds), -(-total // self.worlds))[:total]
         narrow, broad = np.log(_CELLS)
-        cells = np.exp(rng.uniform(narrow, broad, total)).astype(np.float32)
+        cells = np.exp(rng.uniform(narrow, broad, total))
         turns = _normalised(rng.normal(size=(total, 4)))
         sizes = rng.uniform(*imaging.sizes, total)
         places = rng.uniform(-imaging.offset, imaging.offset, (total, 2))
@@ -107,10 +107,10 @@ class Batches:
             turns, sizes = _normalised(rng.normal(size=(more, 4))), rng.uniform(*imaging.sizes, more)
             maps = self._maps(chosen, turns, sizes, np.zeros((more, 2)), imaging.wide_window)
             predicted = torch.cat([predicted, maps])
-            cells = np.append(cells, np.exp(rng.uniform(narrow, broad, more)).astype(np.float32))
-        arrays = cells, world, states.code(), np.arange(self.groups).repeat(self.touches)
-        cells, world, codes, bodies = (torch.from_numpy(part).to(self.device) for part in arrays)
-        return Batch(read, hit, encoded(predicted, imaging.contact_pixels), cells, world, codes, bodies)
+            cells = np.append(cells, np.exp(rng.uniform(narrow, broad, more)))
+        arrays = cells.astype(np.float32), world, states.code(), np.arange(self.groups).repeat(self.touches)
+        given = [torch.from_numpy(part).to(self.device) for part in arrays]
+        return Batch(read, hit, encoded(predicted, imaging.contact_pixels), *given)
 
     def _maps(self, chosen: NDArray[np.int64], turns: Floats, sizes: Floats, places: Floats, window: Window) -> Tensor:
         """Height maps over a window, those of each body after another."""
@@ -118,10 +118,10 @@ class Batches:
         if self.device != "cpu":
             bodies = chosen.repeat(len(turns) // len(chosen))
             return self._on_device.heights(bodies, axes, places, pixel, window.num_pixels)
-        parts = (part.reshape(len(chosen), -1, *part.shape[1:]) for part in (axes, places))
+        each = zip(chosen, np.split(axes, len(chosen)), np.split(places, len(chosen)), strict=True)
         maps = [
-            heights(kept_body(self.bodies[body]), *part, pixel, window.num_pixels, np.float32)
-            for body, *part in zip(chosen, *parts, strict=True)
+            heights(kept_body(self.bodies[body]), turned, placed, pixel, window.num_pixels, np.float32)
+            for body, turned, placed in each
         ]
         return torch.from_numpy(np.concatenate(maps))
 
@@ -161,12 +161,12 @@ def drawn_worlds(
     wide = rng.uniform(size=number) < coarser
     is_strange &= (~wide | (rng.uniform(size=number) < 0.5))[:, None]  # and often is as it should be otherwise
     wide[:usual] = is_strange[:usual] = False
-    usual = SensorState.nominal(number)._asdict()
+    drawn = SensorState.nominal(number)._asdict()
     for column, names in enumerate(_TOGETHER):
         for name in names:
-            chosen = is_strange[:, column].reshape(number, *[1] * (usual[name].ndim - 1))
-            usual[name] = np.where(chosen, strange[name], usual[name]).astype(np.float32)
-    return SensorState(**usual)._replace(wide=wide.astype(np.float32))
+            chosen = is_strange[:, column].reshape(number, *[1] * (drawn[name].ndim - 1))
+            drawn[name] = np.where(chosen, strange[name], drawn[name]).astype(np.float32)
+    return SensorState(**drawn)._replace(wide=wide.astype(np.float32))
 
 
 def _normalised(vectors: Floats) -> Floats:
