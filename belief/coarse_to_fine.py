@@ -138,6 +138,9 @@ class _Families(NamedTuple):
     def take(self, rows: NDArray[Any]) -> _Families:
         return _Families(*(part[rows] for part in self))
 
+    def joined(self, others: _Families) -> _Families:
+        return _Families(*(np.concatenate(both) for both in zip(self, others, strict=True)))
+
     def keys(self, num_parents: int) -> Ints:
         return self.body * num_parents + self.parent
 
@@ -191,7 +194,7 @@ class CoarseToFine:
             ValueError: a prior is NaN or infinite, or all bodies are impossible.
         """
         prior = np.array(log_prior, float, ndmin=1)
-        if prior.ndim != 1 or np.isnan(prior).any() or not np.isfinite(prior.max()):
+        if prior.ndim != 1 or not len(prior) or np.isnan(prior).any() or not np.isfinite(prior.max()):
             raise ValueError(
                 f"log_prior must be (K,), finite for one body at least and nowhere NaN, got {prior!r:.200}"
             )
@@ -390,7 +393,7 @@ class CoarseToFine:
                 body, parent = self._places(level - 1, rows)
                 sums = self._parts(self.touches, level, body, parent)
                 new = _Families(body, parent, sums, np.zeros(sums.shape))
-                families[level - 1] = _Families(*map(np.concatenate, zip(families[level - 1], new, strict=True)))
+                families[level - 1] = families[level - 1].joined(new)
         return replace(self, _families=tuple(families))
 
     def _parts(self, touches: Sequence[Any], level: int, bodies: Ints, parents: Ints) -> Floats:

@@ -69,8 +69,8 @@ def report(rule: str, found: list[Naming]) -> None:
         low, high = wilson_interval(int(right.sum()), len(right))
         stated, nll = np.exp(now.max(axis=1)).mean(), -now[np.arange(len(now)), truths].mean()
         print(
-            f"  after {count:2d} touches: right {right.mean():.3f} [{low:.3f}, {high:.3f}], among five {five.mean():.3f}, "
-            f"stated {stated:.3f}, NLL {nll:.3f}"
+            f"  after {count:2d} touches: right {right.mean():.3f} [{low:.3f}, {high:.3f}], "
+            f"among five {five.mean():.3f}, stated {stated:.3f}, NLL {nll:.3f}"
         )
     for threshold in THRESHOLDS:
         stops = [one.touches_to(threshold) for one in found]

@@ -9,9 +9,7 @@ from belief.coarse_to_fine import CoarseToFine, Leaves
 from belief.validation import Floats
 
 
-def body_information(
-    log_ratios: NDArray[np.floating], weights: Floats, bodies: NDArray[np.integer]
-) -> NDArray[np.floating]:
+def body_information(log_ratios: NDArray[np.floating], weights: Floats, bodies: NDArray[np.integer]) -> Floats:
     """Expected information of a touch in each pose about the body [nats], ``(P,)``.
 
     Args:
@@ -45,6 +43,8 @@ def sampled_leaves(belief: CoarseToFine, number: int) -> tuple[Leaves, Floats]:
     return Leaves(*(part[rows] for part in leaves)), counts / number
 
 
-def _entropies(probs: NDArray[np.floating]) -> NDArray[np.floating]:
+def _entropies(probs: NDArray[np.floating]) -> Floats:
     """Entropy of each row of probabilities."""
-    return -np.where(probs > 0.0, probs * np.log(np.maximum(probs, np.finfo(probs.dtype).tiny)), 0.0).sum(axis=-1)
+    return -np.where(probs > 0.0, probs * np.log(np.maximum(probs, np.finfo(probs.dtype).tiny)), 0.0).sum(
+        axis=-1, dtype=float
+    )

@@ -4,17 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from time import perf_counter
 from typing import Literal, TypeAlias
 
 import numpy as np
 
+from activetouch.poses import to_matrices
+from activetouch.rotation_cells import centres
 from activetouch.scene import WorldObject
+from belief.coarse_to_fine import CoarseToFine
 from belief.validation import Floats
 from experiments.meshes.setting import MeshSetting
 
 Rule: TypeAlias = Literal["information gain", "random", "spread"]
 RULES: tuple[Rule, ...] = ("information gain", "random", "spread")
 """How the next direction is chosen; ``spread`` is a fixed order, each direction far from those before it."""
+
+_SHOWN, _PROBABLE = 5, 0.01  # bodies that are still possible: at most, and their least probability
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +31,8 @@ class Naming:
         truth: index of its body.
         poses: of the touches.
         log_probs: posterior after each touch, ``(n, K)`` float32.
+        possible: after each touch, the most probable bodies: index, probability, and how it lies most probably, a unit
+            quaternion ``wxyz``.
         unresolved: share of the posterior in cells that are not of the finest level, after each touch.
         seconds: for the decisions and for the updates, means of a touch.
     """
@@ -32,6 +40,7 @@ class Naming:
     truth: int
     poses: tuple[int, ...]
     log_probs: Floats
+    possible: tuple[tuple[tuple[int, float, Floats], ...], ...]
     unresolved: tuple[float, ...]
     seconds: tuple[float, float]
 
@@ -86,14 +95,12 @@ def name_object(
         max_touches: at most the number of poses.
         threshold: at which to stop, in (0, 1]; 1 does not stop.
     """
-    from time import perf_counter
-
     num_poses = len(setting.scene.poses)
     order = np.random.default_rng([*seed, 1]).permutation(num_poses).tolist()
     if rule == "spread":
         order = fixed_order(setting)
     belief, poses = setting.bodies.start(), list[int]()
-    logs, unresolved, deciding, updating = [], [], 0.0, 0.0
+    logs, possible, unresolved, deciding, updating = [], [], [], 0.0, 0.0
     while len(poses) < min(max_touches, num_poses):
         started = perf_counter()
         pose = order[len(poses)]
@@ -109,15 +116,28 @@ def name_object(
         updating += perf_counter() - started
         poses.append(pose)
         unresolved.append(belief.unresolved)
+        possible.append(still_possible(setting, belief))
         if np.exp(logs[-1].max()) >= threshold < 1.0:
             break
     seconds = deciding / len(poses), updating / len(poses)
-    return Naming(obj.shape_index, tuple(poses), np.stack(logs), tuple(unresolved), seconds)
+    return Naming(obj.shape_index, tuple(poses), np.stack(logs), tuple(possible), tuple(unresolved), seconds)
+
+
+def still_possible(setting: MeshSetting, belief: CoarseToFine) -> tuple[tuple[int, float, Floats], ...]:
+    """The most probable bodies, at most five: see :class:`Naming`."""
+    probs, leaves = belief.probs, belief.leaves(_PROBABLE / 100)
+    found = []
+    for body in np.argsort(-probs)[:_SHOWN].tolist():
+        mine = np.flatnonzero(leaves.body == body)
+        if probs[body] < _PROBABLE or not len(mine):
+            break
+        best = mine[leaves.log_weight[mine].argmax()]
+        rests = centres(setting.bodies.levels[leaves.level[best]])
+        found.append((body, float(probs[body]), rests[leaves.cell[best]]))
+    return tuple(found)
 
 
 def fixed_order(setting: MeshSetting) -> list[int]:
     """The order of rule ``spread``."""
-    from activetouch.poses import to_matrices
-
     turns = to_matrices(np.array(list(setting.scene.rotations.values())))
     return spread_order(-turns[:, 0])  # the side of the object that faces the pad, which is at -x

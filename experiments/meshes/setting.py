@@ -10,10 +10,11 @@ from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import logsumexp
+import scipy  # whose parts load at first use
+from numpy.typing import NDArray
 
 from activetouch.distributions import Uniform
 from activetouch.errors import BadMesh, MeshWarning
@@ -29,7 +30,7 @@ from activetouch.scene import Scene, WorldObject
 from activetouch.scene_description import SURROUNDINGS, scene_fields
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
 from activetouch.solids.solid import Shape
-from belief.coarse_to_fine import CoarseToFine, Effort
+from belief.coarse_to_fine import CoarseToFine, Effort, Ints
 from belief.errors import InvalidArgument
 from belief.files import from_field, require_regular_file, to_field, write_text
 from belief.validation import Floats
@@ -39,12 +40,11 @@ from planners.body_information import body_information, sampled_leaves
 ENDINGS = (".stl", ".obj", ".ply", ".off", ".glb", ".gltf", ".3mf", ".dae")
 SIZES = (0.97, 1.03)
 """Smallest and largest size of an object, relative to its mesh."""
-_PRESSED, _TOUCHES = 48, 12  # objects, and touches of each, to which a set is fitted
+_PRESSED, _TOUCHES = 48, 12  # objects to which a set is fitted, and touches of each
 _REFERENCES = 128
 _HYPOTHESES = 256  # for a decision
 _CHECKPOINTS = (1, 2, 4, 8, 12)
-_TEMPERATURES, _DRIFTS = np.geomspace(0.5, 3.0, 16), np.linspace(0.0, 0.3, 13)
-_RELEVANT = 1e-4  # posterior of a cell that counts for the fit
+_RELEVANT, _LEFT = 1e-5, 1e-4  # posterior of a cell that counts for the fit, and of bodies without one
 _MANY = 200  # bodies above which the coarsest cells are used for all
 _MILLISECONDS = 0.45  # of one core, for a view of a body
 
@@ -74,6 +74,7 @@ class MeshSetting:
         plan: ViewPlan | None = None,
         levels: Sequence[int] | None = None,
         effort: Effort | None = None,
+        pressed: int = _PRESSED,
         jobs: int | None = None,
     ) -> MeshSetting:
         """Embed bodies that are not in the cache yet, and fit temperature and drift to simulated touches.
@@ -84,6 +85,7 @@ class MeshSetting:
             plan: views of each body.
             levels: of cells, coarse first; chosen by the number of bodies by default.
             effort: how far beliefs are refined.
+            pressed: number of simulated objects that temperature and drift are fitted to.
             jobs: number of processes; as many as processors by default.
 
         Raises:
@@ -97,7 +99,7 @@ class MeshSetting:
         chosen = by_number if levels is None else tuple(levels)
         others = {"levels": chosen, "effort": Effort() if effort is None else effort}
         bodies = BodySet.of(reader.hypotheses, scene, solids, plan, **others)
-        return _fitted(cls(scene, reader, bodies, np.zeros((1, bodies.table.shape[2]), np.float32)))
+        return _fitted(cls(scene, reader, bodies, np.zeros((1, bodies.table.shape[2]), np.float32)), pressed)
 
     def touch(self, obj: WorldObject, pose: int, rng: np.random.Generator) -> Floats32:
         """The embedding of a simulated touch, ``(D,)``."""
@@ -116,7 +118,7 @@ class MeshSetting:
         leaves, weights = sampled_leaves(belief, _HYPOTHESES)
         ratios = self.bodies.log_ratios(leaves.level, leaves.body, leaves.cell, self.references)
         ratios *= np.float32(self.bodies.scale / (1.0 + self.bodies.drift * len(belief.touches)))
-        return body_information(ratios, weights, leaves.body if target is None else leaves.body == target)
+        return body_information(ratios, weights, leaves.body if target is None else (leaves.body == target).astype(int))
 
 
 def read_folder(folder: Path | Sequence[Path | str], scale: float | None = None) -> tuple[dict[str, Shape], list[str]]:
@@ -209,11 +211,11 @@ def _embed(reader: ContactHypotheses, scene: Scene, solid: Shape, plan: ViewPlan
     embedded_views(reader, scene, solid, plan)
 
 
-def _fitted(setting: MeshSetting) -> MeshSetting:
+def _fitted(setting: MeshSetting, pressed: int) -> MeshSetting:
     """The setting with temperature, drift and references from simulated touches, or from the cache."""
     bodies = setting.bodies
     fields = {name: value for name, value in scene_fields(setting.scene).items() if name not in SURROUNDINGS}
-    plan = [bodies.plan.directions, bodies.plan.rolls, bodies.plan.width, *bodies.levels]
+    plan = [bodies.plan.directions, bodies.plan.rolls, bodies.plan.width, pressed, *bodies.levels]
     key = {"reader": setting.reader.digest, "scene": fields, "plan": plan, "version": version("activetouch")}
 
     def read(path: Path) -> dict[str, Any]:
@@ -222,45 +224,68 @@ def _fitted(setting: MeshSetting) -> MeshSetting:
     def write(path: Path, found: dict[str, Any]) -> None:
         write_text(path, json.dumps(found))
 
-    found = cached(key, ".json", partial(_fit, setting), read, write)
+    found = cached(key, ".json", partial(_fit, setting, pressed), read, write)
     fitted = replace(bodies, scale=float(found["scale"]), drift=float(found["drift"]))
     return replace(setting, bodies=fitted, references=from_field(found["references"], "float16").astype(np.float32))
 
 
-def _fit(setting: MeshSetting) -> dict[str, Any]:
+class _Cells(NamedTuple):
+    """Cells with some posterior, of simulated objects after some touches, each such case one after the other.
+
+    Attributes:
+        starts: first cell of each case.
+        touches: of the case, for every cell.
+        is_true: whether a cell is of the true body.
+        prior: log prior of the cell.
+        sums: log likelihood.
+    """
+
+    starts: Ints
+    touches: Ints
+    is_true: NDArray[np.bool_]
+    prior: Floats
+    sums: Floats
+
+    def loss(self, log_temperature: float, drift: float) -> float:
+        """Mean negative log posterior of the true body; a little is left for the bodies without a cell."""
+        logs = self.prior + self.sums / (np.exp(log_temperature) * (1.0 + drift * (self.touches - 1)))
+        lengths = np.diff(self.starts, append=len(logs))
+        weights = np.exp(logs - np.maximum.reduceat(logs, self.starts).repeat(lengths))
+        right = np.add.reduceat(weights * self.is_true, self.starts) / np.add.reduceat(weights, self.starts)
+        return -float(np.log((1.0 - _LEFT) * right + _LEFT).mean())
+
+
+def _fit(setting: MeshSetting, pressed: int) -> dict[str, Any]:
     """Temperature and drift with the lowest NLL of the body after 1 to 12 touches in random directions."""
-    rng, bodies = np.random.default_rng(0xF17), setting.bodies
+    rng, bodies, logs = np.random.default_rng(0xF17), setting.bodies, nested(setting.bodies.levels).log_shares
     number = len(bodies.labels)
-    truths = rng.permutation(number)[:_PRESSED] if number >= _PRESSED else rng.integers(number, size=_PRESSED)
+    truths = rng.permutation(np.arange(max(number, pressed)) % number)[:pressed]
     felt, cases = [], []
     for truth in truths.tolist():
         obj, belief = setting.scene.sample_object(truth, rng), bodies.start()
         poses = rng.permutation(len(bodies.poses))[:_TOUCHES].tolist()
         images = np.stack([setting.scene.press(obj, pose, rng).image for pose in poses])
-        embeddings = setting.reader.run(images)[0]
-        felt.append(embeddings)
-        for count, (pose, embedding) in enumerate(zip(poses, embeddings, strict=True), 1):
+        felt.append(setting.reader.run(images)[0])
+        for count, (pose, embedding) in enumerate(zip(poses, felt[-1], strict=True), 1):
             belief = setting.update(belief, pose, embedding)
             if count in _CHECKPOINTS:
-                leaves = belief.leaves(_RELEVANT / 10)
-                logs = nested(bodies.levels).log_shares
-                prior = np.array([logs[a][b] for a, b in zip(leaves.level, leaves.cell, strict=True)])
+                leaves = belief.leaves(_RELEVANT)
+                prior = np.zeros(len(leaves.body))
+                for level, shares in enumerate(logs):
+                    prior += np.where(leaves.level == level, shares[np.minimum(leaves.cell, len(shares) - 1)], 0.0)
                 sums = (leaves.log_weight - prior) * (1.0 + bodies.drift * (count - 1)) / bodies.scale
-                cases.append((truth, count, leaves.body, prior, sums))
-    best = min(
-        ((t, d) for t in _TEMPERATURES.tolist() for d in _DRIFTS.tolist()),
-        key=lambda pair: sum(_loss(*case, *pair, number) for case in cases),
-    )
+                cases.append((np.full(len(prior), count), leaves.body == truth, prior, sums))
+    starts = np.cumsum([0, *(len(case[0]) for case in cases[:-1])])
+    cells = _Cells(starts, *(np.concatenate(part) for part in zip(*cases, strict=True)))
+    simplex = np.array([[0.0, 0.05], [0.3, 0.05], [0.0, 0.15]])
+    bounds, options = [(-1.5, 1.5), (0.0, 0.5)], {"xatol": 0.01, "fatol": 1e-4, "initial_simplex": simplex}
+
+    def loss(parameters: Floats) -> float:
+        return cells.loss(float(parameters[0]), float(parameters[1]))
+
+    settings: Any = {"method": "Nelder-Mead", "bounds": bounds, "options": options}
+    best = scipy.optimize.minimize(loss, simplex[0], **settings).x
     every = np.concatenate(felt)
     some = every[rng.permutation(len(every))[:_REFERENCES]]
-    return {"scale": 1.0 / best[0], "drift": best[1], "references": to_field(some, "float16")}
-
-
-def _loss(
-    truth: int, count: int, body: Floats, prior: Floats, sums: Floats, temperature: float, drift: float, number: int
-) -> float:
-    """Negative log posterior of the true body, of cells with some posterior; a little is left for all others."""
-    logs = prior + sums / (temperature * (1.0 + drift * (count - 1)))
-    mine = logs[body == truth]
-    right = np.exp(logsumexp(mine) - logsumexp(logs)) if len(mine) else 0.0
-    return -float(np.log((1.0 - _RELEVANT) * right + _RELEVANT / number))
+    found = {"scale": float(np.exp(-best[0])), "drift": float(best[1])}
+    return {**found, "references": to_field(some.astype(float), "float16")}
