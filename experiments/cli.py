@@ -34,8 +34,8 @@ class Command:
 COMMAND_GROUPS: dict[str, dict[str, Command]] = {
     "Search": {
         "compare": Command("search.compare:Compare", "run the same searches with several deciders; report"),
-        "find": Command("meshes.find:Find", "find the object of one mesh among objects of many; no training"),
-        "identify": Command("meshes.identify:Identify", "name objects among a folder of meshes; no training"),
+        "find": Command("meshes.find:Find", "find the object of one mesh among others; no training"),
+        "identify": Command("meshes.identify:Identify", "name objects, given a folder of meshes; no training"),
         "replay": Command("search.replay:Replay", "draw or animate one recorded search"),
         "export": Command("search.export:Export", "write a search (.pomdp) or a solved policy (.npz)"),
     },
