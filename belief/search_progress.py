@@ -30,7 +30,11 @@ from belief.scene_view import UNKNOWN
 
 
 class Outcome(StrEnum):
-    """How a search ended."""
+    """How a search ended.
+
+    >>> [outcome.value for outcome in Outcome]
+    ['confirmed', 'exhausted', 'truncated', 'unsure']
+    """
 
     CONFIRMED = "confirmed"
     EXHAUSTED = "exhausted"

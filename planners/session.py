@@ -43,11 +43,13 @@ from planners.decider import Decider, Decision, InformationState
 from planners.episode import Episode, Step
 from planners.session_log import (
     SCHEMA,
+    OtherModel,
+    digests,
     event_lines,
     events_from,
-    model_digest,
     problem_fields,
     problem_from,
+    require_same,
     told_fields,
 )
 from planners.told import Answer, ImageReader, Listener, Told, standing_of
@@ -55,10 +57,6 @@ from planners.told import Answer, ImageReader, Listener, Told, standing_of
 
 class AlreadyTold(InvalidArgument):
     """A question was answered twice, or an answer came late; nothing has changed."""
-
-
-class OtherModel(InvalidArgument):
-    """A log was made with another observation model or reader; its beliefs would not be the same."""
 
 
 class Session:
@@ -276,11 +274,9 @@ class Session:
         Raises:
             CannotWrite: the file exists and is not this session's log, or it cannot be written.
         """
-        path = Path(path).resolve()
-        if self._journal is not None and self._journal.path == path:
+        if self._journal is not None and self._journal.path == Path(path).resolve():
             return
-        lines = [self._header(), *event_lines(self._events, self.problem)]
-        journal = Journal.create(path, lines)
+        journal = Journal.create(Path(path).resolve(), [self._header(), *event_lines(self._events, self.problem)])
         self.close()
         self._journal = journal
 
@@ -321,7 +317,7 @@ class Session:
         """Let go of the log, which another process can then load; the session goes on without one."""
         if self._journal is not None:
             self._journal.close()
-            self._journal = None
+        self._journal = None
 
     def _apply(self, told: Told) -> None:
         """Count what was told. If it cannot be, nothing has changed."""
@@ -384,7 +380,7 @@ class Session:
             "log_bets": np.asarray(self._log_bets, np.float64).tolist(),
             "least_force": listener.least_force,
             "least_area": listener.least_area,
-            **_digests(self.model, listener.reader),
+            **digests(self.model, listener.reader),
         }
 
 
@@ -392,11 +388,7 @@ def _from_header(
     header: dict[str, Any], model: ObservationModel, decider: Decider, reader: ImageReader | None
 ) -> Session:
     """The session as it began."""
-    if (schema := header.get("schema")) != SCHEMA:
-        raise ValueError(f"its schema is {schema!r:.60}, not {SCHEMA!r}")
-    for what, digest in _digests(model, reader).items():
-        if header[what] is not None and header[what] != digest:
-            raise OtherModel(f"the session began with another {what.removesuffix('_sha256')} than this one")
+    require_same(header, model, reader)
     return Session(
         problem_from(header["problem"]),
         decider,
@@ -406,7 +398,3 @@ def _from_header(
         reader=reader,
         **{name: header[name] for name in ("arrangement", "abstain", "log_bets", "least_force", "least_area")},
     )
-
-
-def _digests(model: ObservationModel, reader: ImageReader | None) -> dict[str, str | None]:
-    return {"model_sha256": model_digest(model), "reader_sha256": None if reader is None else reader.identity}

@@ -8,16 +8,21 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from belief.composition import Counts
+from belief.errors import InvalidArgument
 from belief.journal import array_field, array_from
 from belief.naming import index_of
 from belief.observation_model.model import ObservationModel
 from belief.problem import Probe, Reject, SearchProblem, Touch
 from planners.decider import Decision
 from planners.episode import ACTION_NAMES, ACTIONS
-from planners.told import Told, standing_of
+from planners.told import ImageReader, Told, standing_of
 
 SCHEMA = "activetouch session 1"
 """First field of the first line; the number grows when a reader of older logs could be misled."""
+
+
+class OtherModel(InvalidArgument):
+    """A log was made with another observation model or reader; its beliefs would not be the same."""
 
 
 def told_fields(told: Told, object_index: int, problem: SearchProblem) -> dict[str, Any]:
@@ -122,7 +127,22 @@ def problem_from(fields: Mapping[str, Any]) -> SearchProblem:
     )
 
 
-def model_digest(model: ObservationModel) -> str | None:
-    """SHA-256 of an observation model; None for one that cannot be written."""
+def digests(model: ObservationModel, reader: ImageReader | None) -> dict[str, str | None]:
+    """SHA-256 of an observation model, None for one that cannot be written; and of a reader of images."""
     to_json = getattr(model, "to_json", None)
-    return None if to_json is None else hashlib.sha256(to_json().encode()).hexdigest()
+    digest = None if to_json is None else hashlib.sha256(to_json().encode()).hexdigest()
+    return {"model_sha256": digest, "reader_sha256": None if reader is None else reader.identity}
+
+
+def require_same(header: Mapping[str, Any], model: ObservationModel, reader: ImageReader | None) -> None:
+    """Check that a log can be gone on with.
+
+    Raises:
+        ValueError: it has another schema.
+        OtherModel: it was made with another observation model or reader.
+    """
+    if (schema := header.get("schema")) != SCHEMA:
+        raise ValueError(f"its schema is {schema!r:.60}, not {SCHEMA!r}")
+    for what, digest in digests(model, reader).items():
+        if header[what] is not None and header[what] != digest:
+            raise OtherModel(f"the session began with another {what.removesuffix('_sha256')} than this one")

@@ -16,7 +16,8 @@ from belief.seeding import touch_rng
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
 from planners import Decision, Outcome, Session, make_decider, search
 from planners.episode import Episode, judged
-from planners.session import AlreadyTold, OtherModel
+from planners.session import AlreadyTold
+from planners.session_log import OtherModel
 
 MODEL = random_model(np.random.default_rng(0))
 PROBLEM = SearchProblem(MODEL.shape_labels, ("front", "side", "top"), 4, touch_limit=20)
