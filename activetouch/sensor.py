@@ -229,11 +229,10 @@ class RecordedSensor(TactileSensor):
 
     def __init__(self, reader: RecordedReader, model: ActionKernelModel, origin: Mapping[str, Any]) -> None:
         unknown = [label for label in model.shape_labels if label not in reader.label_names]
-        if unknown or model.num_poses != len(reader.action_names):
-            raise LabelMismatch(
-                f"the reader knows {few(reader.label_names)} by {few(reader.action_names)}, and the observation model "
-                f"is about {few(model.shape_labels)} in {model.num_poses} poses"
-            )
+        if unknown:
+            raise LabelMismatch(f"the reader does not know {few(unknown)} of the observation model; save both again")
+        if model.num_poses != len(actions := reader.action_names):
+            raise LabelMismatch(f"the reader knows {len(actions)} actions, the observation model {model.num_poses}")
         for name, value in (("recorded_reader", reader), ("model", model), ("origin", dict(origin))):
             object.__setattr__(self, name, value)
 

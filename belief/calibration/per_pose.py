@@ -141,7 +141,7 @@ class PerPose:
             KeyError: a field is missing, or there is no such kind of calibration.
             ValueError: parameters that are out of range or do not fit each other.
 
-        >>> calibration = PerPose().fit(np.eye(2), [0, 1], [0, 0])
+        >>> calibration = PerPose().fit(4.0 * np.eye(2), [0, 1], [0, 0])
         >>> PerPose.from_fields(calibration.to_fields()).to_fields() == calibration.to_fields()
         True
         """
