@@ -20,7 +20,7 @@ Probe(pose=0)
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -76,8 +76,8 @@ class Session:
             if no true shape is given. The problem then has the answer Unsure, with a reward of 0 unless it has one.
         log_bets: of an earlier search with the same set-up (:mod:`planners.set_up`).
         reader: reads images.
-        least_force: a contact whose stated force is not larger is none [N].
-        least_area: a contact whose area is not larger is none [m²].
+        least_force: a contact whose stated force is not larger is no contact [N].
+        least_area: a contact whose area is not larger is no contact [m²].
 
     Attributes:
         problem: the search, with the answer Unsure if the decider may give it.
@@ -102,8 +102,8 @@ class Session:
         abstain: bool | None = None,
         log_bets: ArrayLike = 0.0,
         reader: ImageReader | None = None,
-        least_force: float = 0.0,
-        least_area: float = 0.0,
+        least_force: float | None = None,
+        least_area: float | None = None,
     ) -> None:
         self._abstains = arrangement is None if abstain is None else abstain
         if self._abstains:
@@ -140,7 +140,7 @@ class Session:
         *,
         image: Any = None,
         missed: bool = False,
-        pose: Name | None = None,
+        pose: Name | Mapping[str, Any] | None = None,
         force: float | None = None,
         area: float | None = None,
         step: int | None = None,
@@ -156,7 +156,8 @@ class Session:
             touch: what was felt, as a reader says it.
             image: what was felt, for the session's reader; uint8, ``(H, W)`` or ``(H, W, 3)``.
             missed: whether there was no contact.
-            pose: label or index of the pose of the touch; that of ``touch``, or the one asked for, by default.
+            pose: label or index of the pose of the touch, or a place that is none of the poses, as the session's
+                reader takes it; that of ``touch``, or the one asked for, by default.
             force: of the contact [N]; not more than ``least_force`` is a miss.
             area: of the contact [m²]; not more than ``least_area`` is a miss. The reader's by default.
             step: which question is answered: :attr:`step` when it was asked. It protects from answers that come twice.
@@ -301,7 +302,7 @@ class Session:
         journal, (header, *lines) = Journal.opened(path)
         try:
             session = _from_header(header, model, decider, reader)
-            events, truth = events_from(lines, session.problem)
+            events, truth = events_from(lines, session.problem, reader)
             session._restore(events)
             session.arrangement = session.arrangement if truth is None else session._shapes(truth)
         except OtherModel:
@@ -325,7 +326,7 @@ class Session:
         index, belief = progress.object_index, self.belief
         if told.touch is not None:
             progress.touch(told.touch)
-            if not (isinstance(decision.action, Probe) and decision.action.pose == told.touch.pose):
+            if decision.action != Probe(told.touch.pose) or told.touch.elsewhere is not None:
                 decision = Decision(Probe(told.touch.pose), {"is_unasked": 1.0})
         elif not told.is_miss:
             progress.act(decision.action)
