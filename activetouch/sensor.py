@@ -233,7 +233,8 @@ class TactileSensor:
             touch_cost: as of :meth:`search`.
             log: file for all that is told, each on disk before the next question; if it exists, its search goes on.
             settings: of :class:`planners.Session`: ``arrangement``, ``abstain``, ``log_bets``, ``least_force`` and
-                ``least_area``; a log that exists has its own.
+                ``least_area``; a log that exists has its own. Where it may abstain, an image that could be one of no
+                contact is a miss.
 
         Returns:
             The :class:`planners.Session`.

@@ -149,8 +149,8 @@ class Session:
 
         After a Reject was carried out, the next object is in place. A touch may be in another pose than asked for, and
         may come when none was asked for: it is evidence, and the next action is decided anew. A miss is evidence where
-        the observation model knows misses; elsewhere it is recorded, and the same touch is asked for again. With a log,
-        what was told is on disk when this returns.
+        the observation model knows misses; elsewhere it is recorded, counts for the touch limit, and the same touch is
+        asked for again. With a log, what was told is on disk when this returns.
 
         Args:
             touch: what was felt, as a reader says it.
@@ -175,7 +175,7 @@ class Session:
             raise InvalidArgument(f"the search has ended: {self.outcome}. undo() takes back what was told last")
         answer = Answer(touch, image, missed, pose, force, area)
         told = self._listener.told(answer, self._asked, self._rng.bit_generator.state)
-        if told.touch is not None and not self._progress.may_touch:
+        if told.kind != "done" and not self._progress.may_touch:
             raise InvalidArgument(f"the touch limit of the search, {self.problem.touch_limit}, allows no more touches")
         index = self.object_index
         self._apply(told)
@@ -239,7 +239,7 @@ class Session:
 
     @property
     def scene(self) -> SceneView:
-        """Joint belief about all objects, which later touches do not change."""
+        """Joint belief about all objects; later touches do not change it."""
         return self._progress.scene.view()
 
     @property
@@ -254,11 +254,7 @@ class Session:
 
     @property
     def episode(self) -> Episode:
-        """The record of the search.
-
-        Raises:
-            InvalidArgument: it has not ended.
-        """
+        """The record of the search; raises InvalidArgument before it has ended."""
         if self.outcome is None:
             raise InvalidArgument("the search has not ended yet; its steps so far are session.steps")
         return Episode(self.seed, self.target, self.arrangement, self.steps, self.outcome)
@@ -328,13 +324,15 @@ class Session:
             progress.touch(told.touch)
             if decision.action != Probe(told.touch.pose) or told.touch.elsewhere is not None:
                 decision = Decision(Probe(told.touch.pose), {"is_unasked": 1.0})
-        elif not told.is_miss:
+        elif told.is_miss:
+            progress.miss()
+        else:
             progress.act(decision.action)
         if told.is_miss:
             decision = replace(decision, scores={**decision.scores, "is_miss": 1.0})
         self._steps.append(Step(index, belief, decision, told.touch))
         # A miss that is no evidence changes nothing that the decider sees: the same is asked for again.
-        self._asked = told.asked if told.is_miss and told.touch is None else None
+        self._asked = told.asked if told.is_miss and told.touch is None and progress.may_touch else None
 
     def _restore(self, events: list[Told | None]) -> None:
         """Begin again, and count all that was told: the same sums in the same order."""
@@ -353,11 +351,10 @@ class Session:
             self.ask()  # where the touch limit ended the search, its outcome is known again
 
     def _require_step(self, step: int | None) -> None:
-        if step is None or step == self.step:
-            return
-        if isinstance(step, int) and not isinstance(step, bool) and 0 <= step < self.step:
+        if step is not None and (type(step) is not int or not 0 <= step <= self.step):
+            raise InvalidArgument(f"step must be {self.step}, which was asked, got {step!r}")
+        if step is not None and step < self.step:
             raise AlreadyTold(f"step {step} was answered before, the session is at step {self.step}; nothing changed")
-        raise InvalidArgument(f"step must be {self.step}, which was asked, got {step!r}")
 
     def _shapes(self, arrangement: Sequence[Name | None]) -> tuple[int, ...]:
         labels, number = self.problem.shape_labels, self.problem.num_objects

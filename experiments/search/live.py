@@ -98,8 +98,8 @@ class Live:
                 converse(conversation, sys.stdin.buffer, sys.stdout.buffer)
             else:
                 with Server(address, conversation) as server:
-                    host, port = server.server_address[:2]
-                    print(f"listening on {host}:{port}", file=sys.stderr, flush=True)
+                    port = server.socket.getsockname()[1]
+                    print(f"listening on {address[0]} port {port}", file=sys.stderr, flush=True)
                     server.serve_forever()
         finally:
             session.close()

@@ -8,13 +8,14 @@ from __future__ import annotations
 import json
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, BinaryIO, NoReturn
+from io import BufferedIOBase
+from typing import IO, Any, BinaryIO, NoReturn
 
 import numpy as np
 
 from activetouch import TactileSensor
 from activetouch.sensor import RecordedSensor
-from belief.errors import ActiveTouchError, InvalidArgument, UnknownName
+from belief.errors import InvalidArgument, UnknownName
 from belief.journal import array_from
 from belief.problem import Probe, Touch
 from belief.validation import as_real
@@ -25,6 +26,7 @@ SCHEMA = "activetouch live 1"
 """Version of the protocol; the number grows when a client of an older one could be misled."""
 MOST_BYTES = 1 << 23
 """Longest line that is read."""
+_LONGEST = 600  # message, and other texts
 _TELLS = {"image", "logits", "features", "missed", "pose", "force", "area", "step", "done"}
 
 
@@ -59,10 +61,8 @@ class Conversation:
             try:
                 given = _parsed(line)
                 found = {"ok": True, **self._answer(given)}
-            except ActiveTouchError as error:
-                found = {"ok": False, "error": type(error).__name__, "message": str(error)}
             except Exception as error:  # whatever it was, the next line is answered
-                found = {"ok": False, "error": type(error).__name__, "message": str(error) or "no message"}
+                found = {"ok": False, "error": type(error).__name__, "message": str(error)[:_LONGEST]}
             found["step"] = self.session.step
         if "id" in given:
             found["id"] = given["id"]
@@ -81,10 +81,10 @@ class Conversation:
 
     def _hello(self, given: dict[str, Any]) -> dict[str, Any]:
         session, sensor = self.session, self.sensor
-        is_recorded = isinstance(sensor, RecordedSensor)
-        shape = (
-            (sensor.recorded_reader.num_features,) if isinstance(sensor, RecordedSensor) else sensor.scene.image_shape
-        )
+        if isinstance(sensor, RecordedSensor):
+            shape, dtype = [sensor.recorded_reader.num_features], "float64"
+        else:
+            shape, dtype = list(sensor.scene.image_shape), "uint8"
         return {
             "schema": SCHEMA,
             "shapes": list(session.problem.shape_labels),
@@ -92,7 +92,7 @@ class Conversation:
             "target": session.problem.shape_labels[session.target],
             "num_objects": session.problem.num_objects,
             "touch_limit": session.problem.touch_limit,
-            "image": {"shape": list(shape), "dtype": "float64" if is_recorded else "uint8"},
+            "image": {"shape": shape, "dtype": dtype},
         }
 
     def _ask(self, given: dict[str, Any]) -> dict[str, Any]:
@@ -110,7 +110,7 @@ class Conversation:
         return found
 
     def _tell(self, given: dict[str, Any]) -> dict[str, Any]:
-        if "step" not in given:
+        if given.get("step") is None:
             raise BadLine("a tell needs the step that it answers, as ask gave it, so that none counts twice")
         told = {name: given[name] for name in ("pose", "force", "area", "step") if given.get(name) is not None}
         kinds = [name for name in ("image", "logits", "missed", "done") if given.get(name) not in (None, False)]
@@ -170,7 +170,7 @@ class Conversation:
         }
 
 
-def requests(stream: BinaryIO, most: int = MOST_BYTES) -> Iterator[bytes | None]:
+def requests(stream: IO[bytes] | BufferedIOBase, most: int = MOST_BYTES) -> Iterator[bytes | None]:
     """The lines of a stream; None for one of more than ``most`` bytes, of which no more is kept in memory."""
     while line := stream.readline(most + 1):
         if len(line) <= most:
@@ -197,6 +197,9 @@ def _parsed(line: bytes | None) -> dict[str, Any]:
         raise BadLine(f"it is not JSON: {error or 'nested too deeply'}") from None
     if not isinstance(given, dict):
         raise BadLine(f"a request is a JSON object with the field 'do', got {type(given).__name__}")
+    texts = [*given, *given.values(), *(given["arrangement"] if isinstance(given.get("arrangement"), list) else [])]
+    if any(isinstance(text, str) and len(text) > _LONGEST for text in texts):
+        raise BadLine(f"a text has more than {_LONGEST} characters")
     if not isinstance(given.get("id"), str | int | float | None) or len(str(given.get("id"))) > 200:
         given.pop("id")
         raise BadLine("an id must be a short text or a number")

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from activetouch import TactileSensor, TouchWorld
 from activetouch.named_scenes import SCENES
 from activetouch.sensor import RecordedSensor
-from activetouch.session_reader import session_reader
+from activetouch.session_reader import SensorReader, session_reader
 from belief.composition import Composition, Counts
 from belief.errors import InvalidArgument
 from belief.naming import Name, index_of, seed_words
@@ -58,6 +59,10 @@ def session_with(
     problem = problem_of(sensor, num_objects, composition, touch_cost)
     shape, key, chosen = _played(sensor, problem, target, decider, seed)
     reader = session_reader(sensor)
+    is_abstaining = settings.get("abstain")
+    is_abstaining = settings.get("arrangement") is None if is_abstaining is None else is_abstaining
+    if is_abstaining and isinstance(reader, SensorReader) and settings.get("least_area") is None:
+        settings["least_area"] = 0.0  # an image that could be one of no contact is none
     begun = Session(problem, chosen, shape, sensor.model, key, reader=reader, **settings)
     if log is None:
         return begun
@@ -65,10 +70,11 @@ def session_with(
         begun.save(log)
         return begun
     found = Session.load(log, model=sensor.model, decider=chosen, reader=reader)
-    for what in ("problem", "target", "seed"):
-        if (before := getattr(found, what)) != (now := getattr(begun, what)):
-            found.close()
-            raise InvalidArgument(f"{log} is the log of another search: its {what} is {before}, not {now}")
+    before, now = ((replace(s.problem, unsure_reward=None), s.target, s.seed) for s in (found, begun))
+    if before != now:
+        found.close()
+        what = next(f"{one}, not {other}" for one, other in zip(before, now, strict=True) if one != other)
+        raise InvalidArgument(f"{log} is the log of another search: its {what}")
     return found
 
 
