@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -208,7 +208,9 @@ def require_collection(
         LabelMismatch: The collection has other shapes or poses than the reader.
         WrongScene: It differs by more than a known shift; the message names the command that records a fitting one.
     """
-    wanted = {} if scene is None else {f"the scene {scene!r}": scene_fields(named_scene(scene).scene)}
+    wanted: dict[str, Mapping[str, Any]] = {}
+    if scene is not None:
+        wanted[f"the scene {scene!r}"] = scene_fields(named_scene(scene).scene)
     flag = "" if anyway is None else "To use it all the same, add --anyway."
     if card is None:
         flag = "To train on it nevertheless, name a folder for the results with --out."
@@ -216,8 +218,8 @@ def require_collection(
         card.require_labels(manifest.shape_labels, manifest.pose_labels)
         if card.scene is None and not anyway:
             raise WrongScene(f"the reader does not say of which scene its touches were. {flag}")
-        reads = card.in_poses_of(manifest.scene)
-        wanted = ({} if reads is None else {"the reader's scene": reads}) | wanted
+        if (reads := card.in_poses_of(manifest.scene)) is not None:
+            wanted = {"the reader's scene": reads} | wanted
     shift: list[str] = []
     for whose, made_for in wanted.items():
         found = scene_differences(made_for, manifest.scene)
