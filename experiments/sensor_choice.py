@@ -23,6 +23,7 @@ from activetouch.sensor_files import (
     POLICIES,
     READER_FILE,
     observation_file,
+    require_simulated,
     sensor_shift,
 )
 from belief.errors import ActiveTouchError
@@ -110,10 +111,12 @@ def open_sensor(
         CorruptFile: A file of the sensor is damaged.
         NoIndependentModel: the sensor has only a joint model.
         LabelMismatch: The sensor was made for other shapes or poses.
-        WrongScene: The sensor was made for another scene; the message names the commands that make a fitting one.
+        WrongScene: The sensor was made for another scene; the message names the commands that make a fitting one. Or it
+            is of recorded touches.
     """
     name, scene = (choice.scene, choice.named.scene) if isinstance(choice, SceneChoice) else ("", choice.scene)
     chosen = sensor_folder(folder, name)
+    require_simulated(chosen)
     for path in (chosen / READER_FILE, observation_file(chosen, independent)):
         if not (path.is_file() or (chosen / ANY_OBJECT_FILE).is_file()):
             where = f"{chosen} holds no sensor: there is no {path.name} in it"

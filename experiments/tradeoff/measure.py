@@ -152,7 +152,7 @@ def measure(configuration: Configuration, folder: Path) -> Measured:
     decisions = [len(episode.steps) for episode in episodes]
     return Measured(
         configuration,
-        [int(episode.success) for episode in episodes],
+        [int(bool(episode.success)) for episode in episodes],
         [episode.num_touches for episode in episodes],
         decisions,
         [episode.reward(problem) for episode in episodes],
