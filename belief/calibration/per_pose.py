@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.calibration.affine import StructuredMatrixScaling
 from belief.calibration.base import Calibration, given, given_logits
+from belief.calibration.table import CALIBRATIONS
 from belief.validation import Floats, checked_indices, finite_logits, labelled_logits, pose_count, unmasked
 
 
@@ -118,6 +121,35 @@ class PerPose:
         """Calibrated probabilities, ``(n, K)``; raises as :meth:`predict_log_proba`."""
         with np.errstate(under="ignore"):
             return np.exp(self._log_proba_of(given_logits(logits, probs), given("poses", poses)))
+
+    def to_fields(self) -> dict[str, Any]:
+        """All parameters, as JSON types, exact to the last bit."""
+        fitted = [] if self.pooled is None else [self.pooled, *self.by_pose]
+        return {
+            "kind": self.kind.name,
+            "unfitted": self.kind.to_fields(),
+            "pooling": self.pooling,
+            "fitted": [calibration.to_fields() for calibration in fitted],
+            "num_touches": list(self.num_touches),
+        }
+
+    @classmethod
+    def from_fields(cls, fields: Mapping[str, Any]) -> PerPose:
+        """The calibration of fields from :meth:`to_fields`.
+
+        Raises:
+            KeyError: a field is missing, or there is no such kind of calibration.
+            ValueError: parameters that are out of range or do not fit each other.
+
+        >>> calibration = PerPose().fit(4.0 * np.eye(2), [0, 1], [0, 0])
+        >>> PerPose.from_fields(calibration.to_fields()).to_fields() == calibration.to_fields()
+        True
+        """
+        kind = CALIBRATIONS[fields["kind"]]
+        fitted = [kind.from_fields(one) for one in fields["fitted"]]
+        pooled, by_pose = (fitted[0], tuple(fitted[1:])) if fitted else (None, ())
+        unfitted, pooling = kind.from_fields(fields["unfitted"]), float(fields["pooling"])
+        return cls(unfitted, pooling, pooled, by_pose, tuple(fields["num_touches"]))
 
     @property
     def num_shapes(self) -> int | None:
