@@ -3,8 +3,8 @@
     python benchmarks/identify_meshes.py build/pybullet_data/random_urdfs --meshes 100 --searches 200
 
 Bodies are scaled to 24 mm, pressed by the pad of `gel` from 26 directions, and vary by 3 % in size. Beside the belief
-stand render-and-compare (the body with the nearest predicted image, touch by touch in one common orientation), the
-nearest neighbour of single touches, and chance.
+stand, on touches in random directions, render-and-compare (the body with the nearest predicted images), the nearest
+neighbours among 26 recorded touches of each body, and chance.
 """
 
 from __future__ import annotations
@@ -12,14 +12,20 @@ from __future__ import annotations
 import argparse
 import time
 import warnings
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from mesh_files import ENDINGS, RADIUS, read
 
 from activetouch.errors import BadMesh
+from activetouch.perception.contacts.imaging import SensorState
 from activetouch.perception.contacts.views import ViewPlan
+from activetouch.pressing.height_maps import predicted_contacts
+from activetouch.rotation_cells import views
 from activetouch.solids.mesh import Mesh
 from belief.coarse_to_fine import Effort
 from belief.statistics import wilson_interval
@@ -27,6 +33,7 @@ from experiments.meshes.naming import RULES, Naming, name_object
 from experiments.meshes.setting import MeshSetting
 from experiments.parallel import Shared, run_tasks
 
+EDGE = 16  # of images that are compared
 COUNTS = (1, 2, 4, 6, 8, 12, 16)
 THRESHOLDS = (0.9, 0.95)
 
@@ -46,6 +53,49 @@ def bodies(folder: Path, number: int) -> dict[str, Mesh]:
             warnings.simplefilter("ignore")
             found[name] = Mesh(name, mesh.vertices * factor, mesh.faces)
     return found
+
+
+class Pictures(NamedTuple):
+    """Images of every body, ``(K, V, n * n)`` each: predicted in many views, and of recorded touches."""
+
+    predicted: np.ndarray
+    recorded: np.ndarray
+
+
+def pictures(setting: MeshSetting, views: np.ndarray, recorded: int) -> Pictures:
+    """Images without noise in some views, and of simulated touches in random orientations and poses."""
+    imaging, rng = setting.reader.hypotheses.imaging, np.random.default_rng(11)
+    made: list[list[np.ndarray]] = [[], []]
+    for body, solid in enumerate(setting.scene.solids.values()):
+        maps = predicted_contacts(solid, views, (0.0, 0.0), imaging.window, 1.0, np.float32)
+        images, _ = replace(imaging, noise=1e-6).images(maps, SensorState.nominal(len(maps)), rng)
+        made[0].append(small(images))
+        objects = [setting.scene.sample_object(body, rng) for _ in range(recorded)]
+        made[1].append(small(np.stack([setting.scene.press(obj, 0, rng).image / 255 for obj in objects])))
+    return Pictures(*(np.stack(each).astype(np.float32) for each in made))
+
+
+def small(images: np.ndarray) -> np.ndarray:
+    """Images averaged to 16 × 16 pixels, ``(n, 256)``."""
+    edge = images.shape[-1] // EDGE
+    return images.reshape(len(images), EDGE, edge, EDGE, edge).mean(axis=(2, 4)).reshape(len(images), -1)
+
+
+def compared(shared: Shared[tuple[MeshSetting, Pictures]], number: int, truth: int, poses: Sequence[int]) -> list:
+    """Places of the true body by the sum of the smallest distances of the touches so far, for both kinds of image."""
+    setting, known = shared.value
+    obj = setting.scene.sample_object(truth, np.random.default_rng([7, number]))
+    rngs = [np.random.default_rng([7, number, 2, pose]) for pose in poses]
+    felt = small(np.stack([setting.scene.press(obj, p, rng).image / 255 for p, rng in zip(poses, rngs, strict=True)]))
+    ranks = []
+    for images in known:
+        squares = (images**2).sum(axis=2)
+        total, found = np.zeros(len(images)), []
+        for image in felt:
+            total += (squares - 2 * images @ image.astype(np.float32)).min(axis=1)
+            found.append(int((total < total[truth]).sum()))
+        ranks.append(found)
+    return ranks
 
 
 def searched(shared: Shared[MeshSetting], rules: tuple[str, ...], number: int, truth: int, touches: int) -> list:
@@ -103,6 +153,7 @@ def main() -> None:
     parser.add_argument("--levels", type=int, nargs="+")
     parser.add_argument("--splits", type=int, default=1024)
     parser.add_argument("--rules", nargs="+", default=RULES, choices=RULES)
+    parser.add_argument("--compared", type=int, default=0, help="searches that images are compared in")
     parser.add_argument("--jobs", type=int, default=2)
     args = parser.parse_args()
     started = time.perf_counter()
@@ -122,6 +173,22 @@ def main() -> None:
     found = list(run_tasks(tasks, args.jobs, "searches"))
     for place, rule in enumerate(rules):
         report(rule, [one[place] for one in found])
+    if args.compared:
+        started = time.perf_counter()
+        known = pictures(setting, views(44, 8), 26)
+        print(f"\nimages of {len(solids)} bodies in {time.perf_counter() - started:.0f} s")
+        both, poses = Shared((setting, known)), np.random.default_rng(5)
+        tasks = [
+            partial(compared, both, n, int(truth), poses.permutation(26)[: args.touches].tolist())
+            for n, truth in enumerate(truths[: args.compared])
+        ]
+        ranks = np.array(list(run_tasks(tasks, args.jobs, "comparisons")))
+        names = f"render and compare, {known.predicted.shape[1]} views", "nearest of 26 recorded touches of each body"
+        for place, name in enumerate(names):
+            right = [
+                f"{count}: {(ranks[:, place, count - 1] == 0).mean():.3f}" for count in COUNTS if count <= args.touches
+            ]
+            print(f"{name}: {len(ranks)} objects, right after {', '.join(right)}")
     print(f"\nchance {1 / len(solids):.4f}")
 
 
