@@ -1,0 +1,103 @@
+"""From a CSV of real grasps to a live session: the public set bts3, with grasps that nothing was trained on as a robot."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from activetouch import TactileSensor
+from activetouch.formats import SessionTouches, read_lerobot, read_mcap, write_lerobot, write_mcap
+from activetouch.recorded import read_recorded
+from activetouch.sensor import RecordedSensor
+from belief import Probe
+from planners import Outcome
+
+BTS3 = Path(__file__).parents[2] / "fixtures" / "bts3"
+THINGS = ("apple", "coke", "mug_green", "bottle_water")
+
+
+@pytest.fixture(scope="module")
+def grasps():
+    return read_recorded(BTS3, "bts3")[0]
+
+
+@pytest.fixture(scope="module")
+def held(grasps):
+    """Names of objects, and rows of the last fifth of the grasps of each with each pose."""
+    names = grasps.object_names[:8]
+    last = {}
+    for index in range(len(names)):
+        for action in range(3):
+            rows = np.flatnonzero((grasps.objects == index) & (grasps.actions == action))
+            last[index, action] = rows[-(len(rows) // 5) :]
+    return names, last
+
+
+@pytest.fixture(scope="module")
+def sensor(grasps, held, tmp_path_factory):
+    """The sensor that a CSV of the other grasps gives, saved and loaded."""
+    names, last = held
+    folder, test = tmp_path_factory.mktemp("mine"), set(np.concatenate([*last.values()]).tolist())
+    lines = ["object,action," + ",".join(grasps.feature_names)]
+    for row in np.flatnonzero(grasps.objects < len(names)).tolist():
+        if row not in test:
+            words = names[grasps.objects[row]], grasps.action_names[grasps.actions[row]]
+            lines.append(",".join([*words, *map(str, grasps.features[row])]))
+    (folder / "touches.csv").write_text("\n".join(lines))
+    touches, _ = read_recorded(folder, "csv")
+    RecordedSensor.fit(touches).save(folder / "sensor")
+    return TactileSensor.load(folder / "sensor")
+
+
+def played(session, table, grasps, last, stop_after=None):
+    """A robot that grasps the objects on the table until the session ends; what it was asked."""
+    rng, asked = np.random.default_rng(0), []
+    while (action := session.ask()) is not None and len(asked) != stop_after:
+        asked.append(action)
+        draw = rng.integers(1 << 30)
+        if isinstance(action, Probe):
+            rows = last[table[session.object_index], action.pose]
+            session.tell(image=grasps.features[rows[draw % len(rows)]])
+        else:
+            session.tell()
+    return asked
+
+
+def test_sessions_find_objects_by_grasps_that_nothing_was_trained_on(sensor, grasps, held):
+    names, last = held
+    right = 0
+    for target in range(4):
+        session = sensor.among(names[:4]).session(names[target], num_objects=4, abstain=False, seed=target)
+        table = np.random.default_rng(target).permutation(4)
+        played(session, table, grasps, last)
+        session.reveal([names[index] for index in table])
+        right += session.episode.success
+    assert right >= 3
+
+
+def test_a_session_with_a_log_goes_on_as_if_nothing_had_happened_and_its_touches_are_exported(
+    sensor, grasps, held, tmp_path
+):
+    names, last = held
+    table, log = [3, 0, 2, 1], tmp_path / "today.jsonl"
+    whole = played(sensor.session(names[0], num_objects=4), table, grasps, last)
+    session = sensor.session(names[0], num_objects=4, log=log)
+    begun = played(session, table, grasps, last, stop_after=3)
+    session.close()
+    assert begun == whole[:3]
+    again = sensor.session(names[0], num_objects=4, log=log)
+    assert again.ask() == whole[3]
+    again.reveal([names[index] for index in table])
+    again.close()
+    touches = SessionTouches.of_logs([log])
+    assert touches.targets == (names[0],)
+    assert touches.shapes == (names[3],) * 3
+    assert touches.images.shape == (3, 72)
+    assert all(image in grasps.features[grasps.objects == 3] for image in touches.images)
+    write_lerobot(tmp_path / "dataset", touches)
+    write_mcap(tmp_path / "touches.mcap", touches)
+    for read in (read_lerobot(tmp_path / "dataset"), read_mcap(tmp_path / "touches.mcap")):
+        assert read.images.tobytes() == touches.images.tobytes()
+        assert read.times.tobytes() == touches.times.tobytes()
+        assert read.pose_labels == sensor.pose_labels
+    assert again.outcome in (None, *Outcome)
