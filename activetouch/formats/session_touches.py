@@ -135,26 +135,27 @@ class SessionTouches(FrozenArrays):
         Raises:
             BadRecording: a log is damaged, has other poses than the first, or a touch without an image.
         """
-        columns: dict[str, list[Any]] = {name: [] for name in ("images", "times", "poses", "sessions", "objects", "forces")}
-        labels, targets, shapes = (), [], []
+        rows: list[tuple[Any, ...]] = []
+        targets: list[str] = []
+        labels: tuple[str, ...] = ()
         for path in map(Path, paths):
             header, touches = logged_touches(path)
             poses = tuple(header["problem"]["poses"])
-            _require(not labels or poses == labels, f"the poses in {path}", f"those of the first log, {labels}", poses)
+            _require(poses == (labels or poses), f"the poses in {path}", f"{labels} as in the first log", poses)
             labels = poses
-            if touches:
-                targets.append(header["target"])
+            targets += [header["target"]] * bool(touches)
             for number, touch in enumerate(touches):
-                _require("image" in touch.arrays, f"touch {number} in {path}", "told with an image", sorted(touch.arrays))
-                row = touch.arrays["image"], touch.time, poses.index(touch.pose), len(targets) - 1
-                row = *row, touch.object_index, touch.line.get("force", np.nan)
-                for column, value in zip(columns.values(), row, strict=True):
-                    column.append(value)
-                shapes.append(touch.label or "")
-        _require(shapes, "logs", "of one touch or more", f"{[str(path) for path in paths]}")
-        _require(len({image.shape for image in columns["images"]}) == 1, "images", "of one shape", "several")
-        arrays = {name: np.array(column) for name, column in columns.items()}
-        return cls(**arrays, pose_labels=labels, targets=tuple(targets), shapes=tuple(shapes), layout=layout)
+                image, force = touch.arrays.get("image"), touch.line.get("force", np.nan)
+                _require(image is not None, f"touch {number} in {path}", "told with an image", "none")
+                where = labels.index(touch.pose), len(targets) - 1, touch.object_index
+                rows.append((image, touch.time, *where, touch.label or "", force))
+        _require(rows, "logs", "of one touch or more", [*map(str, paths)])
+        images, times, at, sessions, objects, shapes, forces = zip(*rows, strict=True)
+        sizes = {image.shape for image in images}
+        _require(len(sizes) == 1, "images", "of one shape", sizes)
+        arrays = [np.array(column) for column in (sessions, objects)]
+        own = tuple(targets), shapes, np.array(forces), layout
+        return cls(np.stack(images), np.array(times), np.array(at), labels, *arrays, *own)
 
     def __len__(self) -> int:
         return len(self.images)
