@@ -153,9 +153,18 @@ class SessionTouches(FrozenArrays):
         images, times, at, sessions, objects, shapes, forces = zip(*rows, strict=True)
         sizes = {image.shape for image in images}
         _require(len(sizes) == 1, "images", "of one shape", sizes)
-        arrays = [np.array(column) for column in (sessions, objects)]
-        own = tuple(targets), shapes, np.array(forces), layout
-        return cls(np.stack(images), np.array(times), np.array(at), labels, *arrays, *own)
+        return cls(
+            np.stack(images),
+            np.array(times),
+            np.array(at),
+            labels,
+            np.array(sessions),
+            np.array(objects),
+            tuple(targets),
+            shapes,
+            np.array(forces),
+            layout,
+        )
 
     def __len__(self) -> int:
         return len(self.images)
