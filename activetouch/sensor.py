@@ -208,6 +208,46 @@ class TactileSensor:
         search_with = import_module("experiments.search.one_search").search_with
         return search_with(self, target, decider, seed, num_objects, composition, touch_cost)
 
+    def session(
+        self,
+        target: Name,
+        decider: Any = "information_gain",
+        seed: int | Sequence[int] = 0,
+        *,
+        num_objects: int | None = None,
+        composition: Any = None,
+        touch_cost: float = 0.02,
+        log: str | Path | None = None,
+        **settings: Any,
+    ) -> Any:
+        """A search whose touches somebody else makes, such as a robot; it reads the images that it is told.
+
+        It asks for what :meth:`search` with the same seed would do, given the same touches, if ``abstain`` is False.
+
+        Args:
+            target: label or index of the shape.
+            decider: as of :meth:`search`.
+            seed: of the decider.
+            num_objects: as of :meth:`search`.
+            composition: as of :meth:`search`.
+            touch_cost: as of :meth:`search`.
+            log: file for all that is told, each on disk before the next question; if it exists, its search goes on.
+            settings: of :class:`planners.Session`: ``arrangement``, ``abstain``, ``log_bets``, ``least_force`` and
+                ``least_area``; a log that exists has its own. Where it may abstain, an image that could be one of no
+                contact is a miss.
+
+        Returns:
+            The :class:`planners.Session`.
+
+        Raises:
+            UnknownName: no shape or no decider has this name.
+            InvalidArgument: a number is out of its range, or the log is of another search.
+            CorruptFile, CannotWrite: the log cannot be read or written.
+        """
+        require_own_packages("planners", "experiments")
+        session_with = import_module("experiments.search.one_search").session_with
+        return session_with(self, target, decider, seed, num_objects, composition, touch_cost, log, **settings)
+
 
 class RecordedSensor(TactileSensor):
     """A sensor whose reader was trained on recorded touches: its images are rows of features, its poses are actions.

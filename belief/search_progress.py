@@ -58,7 +58,7 @@ class SearchProgress:
     Attributes:
         scene: joint belief about all objects.
         num_rejected: objects put aside.
-        num_touches: of the whole search.
+        num_touches: of the whole search, misses included.
         outcome: None until the search has ended.
     """
 
@@ -99,6 +99,10 @@ class SearchProgress:
         belief = self.scene.update(self.object_index, [touch])
         self.num_touches += 1
         return belief
+
+    def miss(self) -> None:
+        """Count a press without contact, which is no evidence: it takes its time, so the touch limit counts it."""
+        self.num_touches += 1
 
     def act(self, action: Action) -> Outcome | None:
         """Carry out an action that is no touch, and return how the search ended, or None.

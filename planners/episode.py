@@ -149,6 +149,7 @@ def _step_to_dict(step: Step) -> dict[str, Any]:
         "action": action.pose if isinstance(action, Probe) else ACTION_NAMES[type(action)],
         "scores": dict(step.decision.scores),
         "logits": None if logits is None else logits.tolist(),
+        **({"place": list(touch.elsewhere.place)} if touch is not None and touch.elsewhere is not None else {}),
         **({"features": features.tolist()} if logits is None and features is not None else {}),
     }
 

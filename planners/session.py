@@ -20,7 +20,7 @@ Probe(pose=0)
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -76,8 +76,8 @@ class Session:
             if no true shape is given. The problem then has the answer Unsure, with a reward of 0 unless it has one.
         log_bets: of an earlier search with the same set-up (:mod:`planners.set_up`).
         reader: reads images.
-        least_force: a contact whose stated force is not larger is none [N].
-        least_area: a contact whose area is not larger is none [m²].
+        least_force: a contact whose stated force is not larger is no contact [N].
+        least_area: a contact whose area is not larger is no contact [m²].
 
     Attributes:
         problem: the search, with the answer Unsure if the decider may give it.
@@ -102,8 +102,8 @@ class Session:
         abstain: bool | None = None,
         log_bets: ArrayLike = 0.0,
         reader: ImageReader | None = None,
-        least_force: float = 0.0,
-        least_area: float = 0.0,
+        least_force: float | None = None,
+        least_area: float | None = None,
     ) -> None:
         self._abstains = arrangement is None if abstain is None else abstain
         if self._abstains:
@@ -140,7 +140,7 @@ class Session:
         *,
         image: Any = None,
         missed: bool = False,
-        pose: Name | None = None,
+        pose: Name | Mapping[str, Any] | None = None,
         force: float | None = None,
         area: float | None = None,
         step: int | None = None,
@@ -149,14 +149,15 @@ class Session:
 
         After a Reject was carried out, the next object is in place. A touch may be in another pose than asked for, and
         may come when none was asked for: it is evidence, and the next action is decided anew. A miss is evidence where
-        the observation model knows misses; elsewhere it is recorded, and the same touch is asked for again. With a log,
-        what was told is on disk when this returns.
+        the observation model knows misses; elsewhere it is recorded, counts for the touch limit, and the same touch is
+        asked for again. With a log, what was told is on disk when this returns.
 
         Args:
             touch: what was felt, as a reader says it.
             image: what was felt, for the session's reader; uint8, ``(H, W)`` or ``(H, W, 3)``.
             missed: whether there was no contact.
-            pose: label or index of the pose of the touch; that of ``touch``, or the one asked for, by default.
+            pose: label or index of the pose of the touch, or a place that is none of the poses, as the session's
+                reader takes it; that of ``touch``, or the one asked for, by default.
             force: of the contact [N]; not more than ``least_force`` is a miss.
             area: of the contact [m²]; not more than ``least_area`` is a miss. The reader's by default.
             step: which question is answered: :attr:`step` when it was asked. It protects from answers that come twice.
@@ -174,7 +175,7 @@ class Session:
             raise InvalidArgument(f"the search has ended: {self.outcome}. undo() takes back what was told last")
         answer = Answer(touch, image, missed, pose, force, area)
         told = self._listener.told(answer, self._asked, self._rng.bit_generator.state)
-        if told.touch is not None and not self._progress.may_touch:
+        if told.kind != "done" and not self._progress.may_touch:
             raise InvalidArgument(f"the touch limit of the search, {self.problem.touch_limit}, allows no more touches")
         index = self.object_index
         self._apply(told)
@@ -238,7 +239,7 @@ class Session:
 
     @property
     def scene(self) -> SceneView:
-        """Joint belief about all objects, which later touches do not change."""
+        """Joint belief about all objects; later touches do not change it."""
         return self._progress.scene.view()
 
     @property
@@ -253,11 +254,7 @@ class Session:
 
     @property
     def episode(self) -> Episode:
-        """The record of the search.
-
-        Raises:
-            InvalidArgument: it has not ended.
-        """
+        """The record of the search; raises InvalidArgument before it has ended."""
         if self.outcome is None:
             raise InvalidArgument("the search has not ended yet; its steps so far are session.steps")
         return Episode(self.seed, self.target, self.arrangement, self.steps, self.outcome)
@@ -301,7 +298,7 @@ class Session:
         journal, (header, *lines) = Journal.opened(path)
         try:
             session = _from_header(header, model, decider, reader)
-            events, truth = events_from(lines, session.problem)
+            events, truth = events_from(lines, session.problem, reader)
             session._restore(events)
             session.arrangement = session.arrangement if truth is None else session._shapes(truth)
         except OtherModel:
@@ -325,15 +322,17 @@ class Session:
         index, belief = progress.object_index, self.belief
         if told.touch is not None:
             progress.touch(told.touch)
-            if not (isinstance(decision.action, Probe) and decision.action.pose == told.touch.pose):
+            if decision.action != Probe(told.touch.pose) or told.touch.elsewhere is not None:
                 decision = Decision(Probe(told.touch.pose), {"is_unasked": 1.0})
-        elif not told.is_miss:
+        elif told.is_miss:
+            progress.miss()
+        else:
             progress.act(decision.action)
         if told.is_miss:
             decision = replace(decision, scores={**decision.scores, "is_miss": 1.0})
         self._steps.append(Step(index, belief, decision, told.touch))
         # A miss that is no evidence changes nothing that the decider sees: the same is asked for again.
-        self._asked = told.asked if told.is_miss and told.touch is None else None
+        self._asked = told.asked if told.is_miss and told.touch is None and progress.may_touch else None
 
     def _restore(self, events: list[Told | None]) -> None:
         """Begin again, and count all that was told: the same sums in the same order."""
@@ -352,11 +351,10 @@ class Session:
             self.ask()  # where the touch limit ended the search, its outcome is known again
 
     def _require_step(self, step: int | None) -> None:
-        if step is None or step == self.step:
-            return
-        if isinstance(step, int) and not isinstance(step, bool) and 0 <= step < self.step:
+        if step is not None and (type(step) is not int or not 0 <= step <= self.step):
+            raise InvalidArgument(f"step must be {self.step}, which was asked, got {step!r}")
+        if step is not None and step < self.step:
             raise AlreadyTold(f"step {step} was answered before, the session is at step {self.step}; nothing changed")
-        raise InvalidArgument(f"step must be {self.step}, which was asked, got {step!r}")
 
     def _shapes(self, arrangement: Sequence[Name | None]) -> tuple[int, ...]:
         labels, number = self.problem.shape_labels, self.problem.num_objects

@@ -38,13 +38,14 @@ def told_fields(told: Told, object_index: int, problem: SearchProblem) -> dict[s
     }
     if touch is not None:
         line["pose"] = poses[touch.pose]
+        line |= {} if touch.elsewhere is None else {"place": list(touch.elsewhere.place)}
         line |= {name: array_field(row) for name in ("logits", "features") if (row := getattr(touch, name)) is not None}
     if told.image is not None:
         line["image"] = array_field(told.image)
     return line | {name: value for name in ("force", "area") if (value := getattr(told, name)) is not None}
 
 
-def told_from(line: Mapping[str, Any], problem: SearchProblem) -> Told:
+def told_from(line: Mapping[str, Any], problem: SearchProblem, reader: ImageReader | None = None) -> Told:
     """What a line of the log says.
 
     Raises:
@@ -60,7 +61,10 @@ def told_from(line: Mapping[str, Any], problem: SearchProblem) -> Told:
     touch = None
     if "pose" in line:
         pose = index_of("pose", problem.pose_labels, line["pose"])
-        touch = Touch(pose, arrays["logits"], arrays["features"])
+        if "place" in line and reader is None:
+            raise ValueError("a touch was made at a place that is no pose; give the reader that the session began with")
+        elsewhere = reader.at({"place": line["place"]})[1] if "place" in line and reader is not None else None
+        touch = Touch(pose, arrays["logits"], arrays["features"], elsewhere)
     if kind != "miss" and (touch is None) == (kind == "touch"):
         raise ValueError("a touch needs a pose, and an action that is no touch has none")
     numbers = {name: float(line[name]) for name in ("force", "area") if name in line}
@@ -82,7 +86,7 @@ def event_lines(events: Sequence[Told | None], problem: SearchProblem) -> list[d
 
 
 def events_from(
-    lines: Sequence[Mapping[str, Any]], problem: SearchProblem
+    lines: Sequence[Mapping[str, Any]], problem: SearchProblem, reader: ImageReader | None = None
 ) -> tuple[list[Told | None], list[str | None] | None]:
     """All events of a session, and the true shapes if they were revealed.
 
@@ -95,7 +99,7 @@ def events_from(
         if line["told"] == "truth":
             truth = line["arrangement"]
         else:
-            events.append(None if line["told"] == "undo" else told_from(line, problem))
+            events.append(None if line["told"] == "undo" else told_from(line, problem, reader))
     return events, truth
 
 

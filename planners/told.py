@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from belief.errors import InvalidArgument
 from belief.naming import Name, index_of
 from belief.observation_model.model import ObservationModel
-from belief.problem import Action, Probe, SearchProblem, Touch
+from belief.problem import Action, Elsewhere, Probe, SearchProblem, Touch
 from planners.decider import Decision
 
 
@@ -25,11 +25,18 @@ class ImageReader(Protocol):
     def identity(self) -> str:
         """Digest of all that it reads with."""
 
-    def read(self, image: Any, pose: int) -> tuple[NDArray[np.uint8], Touch, float]:
-        """The checked image, the touch that it shows, and the area of the contact [m²].
+    def read(self, image: Any, pose: int) -> tuple[NDArray[Any], Touch, float | None]:
+        """The checked image, the touch that it shows, and the area of the contact [m²], None if it cannot be said.
 
         Raises:
             ValueError: it is no image of this sensor.
+        """
+
+    def at(self, place: Any) -> tuple[int, Elsewhere | None]:
+        """The pose of a place that is said by numbers; if it is none of the poses, the nearest, and where it is.
+
+        Raises:
+            ValueError: it is no place, or touches elsewhere are no evidence for this sensor.
         """
 
 
@@ -42,7 +49,7 @@ class Told:
         rng: state of the decider's generator after it.
         touch: what was felt; None for a miss without evidence, and for an action that is no touch.
         is_miss: whether there was no contact.
-        image: that the touch was read from, uint8, or None.
+        image: that the touch was read from, or None.
         force: of the contact [N], if it was stated.
         area: of the contact [m²], if it is known.
         time: when it was told [s since 1970].
@@ -52,7 +59,7 @@ class Told:
     rng: Mapping[str, Any]
     touch: Touch | None = None
     is_miss: bool = False
-    image: NDArray[np.uint8] | None = None
+    image: NDArray[Any] | None = None
     force: float | None = None
     area: float | None = None
     time: float = 0.0
@@ -70,7 +77,7 @@ class Answer:
     touch: Touch | None = None
     image: Any = None
     missed: bool = False
-    pose: Name | None = None
+    pose: Name | Mapping[str, Any] | None = None
     force: float | None = None
     area: float | None = None
 
@@ -88,8 +95,8 @@ class Listener:
         problem: the search.
         model: likelihood of touches; its method ``missed(pose)``, if it has one, gives the touch that a miss is.
         reader: of images.
-        least_force: a contact whose stated force is not larger is none [N].
-        least_area: a contact whose area is not larger is none [m²].
+        least_force: a contact whose stated force is not larger is none [N]; None for no such limit.
+        least_area: a contact whose area is not larger is none [m²]; None for no such limit.
 
     Raises:
         InvalidArgument: a limit is negative or not finite.
@@ -98,8 +105,8 @@ class Listener:
     problem: SearchProblem
     model: ObservationModel
     reader: ImageReader | None
-    least_force: float
-    least_area: float
+    least_force: float | None
+    least_area: float | None
 
     def __post_init__(self) -> None:
         _not_negative("least_force", self.least_force)
@@ -121,7 +128,8 @@ class Listener:
         pose = next((p for p in (answer.pose, touch.pose if touch else None, wanted) if p is not None), None)
         if pose is None:
             raise InvalidArgument(f"asked was {self.in_words(action)}, so say in which pose: tell(…, pose=…)")
-        pose = index_of("pose", self.problem.pose_labels, pose)
+        pose, elsewhere = self._place(pose)
+        elsewhere = touch.elsewhere if touch is not None and answer.pose is None else elsewhere
         force, area = (_not_negative(name, getattr(answer, name)) for name in ("force", "area"))
         if image is not None:
             if self.reader is None:
@@ -132,9 +140,18 @@ class Listener:
         if is_miss:
             of_miss = getattr(self.model, "missed", None)
             touch = None if of_miss is None else of_miss(pose)
-        elif touch is not None and touch.pose != pose:
-            touch = replace(touch, pose=pose)
+        elif touch is not None and (touch.pose != pose or touch.elsewhere is not elsewhere):
+            touch = replace(touch, pose=pose, elsewhere=elsewhere)
         return Told(asked, rng, touch, is_miss, image, force, area, time.time())
+
+    def _place(self, pose: Any) -> tuple[int, Elsewhere | None]:
+        if not isinstance(pose, Mapping):
+            return index_of("pose", self.problem.pose_labels, pose), None
+        if self.reader is None:
+            raise InvalidArgument(
+                f"a place that is no pose, such as {pose!r:.80}, needs a session of a sensor: sensor.session(…)"
+            )
+        return self.reader.at(pose)
 
     def in_words(self, action: Action) -> str:
         """An action, for messages."""
@@ -156,8 +173,8 @@ def standing_of(events: Sequence[Told | None]) -> tuple[list[Told], Told | None]
     return standing, undone
 
 
-def _is_within(number: float | None, limit: float) -> bool:
-    return number is not None and number <= limit
+def _is_within(number: float | None, limit: float | None) -> bool:
+    return number is not None and limit is not None and number <= limit
 
 
 def _not_negative(name: str, value: float | None) -> float | None:
