@@ -20,8 +20,15 @@ class Outcomes(Protocol):
     """The outcomes of the next touches of an object, given the touches so far."""
 
     @property
+    def new(self) -> Floats | None:
+        """How much the next touch in each pose tells, as a fraction of a first touch in it, ``(P,)``; None for all."""
+
+    @property
     def table(self) -> OutcomeTable:
-        """p(outcome | pose, shape)."""
+        """p(outcome | pose, shape); where there is :attr:`new`, the last outcome is that it tells nothing new."""
+
+    def one_touch(self, factors: Floats) -> NDArray[Any]:
+        """See :meth:`OutcomeMixture.one_touch`."""
 
     def two_touches(self, pose: int, factors: Floats) -> NDArray[np.float32]:
         """See :meth:`OutcomeMixture.two_touches`."""
@@ -70,8 +77,25 @@ class OutcomeMixture(FrozenArrays):
     @cached_property
     def table(self) -> OutcomeTable:
         """p(outcome | pose, shape), averaged over the hypotheses."""
-        found = (self.weights.astype(self.probs.dtype)[:, None] @ self.probs)[:, :, 0]
-        return OutcomeTable(found if self.new is None else with_nothing_new(found, self.new))
+        return OutcomeTable(self._means if self.new is None else with_nothing_new(self._means, self.new))
+
+    @cached_property
+    def _means(self) -> NDArray[Any]:
+        """p(outcome of a first touch | pose, shape), ``(P, K, M)``."""
+        return np.asarray((self.weights.astype(self.probs.dtype)[:, None] @ self.probs)[:, :, 0])
+
+    def one_touch(self, factors: Floats) -> NDArray[Any]:
+        """Sums over shapes of factor times p(outcome | pose, shape), of a touch that tells as much as a first one.
+
+        A touch that tells w times as much has w times its information.
+
+        Args:
+            factors: ``(J, K)``, at least 0; for the joint probability of shape and outcome, the belief on the diagonal.
+
+        Returns:
+            ``(P, J, M)``.
+        """
+        return np.asarray(factors @ self._means)
 
     def two_touches(self, pose: int, factors: Floats) -> NDArray[np.float32]:
         """Sums over shapes of factor times p(outcomes of the next two touches | shape), the first in a given pose.
