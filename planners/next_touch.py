@@ -11,7 +11,7 @@ from planners.decider import InformationState
 from planners.repeats import RepeatDiscount
 
 OUTCOMES = 128
-HYPOTHESES = 64
+HYPOTHESES = 32
 
 
 def next_touch(
