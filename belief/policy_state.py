@@ -31,9 +31,9 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from belief.bayes import information, target_shares
 from belief.errors import ActiveTouchError
 from belief.observation_model.evidence import ObjectEvidence
+from belief.observation_model.outcome_mixture import information, target_shares
 from belief.validation import Floats
 
 TOUCH_LIMIT = 12

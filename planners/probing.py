@@ -7,8 +7,9 @@ from typing import Literal
 
 import numpy as np
 
-from belief.bayes import information, target_information_gain, target_shares
+from belief.bayes import target_information_gain
 from belief.errors import InvalidArgument, UnknownName
+from belief.observation_model.outcome_mixture import information, target_shares
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Probe
 from belief.validation import Floats, require_count

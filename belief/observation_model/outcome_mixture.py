@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from belief.frozen import FrozenArrays
 from belief.observation_model.outcome_table import OutcomeTable
@@ -127,6 +127,41 @@ class OutcomeMixture(FrozenArrays):
         rows *= np.sqrt(self.weights)[..., None].astype(np.float32)
         rows[rows < _NEGLIGIBLE] = 0.0
         return rows
+
+
+def target_shares(belief: Floats, target: ArrayLike) -> Floats:
+    """A belief ``(..., K)`` as factors for the target and for all other shapes, ``(..., 2, K)``.
+
+    ``target`` is the index of one target for all rows, or of each, ``(...)``.
+
+    >>> target_shares(np.array([0.2, 0.3, 0.5]), 1).tolist()
+    [[0.0, 0.3, 0.0], [0.2, 0.0, 0.5]]
+    """
+    is_target = (np.asarray(target)[..., None] == np.arange(belief.shape[-1])).astype(np.float64)
+    return np.stack([belief * is_target, belief * (1.0 - is_target)], axis=-2)
+
+
+def information(joint: NDArray[np.floating]) -> Floats:
+    """Mutual information of two variables from their joint probabilities [nats], without checks.
+
+    Args:
+        joint: ``(..., J, M)``, at least 0; the sum over both axes is one up to rounding.
+
+    Returns:
+        ``(...)``, at least 0 and at most log J.
+
+    >>> information(np.array([np.eye(2) / 2.0, np.full((2, 2), 0.25)])).round(3).tolist()
+    [0.693, 0.0]
+    """
+    probs: Floats = joint.astype(np.float64, copy=False)
+    columns, rows = probs.sum(axis=-2), probs.sum(axis=-1)
+    gain = _x_log_x(probs).sum(axis=(-2, -1)) - _x_log_x(columns).sum(axis=-1) - _x_log_x(rows).sum(axis=-1)
+    return np.asarray(np.clip(gain + _x_log_x(rows.sum(axis=-1)), 0.0, np.log(probs.shape[-2])))
+
+
+def _x_log_x(values: Floats) -> Floats:
+    """``x log x`` of numbers in [0, 1], zero at zero; three times as fast as that of SciPy."""
+    return values * np.log(np.maximum(values, np.finfo(np.float64).tiny))
 
 
 def with_nothing_new(probs: NDArray[Any], new: Floats) -> NDArray[Any]:

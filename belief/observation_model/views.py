@@ -16,7 +16,7 @@ from belief.observation_model.outcome_mixture import OutcomeMixture, with_nothin
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.validation import Floats
 
-_NEGLIGIBLE = 1e-6  # of a factor, relative to the largest
+_NEGLIGIBLE = 1e-7  # of a factor, relative to the largest: the rounding of single precision
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,16 +113,14 @@ class SharedMixture(FrozenArrays):
     def one_touch(self, factors: Floats) -> NDArray[Any]:
         """See :meth:`OutcomeMixture.one_touch`: one sparse product for all poses, without shapes of negligible factor.
 
-        Factors of a belief that are left out are below 1e-6 each, which changes an information by less than 1e-4 nats.
+        For K shapes of a belief, that changes an information by less than K times 2e-6 nats.
         """
         num_groups, num_shapes, number, num_outcomes = self.outcomes.shape
         num_poses, num_rows = len(self.views.groups), len(factors)
         rows, shapes = np.nonzero(factors > _NEGLIGIBLE * factors.max())
         chosen, shares = some_hypotheses(self.log_weights[shapes], self.num_hypotheses)
         places = chosen + number * np.arange(len(shapes))[:, None]
-        once = np.flatnonzero(
-            np.diff(places.ravel(), prepend=-1)
-        )  # a hypothesis is often chosen several times in a row
+        once = np.flatnonzero(np.diff(places.ravel(), prepend=-1))  # some are chosen several times, in a row
         weights = np.add.reduceat((factors[rows, shapes, None] * shares).ravel(), once)
         entry, which = np.divmod(places.ravel()[once], number)
         columns = self.views.same[:, which] + number * shapes[entry]
