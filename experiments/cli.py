@@ -35,6 +35,7 @@ COMMAND_GROUPS: dict[str, dict[str, Command]] = {
     "Search": {
         "compare": Command("search.compare:Compare", "run the same searches with several deciders; report"),
         "replay": Command("search.replay:Replay", "draw or animate one recorded search"),
+        "live": Command("search.live:Live", "run a search that a robot carries out, over lines of JSON"),
         "export": Command("search.export:Export", "write a search (.pomdp) or a solved policy (.npz)"),
     },
     "Look at touches": {

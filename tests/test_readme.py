@@ -66,8 +66,13 @@ def test_the_readme_is_a_screen_and_a_half():
     assert len((ROOT / "README.md").read_text().splitlines()) <= 90
 
 
+SHORT = {"04_a_mesh_of_your_own.py": ("--episodes", "1", "--jobs", "1")}
+
+
 @pytest.mark.parametrize("name", sorted({path.name for path in (ROOT / "examples").glob("[0-9]*.py")}))
-def test_every_example_runs(name, capsys):
+def test_every_example_runs(name, few_hypotheses, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", [name, *SHORT.get(name, ())])
     runpy.run_path(str(ROOT / "examples" / name), run_name="__main__")
     assert capsys.readouterr().out.strip()
 

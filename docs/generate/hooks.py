@@ -32,7 +32,15 @@ NAV: dict[str, list[str]] = {
         "where_to_touch.md",
         "architecture.md",
     ],
-    "How-to": ["extending.md", "environments.md", "ppo.md", "real_touch.md", "scale.md", "contributing.md"],
+    "How-to": [
+        "extending.md",
+        "environments.md",
+        "ppo.md",
+        "real_touch.md",
+        "formats.md",
+        "scale.md",
+        "contributing.md",
+    ],
     "Reference": ["commands.md", "columns.md", "scenes.md", "glossary.md"],
     "Results": ["results.md", "reproduction.md", "tradeoff.md", "robustness.md", "benchmarks.md", "limits.md"],
 }

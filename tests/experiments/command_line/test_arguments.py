@@ -18,11 +18,13 @@ from experiments.paper.reproduce import Reproduce
 from experiments.press.touch import TouchCommand
 from experiments.recorded.recorded import Recorded
 from experiments.search.export import Export
+from experiments.search.live import Live
 from experiments.search.replay import Replay
 from experiments.tradeoff.tradeoff import Tradeoff
 
 _NEEDED = {
     Export: {"target": "cone", "out": Path("none")},
+    Live: {"target": "cone"},
     Recorded: {"data": Path("none"), "format": "csv"},
 }
 
