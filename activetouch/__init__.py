@@ -22,10 +22,11 @@ from activetouch.shapes import SHAPES
 
 if TYPE_CHECKING:
     from activetouch.pressing.height_maps import Window, predicted_contacts
-    from activetouch.sensor import TactileSensor
+    from activetouch.sensor import RecordedSensor, TactileSensor
     from activetouch.world import TouchWorld
 
 _LATER = {
+    "RecordedSensor": "activetouch.sensor",
     "TactileSensor": "activetouch.sensor",
     "TouchWorld": "activetouch.world",
     "alike": "experiments.press.alike",
@@ -45,6 +46,7 @@ __all__ = [
     "SHAPES",
     "Dynamic",
     "Quasistatic",
+    "RecordedSensor",
     "Scene",
     "TactileSensor",
     "TouchWorld",
