@@ -19,6 +19,7 @@ EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "contrib": ("sb3_contrib",),
         "pomdp": ("pomdp_py",),
         "recorded": ("sklearn",),
+        "formats": ("pyarrow", "mcap"),
     }
 )
 """Modules by the extra that installs them."""

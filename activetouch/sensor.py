@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.errors import SceneShift
+from activetouch.errors import LabelMismatch, SceneShift, WrongScene
 from activetouch.named_scenes import SCENES
 from activetouch.own_packages import require_own_packages
 from activetouch.perception.hypothesis_table import HypothesisTable
@@ -22,14 +22,25 @@ from activetouch.scene_description import in_words
 from activetouch.sensor_files import (
     INDEPENDENT_SUFFIX,
     MODELS,
+    NOT_SIMULATED,
+    OBSERVATION_FILE,
+    READER_FILE,
+    RECORDED_FILE,
     files_for,
+    fitted_model,
     is_of_objects,
     require_model,
 )
-from belief.errors import InvalidArgument, UnknownName
+from belief.errors import CannotWrite, CorruptFile, InvalidArgument, UnknownName
+from belief.files import write_text
 from belief.naming import Name, few, index_of, one_line
+from belief.observation_model.action_kernel import ActionKernelModel
 from belief.observation_model.model import ArrayModel
 from belief.problem import Touch
+
+if TYPE_CHECKING:
+    from activetouch.recorded.reader import RecordedReader
+    from activetouch.recorded.touches import RecordedTouches
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +71,20 @@ class TactileSensor:
         self.reader.card.require_labels(self.scene.shape_labels, self.scene.pose_labels)
         require_model(self.model, self.scene)
 
+    @overload
     @classmethod
-    def load(cls, folder: str | Path, scene: Scene, anyway: bool = False, independent: bool = False) -> TactileSensor:
+    def load(cls, folder: str | Path, scene: None = None) -> RecordedSensor: ...
+
+    @overload
+    @classmethod
+    def load(
+        cls, folder: str | Path, scene: Scene, anyway: bool = False, independent: bool = False
+    ) -> TactileSensor: ...
+
+    @classmethod
+    def load(
+        cls, folder: str | Path, scene: Scene | None = None, anyway: bool = False, independent: bool = False
+    ) -> TactileSensor:
         """The sensor whose reader and observation model lie in a folder.
 
         A scene that differs from theirs by another press, other faults, sizes, forces or orientations is a known shift:
@@ -69,7 +92,7 @@ class TactileSensor:
 
         Args:
             folder: of the two.
-            scene: in which to use it.
+            scene: in which to use it; none for a :class:`RecordedSensor`, which no scene simulates.
             anyway: whether to use it, without a warning, in a scene that it was not made for.
             independent: whether to use its model that takes touches as independent given the shape.
 
@@ -77,10 +100,12 @@ class TactileSensor:
             CorruptFile: one of the files is damaged or missing.
             NoIndependentModel: the sensor has only a joint model.
             LabelMismatch: they were made for other shapes or poses than the scene's.
-            WrongScene: they were made for a scene that differs by more than a known shift.
+            WrongScene: they were made for a scene that differs by more than a known shift, or for recorded touches.
             InvalidArgument: ``scene`` is no scene.
         """
         folder = Path(folder)
+        if scene is None and (folder / RECORDED_FILE).exists():
+            return RecordedSensor.read_folder(folder)
         if not isinstance(scene, Scene):
             raise InvalidArgument(f"the scene must be a Scene, such as SCENES['coarse'].scene; got {scene!r:.80}")
         path, fitted, shift = files_for(folder, scene, anyway, independent)
@@ -119,6 +144,16 @@ class TactileSensor:
             raise UnknownName("sensor", name, known)
         of_scene = name.removesuffix(INDEPENDENT_SUFFIX)
         return cls.load(MODELS / name, scene if scene is not None else SCENES[of_scene].scene, anyway)
+
+    @property
+    def shape_labels(self) -> tuple[str, ...]:
+        """What it can tell apart."""
+        return self.scene.shape_labels
+
+    @property
+    def pose_labels(self) -> tuple[str, ...]:
+        """How it can touch."""
+        return self.scene.pose_labels
 
     def __repr__(self) -> str:
         name = self.reader.card.backbone
@@ -172,3 +207,167 @@ class TactileSensor:
         require_own_packages("planners", "experiments")
         search_with = import_module("experiments.search.one_search").search_with
         return search_with(self, target, decider, seed, num_objects, composition, touch_cost)
+
+    def session(
+        self,
+        target: Name,
+        decider: Any = "information_gain",
+        seed: int | Sequence[int] = 0,
+        *,
+        num_objects: int | None = None,
+        composition: Any = None,
+        touch_cost: float = 0.02,
+        log: str | Path | None = None,
+        **settings: Any,
+    ) -> Any:
+        """A search whose touches somebody else makes, such as a robot; it reads the images that it is told.
+
+        It asks for what :meth:`search` with the same seed would do, given the same touches, if ``abstain`` is False.
+
+        Args:
+            target: label or index of the shape.
+            decider: as of :meth:`search`.
+            seed: of the decider.
+            num_objects: as of :meth:`search`.
+            composition: as of :meth:`search`.
+            touch_cost: as of :meth:`search`.
+            log: file for all that is told, each on disk before the next question; if it exists, its search goes on.
+            settings: of :class:`planners.Session`: ``arrangement``, ``abstain``, ``log_bets``, ``least_force`` and
+                ``least_area``; a log that exists has its own. Where it may abstain, an image that could be one of no
+                contact is a miss.
+
+        Returns:
+            The :class:`planners.Session`.
+
+        Raises:
+            UnknownName: no shape or no decider has this name.
+            InvalidArgument: a number is out of its range, or the log is of another search.
+            CorruptFile, CannotWrite: the log cannot be read or written.
+        """
+        require_own_packages("planners", "experiments")
+        session_with = import_module("experiments.search.one_search").session_with
+        return session_with(self, target, decider, seed, num_objects, composition, touch_cost, log, **settings)
+
+
+class RecordedSensor(TactileSensor):
+    """A sensor whose reader was trained on recorded touches: its images are rows of features, its poses are actions.
+
+    No scene simulates it. What needs one, as :attr:`scene` or :attr:`reader` do, raises :class:`WrongScene`.
+
+    Attributes:
+        recorded_reader: turns features into log likelihood ratios.
+        model: weights these by the correlations of the actions.
+        origin: what it was trained on, of JSON types: ``provenance``, ``licence``, ``task``, ``touches``, ``objects``.
+
+    Raises:
+        LabelMismatch: the model has labels that the reader does not know, or another number of actions.
+    """
+
+    recorded_reader: RecordedReader
+    model: ActionKernelModel
+    origin: Mapping[str, Any]
+
+    def __init__(self, reader: RecordedReader, model: ActionKernelModel, origin: Mapping[str, Any]) -> None:
+        unknown = [label for label in model.shape_labels if label not in reader.label_names]
+        if unknown:
+            raise LabelMismatch(f"the reader does not know {few(unknown)} of the observation model; save both again")
+        if model.num_poses != len(actions := reader.action_names):
+            raise LabelMismatch(f"the reader knows {len(actions)} actions, the observation model {model.num_poses}")
+        for name, value in (("recorded_reader", reader), ("model", model), ("origin", dict(origin))):
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def fit(cls, touches: RecordedTouches, task: str = "objects") -> RecordedSensor:
+        """Train and calibrate a reader on all touches of a set, and fit the correlations of its actions.
+
+        Nothing is held out. ``activetouch recorded`` tests readers that are made in the same way.
+
+        Args:
+            touches: the set.
+            task: what its shapes are: ``objects``, ``categories`` or ``shapes``.
+
+        Raises:
+            BadRecording: the task has too few labels, objects or touches.
+            MissingPackage: scikit-learn is not installed.
+        """
+        from activetouch.recorded import check_recorded
+        from activetouch.recorded.reader import read
+        from activetouch.recorded.splits import for_use
+
+        check_recorded(touches, task)
+        chosen = touches.for_task(task)
+        reading = read(chosen, for_use(chosen))
+        counts = {"touches": len(chosen.rows), "objects": len(np.unique(chosen.objects))}
+        origin = {"provenance": touches.provenance, "licence": touches.licence, "task": task, **counts}
+        return cls(reading.reader, reading.model(chosen), origin)
+
+    @classmethod
+    def read_folder(cls, folder: Path) -> RecordedSensor:
+        """The sensor from :meth:`save`; raises CorruptFile and LabelMismatch as :meth:`TactileSensor.load` does."""
+        from activetouch.recorded.reader_file import read_recorded_reader
+
+        reader, fitted = read_recorded_reader(folder / RECORDED_FILE), fitted_model(folder)
+        if not isinstance(fitted.model, ActionKernelModel) or fitted.recorded is None:
+            raise CorruptFile(f"{folder / OBSERVATION_FILE} is no observation model of recorded touches")
+        return cls(reader, fitted.model, fitted.recorded)
+
+    def save(self, folder: str | Path) -> None:
+        """Write the sensor: the reader's arrays as safetensors, the observation model with its kernel as JSON.
+
+        Raises:
+            CannotWrite: there is no room, no permission, or a sensor of a scene in the folder.
+        """
+        from activetouch.recorded.reader_file import write_recorded_reader
+
+        folder = Path(folder)
+        if (folder / READER_FILE).exists():
+            raise CannotWrite(f"{folder} holds a sensor of a scene; save this one in another folder")
+        write_text(folder / OBSERVATION_FILE, self.model.to_json({"recorded": dict(self.origin)}) + "\n")
+        write_recorded_reader(folder / RECORDED_FILE, self.recorded_reader)
+
+    def among(self, labels: Sequence[str]) -> RecordedSensor:
+        """The sensor for objects that are known to be of some of its shapes.
+
+        Raises:
+            ValueError: a label that it does not know.
+        """
+        return RecordedSensor(self.recorded_reader, self.model.among(labels), self.origin)
+
+    def read(self, images: NDArray[Any], poses: Sequence[Name]) -> list[Touch]:
+        """Touches from features ``(N, F)``, in the units of the recordings, and the actions that they were felt with.
+
+        Raises:
+            InvalidArgument: another number of features or actions, or features that are not finite.
+            UnknownName: there is no such action.
+        """
+        reader = self.recorded_reader
+        actions = np.array([index_of("action", reader.action_names, pose) for pose in poses], np.int64)
+        columns = [reader.label_names.index(label) for label in self.model.shape_labels]
+        ratios = reader.ratios(reader.checked(images, len(actions)), actions)[:, columns]
+        return [Touch(*touch) for touch in zip(actions.tolist(), ratios, strict=True)]
+
+    @property
+    def shape_labels(self) -> tuple[str, ...]:
+        """What it can tell apart."""
+        return self.model.shape_labels
+
+    @property
+    def pose_labels(self) -> tuple[str, ...]:
+        """Its actions."""
+        return self.recorded_reader.action_names
+
+    @property
+    def scene(self) -> Scene:
+        """There is none: raises WrongScene."""
+        raise WrongScene(f"{self} is not of a scene: {NOT_SIMULATED}")
+
+    @property
+    def reader(self) -> TactileReader:
+        """There is no network for images: raises WrongScene."""
+        raise WrongScene(f"{self} reads features, not images: {NOT_SIMULATED}")
+
+    def __repr__(self) -> str:
+        actions = f"by {few(self.pose_labels)}"
+        return one_line(
+            RecordedSensor, few(self.shape_labels), actions, f"{self.recorded_reader.num_features} features"
+        )

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from activetouch.errors import LabelMismatch, NoIndependentModel
+from activetouch.errors import LabelMismatch, NoIndependentModel, WrongScene
 from activetouch.perception.card import read_card
 from activetouch.perception.contacts.imaging import Imaging
 from activetouch.perception.contacts.sensor_state import differs_from_training, fields_read
@@ -24,6 +24,11 @@ ANY_OBJECT_FILE = "any_object.safetensors"  # a reader that knows the sensor, fo
 READER_FILE, OBSERVATION_FILE = "reader.safetensors", "observation_model.json"
 INDEPENDENT_FILE = "independent_model.json"  # beside a joint model: takes touches as independent given the shape
 INDEPENDENT_SUFFIX = "-independent"  # of the shipped sensor that reads shapes only
+RECORDED_FILE = "recorded_reader.safetensors"  # in place of the reader, of recorded touches
+NOT_SIMULATED = (
+    "no scene simulates recorded touches; find objects with TactileSensor.load(FOLDER).session(TARGET), and compare "
+    "deciders on the recordings with activetouch recorded"
+)
 POLICIES = "policies"  # folder of trained policies beside the two
 
 
@@ -77,10 +82,12 @@ class FittedModel(NamedTuple):
     Attributes:
         model: the model.
         scene: fields of the scene; None if the file has none.
+        recorded: what recorded touches it was fitted to; None if it was fitted to none.
     """
 
     model: ArrayModel
     scene: Mapping[str, Any] | None
+    recorded: Mapping[str, Any] | None = None
 
 
 def fitted_model(folder: Path, independent: bool = False) -> FittedModel:
@@ -97,9 +104,10 @@ def fitted_model(folder: Path, independent: bool = False) -> FittedModel:
     path = observation_file(folder, independent)
     try:
         text = require_regular_file(path).read_text(encoding="utf-8")
-        scene = (read_origin(text) or {}).get("scene")
-        if not (scene is None or isinstance(scene, dict)):
-            raise ValueError(f"its scene is {scene!r}")
+        scene, recorded = ((read_origin(text) or {}).get(name) for name in ("scene", "recorded"))
+        for name, fields in (("scene", scene), ("recorded", recorded)):
+            if not (fields is None or isinstance(fields, dict)):
+                raise ValueError(f"its {name} is {fields!r}")
         model = read_observation_model(text)
     except OSError as error:
         raise CorruptFile(f"{path} cannot be read: {error.strerror}") from error
@@ -110,7 +118,7 @@ def fitted_model(folder: Path, independent: bool = False) -> FittedModel:
             f"{folder} holds only the joint observation model {model.name!r}, and no {INDEPENDENT_FILE} beside it. "
             "The command calibrate writes both files"
         )
-    return FittedModel(model, scene)
+    return FittedModel(model, scene, recorded)
 
 
 class SensorFiles(NamedTuple):
@@ -175,7 +183,9 @@ def reader_file(folder: Path, scene: Scene, independent: bool = False) -> Path:
     Raises:
         CorruptFile: a file is damaged.
         NoIndependentModel: only the reader of any object reads this scene, and touches are to be taken as independent.
+        WrongScene: the sensor is of recorded touches.
     """
+    require_simulated(folder)
     own, other = folder / READER_FILE, folder / ANY_OBJECT_FILE
     if not other.exists():
         return own
@@ -189,6 +199,12 @@ def reader_file(folder: Path, scene: Scene, independent: bool = False) -> Path:
     if fitted_to is None or any(fitted_to.get(part) != here.get(part) for part in OBJECTS if part != "presentation"):
         return _joint(other, independent)
     return other if not independent and differs_from_training(read_card(other).imaging, scene) else own
+
+
+def require_simulated(folder: Path) -> None:
+    """Raise WrongScene where a folder holds a sensor of recorded touches, which work in no scene."""
+    if (folder / RECORDED_FILE).exists():
+        raise WrongScene(f"{folder} holds a sensor of recorded touches: {NOT_SIMULATED}")
 
 
 def _joint(path: Path, independent: bool) -> Path:

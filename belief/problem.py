@@ -31,6 +31,28 @@ WHO_GIVES_LOGITS = (
 
 
 @dataclass(frozen=True, eq=False)
+class Elsewhere(FrozenArrays):
+    """A place of a touch that is none of the problem's poses.
+
+    Attributes:
+        place: numbers that describe it; touches with the same numbers are repeats.
+        hypotheses: embedded there, as the joint observation model has them for its poses, ``(K, N, D)``.
+
+    Raises:
+        InvalidArgument: the hypotheses are not of three dimensions, or not finite.
+    """
+
+    place: tuple[float, ...]
+    hypotheses: NDArray[np.floating]
+
+    def __post_init__(self) -> None:
+        array = as_real(self.hypotheses, "hypotheses of a touch")
+        if array.ndim != 3 or not np.isfinite(array).all():
+            raise InvalidArgument(f"hypotheses of a touch must be (K, N, D) and finite, got {array.shape}")
+        self.freeze()
+
+
+@dataclass(frozen=True, eq=False)
 class Touch(FrozenArrays):
     """One touch as deciders and observation models see it; its arrays are read-only.
 
@@ -41,6 +63,8 @@ class Touch(FrozenArrays):
         logits: the reader's logits over shapes, ``(K,)``, or None; -inf for a shape that is ruled out. Converted to
             float64.
         features: the reader's embedding of the image, ``(D,)``, or None.
+        elsewhere: where it was made, if that is none of the poses; ``pose`` is then the nearest one. Only a joint
+            observation model of one rigid body takes such a touch.
 
     Raises:
         InvalidArgument: a pose that is not an integer ≥ 0; logits that are not a row of real numbers, or hold NaN or
@@ -53,6 +77,7 @@ class Touch(FrozenArrays):
     pose: int
     logits: Floats | None = None
     features: NDArray[np.floating] | None = None
+    elsewhere: Elsewhere | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.pose, int | np.integer) or isinstance(self.pose, bool) or self.pose < 0:

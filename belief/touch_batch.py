@@ -89,6 +89,11 @@ class TouchBatch(FrozenArrays):
             if not isinstance(touch, Touch):
                 place = f"touch {index % shape[1]} of sequence {index // shape[1]}"
                 raise InvalidArgument(f"{place} must be a Touch, such as Touch(pose, logits), got {touch!r:.60}")
+            if touch.elsewhere is not None:
+                raise InvalidArgument(
+                    f"touch {index} was made at {touch.elsewhere.place}, which is none of the poses; only the evidence "
+                    "of a model of one rigid body takes such touches, one after the other"
+                )
         poses = np.array([touch.pose for touch in touches])
         return cls(poses.reshape(shape), _stacked("logits", touches, shape), _stacked("features", touches, shape))
 

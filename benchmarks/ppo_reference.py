@@ -70,7 +70,7 @@ def reference(bank: TouchBank, test_bank: TouchBank, model: ArrayModel, target: 
     pairs = list(product(_CONFIRM, _REJECT))
     best = max(pairs, key=lambda pair: play(thresholds(*pair), known).mean_return)
     index = bank.shape_labels.index(target)
-    prior = ObjectPriors.of(len(bank.shape_labels), index, recipe.test_prob).probs(recipe.test_prob)
+    prior = ObjectPriors.of(len(bank.shape_labels), recipe.test_prob).probs(recipe.test_prob, index)
     problem = TouchProblem(model.outcome_table().probs, prior, index, recipe.touch_cost)
     in_turn = weights_in_turn(repeat_discount(model), problem.num_poses, -(-recipe.touch_limit // problem.num_poses))
     weights = [*in_turn[: recipe.touch_limit].tolist(), 0.0]  # touches after the limit are uninformative

@@ -20,7 +20,6 @@ from activetouch.sensor_files import MODELS
 from belief.statistics import wilson_interval
 from experiments.robustness.conditions import CONDITIONS
 from experiments.scene_choice import SceneChoice
-from experiments.sensor_choice import load_quietly
 
 STATED = 0.95
 
@@ -69,7 +68,10 @@ def main() -> None:
     print(f"scene {given.scene}, {given.objects} objects, seed {given.seed}")
     for world in ["usual", *given.worlds]:
         changed = scene if world == "usual" else _changed(given.scene, world)
-        sensors = {"own": load_quietly(folder, scene, False), "any object": load_quietly(folder, changed, False)}
+        sensors = {
+            "own": TactileSensor.load(folder, scene),
+            "any object": TactileSensor.load(folder, changed, anyway=True),
+        }
         print(world)
         measured(sensors if world != "usual" else {"own": sensors["own"]}, changed, given.objects, given.seed)
 

@@ -1,16 +1,17 @@
 """Search for an object from a mesh file, a cup, among the four built-in shapes. Nothing is trained.
 
-Run: python examples/04_a_mesh_of_your_own.py          (42 s of processor time; writes to runs/cup)
+Run: python examples/04_a_mesh_of_your_own.py [options of compare]   (42 s of processor time; writes to runs/cup)
 
 The sensor of the scene gel has a reader of any object: it predicts from the mesh what touches of the cup look like.
 """
 
 import shlex
-import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
+
+from experiments.cli import main
 
 FOLDER = Path("runs/cup")
 # A cup, turned about z: its outer wall, its rim, its inner wall and its bottom, as radius and height [m].
@@ -38,17 +39,13 @@ def write_cup(path: Path) -> None:
     path.write_text("\n".join(lines) + "\n")
 
 
-def main() -> None:
-    """Write the mesh, then run the command."""
+if __name__ == "__main__":
     cup = FOLDER / "cup.obj"
     write_cup(cup)
     command = (
         f"compare --meshes {cup} --num-objects 5 --targets cup --episodes 10 "
         f"--deciders information_gain random_confirm --out {FOLDER}/compare"
     )
-    print(f"$ activetouch {command}", flush=True)
-    subprocess.run([sys.executable, "-m", "experiments.cli", *shlex.split(command)], check=True)
-
-
-if __name__ == "__main__":
+    sys.argv[:1] = ["activetouch", *shlex.split(command)]
+    print("$", shlex.join(sys.argv), flush=True)
     main()

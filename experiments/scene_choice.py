@@ -50,7 +50,6 @@ PRESENTATIONS: Mapping[str, Presentation] = {
 FidelityName: TypeAlias = Literal[tuple(FIDELITIES)]  # type: ignore[valid-type]
 PresentationName: TypeAlias = Literal[tuple(PRESENTATIONS)]  # type: ignore[valid-type]
 _LARGEST_INPUT = 64  # image edge of a classifier for a user's scene [pixels]
-_SIZES = re.compile(r"size=([^,=]+?)\.\.([^,=]+)")
 _FACTORS = re.compile(r"(?:^|,)(\w+)=([^,=]+?)\.\.([^,=]+)")
 
 
@@ -129,56 +128,45 @@ def training_folder(scene: str) -> Path:
     return Path(f"runs/train-{in_file_names(scene)}")
 
 
-def with_families(shapes: Mapping[str, Any], families: Sequence[str]) -> dict[str, Any]:
-    """Shapes, of which some become families.
+def with_families(shapes: Mapping[str, Any], families: Sequence[str]) -> tuple[dict[str, Any], Uniform | None]:
+    """Shapes, of which some become families, and the range of the sizes of all objects; None if they stay as they are.
 
     Args:
         shapes: by label.
         families: each as ``SHAPE:PARAMETER=LOW..HIGH``; factors on the nominal number are uniform in that range.
-            Several parameters are separated by commas. The nominal solid of a family gets other parameters.
+            Several parameters are separated by commas. The nominal solid of a family gets other parameters. Or
+            ``size=LOW..HIGH``, for all objects.
 
     Raises:
         UnknownName: there is no such shape, or it has no such parameter.
         InvalidArgument: the text cannot be read, a shape is named twice, or a solid cannot be built.
 
     >>> from activetouch.shapes import Cylinder
-    >>> with_families({"rod": Cylinder(0.016, 0.020)}, ["rod:half_length=0.5..2"])["rod"]
+    >>> with_families({"rod": Cylinder(0.016, 0.020)}, ["rod:half_length=0.5..2"])[0]["rod"]
     Family(Cylinder(radius=0.016, half_length=0.02), half_length=Uniform(low=0.01, high=0.04))
     """
-    found: dict[str, Family] = {}
+    found, size, labels = dict(shapes), None, list(shapes)
     for text in families:
         label, _, told = text.rpartition(":")
         try:
             ranges = [(name, float(low), float(high)) for name, low, high in _FACTORS.findall(told)]
-            if len(ranges) != told.count(",") + 1 or len({name for name, *_ in ranges}) < len(ranges) or label in found:
+            if not label and [name for name, *_ in ranges] == ["size"]:
+                size = Uniform(*ranges[0][1:])
+                continue
+            is_again = label in shapes and found[label] is not shapes[label]
+            if len(ranges) != told.count(",") + 1 or len({name for name, *_ in ranges}) < len(ranges) or is_again:
                 raise ValueError("each shape and each parameter is told once, with LOW..HIGH")
-            labels = list(shapes)
             shape = shapes[labels[index_of("shape", labels, label)]]
             solid = shape.nominal if isinstance(shape, Family) else shape
             numbers = numbers_of(solid)  # a name that is not among them is refused by the family
             scales = {name: Uniform(*(numbers.get(name, 1.0) * end for end in ends)) for name, *ends in ranges}
+            found[label] = Family(solid, **scales)
         except ValueError as error:
             raise InvalidArgument(
-                "--family must be SHAPE:PARAMETER=LOW..HIGH, such as cylinder:half_length=0.5..2, "
+                "--family must be SHAPE:PARAMETER=LOW..HIGH, such as cylinder:half_length=0.5..2, or size=LOW..HIGH, "
                 f"got {text!r}: {error}"
             ) from error
-        found[label] = Family(solid, **scales)
-    return {**shapes, **found}
-
-
-def _sizes(families: Sequence[str]) -> tuple[Uniform | None, list[str]]:
-    """Range of the sizes of all objects, and the families of single shapes."""
-    sizes: Uniform | None = None
-    others = []
-    for text in families:
-        if found := _SIZES.fullmatch(text):
-            try:
-                sizes = Uniform(float(found[1]), float(found[2]))
-            except ValueError as error:
-                raise InvalidArgument(f"--family {text!r} is no range of sizes: {error}") from error
-        else:
-            others.append(text)
-    return sizes, others
+    return found, size
 
 
 @dataclass(frozen=True)
@@ -235,9 +223,9 @@ class SceneChoice:
                     "scene's own shapes out with --only"
                 )
             changes["shapes"] = {**own, **added}
-        sizes, families = _sizes(self.family)
-        if families:
-            changes["shapes"] = with_families(changes.get("shapes", named.scene.shapes), families)
+        sizes = None
+        if self.family:
+            changes["shapes"], sizes = with_families(changes.get("shapes", named.scene.shapes), self.family)
         if sizes is not None or self.only:
             changes["variation"] = replace(named.scene.variation, size=Constant(1.0) if sizes is None else sizes)
         scene = replace(named.scene, **changes)

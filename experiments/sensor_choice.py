@@ -23,17 +23,12 @@ from activetouch.sensor_files import (
     POLICIES,
     READER_FILE,
     observation_file,
+    require_simulated,
     sensor_shift,
 )
 from belief.errors import ActiveTouchError
 from belief.policy_state import WITH_GAINS
-from experiments.scene_choice import (
-    SceneChoice,
-    collection_folder,
-    in_file_names,
-    named_scene,
-    repeats_folder,
-)
+from experiments.scene_choice import SceneChoice, collection_folder, in_file_names, named_scene, repeats_folder
 from experiments.sensor_commands import REPEATS, command, sensor_commands
 from planners.ppo import BadPolicy, MissingPolicy, load_ppo_policy, policy_file
 from planners.registry import trained_state
@@ -41,24 +36,6 @@ from planners.registry import trained_state
 
 class NoSensor(ActiveTouchError, FileNotFoundError):
     """A folder holds no sensor."""
-
-
-def policy_commands(scene: str, sensor: Path, state: str) -> str:
-    """The commands that train policies for a sensor and copy them into its folder, one per line.
-
-    Args:
-        scene: name of the scene.
-        sensor: folder of the sensor.
-        state: state of the policies; those of :data:`belief.policy_state.WITH_GAINS` have a folder of their own.
-    """
-    repeats, out = repeats_folder(scene), Path(f"runs/ppo-{scene}{'-joint' if state in WITH_GAINS else ''}")
-    return "\n".join(
-        (
-            command("collect", "--scene", scene, *REPEATS, out=repeats),
-            command("train-ppo", scene=scene, data=repeats, sensor=sensor, recipes=state, out=out),
-            shlex.join(["cp", "-r", str(out / POLICIES), str(sensor)]),
-        )
-    )
 
 
 def require_policies(decider: str, targets: Sequence[str], scene: str, sensor: Path) -> None:
@@ -83,9 +60,15 @@ def require_policies(decider: str, targets: Sequence[str], scene: str, sensor: P
         ready = independent_sensor(scene)
         if ready != sensor and (ready / POLICIES / policy_file(state, targets[0])).is_file():
             raise type(error)(f"{error}. The sensor {ready.name} has policies: add --sensor {ready.name}") from error
-        whose = "a sensor of one rigid body" if state in WITH_GAINS else "this sensor"
-        commands = policy_commands(scene, sensor, state)
-        raise type(error)(f"{error}. To train policies for {whose}:\n{commands}") from error
+        joint, repeats = state in WITH_GAINS, repeats_folder(scene)
+        out = Path(f"runs/ppo-{scene}{'-joint' if joint else ''}")
+        commands = (
+            command("collect", "--scene", scene, *REPEATS, out=repeats),
+            command("train-ppo", scene=scene, data=repeats, sensor=sensor, recipes=state, out=out),
+            shlex.join(["cp", "-r", str(out / POLICIES), str(sensor)]),
+        )
+        whose = "a sensor of one rigid body" if joint else "this sensor"
+        raise type(error)("\n".join((f"{error}. To train policies for {whose}:", *commands))) from error
 
 
 def independent_sensor(scene: str) -> Path:
@@ -128,50 +111,32 @@ def open_sensor(
         CorruptFile: A file of the sensor is damaged.
         NoIndependentModel: the sensor has only a joint model.
         LabelMismatch: The sensor was made for other shapes or poses.
-        WrongScene: The sensor was made for another scene; the message names the commands that make a fitting one.
+        WrongScene: The sensor was made for another scene; the message names the commands that make a fitting one. Or it
+            is of recorded touches.
     """
     name, scene = (choice.scene, choice.named.scene) if isinstance(choice, SceneChoice) else ("", choice.scene)
     chosen = sensor_folder(folder, name)
+    require_simulated(chosen)
     for path in (chosen / READER_FILE, observation_file(chosen, independent)):
         if not (path.is_file() or (chosen / ANY_OBJECT_FILE).is_file()):
             where = f"{chosen} holds no sensor: there is no {path.name} in it"
             none = f"no sensor comes with the scene {name}; name one with --sensor"
             raise NoSensor(f"{where if chosen.parent != MODELS else none}. {_remedy(choice, name, scene)}")
     try:
-        sensor = load_quietly(chosen, scene, anyway, independent)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SceneShift)  # printed below, also where it is accepted
+            sensor = TactileSensor.load(chosen, scene, anyway, independent)
     except (LabelMismatch, WrongScene) as error:
         advice = _anyway(chosen, scene, independent)
         raise type(error)(f"{error}. {_remedy(choice, name, scene)}{advice}") from error
-    tell_shift(sensor.shift)
+    for sentence in shift_sentences(sensor.shift):
+        print(f"warning: {sentence}", file=sys.stderr)
     return sensor
-
-
-def load_quietly(folder: Path, scene: Any, anyway: bool, independent: bool = False) -> TactileSensor:
-    """Load a sensor without the warning about accepted differences, which the caller prints.
-
-    Args:
-        folder: of the sensor.
-        scene: in which to use it.
-        anyway: whether to accept any scene.
-        independent: whether to use its model that takes touches as independent given the shape.
-
-    Raises:
-        NoIndependentModel: the sensor has no such model.
-    """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", SceneShift)
-        return TactileSensor.load(folder, scene, anyway, independent)
 
 
 def shift_sentences(shift: tuple[str, ...]) -> list[str]:
     """A sentence on the differences between the scene and that of the sensor; none if there are none."""
     return [f"The sensor was made for another scene: {in_words(shift)}."] if shift else []
-
-
-def tell_shift(shift: tuple[str, ...]) -> None:
-    """Print a warning about differences between the scene and that of the sensor, if there are any."""
-    for sentence in shift_sentences(shift):
-        print(f"warning: {sentence}", file=sys.stderr)
 
 
 def _anyway(folder: Path, scene: Scene, independent: bool) -> str:
@@ -225,72 +190,39 @@ def open_collection(folder: Path, scene: str, repeats: bool) -> Manifest:
 
 
 def require_collection(
-    folder: Path, manifest: Manifest, card: ClassifierCard, scene: str | None, repeats: bool, anyway: bool | None = None
-) -> None:
-    """Refuse a collection of another scene than a reader's; a known shift is told on stderr.
-
-    Args:
-        folder: of the collection.
-        manifest: what it says about itself.
-        card: of the reader that is to read it.
-        scene: name of the scene that results will be filed under; None if the user names the folder of the results.
-        repeats: whether objects must be touched again and again in it.
-        anyway: whether to use it all the same; None for a command that has no flag for it.
-
-    Raises:
-        LabelMismatch: the collection has other shapes or poses.
-        WrongScene: it differs by more than a known shift.
-    """
-    card.require_labels(manifest.shape_labels, manifest.pose_labels)
-    flag = "" if anyway is None else "To use it all the same, add --anyway."
-    if card.scene is None and not anyway:
-        raise WrongScene(f"the reader does not say of which scene its touches were. {flag}")
-    reads = card.in_poses_of(manifest.scene)
-    wanted = {"the reader's scene": reads} if reads is not None else {}
-    require_scene_of(folder, manifest, {**wanted, **_named_fields(scene)}, repeats, flag, bool(anyway))
-    try:
-        card.require_images(manifest.image_shape)
-    except WrongScene as error:
-        raise WrongScene(f"{folder} is of no use here: {error}") from error
-
-
-def require_named_scene(folder: Path, manifest: Manifest, scene: str | None, repeats: bool) -> None:
-    """Check that a collection has the scene that is named by the results folder.
-
-    Args:
-        folder: folder of the collection.
-        manifest: manifest of the collection.
-        scene: name of the scene; None if the user chose the results folder.
-        repeats: whether the collection must contain repeated touches.
-
-    Raises:
-        WrongScene: The collection has another scene.
-    """
-    flag = "To train on it nevertheless, name a folder for the results with --out."
-    require_scene_of(folder, manifest, _named_fields(scene), repeats, flag)
-
-
-def require_scene_of(
     folder: Path,
     manifest: Manifest,
-    wanted: Mapping[str, Mapping[str, Any]],
+    card: ClassifierCard | None,
+    scene: str | None,
     repeats: bool,
-    flag: str,
-    anyway: bool = False,
+    anyway: bool | None = None,
 ) -> None:
-    """Check that a collection has the required scenes; print accepted differences to stderr.
+    """Check that a collection has the scene of a reader and of the results; print accepted differences to stderr.
 
     Args:
         folder: folder of the collection.
         manifest: manifest of the collection.
-        wanted: fields of the required scenes, by their description in messages.
+        card: of the reader that is to read it; None if one is to be trained on it.
+        scene: name of the scene that results will be filed under; None if the user names the folder of the results.
         repeats: whether the collection must contain repeated touches.
-        flag: sentence on how to use the collection nevertheless.
-        anyway: whether to accept all differences.
+        anyway: whether to accept all differences; None for a command without this option.
 
     Raises:
-        WrongScene: The collection has another scene; the message names the command that records a fitting one.
+        LabelMismatch: The collection has other shapes or poses than the reader.
+        WrongScene: It differs by more than a known shift; the message names the command that records a fitting one.
     """
+    wanted: dict[str, Mapping[str, Any]] = {}
+    if scene is not None:
+        wanted[f"the scene {scene!r}"] = scene_fields(named_scene(scene).scene)
+    flag = "" if anyway is None else "To use it all the same, add --anyway."
+    if card is None:
+        flag = "To train on it nevertheless, name a folder for the results with --out."
+    else:
+        card.require_labels(manifest.shape_labels, manifest.pose_labels)
+        if card.scene is None and not anyway:
+            raise WrongScene(f"the reader does not say of which scene its touches were. {flag}")
+        if (reads := card.in_poses_of(manifest.scene)) is not None:
+            wanted = {"the reader's scene": reads} | wanted
     shift: list[str] = []
     for whose, made_for in wanted.items():
         found = scene_differences(made_for, manifest.scene)
@@ -303,17 +235,18 @@ def require_scene_of(
     if shift:
         told = in_words(tuple(dict.fromkeys(shift)))
         print(f"warning: {folder} was recorded in another scene than {' or '.join(wanted)}: {told}", file=sys.stderr)
-
-
-def _named_fields(scene: str | None) -> dict[str, Any]:
-    return {} if scene is None else {f"the scene {scene!r}": scene_fields(named_scene(scene).scene)}
+    if card is not None:
+        try:
+            card.require_images(manifest.image_shape)
+        except WrongScene as error:
+            raise WrongScene(f"{folder} is of no use here: {error}") from error
 
 
 def _another_collection(made_for: Any, folder: Path, repeats: bool) -> str:
     """Advice to record a collection of a scene; empty unless the scene has a name."""
     for name, named in SCENES.items():
         if scene_fields(named.scene) == made_for:
-            own = _own(name, repeats)
+            own = repeats_folder(name) if repeats else collection_folder(name)
             out = own if own.resolve() != folder.resolve() else own.with_name(f"{own.name}-again")
             return f"Record one, and name it with --data:\n{_collect(name, out, repeats)}\n"
     return ""
@@ -321,7 +254,3 @@ def _another_collection(made_for: Any, folder: Path, repeats: bool) -> str:
 
 def _collect(scene: str, folder: Path, repeats: bool) -> str:
     return command("collect", "--scene", scene, *(REPEATS if repeats else ()), out=folder)
-
-
-def _own(scene: str, repeats: bool) -> Path:
-    return repeats_folder(scene) if repeats else collection_folder(scene)

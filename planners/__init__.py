@@ -7,11 +7,13 @@ import belief
 if Path(belief.__file__ or "").resolve().parent.parent != Path(__file__).resolve().parent.parent:
     raise ImportError(f"{belief.__file__ or belief.__path__} hides the package 'belief' of activetouch: rename it")
 
+from belief.search_progress import Outcome
 from planners.check import check_decider
 from planners.decider import Decider, Decision, InformationState, SequentialDecider
-from planners.episode import Episode, Outcome, Step
+from planners.episode import Episode, Step
 from planners.registry import DECIDERS, make_decider
 from planners.search import World, search, search_lockstep
+from planners.session import Session
 
 __all__ = [
     "DECIDERS",
@@ -21,6 +23,7 @@ __all__ = [
     "InformationState",
     "Outcome",
     "SequentialDecider",
+    "Session",
     "Step",
     "World",
     "check_decider",

@@ -11,9 +11,10 @@ from belief.composition import Composition
 from belief.errors import BrokenContract
 from belief.observation_model.model import ObservationModel
 from belief.problem import SearchProblem
+from belief.search_progress import Outcome
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
 from planners.decider import Decider, Decision, InformationState
-from planners.episode import Episode, Outcome
+from planners.episode import Episode
 from planners.search import search
 
 _COMPOSITIONS = (Composition.DISTINCT, Composition.INDEPENDENT)

@@ -2,31 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Any
 
 from belief.categorical import Belief
+from belief.errors import InvalidArgument
 from belief.naming import one_line
 from belief.problem import Action, Confirm, Probe, Reject, SearchProblem, Touch, Unsure
+from belief.scene_view import UNKNOWN
+from belief.search_progress import Outcome, success_of
 from planners.decider import Decision
 
 ACTION_NAMES: Mapping[type[Action], str] = {Confirm: "confirm", Reject: "reject", Unsure: "unsure"}
 """Names of the actions that are not probes, in records and figures."""
-_ACTIONS: Mapping[str, Action] = {"confirm": Confirm(), "reject": Reject(), "unsure": Unsure()}
-
-
-class Outcome(StrEnum):
-    """How a search ended."""
-
-    CONFIRMED = "confirmed"
-    EXHAUSTED = "exhausted"
-    """Every object was rejected."""
-    TRUNCATED = "truncated"
-    """The touch limit was reached."""
-    UNSURE = "unsure"
-    """The decider answered "I do not know"."""
+ACTIONS: Mapping[str, Action] = {"confirm": Confirm(), "reject": Reject(), "unsure": Unsure()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +27,8 @@ class Step:
         object_index: the current object.
         belief: about that object, before the decision.
         decision: the action and its scores.
-        touch: result of a probe; None for CONFIRM, REJECT, UNSURE, and a probe beyond the touch limit.
+        touch: result of a probe; None for CONFIRM, REJECT, UNSURE, a probe that missed, and one beyond the touch limit.
+            The score ``is_miss`` marks a miss, ``is_unasked`` a touch in a pose that nobody asked for.
     """
 
     object_index: int
@@ -53,7 +44,8 @@ class Episode:
     Attributes:
         seed: of the episode.
         target: index of the shape sought.
-        arrangement: true shape of every object, in order of visit.
+        arrangement: true shape of every object, in order of visit; :data:`belief.scene_view.UNKNOWN` (-1) where nobody
+            knows it.
         steps: all decisions, oldest first.
         outcome: how the search ended.
     """
@@ -71,7 +63,8 @@ class Episode:
     def __str__(self) -> str:
         """The search in words: a line for its result, and one for each object that was visited."""
         labels = self.steps[0].belief.labels
-        result = "right" if self.success else "wrong" if self.is_answered else "no answer"
+        judged = "right" if self.success else "wrong" if self.success is not None else "truth unknown"
+        result = judged if self.is_answered else "no answer"
         lines = [f"search for the {labels[self.target]}: {self.outcome.value}, {result}, {self.num_touches} touches"]
         for number, shape in enumerate(self.arrangement):
             steps = [step for step in self.steps if step.object_index == number]
@@ -80,9 +73,8 @@ class Episode:
             poses = [step.decision.action.pose for step in steps if isinstance(step.decision.action, Probe)]
             probs = " → ".join(f"{step.belief.probs[self.target]:.3f}" for step in steps)
             end = ACTION_NAMES.get(type(steps[-1].decision.action), "probe beyond the touch limit")
-            lines.append(
-                f"  object {number + 1}, a {labels[shape]}: poses {poses}, p({labels[self.target]}) {probs}: {end}"
-            )
+            name = "of unknown shape" if shape == UNKNOWN else f"a {labels[shape]}"
+            lines.append(f"  object {number + 1}, {name}: poses {poses}, p({labels[self.target]}) {probs}: {end}")
         return "\n".join(lines)
 
     @property
@@ -92,10 +84,11 @@ class Episode:
 
     @property
     def confirmed_shape(self) -> int | None:
-        """True shape of the confirmed object; None if none was confirmed."""
+        """True shape of the confirmed object; None if none was confirmed, or nobody knows it."""
         if self.outcome is not Outcome.CONFIRMED:
             return None
-        return self.arrangement[self.steps[-1].object_index]
+        shape = self.arrangement[self.steps[-1].object_index]
+        return None if shape == UNKNOWN else shape
 
     @property
     def is_answered(self) -> bool:
@@ -103,14 +96,19 @@ class Episode:
         return self.outcome in (Outcome.CONFIRMED, Outcome.EXHAUSTED)
 
     @property
-    def success(self) -> bool:
-        """Whether a target was confirmed, or all objects were rejected and none was a target."""
-        if self.outcome is Outcome.CONFIRMED:
-            return self.confirmed_shape == self.target
-        return self.outcome is Outcome.EXHAUSTED and self.target not in self.arrangement
+    def success(self) -> bool | None:
+        """Whether a target was confirmed, or all objects were rejected and none was a target; None if nobody knows."""
+        index = self.steps[-1].object_index if self.steps else 0
+        return success_of(self.outcome, self.target, self.arrangement, index)
 
     def reward(self, problem: SearchProblem) -> float:
-        """Return of the search by :meth:`belief.problem.SearchProblem.reward`; truncation counts as failure."""
+        """Return of the search by :meth:`belief.problem.SearchProblem.reward`; truncation counts as failure.
+
+        Raises:
+            InvalidArgument: nobody knows whether the answer was right.
+        """
+        if self.success is None and self.is_answered:
+            raise InvalidArgument("the return of a search needs the true shapes, which this one does not have")
         shape = self.confirmed_shape
         present = self.target in self.arrangement or self.outcome is Outcome.TRUNCATED
         return problem.reward(shape, self.target, self.num_touches, present, self.outcome is Outcome.UNSURE)
@@ -120,7 +118,7 @@ class Episode:
         return {
             "seed": list(self.seed),
             "target": self.target,
-            "arrangement": list(self.arrangement),
+            "arrangement": [None if shape == UNKNOWN else shape for shape in self.arrangement],
             "outcome": self.outcome.value,
             "steps": [_step_to_dict(step) for step in self.steps],
         }
@@ -131,10 +129,15 @@ class Episode:
         return cls(
             tuple(fields["seed"]),
             fields["target"],
-            tuple(fields["arrangement"]),
+            tuple(UNKNOWN if shape is None else shape for shape in fields["arrangement"]),
             tuple(_step_from_dict(step, shape_labels) for step in fields["steps"]),
             Outcome(fields["outcome"]),
         )
+
+
+def judged(episodes: Iterable[Episode]) -> list[Episode]:
+    """The episodes of which it is known whether they succeeded; reports count these."""
+    return [episode for episode in episodes if episode.success is not None]
 
 
 def _step_to_dict(step: Step) -> dict[str, Any]:
@@ -146,6 +149,7 @@ def _step_to_dict(step: Step) -> dict[str, Any]:
         "action": action.pose if isinstance(action, Probe) else ACTION_NAMES[type(action)],
         "scores": dict(step.decision.scores),
         "logits": None if logits is None else logits.tolist(),
+        **({"place": list(touch.elsewhere.place)} if touch is not None and touch.elsewhere is not None else {}),
         **({"features": features.tolist()} if logits is None and features is not None else {}),
     }
 
@@ -155,7 +159,7 @@ def _step_from_dict(fields: Mapping[str, Any], shape_labels: tuple[str, ...]) ->
     action: Action
     touch = None
     if isinstance(name, str):
-        action = _ACTIONS[name]
+        action = ACTIONS[name]
     else:
         action = Probe(name)
         if fields["logits"] is not None or "features" in fields:

@@ -7,7 +7,7 @@ informative, and loose where they are not. It is exact for the searches of the r
 
 from __future__ import annotations
 
-from functools import cache
+import numpy as np
 
 from belief.naming import Name, index_of
 from belief.problem import SearchProblem
@@ -30,34 +30,22 @@ def one_touch_bound(problem: SearchProblem, target: Name) -> float:
     >>> round(one_touch_bound(problem, "cone"), 4)            # 1 - 0.02 · 9 / 4
     0.955
     """
-    shape, cost = index_of("shape", problem.shape_labels, target), problem.touch_cost
-    counts = problem.counts
+    shape, counts, number = index_of("shape", problem.shape_labels, target), problem.counts, problem.num_objects
     unsure = -1.0 if problem.unsure_reward is None else problem.unsure_reward
 
-    def target_prob(others: int) -> float:
-        """Probability that an object is a target, after so many were revealed to be others."""
-        if counts is None:
-            return float(problem.prior_probs[shape])
-        left = sum(counts) - others
-        return min(counts[shape] / left, 1.0) if left else 0.0
+    # The probability that an object is a target, by the number of others that touches have revealed.
+    revealed = np.arange(number)
+    if counts is None:
+        probs = np.full(number, problem.prior_probs[shape])
+    else:
+        left = sum(counts) - revealed
+        probs = np.minimum(np.divide(counts[shape], left, out=np.zeros(number), where=left > 0), 1.0)
 
-    def absent_prob(others: int, unknown: int) -> float:
-        """Probability that no target is among objects that were rejected untouched."""
-        prob = 1.0
-        for number in range(unknown):
-            prob *= 1.0 - target_prob(others + number)
-        return prob
-
-    @cache
-    def value(others: int, unknown: int) -> float:
-        """Largest expected return after ``others`` were revealed not to be targets and ``unknown`` rejected."""
-        if others + unknown == problem.num_objects:
-            return 2.0 * absent_prob(others, unknown) - 1.0
-        prob = target_prob(others)
-        touch = prob - cost + ((1.0 - prob) * value(others + 1, unknown) if prob < 1.0 else 0.0)
-        return max(touch, 2.0 * prob - 1.0, value(others, unknown + 1), unsure)
-
-    for decided in range(problem.num_objects, 0, -1):  # from the last object on, so that no recursion is deep
-        for others in range(decided + 1):
-            value(others, decided - others)
-    return value(0, 0)
+    # The largest expected return once all objects are revealed or rejected untouched: no target is among the latter.
+    absent = np.append(np.cumprod(1.0 - probs[::-1])[::-1], 1.0)
+    values = 2.0 * absent - 1.0
+    for decided in range(number - 1, -1, -1):
+        prob = probs[: decided + 1]
+        touch = prob - problem.touch_cost + (1.0 - prob) * values[1 : decided + 2]
+        values = np.maximum.reduce([touch, 2.0 * prob - 1.0, values[: decided + 1], np.full(decided + 1, unsure)])
+    return float(values[0])

@@ -7,7 +7,7 @@ all episodes are made in one call, so that a network processes many images at on
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeAlias, TypeVar
 
@@ -15,14 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from belief.errors import InvalidArgument
-from belief.naming import Name, index_of, seed_words
+from belief.naming import Name, index_of
 from belief.observation_model.model import ObservationModel
-from belief.problem import Confirm, Probe, Reject, SearchProblem, Touch, Unsure
-from belief.scene_belief import SceneBelief
-from belief.seeding import deciding_rng, touch_rng
-from planners.answers import checked_decision
-from planners.decider import Decider, InformationState
-from planners.episode import Episode, Outcome, Step
+from belief.problem import Probe, SearchProblem, Touch
+from belief.seeding import touch_rng
+from planners.decider import Decider
+from planners.episode import Episode
+from planners.session import Session
 
 
 class World(Protocol):
@@ -134,70 +133,36 @@ def search_lockstep(
     for given, what in ((targets, "targets"), (seeds, "seeds"), (log_bets, "log_bets")):
         if len(given) != len(worlds):
             raise InvalidArgument(f"there must be as many {what} as worlds, {len(worlds)}, got {len(given)}")
-    loops = [
-        _loop(world, decider, problem, index_of("target", labels, target), model, seed_words(seed), bets)
-        for world, target, seed, bets in zip(worlds, targets, seeds, log_bets, strict=True)
-    ]
-    finished: dict[int, Episode] = {}
-    answers: dict[int, Touch | None] = dict.fromkeys(range(len(loops)))
-    while answers:
-        waiting: dict[int, TouchRequest[WorldT]] = {}
-        for index, touch in answers.items():
-            try:
-                waiting[index] = loops[index].send(touch)
-            except StopIteration as stop:
-                finished[index] = stop.value
-        requests = list(waiting.values())
+    sessions = []
+    for world, target, seed, bets in zip(worlds, targets, seeds, log_bets, strict=True):
+        arrangement = tuple(int(shape) for shape in world.arrangement)
+        if len(arrangement) != problem.num_objects:
+            raise ValueError(f"the world has {len(arrangement)} objects, the problem {problem.num_objects}")
+        world.reset()
+        shape = index_of("target", labels, target)
+        session = Session(problem, decider, shape, model, seed, abstain=False, log_bets=bets)
+        session.arrangement = arrangement  # which may hold shapes that the problem does not know
+        sessions.append(session)
+    active = list(range(len(worlds)))
+    while active:
+        pending = {index: _next_touch(sessions[index], worlds[index]) for index in active}
+        requests = {index: request for index, request in pending.items() if request is not None}
         if touch_many is None:
-            touches: Sequence[Touch] = [request.world.touch(request.pose, request.rng) for request in requests]
+            touches: Sequence[Touch] = [request.world.touch(request.pose, request.rng) for request in requests.values()]
         else:
-            touches = touch_many(requests) if requests else []
-        answers = dict(zip(waiting, touches, strict=True))
-    return [finished[index] for index in range(len(loops))]
+            touches = touch_many(list(requests.values())) if requests else []
+        for index, touch in zip(requests, touches, strict=True):
+            sessions[index].tell(touch)
+        active = list(requests)
+    return [session.episode for session in sessions]
 
 
-def _loop(
-    world: WorldT,
-    decider: Decider,
-    problem: SearchProblem,
-    target: int,
-    model: ObservationModel,
-    seed: tuple[int, ...],
-    log_bets: ArrayLike,
-) -> Generator[TouchRequest[WorldT], Touch | None, Episode]:
-    """One episode as a coroutine: yields touch requests, receives touches, and returns the episode."""
-    arrangement = tuple(int(shape) for shape in world.arrangement)
-    if len(arrangement) != problem.num_objects:
-        raise ValueError(f"the world has {len(arrangement)} objects, the problem {problem.num_objects}")
-    world.reset()
-    scene = SceneBelief(problem, model, target=target, log_bets=log_bets)
-    rng = deciding_rng(seed)
-    steps: list[Step] = []
-    object_index = num_touches = 0
-
-    def end(outcome: Outcome) -> Episode:
-        return Episode(seed, target, arrangement, tuple(steps), outcome)
-
-    while True:
-        info = InformationState.of(problem, target, scene, object_index)
-        decision = checked_decision(decider.decide(info, rng), decider, problem)
-        action, touch = decision.action, None
+def _next_touch(session: Session, world: WorldT) -> TouchRequest[WorldT] | None:
+    """The touch that a session asks for, once it was told of all other actions; None when the search has ended."""
+    while (action := session.ask()) is not None:
         if isinstance(action, Probe):
-            if num_touches >= problem.touch_limit:
-                steps.append(Step(object_index, info.belief, decision, None))
-                return end(Outcome.TRUNCATED)
-            repeat = int(info.uses[action.pose])
-            touch = yield TouchRequest.of(world, seed, object_index, action.pose, repeat)
-            assert touch is not None, "a waiting episode is resumed with its touch"
-            scene.update(object_index, [touch])
-            num_touches += 1
-        steps.append(Step(object_index, info.belief, decision, touch))
-        if isinstance(action, Confirm):
-            return end(Outcome.CONFIRMED)
-        if isinstance(action, Unsure):
-            return end(Outcome.UNSURE)
-        if isinstance(action, Reject):
-            object_index += 1
-            if object_index == problem.num_objects:
-                return end(Outcome.EXHAUSTED)
+            return TouchRequest.of(world, session.seed, session.object_index, action.pose, session.uses(action.pose))
+        session.tell()
+        if session.outcome is None:
             world.advance()
+    return None

@@ -7,21 +7,23 @@ The prefix ``activetouch:`` imports the package. Making an environment loads MuJ
 """
 
 from importlib.util import find_spec
+from typing import Any
 
-IDS = {
-    "activetouch/ObjectTest-v0": "activetouch.envs.object_test:ObjectTestEnv",
-    "activetouch/ObjectTestGoal-v0": "activetouch.envs.object_goal:ObjectGoalEnv",
-    "activetouch/ObjectSearch-v0": "activetouch.envs.object_search:ObjectSearchEnv",
+_TEST = "activetouch.envs.object_test:ObjectTestEnv"
+IDS: dict[str, tuple[str, dict[str, Any]]] = {
+    "activetouch/ObjectTest-v0": (_TEST, {}),
+    "activetouch/ObjectTestGoal-v0": (_TEST, {"target": None}),
+    "activetouch/ObjectSearch-v0": ("activetouch.envs.object_search:ObjectSearchEnv", {}),
 }
-"""The entry points of the environments by id."""
+"""The entry points of the environments by id, and the arguments that differ from the defaults."""
 MOST_STEPS = 1000
 """``max_episode_steps`` of all environments. An episode ends by its own touch limit, far earlier by default."""
 
 if find_spec("gymnasium") is not None:
     from gymnasium.envs.registration import register, registry
 
-    for _id, _entry_point in IDS.items():
+    for _id, (_entry_point, _settings) in IDS.items():
         if _id not in registry:  # also if the module is reloaded
-            register(_id, _entry_point, max_episode_steps=MOST_STEPS)
+            register(_id, _entry_point, max_episode_steps=MOST_STEPS, kwargs=_settings)
 
 __all__ = ["IDS", "MOST_STEPS"]

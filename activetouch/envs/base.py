@@ -19,8 +19,9 @@ from belief.errors import ActiveTouchError, InvalidArgument, UnknownName
 from belief.history import TouchHistory
 from belief.observation_model.evidence import start
 from belief.policy_state import ENCODINGS, NO_ACTION, WITH_GAINS, Situation, expected_gains, frame_probs
-from belief.problem import SearchProblem
+from belief.problem import Action, Confirm, Probe, Reject, SearchProblem, Unsure
 from belief.scene_belief import SceneBelief
+from belief.search_progress import Outcome, SearchProgress, success_of
 from belief.seeding import arrangement_rng, checked_key, touch_rng
 
 State = NDArray[np.float32]
@@ -73,8 +74,7 @@ class TouchEnv(gymnasium.Env[State, int]):
             expected_gains(start(touches.model), np.full(len(labels), -np.log(len(labels))), 0)  # raises
         self.last_image: NDArray[np.uint8] | None = None
         self._prior: Belief | None = None  # of every object of an ``independent`` problem
-        self._begun: SceneBelief | None = None
-        self._is_over = True
+        self._begun: SearchProgress | None = None
         has_unsure = problem.unsure_reward is not None
         self.action_space: spaces.Discrete[Any] = spaces.Discrete(problem.num_poses + 2 + has_unsure)
         poses = {"paper": 3 + problem.num_poses, "posterior": 2 + problem.num_poses, "gains": 2 + 2 * problem.num_poses}
@@ -102,19 +102,19 @@ class TouchEnv(gymnasium.Env[State, int]):
         return None if self.problem.unsure_reward is None else self.problem.num_poses + 2
 
     @property
-    def _object_index(self) -> int:
-        return min(self._num_rejected, self.problem.num_objects - 1)  # the last one stays once it is rejected
-
-    @property
-    def _scene(self) -> SceneBelief:
+    def _progress(self) -> SearchProgress:
         if self._begun is None:
             raise gymnasium.error.ResetNeeded("no episode was started: call reset()")
         return self._begun
 
     @property
+    def _scene(self) -> SceneBelief:
+        return self._progress.scene
+
+    @property
     def belief(self) -> Belief:
         """The belief about the current object; raises ResetNeeded before the first episode."""
-        return self._scene.belief(self._object_index)
+        return self._scene.belief(self._progress.object_index)
 
     @property
     def arrangement(self) -> tuple[int, ...]:
@@ -124,7 +124,7 @@ class TouchEnv(gymnasium.Env[State, int]):
     @property
     def history(self) -> TouchHistory:
         """Touches of the current object, oldest first."""
-        return self._scene.touches(self._object_index)
+        return self._scene.touches(self._progress.object_index)
 
     @property
     def situation(self) -> Situation:
@@ -132,7 +132,7 @@ class TouchEnv(gymnasium.Env[State, int]):
         problem, history = self.problem, self.history
         log_probs, gains = self.belief.log_probs, None
         if self.state in WITH_GAINS:
-            gains = expected_gains(self._scene.evidence(self._object_index), log_probs, self.target)[None]
+            gains = expected_gains(self._scene.evidence(self._progress.object_index), log_probs, self.target)[None]
         frame = history[-1].require_logits() if history else np.zeros(problem.num_shapes)
         poses = np.array([touch.pose for touch in history], np.int64)
         return Situation(
@@ -140,7 +140,7 @@ class TouchEnv(gymnasium.Env[State, int]):
             log_probs[None],
             np.array([self._previous]),
             np.bincount(poses, minlength=problem.num_poses)[None],
-            np.array([self._num_touches / problem.touch_limit]),
+            np.array([self._progress.num_touches / problem.touch_limit]),
             gains,
         )
 
@@ -151,7 +151,7 @@ class TouchEnv(gymnasium.Env[State, int]):
     def action_masks(self) -> NDArray[np.bool_]:
         """Valid actions, one of each in the action space: probes are invalid at the touch limit."""
         masks = np.ones(int(self.action_space.n), np.bool_)
-        masks[: self.problem.num_poses] = self._num_touches < self.problem.touch_limit
+        masks[: self.problem.num_poses] = self._progress.may_touch
         return masks
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[State, dict[str, Any]]:
@@ -168,21 +168,18 @@ class TouchEnv(gymnasium.Env[State, int]):
         rng = arrangement_rng(self._key)
         self._arrangement = self._sample_arrangement(rng)
         self._world: EpisodeWorld = self.touches.world(self._arrangement, rng)
-        self._begun = SceneBelief(self.problem, self.touches.model, self._prior)
-        self._num_rejected = self._num_touches = 0
+        self._begun = SearchProgress(self.problem, self.touches.model, self._prior)
         self._previous = NO_ACTION
-        self._is_over = self._is_unsure = False
         self.last_image = None
         return self.observe(), self._info(False)
 
     def step(self, action: int) -> tuple[State, float, bool, bool, dict[str, Any]]:
         """Probe, confirm, reject, or be unsure where the search has this action."""
-        if self._is_over:
+        if self._begun is None or self._begun.outcome is not None:
             raise gymnasium.error.ResetNeeded("the episode is over or was not started: call reset()")
         if not self.action_space.contains(action):
             raise BadAction(f"action must be an integer in [0, {self.action_space.n - 1}], got {action!r}")
         reward, terminated, truncated, success = self._act(int(action))
-        self._is_over = terminated or truncated
         return self.observe(), reward, terminated, truncated, self._info(success)
 
     def render(self) -> NDArray[np.uint8] | None:
@@ -200,40 +197,38 @@ class TouchEnv(gymnasium.Env[State, int]):
 
     def _act(self, action: int) -> tuple[float, bool, bool, bool]:
         """Reward, terminated, truncated, success."""
-        problem = self.problem
+        problem, progress = self.problem, self._progress
         if action < self.confirm:
-            if self._num_touches == problem.touch_limit:
+            if not progress.may_touch:
+                progress.act(Probe(action))
                 return self._truncation_reward, False, True, False
             self._probe(action)
             return -problem.touch_cost, False, False, False
-        if action == self.unsure:
+        chosen: Action = Confirm() if action == self.confirm else Reject() if action == self.reject else Unsure()
+        outcome = progress.act(chosen)
+        if outcome is Outcome.UNSURE:
             assert problem.unsure_reward is not None, "the action exists"
-            self._is_unsure = True
             return problem.unsure_reward, True, False, False
         self._previous = action
-        if action == self.confirm:
-            right = self._arrangement[self._object_index] == self.target
-            return (1.0 if right else -1.0), True, False, right
-        self._num_rejected += 1
-        if self._num_rejected == problem.num_objects:
-            right = self.target not in self._arrangement
-            return (1.0 if right else -1.0), True, False, right
-        self._world.advance()
-        self.last_image = None
-        return 0.0, False, False, False
+        if outcome is None:
+            self._world.advance()
+            self.last_image = None
+            return 0.0, False, False, False
+        right = bool(success_of(outcome, self.target, self._arrangement, progress.object_index))
+        return (1.0 if right else -1.0), True, False, right
 
     def _probe(self, pose: int) -> None:
         """Touch the current object."""
-        repeat = int(self.history.uses(self.problem.num_poses)[pose])
-        touch = self._world.touch(pose, touch_rng(self._key, self._object_index, pose, repeat))
+        progress = self._progress
+        rng = touch_rng(self._key, progress.object_index, pose, progress.uses(pose))
+        touch = self._world.touch(pose, rng)
         self.last_image = getattr(self._world, "last_image", None)
-        self._scene.update(self._object_index, [touch])
-        self._num_touches += 1
+        progress.touch(touch)
         self._previous = pose
 
     def _info(self, success: bool) -> dict[str, Any]:
         prob = float(np.exp(self.belief.log_probs[self.target]))
-        return {"is_success": success, "num_touches": self._num_touches, "target_prob": prob}
+        return {"is_success": success, "num_touches": self._progress.num_touches, "target_prob": prob}
 
 
 def live_or_given(touches: Touches | None, scene: str) -> Touches:

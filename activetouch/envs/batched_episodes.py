@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from activetouch.envs.base import BadAction, BadOption
-from activetouch.envs.joint_evidence import JointBankEvidence, weighed_touches
+from activetouch.envs.joint_evidence import JointBankEvidence
 from activetouch.envs.priors import ObjectPriors, TargetProb
 from activetouch.envs.running_evidence import BankEvidence, evidence_of
 from activetouch.envs.touch_bank import TouchBank
@@ -106,17 +106,14 @@ class BankEpisodes:
         only = 0 if target is None else bank.shape_labels.index(target)
         self.targets, self._draws_target = np.full(num_envs, only), target is None
         self._encode, self._touch_cost, self._beta, self._discount = ENCODINGS[state], touch_cost, beta, discount
-        self._priors = ObjectPriors.of(len(bank.shape_labels), only, target_prob)
+        self._priors = ObjectPriors.of(len(bank.shape_labels), target_prob)
         self._of_shape = [np.flatnonzero(bank.shapes == shape) for shape in range(len(bank.shape_labels))]
         self._frames = frame_probs(bank.logits)  # (N, R, P, K)
-        self._evidence: BankEvidence = (
-            JointBankEvidence(weighed_touches(bank, model), num_envs, touch_limit)
-            if state in WITH_GAINS
-            else evidence_of(bank, model, num_envs, touch_limit)
-        )
+        make = JointBankEvidence if state in WITH_GAINS else evidence_of
+        self._evidence: BankEvidence = make(bank, model, num_envs, touch_limit)
         shape = (num_envs, len(bank.shape_labels))
         self.objects, self.uses = np.zeros(num_envs, np.int64), np.zeros((num_envs, self.num_poses), np.int64)
-        self._log_priors = np.tile(np.log(self._priors.probs(self._priors.middle)), (num_envs, 1))
+        self._log_priors = np.tile(np.log(self._priors.probs(self._priors.middle, only)), (num_envs, 1))
         self.log_probs = self._log_priors.copy()
         self._gains = np.zeros((num_envs, self.num_poses))
         self._first_rounds = np.zeros_like(self.uses)

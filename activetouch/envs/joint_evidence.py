@@ -9,12 +9,14 @@ import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import NDArray
 
+from activetouch.envs.running_evidence import RecomputedBankEvidence
 from activetouch.envs.touch_bank import TouchBank
 from belief.observation_model.log_weights import log_means, some_hypotheses
 from belief.observation_model.model import ArrayModel
+from belief.observation_model.outcome_mixture import information, target_shares
 from belief.observation_model.repeat_discount import new_shares
 from belief.observation_model.rigid_body import joint_model
-from belief.policy_state import GAIN_HYPOTHESES, GAIN_OUTCOMES, NoGains, target_gains
+from belief.policy_state import GAIN_HYPOTHESES, GAIN_OUTCOMES, NoGains
 from belief.touch_batch import TouchBatch
 
 Floats = NDArray[np.float64]
@@ -101,39 +103,31 @@ def weighed_touches(bank: TouchBank, model: ArrayModel) -> WeighedTouches:
     return WeighedTouches(bank, model)
 
 
-class JointBankEvidence:
-    """:class:`~activetouch.envs.running_evidence.BankEvidence` about one rigid body, with the gain of each pose.
+class JointBankEvidence(RecomputedBankEvidence):
+    """Evidence about one rigid body, with the gain of each pose.
 
     Args:
-        weighed: the touches of the bank.
+        bank: the touches, with features.
+        model: the joint model, with its hypotheses.
         num_envs: B.
         touch_limit: maximum number of touches of a row.
+
+    Raises:
+        NoGains: the model is no joint model, or the bank has no features.
     """
 
-    def __init__(self, weighed: WeighedTouches, num_envs: int, touch_limit: int) -> None:
-        self._weighed, self._counts = weighed, np.zeros(num_envs, np.int64)
-        self._touched = np.zeros((3, num_envs, touch_limit), np.int64)  # object, round, pose
-        self._found = np.zeros((num_envs, len(weighed.model.shape_labels)))
-        self._tables = np.repeat(weighed.untouched[None], num_envs, axis=0)
+    def __init__(self, bank: TouchBank, model: ArrayModel, num_envs: int, touch_limit: int) -> None:
+        super().__init__(bank, model, num_envs, touch_limit)
+        self._weighed = weighed_touches(bank, model)
+        self._tables = np.repeat(self._weighed.untouched[None], num_envs, axis=0)
 
-    def add(self, rows: Ints, objects: Ints, rounds: Ints, poses: Ints) -> None:
-        """See :class:`BankEvidence`."""
-        self._touched[:, rows, self._counts[rows]] = objects, rounds, poses
-        self._counts[rows] += 1
-        for number in np.unique(self._counts[rows]).tolist():
-            some = rows[self._counts[rows] == number]
-            object_, round_, pose = self._touched[:, some, :number]
-            self._found[some], self._tables[some] = self._weighed.of(object_[:, 0], round_, pose)
+    def _compute(self, rows: Ints, objects: Ints, rounds: Ints, poses: Ints) -> None:
+        self._found[rows], self._tables[rows] = self._weighed.of(objects[:, 0], rounds, poses)
 
     def forget(self, rows: Ints) -> None:
-        """See :class:`BankEvidence`."""
-        self._counts[rows] = 0
-        self._found[rows] = 0.0
+        """See :class:`~activetouch.envs.running_evidence.BankEvidence`."""
+        super().forget(rows)
         self._tables[rows] = self._weighed.untouched
-
-    def log_likelihoods(self) -> Floats:
-        """See :class:`BankEvidence`."""
-        return self._found.copy()
 
     def gains(self, rows: Ints, log_probs: Floats, targets: Ints) -> Floats:
         """Expected information of the next touch of these rows about their targets [nats], ``(n, P)``.
@@ -147,4 +141,5 @@ class JointBankEvidence:
         poses = np.where(inside, self._touched[2, rows], -1)
         uses = (poses[:, :, None] == np.arange(body.num_poses)).sum(axis=1)
         new = new_shares(uses, body.correlation, body.drift)
-        return target_gains(np.exp(log_probs), self._tables[rows].astype(np.float64), targets) * new
+        shares = target_shares(np.exp(log_probs), targets)[:, None]
+        return information(shares @ self._tables[rows].astype(np.float64)) * new

@@ -11,6 +11,7 @@ from activetouch.envs.touch_source import Touches
 from activetouch.named_scenes import SCENES, NamedScene
 from belief.composition import Composition
 from belief.problem import SearchProblem
+from belief.search_progress import Outcome
 from belief.synthetic import sample_arrangement
 
 
@@ -92,12 +93,12 @@ class ObjectSearchEnv(TouchEnv):
 
     def observe(self) -> State:
         """The state and the fraction of objects left."""
-        left = 1.0 - self._num_rejected / self.problem.num_objects
+        left = 1.0 - self._progress.num_rejected / self.problem.num_objects
         return np.append(super().observe(), np.float32(left))
 
     def _sample_arrangement(self, rng: np.random.Generator) -> tuple[int, ...]:
         return sample_arrangement(self.problem, rng)
 
     def _info(self, success: bool) -> dict[str, Any]:
-        info = {**super()._info(success), "object_index": self._num_rejected}
-        return info if self.unsure is None else {**info, "is_unsure": self._is_unsure}
+        info = {**super()._info(success), "object_index": self._progress.num_rejected}
+        return info if self.unsure is None else {**info, "is_unsure": self._progress.outcome is Outcome.UNSURE}

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from activetouch.envs.base import TouchEnv, live_or_given
+from activetouch.envs.base import State, TouchEnv, live_or_given
 from activetouch.envs.priors import ObjectPriors, TargetProb
 from activetouch.envs.touch_source import Touches
 from belief.categorical import Belief
@@ -35,7 +37,7 @@ class ObjectTestEnv(TouchEnv):
 
     `state="posterior"` is a `Box(-1, 1)` of K + P + 2 numbers (:func:`belief.policy_state.posterior_state`), and
     `state="gains"` of K + 2 P + 2 for a sensor of one rigid body (:func:`belief.policy_state.gains_state`). The wrapper
-    :class:`activetouch.envs.wrappers.RawImage` gives the image instead.
+    :class:`activetouch.envs.wrappers.RawImage` gives the image instead. With `target=None` the target follows, one-hot.
 
     ## Starting State
     The object has the target's shape with probability `target_prob`; the other shapes are equally likely. The belief
@@ -51,7 +53,8 @@ class ObjectTestEnv(TouchEnv):
     ## Information
     - `is_success`: whether the episode ended with the correct decision;
     - `num_touches`: number of touches so far;
-    - `target_prob`: posterior probability of the target's shape; after `reset()`, the prior.
+    - `target_prob`: posterior probability of the target's shape; after `reset()`, the prior;
+    - `target`, with `target=None`: label of the target shape.
 
     ## Arguments
     ```python
@@ -59,7 +62,8 @@ class ObjectTestEnv(TouchEnv):
     gymnasium.make("activetouch.envs:activetouch/ObjectTest-v0", scene="coarse", target="cone", touch_cost=0.02)
     ```
     - `scene="gel"`: a named scene, with its shipped sensor.
-    - `target="cone"`: label of the target shape.
+    - `target="cone"`: label of the target shape; or None to draw it at reset, uniformly, as
+      `activetouch/ObjectTestGoal-v0` does: one policy for all targets.
     - `touch_cost=0.02`: λ.
     - `touch_limit=12`: T_max.
     - `target_prob=0.5`: prior of the target (decision 0030); or a range such as `(0.05, 0.95)`, from which every
@@ -75,7 +79,7 @@ class ObjectTestEnv(TouchEnv):
     def __init__(
         self,
         scene: str = "gel",
-        target: str = "cone",
+        target: str | None = "cone",
         touch_cost: float = 0.02,
         touch_limit: int = TOUCH_LIMIT,
         target_prob: TargetProb = 0.5,
@@ -86,13 +90,30 @@ class ObjectTestEnv(TouchEnv):
         source = live_or_given(touches, scene)
         labels = source.model.shape_labels
         problem = SearchProblem(labels, source.pose_labels, 1, Composition.INDEPENDENT, touch_cost, touch_limit)
-        super().__init__(problem, source, target, state, render_mode)
-        self._priors = ObjectPriors.of(len(labels), self.target, target_prob)
+        self._draws_target = target is None
+        super().__init__(problem, source, labels[0] if target is None else target, state, render_mode)
+        self._priors = ObjectPriors.of(len(labels), target_prob)
+
+    @property
+    def _num_more(self) -> int:
+        return self.problem.num_shapes if self._draws_target else 0
+
+    def observe(self) -> State:
+        """The state, and a drawn target, one-hot."""
+        goal = np.arange(self._num_more) == self.target
+        return np.append(super().observe(), goal.astype(np.float32))
 
     def _sample_arrangement(self, rng: np.random.Generator) -> tuple[int, ...]:
-        self._prior = Belief.from_probs(self.problem.shape_labels, self._priors.probs(self._priors.draw(rng, 1)[0]))
+        if self._draws_target:
+            self.target = int(rng.integers(self.problem.num_shapes))
+        probs = self._priors.probs(self._priors.draw(rng, 1)[0], self.target)
+        self._prior = Belief.from_probs(self.problem.shape_labels, probs)
         return (int(rng.choice(self.problem.num_shapes, p=self._prior.probs)),)
 
     @property
     def _truncation_reward(self) -> float:
         return -self.problem.touch_cost
+
+    def _info(self, success: bool) -> dict[str, Any]:
+        drawn = {"target": self.problem.shape_labels[self.target]} if self._draws_target else {}
+        return super()._info(success) | drawn

@@ -19,7 +19,6 @@ class ObjectPriors:
 
     Attributes:
         num_shapes: K.
-        target: index of the target shape.
         low, high: the range; the generator is not used if they are equal.
 
     Raises:
@@ -27,7 +26,6 @@ class ObjectPriors:
     """
 
     num_shapes: int
-    target: int
     low: float
     high: float
 
@@ -39,12 +37,12 @@ class ObjectPriors:
             )
 
     @classmethod
-    def of(cls, num_shapes: int, target: int, target_prob: TargetProb) -> ObjectPriors:
+    def of(cls, num_shapes: int, target_prob: TargetProb) -> ObjectPriors:
         """The priors of a probability or a range."""
         ends = np.ravel(np.asarray(target_prob, np.float64)).tolist()
         if len(ends) not in (1, 2):
             raise ValueError(f"target_prob must be a probability or a range (low, high), got {target_prob}")
-        return cls(num_shapes, target, ends[0], ends[-1])
+        return cls(num_shapes, ends[0], ends[-1])
 
     @property
     def middle(self) -> float:
@@ -57,12 +55,12 @@ class ObjectPriors:
             return np.full(number, self.low)
         return rng.uniform(self.low, self.high, number)
 
-    def probs(self, target_probs: ArrayLike, targets: ArrayLike | None = None) -> Floats:
+    def probs(self, target_probs: ArrayLike, targets: ArrayLike) -> Floats:
         """Probabilities of all shapes, ``(..., K)``, from the target's, ``(...)``.
 
         Args:
             target_probs: ``(...)``.
-            targets: index of each test's target, ``(...)``; by default all have the same.
+            targets: index of the target, of all tests or of each, ``(...)``.
 
         Raises:
             ValueError: a probability is not in (0, 1).
@@ -70,6 +68,5 @@ class ObjectPriors:
         target = np.asarray(target_probs, np.float64)[..., None]
         if not ((target > 0.0) & (target < 1.0)).all():
             raise ValueError(f"the target's probability must be in (0, 1), got {target_probs!r}")
-        chosen = np.asarray(self.target if targets is None else targets)
-        is_target = np.arange(self.num_shapes) == chosen[..., None]
+        is_target = np.arange(self.num_shapes) == np.asarray(targets)[..., None]
         return np.where(is_target, target, (1.0 - target) / (self.num_shapes - 1))

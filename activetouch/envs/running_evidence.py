@@ -93,10 +93,14 @@ class RecomputedBankEvidence:
         self._counts[rows] += 1
         for number in np.unique(self._counts[rows]).tolist():
             some = rows[self._counts[rows] == number]
-            index = tuple(self._touched[:, some, :number])
-            features = None if self._bank.features is None else np.asarray(self._bank.features[index])
-            batch = TouchBatch(index[2], np.asarray(self._bank.logits[index], np.float64), features)
-            self._found[some] = self._model.log_likelihood_batch(batch)
+            self._compute(some, *self._touched[:, some, :number])
+
+    def _compute(self, rows: Ints, objects: Ints, rounds: Ints, poses: Ints) -> None:
+        """Set what is known of rows from all their touches, ``(n, t)`` each."""
+        index = objects, rounds, poses
+        features = None if self._bank.features is None else np.asarray(self._bank.features[index])
+        batch = TouchBatch(poses, np.asarray(self._bank.logits[index], np.float64), features)
+        self._found[rows] = self._model.log_likelihood_batch(batch)
 
     def forget(self, rows: Ints) -> None:
         """See :class:`BankEvidence`."""

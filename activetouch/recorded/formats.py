@@ -12,12 +12,13 @@ from activetouch.recorded.bts3 import read_bts3
 from activetouch.recorded.csv_format import read_csv
 from activetouch.recorded.named_columns import features_read
 from activetouch.recorded.npz_format import read_npz
+from activetouch.recorded.session_log import read_session_logs
 from activetouch.recorded.touches import RecordedTouches
 
-Format: TypeAlias = Literal["csv", "npz", "bts3"]
+Format: TypeAlias = Literal["csv", "npz", "bts3", "session"]
 
 FORMATS: Mapping[str, Callable[[Path], tuple[RecordedTouches, tuple[str, ...]]]] = MappingProxyType(
-    {"csv": read_csv, "npz": read_npz, "bts3": read_bts3}
+    {"csv": read_csv, "npz": read_npz, "bts3": read_bts3, "session": read_session_logs}
 )
 """Functions that read a folder: they return the touches, and sentences about what was left out."""
 assert tuple(FORMATS) == get_args(Format)

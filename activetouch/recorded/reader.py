@@ -1,8 +1,8 @@
 """A reader of recorded touches: from features to calibrated log likelihood ratios, with a classifier for each action.
 
-The classifiers are scikit-learn's; each action's is chosen by cross-validation, by the negative log-likelihood after
-temperature scaling. Features are standardised: for linear discriminants by their spread within labels, for kernel
-machines by their spread.
+The classifiers are discriminants and support vectors; each action's is chosen by cross-validation, by the negative
+log-likelihood after temperature scaling. Features are standardised: for discriminants by their spread within labels,
+for support vectors by their spread.
 
 Labels may have different numbers of touches, and the classifiers take all as equally probable. The calibration is a
 temperature or, with at most 30 labels, a structured matrix, which learns the labels' shares; the ratios are without
@@ -14,20 +14,26 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from activetouch.extras import require_extra
 from activetouch.recorded.discriminants import LinearDiscriminants
 from activetouch.recorded.splits import Split
-from activetouch.recorded.touches import TaskTouches
+from activetouch.recorded.support_vectors import SupportVectors
+from activetouch.recorded.touches import LARGEST, TaskTouches
 from belief.calibration import Calibration, PerPose, StructuredMatrixScaling, TemperatureScaling
+from belief.errors import InvalidArgument
 from belief.metrics import negative_log_likelihood
+from belief.naming import few
+from belief.observation_model.action_kernel import ActionKernelModel, Law
 from belief.observation_model.kernel_fit import fit_kernel, fused_loss
 from belief.problem import Floats
+from belief.validation import as_real, require
 
+Classifier: TypeAlias = LinearDiscriminants | SupportVectors
 Integers = NDArray[np.int64]
 
 _MANY_LABELS = 30  # beyond, pairs of labels are too many, and touches too few to calibrate single labels
@@ -41,11 +47,11 @@ class Kind:
     """A kind of classifier.
 
     Attributes:
-        make: makes an unfitted scikit-learn classifier.
+        make: makes an unfitted classifier.
         is_linear: whether its features are scaled by their spread within labels.
     """
 
-    make: Callable[[], Any]
+    make: Callable[[], Classifier]
     is_linear: bool
 
 
@@ -60,8 +66,6 @@ def kinds(num_labels: int, num_touches: int = 0) -> Mapping[str, Kind]:
         MissingPackage: scikit-learn is not installed.
     """
     require_extra("recorded")
-    from sklearn.svm import SVC
-
     found = {
         f"{'heavy-tailed' if is_heavy else 'linear'} discriminants, shrinkage {s}": Kind(
             partial(LinearDiscriminants, s, is_heavy), True
@@ -70,12 +74,7 @@ def kinds(num_labels: int, num_touches: int = 0) -> Mapping[str, Kind]:
         for s in (0.1, 0.3, 0.6)
     }
     if num_labels <= _MANY_LABELS and num_touches <= _MANY_TOUCHES:
-        found |= {
-            f"support vectors, C = {c}": Kind(
-                partial(SVC, C=c, decision_function_shape="ovo", class_weight="balanced"), False
-            )
-            for c in (1, 10)
-        }
+        found |= {f"support vectors, C = {c:g}": Kind(partial(SupportVectors, c), False) for c in (1.0, 10.0)}
     return found
 
 
@@ -91,7 +90,7 @@ class Fitted:
 
     centre: Floats
     scale: Floats
-    classifier: Any
+    classifier: Classifier
     num_labels: int
 
     @classmethod
@@ -109,13 +108,8 @@ class Fitted:
     def logits(self, features: Floats) -> Floats:
         """Scores ``(n, K)`` of features ``(n, F)``; the lowest of its row for labels that the training lacked."""
         scores = self.classifier.decision_function((features - self.centre) / self.scale)
-        known = np.asarray(self.classifier.classes_)
-        if len(known) == 2 and scores.ndim == 1:
-            scores = np.stack([-scores, scores], axis=1) / 2.0
-        elif scores.shape[1] != len(known) or getattr(self.classifier, "decision_function_shape", "") == "ovo":
-            scores = _summed_pairs(scores, len(known))
         found = np.repeat(scores.min(axis=1, keepdims=True), self.num_labels, axis=1)
-        found[:, known] = scores
+        found[:, self.classifier.classes_] = scores
         return found
 
 
@@ -128,18 +122,44 @@ class RecordedReader:
         calibration: of the logits, per action.
         log_prior: log share of each label that the calibration has learned, equal for a temperature, ``(K,)``.
         chosen: name of each action's kind of classifier.
+        label_names, action_names: of the K labels and P actions.
+        feature_names: F names, or none.
     """
 
     classifiers: tuple[Fitted, ...]
     calibration: PerPose
     log_prior: Floats
     chosen: tuple[str, ...]
+    label_names: tuple[str, ...]
+    action_names: tuple[str, ...]
+    feature_names: tuple[str, ...] = ()
+
+    @property
+    def num_features(self) -> int:
+        """F."""
+        return len(self.classifiers[0].centre)
+
+    def checked(self, features: ArrayLike, number: int) -> Floats:
+        """Features as an array ``(number, F)`` that the reader can read.
+
+        Raises:
+            InvalidArgument: they have another shape, are not finite or larger than those of recordings may be.
+        """
+        rows = np.asarray(as_real(features, "features"), np.float64)
+        if rows.shape != (number, self.num_features):
+            names = f" ({few(self.feature_names)})" if self.feature_names else ""
+            wanted = f"({number}, {self.num_features}), a row for each action"
+            raise InvalidArgument(f"features{names} must be {wanted}; got {rows.shape}")
+        wanted = f"a number that is not finite and of a size up to {LARGEST:g}"
+        require(np.abs(rows) <= LARGEST, rows, "features", wanted)
+        return rows
 
     def ratios(self, features: Floats, actions: Integers) -> Floats:
         """Log likelihood ratios log q(label | touch) - log π, ``(n, K)``, of features ``(n, F)`` by action ``(n,)``."""
-        return np.asarray(
-            self.calibration.predict_log_proba(_logits(self.classifiers, features, actions), actions) - self.log_prior
-        )
+        if not len(features):
+            return np.empty((0, len(self.label_names)))
+        logits = _logits(self.classifiers, features, actions)
+        return np.asarray(self.calibration.predict_log_proba(logits, actions) - self.log_prior)
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,6 +178,26 @@ class Reading:
     calibration_rows: Integers
     calibration_ratios: Floats
     test_ratios: Floats
+
+    def model(self, touches: TaskTouches, law: Law = "kernel", repeats: int | None = None) -> ActionKernelModel:
+        """The observation model that is fitted to the calibration touches.
+
+        Args:
+            touches: the task that was read.
+            law: which touches may be correlated.
+            repeats: number of different touches of an object with an action; None if every touch is a new one.
+        """
+        rows = self.calibration_rows
+        return ActionKernelModel.fit(
+            touches.labelled(rows, self.calibration_ratios).batch.sequence(0),
+            touches.labels[rows],
+            touches.objects[rows],
+            sessions=touches.sessions_of(rows),
+            shape_labels=touches.label_names,
+            num_poses=touches.source.num_actions,
+            repeats=repeats,
+            law=law,
+        )
 
 
 def read(touches: TaskTouches, split: Split, control: str | None = None, kind: Calibration | None = None) -> Reading:
@@ -203,7 +243,8 @@ def read(touches: TaskTouches, split: Split, control: str | None = None, kind: C
         logits = _logits(learned(split.train), features[rows], touches.actions[rows])
     calibration, log_prior, ratios = _best_calibration(touches, rows, logits, split.folds, kind)
     classifiers = learned(np.concatenate([split.train, split.calibration]))
-    reader = RecordedReader(classifiers, calibration, log_prior, tuple(chosen))
+    names = touches.label_names, touches.source.action_names, touches.source.feature_names if control is None else ()
+    reader = RecordedReader(classifiers, calibration, log_prior, tuple(chosen), *names)
     return Reading(reader, rows, ratios, reader.ratios(features[split.test], touches.actions[split.test]))
 
 
@@ -268,13 +309,3 @@ def _held_out(kind: Kind, features: Floats, labels: Integers, folds: Integers, n
 
 def _loss(logits: Floats, labels: Integers) -> float:
     return negative_log_likelihood(TemperatureScaling().fit(logits, labels).predict_proba(logits), labels)
-
-
-def _summed_pairs(scores: Floats, num_labels: int) -> Floats:
-    """Mean margin of each label over the others, ``(n, K)``, from those of all pairs in scikit-learn's order."""
-    found = np.zeros((len(scores), num_labels))
-    first, second = np.triu_indices(num_labels, 1)
-    for pair, (one, other) in enumerate(zip(first.tolist(), second.tolist(), strict=True)):
-        found[:, one] += scores[:, pair]
-        found[:, other] -= scores[:, pair]
-    return found / max(num_labels - 1, 1)

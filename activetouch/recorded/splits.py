@@ -40,13 +40,22 @@ class Split(FrozenArrays):
         return self.calibration if len(self.calibration) else self.train
 
 
-def by_session(touches: TaskTouches, rng: np.random.Generator | None = None) -> Split:
+def for_use(touches: TaskTouches) -> Split:
+    """All touches to learn from and calibrate on, in the same way as for a test, and none to test on."""
+    if touches.task == "objects":
+        return by_session(touches, is_tested=False)
+    return _held_out(touches, np.zeros(len(touches.rows), np.bool_))
+
+
+def by_session(touches: TaskTouches, rng: np.random.Generator | None = None, is_tested: bool = True) -> Split:
     """Each object's first sessions to learn from, later ones to calibrate on, the last ones to test on (3 : 1 : 1).
 
     Args:
         touches: of a task whose labels are objects.
         rng: draws another order of each object's sessions: the control that shows what the order of recording hides.
+        is_tested: False to learn from and calibrate on all sessions (3 : 1).
     """
+    learned, calibrated = (_LEARNED, _CALIBRATED) if is_tested else (_LEARNED / _CALIBRATED, 1.0)
     place = np.empty(len(touches.rows))
     rank = np.empty(len(touches.rows), np.int64)
     for index in np.unique(touches.objects).tolist():
@@ -58,23 +67,24 @@ def by_session(touches: TaskTouches, rng: np.random.Generator | None = None) -> 
             ranks = np.unique(order[number[here]], return_inverse=True)[1]
             rank[own[here]] = ranks
             place[own[here]] = (ranks + 0.5) / (ranks.max() + 1)
-    train = np.flatnonzero(place < _LEARNED)
-    calibration = np.flatnonzero((place >= _LEARNED) & (place < _CALIBRATED))
-    blocks = np.minimum((place[train] / _LEARNED * 3).astype(np.int64), 2)
+    train = np.flatnonzero(place < learned)
+    calibration = np.flatnonzero((place >= learned) & (place < calibrated))
+    blocks = np.minimum((place[train] / learned * 3).astype(np.int64), 2)
     folds = _calibration_folds(touches, calibration if len(calibration) else train, rank)
-    return Split(train, calibration, np.flatnonzero(place >= _CALIBRATED), blocks, folds)
+    return Split(train, calibration, np.flatnonzero(place >= calibrated), blocks, folds)
 
 
 def by_object(touches: TaskTouches, num_folds: int) -> list[Split]:
     """Whole objects held out, in folds in which every object is tested once."""
     folds = object_folds(touches.labels, touches.objects, num_folds)
-    found = []
-    for fold in range(num_folds):
-        train = np.flatnonzero(folds != fold)
-        inner = object_folds(touches.labels[train], touches.objects[train], _inner_folds(touches, train))
-        inner = inner.astype(np.int64)
-        found.append(Split(train, np.empty(0, np.int64), np.flatnonzero(folds == fold), inner, inner))
-    return found
+    return [_held_out(touches, folds == fold) for fold in range(num_folds)]
+
+
+def _held_out(touches: TaskTouches, held: NDArray[np.bool_]) -> Split:
+    """Some objects to test on, and the others to learn from; ``held (n,)``."""
+    train = np.flatnonzero(~held)
+    inner = object_folds(touches.labels[train], touches.objects[train], _inner_folds(touches, train)).astype(np.int64)
+    return Split(train, np.empty(0, np.int64), np.flatnonzero(held), inner, inner)
 
 
 def _calibration_folds(touches: TaskTouches, rows: NDArray[np.int64], rank: NDArray[np.int64]) -> NDArray[np.int64]:

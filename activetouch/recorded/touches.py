@@ -16,10 +16,11 @@ from belief.problem import Floats, Touch
 
 TASKS = ("objects", "categories", "shapes")
 """What a search can be about."""
+LARGEST = 1e100
+"""Size of a feature, so that squares and their sums are finite."""
 
 _FEWEST_LABELS = 2
 _SHARED = 0.9  # of the sessions have all actions, if actions are recorded in sessions
-_MOST = 1e100  # size of a feature, so that squares and their sums are finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,12 +94,12 @@ class RecordedTouches(FrozenArrays):
                 raise BadRecording(
                     f"the control {name!r} must be ({n}, C), as there are {n} touches; got {np.shape(rows)}"
                 )
-            fits = np.abs(rows) <= _MOST  # not where it is NaN
+            fits = np.abs(rows) <= LARGEST  # not where it is NaN
             if not fits.all():
                 row = int(np.argmin(fits.all(axis=1)))
                 raise BadRecording(
                     f"{name} of {self.describe(row)} hold {rows[row][~fits[row]][0]}; they must be finite and of a "
-                    f"size up to {_MOST:g}: use another unit, or leave the touch out"
+                    f"size up to {LARGEST:g}: use another unit, or leave the touch out"
                 )
         for task, names in self.labels.items():
             if task not in TASKS[1:] or len(names) != len(self.object_names):

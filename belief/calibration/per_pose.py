@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.calibration.affine import StructuredMatrixScaling
-from belief.calibration.base import Calibration, given, given_logits
+from belief.calibration.base import Calibration, no_probs
+from belief.calibration.table import CALIBRATIONS
 from belief.validation import Floats, checked_indices, finite_logits, labelled_logits, pose_count, unmasked
 
 
@@ -54,15 +57,7 @@ class PerPose:
         if not all(isinstance(n, int) and n >= 0 for n in self.num_touches):
             raise ValueError(f"numbers of touches must be integers ≥ 0, got {self.num_touches}")
 
-    def fit(
-        self,
-        logits: ArrayLike | None = None,
-        labels: ArrayLike | None = None,
-        poses: ArrayLike | None = None,
-        num_poses: int | None = None,
-        *,
-        probs: ArrayLike | None = None,
-    ) -> PerPose:
+    def fit(self, logits: ArrayLike, labels: ArrayLike, poses: ArrayLike, num_poses: int | None = None) -> PerPose:
         """The calibration fitted to all touches together and to those of each pose.
 
         Args:
@@ -70,28 +65,25 @@ class PerPose:
             labels: true shape indices, ``(n,)``.
             poses: pose indices, ``(n,)``.
             num_poses: P; by default one more than the largest pose in the data.
-            probs: the classifier's probabilities in place of its logits, ``(n, K)``.
 
         Raises:
             ValueError: invalid logits or labels, or poses out of range.
         """
-        z, y = labelled_logits(given_logits(logits, probs), given("labels", labels))
-        p = _poses(given("poses", poses), len(y))
+        z, y = labelled_logits(no_probs(logits), labels)
+        p = _poses(poses, len(y))
         size = pose_count(p, num_poses)
         pooled = self.kind.fit_logits(z, y)
         masks = [p == pose for pose in range(size)]
         own = tuple(self.kind.fit_logits(z[mask], y[mask]) if mask.any() else pooled for mask in masks)
         return replace(self, pooled=pooled, by_pose=own, num_touches=tuple(int(mask.sum()) for mask in masks))
 
-    def predict_log_proba(
-        self, logits: ArrayLike | None = None, poses: ArrayLike | None = None, *, probs: ArrayLike | None = None
-    ) -> Floats:
-        """Calibrated log probabilities, ``(n, K)``, of logits or probabilities ``(n, K)`` in poses ``(n,)``.
+    def predict_log_proba(self, logits: ArrayLike, poses: ArrayLike) -> Floats:
+        """Calibrated log probabilities, ``(n, K)``, of logits ``(n, K)`` in poses ``(n,)``.
 
         Raises:
             ValueError: not fitted, invalid logits, or poses out of range.
         """
-        return self._log_proba_of(given_logits(logits, probs), given("poses", poses))
+        return self._log_proba_of(no_probs(logits), poses)
 
     def _log_proba_of(self, logits: Floats, poses: ArrayLike) -> Floats:
         if self.pooled is None:
@@ -112,12 +104,39 @@ class PerPose:
             log_probs -= np.log(np.exp(log_probs).sum(axis=1, keepdims=True))
         return log_probs
 
-    def predict_proba(
-        self, logits: ArrayLike | None = None, poses: ArrayLike | None = None, *, probs: ArrayLike | None = None
-    ) -> Floats:
+    def predict_proba(self, logits: ArrayLike, poses: ArrayLike) -> Floats:
         """Calibrated probabilities, ``(n, K)``; raises as :meth:`predict_log_proba`."""
         with np.errstate(under="ignore"):
-            return np.exp(self._log_proba_of(given_logits(logits, probs), given("poses", poses)))
+            return np.exp(self._log_proba_of(no_probs(logits), poses))
+
+    def to_fields(self) -> dict[str, Any]:
+        """All parameters, as JSON types, exact to the last bit."""
+        fitted = [] if self.pooled is None else [self.pooled, *self.by_pose]
+        return {
+            "kind": self.kind.name,
+            "unfitted": self.kind.to_fields(),
+            "pooling": self.pooling,
+            "fitted": [calibration.to_fields() for calibration in fitted],
+            "num_touches": list(self.num_touches),
+        }
+
+    @classmethod
+    def from_fields(cls, fields: Mapping[str, Any]) -> PerPose:
+        """The calibration of fields from :meth:`to_fields`.
+
+        Raises:
+            KeyError: a field is missing, or there is no such kind of calibration.
+            ValueError: parameters that are out of range or do not fit each other.
+
+        >>> calibration = PerPose().fit(4.0 * np.eye(2), [0, 1], [0, 0])
+        >>> PerPose.from_fields(calibration.to_fields()).to_fields() == calibration.to_fields()
+        True
+        """
+        kind = CALIBRATIONS[fields["kind"]]
+        fitted = [kind.from_fields(one) for one in fields["fitted"]]
+        pooled, by_pose = (fitted[0], tuple(fitted[1:])) if fitted else (None, ())
+        unfitted, pooling = kind.from_fields(fields["unfitted"]), float(fields["pooling"])
+        return cls(unfitted, pooling, pooled, by_pose, tuple(fields["num_touches"]))
 
     @property
     def num_shapes(self) -> int | None:

@@ -100,7 +100,16 @@ class EmbeddedHypotheses:
             embeddings: of the touches, ``(n, D)``.
             shapes: of the hypotheses; all by default.
         """
-        table = self.in_pose(pose)[shapes]
+        return self.scores_under(self.in_pose(pose)[shapes], embeddings)
+
+    def scores_under(self, table: NDArray[np.floating], embeddings: Floats) -> Floats32:
+        """:meth:`scores` under embedded hypotheses ``(K, N, D)``.
+
+        Raises:
+            ValueError: they are not as many, or of another size, than those of the poses.
+        """
+        if table.shape[1:] != self.shape[2:] or len(table) > self.shape[1]:
+            raise ValueError(f"hypotheses must be {self.shape[1:]} (shapes, N, D), got {table.shape}")
         return (self.scaled(embeddings) @ table.reshape(-1, table.shape[-1]).T).reshape(-1, *table.shape[:2])
 
     def scaled(self, embeddings: Floats) -> Floats32:

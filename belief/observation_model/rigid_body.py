@@ -282,6 +282,15 @@ class RigidBodyModel(FittedRigidBody):
         """Log p(touch | hypothesis), ``(n, K, N)``; see :meth:`EmbeddedHypotheses.scores`."""
         return self._embedded.scores(pose, embeddings, shapes)
 
+    def scores_of(self, touch: Touch, embedding: Floats) -> Floats32:
+        """Log p(touch | hypothesis) of one touch, ``(K, N)``, in its pose or wherever else it was made."""
+        if touch.elsewhere is None:
+            return self.scores(int(touch.pose), embedding)[0]
+        found = self._embedded.scores_under(touch.elsewhere.hypotheses, embedding)[0]
+        if len(found) != len(self.shape_labels):
+            raise ValueError(f"hypotheses must be of {len(self.shape_labels)} shapes, got {len(found)}")
+        return found
+
     def outcome_probs(self, hypotheses: NDArray[np.int64], num_outcomes: int) -> Floats32:
         """p(reference touch | pose, hypothesis), ``(P, K, H, M)``; see :meth:`ReferenceOutcomes.of`."""
         return self._outcomes.of(hypotheses, num_outcomes)

@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,8 +58,8 @@ class Hypotheses(Protocol):
     def embedding_of(self, touch: Touch) -> Floats:
         """The embedding that a touch brings, ``(1, D)``."""
 
-    def scores(self, pose: int, embeddings: Floats) -> Floats32:
-        """Log p(touch | shape, orientation, size), up to a constant of the touch, ``(n, K, N)``."""
+    def scores_of(self, touch: Touch, embedding: Floats) -> NDArray[Any]:
+        """Log p(touch | shape, orientation, size), up to a constant of the touch, ``(K, N)``."""
 
     def outcome_probs(self, hypotheses: NDArray[np.int64], num_outcomes: int) -> Floats32:
         """p(reference touch | pose, shape, hypothesis), ``(P, K, H, M)``."""
@@ -99,8 +99,8 @@ class RigidBodyEvidence:
         log_weights: log p(all touches | hypothesis) up to a constant, ``(K, N)``, read-only; the largest is 0.
         log_likelihood: log p(all touches | shape) up to the same constant, ``(K,)``, read-only.
         num_touches: how many touches it holds.
-        in_pose: for every pose in which the object was touched, the number of touches and the sum of their scores,
-            ``(K, N)`` up to a constant; empty where the model discounts neither repeats nor drift.
+        in_pose: for every pose, and every other place, in which the object was touched, the number of touches and the
+            sum of their scores, ``(K, N)`` up to a constant; empty where the model discounts neither repeats nor drift.
         conflict: test that they come from the world that the model was fitted to; None if the model has none.
     """
 
@@ -108,7 +108,7 @@ class RigidBodyEvidence:
     log_weights: Floats
     log_likelihood: Floats
     num_touches: int = 0
-    in_pose: Mapping[int, tuple[int, Floats]] = field(default_factory=dict)
+    in_pose: Mapping[int | tuple[float, ...], tuple[int, Floats]] = field(default_factory=dict)
     conflict: ObjectConflict | None = None
 
     def update(self, touch: Touch) -> RigidBodyEvidence:
@@ -118,8 +118,8 @@ class RigidBodyEvidence:
             ValueError: the touch does not fit the model, or brings no embedding.
         """
         embedding, correlation, drift = self.model.embedding_of(touch), self.model.correlation, self.model.drift
-        pose = int(touch.pose)
-        scores = self.model.scores(pose, embedding)[0]
+        pose = int(touch.pose) if touch.elsewhere is None else touch.elsewhere.place
+        scores = self.model.scores_of(touch, embedding)
         log_weights, log_likelihood, largest = _relative(self.log_weights + scores)
         in_pose, conflict = self.in_pose, self.conflict
         if conflict is not None:
@@ -151,22 +151,25 @@ class RigidBodyEvidence:
         if key not in self._mixtures:
             require_count("num_outcomes", num_outcomes)
             require_count("num_hypotheses", num_hypotheses)
-            chosen, weights = some_hypotheses(self.log_weights, num_hypotheses)
             views, new = self.model.views, self._new if self.in_pose else None
             if views is None:
+                chosen, weights = some_hypotheses(self.log_weights, num_hypotheses)
                 self._mixtures[key] = OutcomeMixture(weights, self.model.outcome_probs(chosen, num_outcomes), new)
             else:
                 outcomes = self.model.shared_outcomes(num_outcomes)
-                self._mixtures[key] = SharedMixture(weights, chosen, outcomes, views, new)
+                self._mixtures[key] = SharedMixture(self.log_weights, num_hypotheses, outcomes, views, new)
         return self._mixtures[key]
 
     @property
     def _new(self) -> Floats:
         """By how much one more touch in each pose raises the effective number of touches, ``(P,)``."""
-        counts = np.zeros(self.model.num_poses)
-        for pose, (number, _) in self.in_pose.items():
-            counts[pose] = number
-        return new_shares(counts, self.model.correlation, self.model.drift)
+        number = self.model.num_poses
+        elsewhere = [many for place, (many, _) in self.in_pose.items() if isinstance(place, tuple)]
+        counts = np.concatenate([np.zeros(number), elsewhere])
+        for pose, (many, _) in self.in_pose.items():
+            if not isinstance(pose, tuple):
+                counts[pose] = many
+        return new_shares(counts, self.model.correlation, self.model.drift)[:number]
 
     @cached_property
     def _mixtures(self) -> dict[tuple[int, int], OutcomeMixture | SharedMixture]:

@@ -21,7 +21,7 @@ from mkdocs.structure.files import File  # noqa: E402
 OF_ROOT = {"README.md": "index.md", "CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
 """Files outside of the folder that are pages."""
 NAV: dict[str, list[str]] = {
-    "Start": ["index.md", "start.md", "install.md", "your_own_objects.md", "toy.md"],
+    "Start": ["index.md", "start.md", "install.md", "your_own_objects.md", "find.md", "toy.md"],
     "Learn": [
         "philosophy.md",
         "world.md",
@@ -32,7 +32,15 @@ NAV: dict[str, list[str]] = {
         "where_to_touch.md",
         "architecture.md",
     ],
-    "How-to": ["extending.md", "environments.md", "ppo.md", "real_touch.md", "scale.md", "contributing.md"],
+    "How-to": [
+        "extending.md",
+        "environments.md",
+        "ppo.md",
+        "real_touch.md",
+        "formats.md",
+        "scale.md",
+        "contributing.md",
+    ],
     "Reference": ["commands.md", "columns.md", "scenes.md", "glossary.md"],
     "Results": ["results.md", "reproduction.md", "tradeoff.md", "robustness.md", "benchmarks.md", "limits.md"],
 }

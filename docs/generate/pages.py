@@ -28,8 +28,8 @@ API = {
     "activetouch": ("activetouch", "activetouch.sensor", "activetouch.world", "activetouch.scene",
                     "activetouch.named_scenes"),
     "rendering": ("activetouch.rendering",),
-    "environments": ("activetouch.envs.object_test", "activetouch.envs.object_goal", "activetouch.envs.object_search",
-                     "activetouch.envs.wrappers", "activetouch.envs.batched_episodes", "activetouch.envs.touch_bank"),
+    "environments": ("activetouch.envs.object_test", "activetouch.envs.object_search", "activetouch.envs.wrappers",
+                     "activetouch.envs.batched_episodes", "activetouch.envs.touch_bank"),
 }  # fmt: skip
 """Modules of the API reference, by page."""
 _GIVEN = ("table", "model", "policies")
@@ -195,7 +195,10 @@ def _worlds() -> str:
 
 def _environments() -> str:
     lines, rows = [], []
-    for name, place in IDS.items():
+    for name, (place, settings) in IDS.items():
+        if settings:
+            rows.append((f"`{name}`", f"The environment above with {settings}."))
+            continue
         module, _, kind = place.partition(":")
         text = _plain(inspect.cleandoc(getattr(import_module(module), kind).__doc__ or ""))
         rows.append((f"`{name}`", text.partition("\n")[0]))

@@ -13,6 +13,7 @@ import numpy as np
 
 from activetouch.extras import require_extra
 from activetouch.perception.reader import TactileReader
+from activetouch.sensor import TactileSensor
 from activetouch.sensor_files import POLICIES, READER_FILE, fitted_model
 from belief.claims import claim_folder, ends_claims
 from belief.errors import UnknownName
@@ -23,7 +24,7 @@ from experiments.command_line.arguments import BadArgument, Count, Jobs, check_a
 from experiments.parallel import default_jobs, run_tasks
 from experiments.ppo.recipe import PPO_RECIPES, PPORecipe
 from experiments.scene_choice import in_file_names, named_scene, repeats_folder
-from experiments.sensor_choice import load_quietly, open_collection, require_collection, sensor_folder
+from experiments.sensor_choice import open_collection, require_collection, sensor_folder
 from planners.ppo import Policy, policy_file
 
 if TYPE_CHECKING:
@@ -94,7 +95,7 @@ class TrainPPO:
         require_collection(data, manifest, reader.card, filed, repeats=True, anyway=self.anyway)
         model = fitted_model(sensor).model
         if model.reads == "embeddings":  # its reader embeds the hypotheses
-            model = load_quietly(sensor, named.scene, anyway=True).model
+            model = TactileSensor.load(sensor, named.scene, anyway=True).model
         names = self.recipes or (("gains", "goal") if model.reads == "embeddings" else ("paper", "posterior"))
         recipes = [PPO_RECIPES[name] for name in names]
         if self.steps is not None:

@@ -76,18 +76,6 @@ def prepare(touches: TaskTouches, split: Split, threshold: float) -> Fold:
     )
     rows = reading.calibration_rows
     data = touches.labelled(rows, reading.calibration_ratios)
-    models = {
-        law: ActionKernelModel.fit(
-            data.batch.sequence(0),
-            touches.labels[rows],
-            touches.objects[rows],
-            sessions=touches.sessions_of(rows),
-            shape_labels=touches.label_names,
-            num_poses=touches.source.num_actions,
-            repeats=bank.repeats,
-            law=law,
-        )
-        for law in LAWS
-    }
+    models = {law: reading.model(touches, law, bank.repeats) for law in LAWS}
     order = best_order(data, touches.sessions_of(rows), models["kernel"].kernel, threshold)
     return Fold(touches, split, reading, bank, models, tuple(bank.action_names[action] for action in order))

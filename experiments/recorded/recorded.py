@@ -12,6 +12,7 @@ import numpy as np
 from activetouch.extras import require_extra
 from activetouch.recorded import RecordedTouches, check_recorded, read_recorded, without_incomplete
 from activetouch.recorded.formats import Format
+from activetouch.sensor import RecordedSensor
 from belief.claims import claim_folder, ends_claims
 from experiments.command_line.arguments import (
     BadArgument,
@@ -59,6 +60,7 @@ def recorded(
     max_touches: int = 12,
     seed: int = 0,
     notes: Sequence[str] = (),
+    save: str | Path | None = None,
 ) -> RecordedReport:
     """Identify and search for recorded objects by their held-out recordings, with several deciders.
 
@@ -78,9 +80,11 @@ def recorded(
         max_touches: of an object.
         seed: of splits, orders, scenes and intervals.
         notes: sentences about how the set was read, for the report.
+        save: folder for the sensor that :meth:`activetouch.sensor.RecordedSensor.fit` makes from all touches.
 
     Raises:
         BadRecording: the task has too few labels, objects or touches.
+        CannotWrite: ``save`` cannot be written, or holds a sensor of a scene.
         BadArgument: a threshold that a guess reaches, or a decider that needs a file of a sensor's folder.
         UnknownName: there is no such decider.
         MissingPackage: scikit-learn is not installed.
@@ -95,6 +99,8 @@ def recorded(
             f"--threshold must be above {guess:.3g}, the probability of each of the {len(chosen.label_names)} "
             f"{task} before the first touch, got {threshold:g}"
         )
+    if save is not None:
+        RecordedSensor.fit(touches, task).save(save)
     split_name, splits = main_splits(chosen, folds)
     with progress_bar() as bar:
         steps = bar.add_task("reading, naming and searching", total=2 * len(splits) + 1)
@@ -153,7 +159,7 @@ class Recorded:
 
         activetouch recorded --data my_touches --format csv
         activetouch recorded --data my_touches.npz --format npz --task categories
-        activetouch recorded --data tests/fixtures/bts3 --format bts3
+        activetouch recorded --data tests/fixtures/bts3 --format bts3 --save sensors/biotac
     """
 
     data: Path
@@ -181,6 +187,9 @@ class Recorded:
     """Most touches of an object."""
     seed: Seed = 0
     """Seed of splits, orders, scenes and intervals."""
+    save: Path | None = None
+    """Folder for a sensor that is trained in the same way on all touches: TactileSensor.load reads it, and its session
+    finds objects that you touch."""
     out: Path | None = None
     """Folder for the results; runs/recorded-FORMAT-TASK by default."""
 
@@ -192,6 +201,8 @@ class Recorded:
             _require_plain(decider, self.max_touches)
         out = self.out if self.out is not None else Path(f"runs/recorded-{self.format}-{self.task}")
         claim_folder(out)
+        if self.save is not None:
+            claim_folder(self.save)
         touches, notes = read_recorded(self.data, self.format)
         if self.leave_out_incomplete:
             touches, left_out = without_incomplete(touches, self.task)
@@ -202,7 +213,7 @@ class Recorded:
             console.print(f"- {note}")
         names = "threshold", "objects", "scenes", "deciders", "folds", "rounds", "max_touches", "seed"
         settings = {name: getattr(self, name) for name in names}
-        report = recorded(touches, self.task, name=self.format, notes=notes, **settings)
+        report = recorded(touches, self.task, name=self.format, notes=notes, save=self.save, **settings)
         for note in report.facts["notes"][len(known) :]:
             console.print(f"- {note}")
         wide = plain_console(width=max(_WIDTH, console.width))  # rich leaves out columns for which there is no room
@@ -211,6 +222,8 @@ class Recorded:
         for sentence in report.verdict():
             console.print(f"- {sentence}")
         report.save(out)
+        if self.save is not None:
+            print(f"wrote a sensor, trained on all {report.facts['touches']} touches, into {self.save}")
         print(f"wrote report.html, recorded.md, results.json, episodes.jsonl and figures into {out}")
 
 

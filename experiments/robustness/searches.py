@@ -175,7 +175,7 @@ def success_scores(played: Sequence[Episode]) -> dict[str, Any]:
 
     ``wrong`` is the fraction of searches with a wrong confirmation.
     """
-    number, won, wrong = len(played), sum(episode.success for episode in played), sum(map(_is_wrong, played))
+    number, won, wrong = len(played), sum(bool(episode.success) for episode in played), sum(map(_is_wrong, played))
     return {
         "number": number,
         "success": won / number,
@@ -186,7 +186,7 @@ def success_scores(played: Sequence[Episode]) -> dict[str, Any]:
 
 
 def _is_wrong(episode: Episode) -> bool:
-    return episode.outcome is Outcome.CONFIRMED and not episode.success
+    return episode.outcome is Outcome.CONFIRMED and episode.success is False
 
 
 def _abstention(by_robot: Sequence[Sequence[Episode]]) -> dict[str, Any]:

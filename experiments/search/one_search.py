@@ -1,18 +1,26 @@
-"""One search with a sensor object: what :meth:`activetouch.TactileSensor.search` does."""
+"""One search with a sensor object: what its methods ``search`` and ``session`` do."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 from activetouch import TactileSensor, TouchWorld
 from activetouch.named_scenes import SCENES
+from activetouch.sensor import RecordedSensor
+from activetouch.session_reader import SensorReader, session_reader
 from belief.composition import Composition, Counts
+from belief.errors import InvalidArgument
 from belief.naming import Name, index_of, seed_words
 from belief.problem import SearchProblem
 from belief.seeding import arrangement_rng
 from belief.synthetic import sample_arrangement
 from experiments.scene_choice import as_named
-from planners import Decider, Episode, make_decider, search
+from planners import Decider, Episode, Session, make_decider, search
+
+_TOUCHES_PER_OBJECT = 12
 
 
 def search_with(
@@ -25,21 +33,81 @@ def search_with(
     touch_cost: float = 0.02,
 ) -> Episode:
     """Search for a target among objects of the sensor's scene; see :meth:`activetouch.TactileSensor.search`."""
-    scene, model = sensor.scene, sensor.model
-    named = next((known for known in SCENES.values() if known.scene == scene), None) or as_named(scene)
-    number = named.num_objects if num_objects is None else num_objects
-    problem = SearchProblem(
-        scene.shape_labels,
-        scene.pose_labels,
-        number,
-        Composition(composition) if isinstance(composition, str) else composition or named.composition,
-        touch_cost,
-        touch_limit=named.touches_per_object * number,
-    )
-    shape = index_of("target", problem.shape_labels, target)
-    words = seed_words(seed)
-    key = (*words, shape, 0) if len(words) == 1 else words
-    chosen = make_decider(decider, model.outcome_table(), model) if isinstance(decider, str) else decider
+    problem = problem_of(sensor, num_objects, composition, touch_cost)
+    shape, key, chosen = _played(sensor, problem, target, decider, seed)
     rng = arrangement_rng(key)
     world = TouchWorld.sample(sensor, sample_arrangement(problem, rng), rng)
-    return search(world, chosen, problem, shape, model, key)
+    return search(world, chosen, problem, shape, sensor.model, key)
+
+
+def session_with(
+    sensor: TactileSensor,
+    target: Name,
+    decider: str | Decider,
+    seed: int | Sequence[int],
+    num_objects: int | None = None,
+    composition: Composition | Counts | str | None = None,
+    touch_cost: float = 0.02,
+    log: str | Path | None = None,
+    **settings: Any,
+) -> Session:
+    """A session of a sensor; see :meth:`activetouch.TactileSensor.session`.
+
+    Raises:
+        InvalidArgument: the log is of another search.
+    """
+    problem = problem_of(sensor, num_objects, composition, touch_cost)
+    shape, key, chosen = _played(sensor, problem, target, decider, seed)
+    reader = session_reader(sensor)
+    is_abstaining = settings.get("abstain")
+    is_abstaining = settings.get("arrangement") is None if is_abstaining is None else is_abstaining
+    if is_abstaining and isinstance(reader, SensorReader) and settings.get("least_area") is None:
+        settings["least_area"] = 0.0  # an image that could be one of no contact is none
+    begun = Session(problem, chosen, shape, sensor.model, key, reader=reader, **settings)
+    if log is None:
+        return begun
+    if not Path(log).exists():
+        begun.save(log)
+        return begun
+    found = Session.load(log, model=sensor.model, decider=chosen, reader=reader)
+    before, now = ((replace(s.problem, unsure_reward=None), s.target, s.seed) for s in (found, begun))
+    if before != now:
+        found.close()
+        what = next(f"{one}, not {other}" for one, other in zip(before, now, strict=True) if one != other)
+        raise InvalidArgument(f"{log} is the log of another search: its {what}")
+    return found
+
+
+def problem_of(
+    sensor: TactileSensor,
+    num_objects: int | None = None,
+    composition: Composition | Counts | str | None = None,
+    touch_cost: float = 0.02,
+) -> SearchProblem:
+    """The rules of a search with a sensor; by default those of its named scene, or of up to four different objects."""
+    if isinstance(sensor, RecordedSensor):
+        usual, per_object = min(4, len(sensor.shape_labels)), _TOUCHES_PER_OBJECT
+        among: Composition | Counts = Composition.DISTINCT
+    else:
+        scene = sensor.scene
+        named = next((known for known in SCENES.values() if known.scene == scene), None) or as_named(scene)
+        usual, among, per_object = named.num_objects, named.composition, named.touches_per_object
+    number = usual if num_objects is None else num_objects
+    return SearchProblem(
+        sensor.shape_labels,
+        sensor.pose_labels,
+        number,
+        Composition(composition) if isinstance(composition, str) else composition or among,
+        touch_cost,
+        touch_limit=per_object * number,
+    )
+
+
+def _played(
+    sensor: TactileSensor, problem: SearchProblem, target: Name, decider: str | Decider, seed: int | Sequence[int]
+) -> tuple[int, tuple[int, ...], Decider]:
+    """Index of the target, key of the search, and the decider."""
+    shape, model = index_of("target", problem.shape_labels, target), sensor.model
+    words = seed_words(seed)
+    key = (*words, shape, 0) if len(words) == 1 else words
+    return shape, key, make_decider(decider, model.outcome_table(), model) if isinstance(decider, str) else decider

@@ -156,7 +156,7 @@ def _story(searches: Searches, decider: str, episode: Episode, bodies: Bodies | 
     sought = f"{decider} searches for a {problem.shape_labels[episode.target]}"
     title = f"{sought}: {verdict}, {episode.num_touches} touches (episode {episode.seed[-1]})"
     panels = [_panel(problem, episode, frame, bodies) for frame in replay(searches.sensor, problem, episode)]
-    return Story(title, episode.success, panels)
+    return Story(title, bool(episode.success), panels)
 
 
 def _panel(problem: SearchProblem, episode: Episode, frame: Frame, bodies: Bodies | None) -> dict[str, Any]:

@@ -66,7 +66,7 @@ def _difference(
     rng: np.random.Generator,
     level: float,
 ) -> Difference:
-    right, base_right = ([e.success for e in some] for some in (episodes, base))
+    right, base_right = ([bool(e.success) for e in some] for some in (episodes, base))
     rewards, base_rewards = ([e.reward(problem) for e in some] for some in (episodes, base))
     pairs = mcnemar_test(right, base_right)
     return Difference(

@@ -12,6 +12,7 @@ from belief.metrics import RiskCoverage, risk_coverage
 from belief.statistics import clopper_pearson_interval
 from planners import Episode, Outcome
 from planners.abstaining import ANSWER, CONFLICT, REASONS
+from planners.episode import judged
 
 RANKINGS = ("stated confidence", "conflict")
 """Scores by which answers are ranked: the most confident first, those with the least conflict first."""
@@ -48,14 +49,15 @@ def selective(episodes: Sequence[Episode], rng: np.random.Generator) -> Selectiv
     """Numbers on the searches of a decider that may answer "I do not know".
 
     Args:
-        episodes: its searches, at least one.
+        episodes: its searches, at least one with known truth.
         rng: random generator of the bootstraps.
 
     Returns:
         None if not all answers carry the scores of :class:`planners.abstaining.Abstaining`.
     """
+    episodes = judged(episodes)
     ends = [(episode, episode.steps[-1].decision.scores) for episode in episodes if episode.steps]
-    answers = [(episode.success, scores) for episode, scores in ends if episode.is_answered]
+    answers = [(bool(episode.success), scores) for episode, scores in ends if episode.is_answered]
     if not all(name in scores for _, scores in answers for name in (ANSWER, CONFLICT)):
         return None
     unsure = [scores for episode, scores in ends if episode.outcome is Outcome.UNSURE]

@@ -15,6 +15,7 @@ from experiments.search.paired import Difference, differences, prob_best
 from experiments.search.play import Seconds
 from experiments.search.selective import Selective, selective
 from planners import Episode, Outcome
+from planners.episode import judged
 
 ALL = "all"
 """Stands for all targets together in the keys of :attr:`Comparison.cells`."""
@@ -60,11 +61,12 @@ def summarise(episodes: Sequence[Episode], seconds: Seconds, problem: SearchProb
     """Compute the numbers of one set of episodes.
 
     Args:
-        episodes: at least one.
+        episodes: at least one; those of which nobody knows whether they succeeded do not count.
         seconds: time they took.
         problem: rules of the search.
     """
-    successes = sum(episode.success for episode in episodes)
+    episodes = judged(episodes)
+    successes = sum(bool(episode.success) for episode in episodes)
     failures = [episode for episode in episodes if not episode.success]
     count = {outcome: sum(episode.outcome is outcome for episode in failures) for outcome in Outcome}
     touches = [episode.num_touches for episode in episodes]
@@ -92,12 +94,12 @@ def calibration_of_confirmations(episodes: Sequence[Episode]) -> CalibrationAtSt
     Returns:
         None if no object was confirmed.
     """
-    stops = [(e, e.steps[-1]) for e in episodes if e.steps and isinstance(e.steps[-1].decision.action, Confirm)]
+    stops = [(e, e.steps[-1]) for e in judged(episodes) if e.steps and isinstance(e.steps[-1].decision.action, Confirm)]
     if not stops:
         return None
     return calibration_at_stop(
         [min(float(step.belief.probs[episode.target]), 1.0) for episode, step in stops],
-        [episode.success for episode, _ in stops],
+        [bool(episode.success) for episode, _ in stops],
         [sum(s.touch is not None and s.object_index == last.object_index for s in e.steps) for e, last in stops],
     )
 

@@ -32,7 +32,7 @@ from experiments.command_line.arguments import (
 )
 from experiments.parallel import default_jobs, progress_bar
 from experiments.scene_choice import collection_folder, named_scene, training_folder
-from experiments.sensor_choice import open_collection, require_named_scene
+from experiments.sensor_choice import open_collection, require_collection
 
 if TYPE_CHECKING:
     from activetouch.perception.card import ClassifierCard
@@ -126,7 +126,7 @@ class Train:
         out = self.out if self.out is not None else training_folder(self.scene)
         claim_folder(out)
         manifest = open_collection(data, self.scene, repeats=False)
-        require_named_scene(data, manifest, self.scene if self.out is None else None, repeats=False)
+        require_collection(data, manifest, None, self.scene if self.out is None else None, repeats=False)
         size = self.input_size if self.input_size is not None else named.input_size
         backbone = self.backbone if self.backbone is not None else named.backbone
         train_reader(data, out, self.change.of(RECIPES[self.recipe]), backbone, size, self.weights, self.jobs)

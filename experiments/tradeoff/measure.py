@@ -29,7 +29,7 @@ from experiments.scene_choice import repeats_folder
 from experiments.search.play import episode_seed, make_world
 from experiments.sensor.calibrate import candidate_models
 from experiments.sensor.scores import read_touches
-from experiments.sensor_choice import load_quietly, open_collection, require_collection
+from experiments.sensor_choice import open_collection, require_collection
 from experiments.tradeoff.configuration import SHIPPED, Configuration
 from planners import Episode, make_decider, search_lockstep
 from planners.search import TouchRequest
@@ -121,7 +121,7 @@ def measure(configuration: Configuration, folder: Path) -> Measured:
     """
     setting = configuration.setting
     problem = setting.problem
-    sensor = load_quietly(sensor_of(configuration, folder), setting.scene, anyway=True)
+    sensor = TactileSensor.load(sensor_of(configuration, folder), setting.scene, anyway=True)
     policies, table = configuration.network.folder / POLICIES, sensor.model.outcome_table()
     decider = make_decider(configuration.decider, table, sensor.model, policies)
     touching = 0.0
@@ -152,7 +152,7 @@ def measure(configuration: Configuration, folder: Path) -> Measured:
     decisions = [len(episode.steps) for episode in episodes]
     return Measured(
         configuration,
-        [int(episode.success) for episode in episodes],
+        [int(bool(episode.success)) for episode in episodes],
         [episode.num_touches for episode in episodes],
         decisions,
         [episode.reward(problem) for episode in episodes],

@@ -90,7 +90,7 @@ def test_only_the_meshes_are_left_and_their_sizes_do_not_vary_unless_asked(mesh)
     ("changes", "words"),
     [
         ({"only": True}, "--only leaves out the scene's own shapes; give others with --meshes"),
-        ({"family": ("size=1.1..0.9",)}, "--family 'size=1.1..0.9' is no range of sizes"),
+        ({"family": ("size=1.1..0.9",)}, "size=LOW..HIGH, got 'size=1.1..0.9'"),
     ],
 )
 def test_a_choice_that_makes_no_scene_is_refused(changes, words):

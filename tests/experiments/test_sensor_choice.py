@@ -30,7 +30,7 @@ from experiments.search.setting import Setting
 from experiments.sensor.calibrate import Calibrate, TooFewObjects
 from experiments.sensor.collect import Collect, collect
 from experiments.sensor.train import Train
-from experiments.sensor_choice import NoSensor, open_sensor, policy_commands
+from experiments.sensor_choice import NoSensor, open_sensor
 from experiments.sensor_commands import sensor_commands
 from planners.ppo import MissingPolicy
 
@@ -230,7 +230,6 @@ def test_commands_for_a_sensor_make_it_for_that_scene(choice, contacts):
     first = tyro.cli(Collect, args=shlex.split(own[0])[2:])
     assert first.choice == choice
     assert [line.split()[0] == "activetouch" for line in own] == [True] * 4 + [False]
-    pastes(policy_commands("hard", Path("some where"), "paper"))
 
 
 @pytest.mark.parametrize(

@@ -138,16 +138,12 @@ def test_confident_stopping_takes_the_policys_poses_and_nothing_else(tmp_path, m
 @pytest.mark.parametrize("state", list(ENCODINGS))
 def test_a_policy_sees_in_a_search_what_it_saw_in_training(state, rng, model, body):
     # The environment's own observation, after the same touches of one object, gives the same scores.
-    from activetouch.envs.object_goal import ObjectGoalEnv
     from activetouch.envs.object_test import ObjectTestEnv
     from activetouch.envs.touch_source import SampledTouches
 
     touches = SampledTouches(body if state in WITH_GAINS else model, POSES)
-    env = (
-        ObjectGoalEnv(touches=touches, touch_limit=5, state="gains")
-        if state == GOAL
-        else ObjectTestEnv(touches=touches, target="shape_0", touch_limit=5, state=state)
-    )
+    seen = ("gains", None) if state == GOAL else (state, "shape_0")
+    env = ObjectTestEnv(touches=touches, state=seen[0], target=seen[1], touch_limit=5)
     policy = random_policy(rng, state)
     for seed in range(5):
         observation, _ = env.reset(seed=seed)

@@ -3,6 +3,7 @@
 import json
 import re
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,6 +15,7 @@ from belief.calibration import TemperatureScaling
 from belief.metrics import CalibrationError, StopScore, calibration_at_stop
 from belief.observation_model import RatioModel
 from belief.touch_batch import TouchBatch
+from experiments.calibration import calibration_report
 from experiments.calibration.calibration_report import CalibrationReport, NoRepeats
 from experiments.calibration.models import Fused, ModelScores, StopScores, score_model
 from experiments.calibration.report import Measurements
@@ -220,7 +222,9 @@ def collection(tmp_path_factory):
 @pytest.mark.slow
 @pytest.mark.mujoco
 @pytest.mark.torch
-def test_the_report_of_a_joint_sensor_has_its_model_and_stands_alone(collection, tmp_path):
+def test_the_report_of_a_joint_sensor_has_its_model_and_stands_alone(collection, tmp_path, monkeypatch):
+    quick = partial(calibration_report.calibration_report, resamples=20)
+    monkeypatch.setattr(calibration_report, "calibration_report", quick)
     CalibrationReport("coarse", collection, Path("coarse"), tmp_path, jobs=1, anyway=True).run()
     page, numbers = (tmp_path / "report.html").read_text(), json.loads((tmp_path / "numbers.json").read_text())
     assert "rigid body" in {model["name"] for model in numbers["models"]}

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from activetouch import TactileSensor
 from activetouch.errors import BadRecording
-from activetouch.recorded import RecordedTouches
+from activetouch.recorded import RecordedTouches, read_recorded
 from activetouch.recorded.reader import read
 from activetouch.recorded.splits import by_object
 from belief.errors import UnknownName
@@ -40,7 +41,7 @@ def own(tmp_path_factory):
     (folder / "touches.csv").write_text("\n".join(lines))
     deciders = ("information_gain(max_touches={max_touches})", "best fixed order", "random_confirm")
     small = {"objects": 3, "scenes": 2, "rounds": 1, "deciders": deciders}
-    Recorded(folder, "csv", out=folder / "run", **small).run()
+    Recorded(folder, "csv", out=folder / "run", save=folder / "sensor", **small).run()
     return folder / "run"
 
 
@@ -57,6 +58,16 @@ def test_a_csv_gives_a_comparison_of_deciders(own):
     assert (own / "report.html").read_text().count("<svg") >= 2
 
 
+def test_the_sensor_that_is_saved_names_the_objects(own):
+    sensor = TactileSensor.load(own.parent / "sensor")
+    touches, _ = read_recorded(own.parent, "csv")
+    read = sensor.read(touches.features, touches.actions.tolist())
+    known = np.array([touch.logits.argmax() for touch in read]) == touches.objects
+    assert known[touches.actions == 1].mean() > 0.8
+    assert known[touches.actions == 0].mean() < known[touches.actions == 1].mean()
+    assert sensor.origin["touches"] == 96
+
+
 def test_shares_of_few_objects_have_no_interval_of_width_zero(own):
     tables = json.loads((own / "results.json").read_text())["tables"]
     cells = [row[1] for row in tables["searches"]] + [row[2] for row in tables["controls"]]
@@ -69,7 +80,7 @@ def test_shares_of_few_objects_have_no_interval_of_width_zero(own):
 
 def test_the_results_hold_every_setting(own):
     result = json.loads((own / "results.json").read_text())
-    names = {field.name for field in fields(Recorded)} - {"data", "format", "leave_out_incomplete", "out"}
+    names = {field.name for field in fields(Recorded)} - {"data", "format", "leave_out_incomplete", "out", "save"}
     assert names <= result.keys()
 
 

@@ -1,6 +1,5 @@
 """A scene becomes a sensor in one call, which goes on where it stopped."""
 
-import shutil
 from dataclasses import replace
 
 import pytest
@@ -16,7 +15,7 @@ from experiments.sensor.calibrate import Calibrate, TooFewObjects
 from experiments.sensor.train import require_input_size
 from planners.pose_order import read_order
 
-SIZES = {"train": 4, "calibration": 2, "test": 1, "repeats": 1, "epochs": 2, "jobs": 1}
+SIZES = {"train": 2, "calibration": 2, "test": 1, "repeats": 1, "epochs": 1, "jobs": 1}
 
 
 @pytest.mark.mujoco
@@ -34,14 +33,11 @@ def test_a_scene_becomes_a_sensor_in_one_call_and_stays_one(tmp_path):
     assert [file.stat().st_mtime_ns for file in files] == before
     with pytest.raises(LabelMismatch):
         activetouch.make_sensor(scene, tmp_path, **{**SIZES, "train": 5})
-    with pytest.raises(LabelMismatch, match="trained with other settings: cnn at 16 pixels, 2 epochs"):
-        activetouch.make_sensor(scene, tmp_path, **{**SIZES, "epochs": 3})
+    with pytest.raises(LabelMismatch, match="trained with other settings: cnn at 16 pixels, 1 epoch"):
+        activetouch.make_sensor(scene, tmp_path, **{**SIZES, "epochs": 2})
     with pytest.raises(LabelMismatch, match="asked for is cnn at 4 pixels"):
         activetouch.make_sensor(replace(scene, input_size=4), tmp_path, **SIZES)
     _only_a_readable_model_is_written(tmp_path)
-    shutil.rmtree(tmp_path / "training")  # as the second of these errors says
-    longer = activetouch.make_sensor(scene, tmp_path, **{**SIZES, "epochs": 3})
-    assert longer.reader.card.training.startswith("3 epochs")
 
 
 def _only_a_readable_model_is_written(folder):

@@ -1,0 +1,198 @@
+"""What a sensor reads for a session: images that somebody else recorded, and where touches were made."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from activetouch.pressing.contact import Contact
+from activetouch.rendering import read_out
+from activetouch.scene import Scene
+from activetouch.sensor import RecordedSensor, TactileSensor
+from belief.errors import InvalidArgument
+from belief.observation_model.rigid_body import joint_model
+from belief.problem import Elsewhere, Touch
+
+_BLANKS, _USUAL = 100, 0.98  # images of no contact, and the share of them that is taken for one
+_FAINT = 8.0  # of 255: a taxel that differs by less feels nothing, even without noise
+_SAME = 1e-6  # rad, or parts of half a pad
+_KEYS = {"quaternion", "aim"}
+
+
+@dataclass(frozen=True, eq=False)
+class SensorReader:
+    """Reads images for sessions of a sensor (:class:`planners.told.ImageReader`).
+
+    Attributes:
+        sensor: of a scene.
+    """
+
+    sensor: TactileSensor
+
+    @cached_property
+    def identity(self) -> str:
+        """Digest of all that it reads with."""
+        reader = self.sensor.reader
+        return hashlib.sha256(f"{reader.digest} {reader.card.fields()}".encode()).hexdigest()
+
+    def read(self, image: ArrayLike, pose: int) -> tuple[NDArray[np.uint8], Touch, float]:
+        """The checked image, the touch that it shows, and the area of the contact [m²].
+
+        Args:
+            image: whole numbers from 0 to 255, of the shape of the scene's images.
+            pose: index of the pose.
+
+        Raises:
+            InvalidArgument: it is no such image.
+        """
+        checked = checked_image(image, self.sensor.scene.image_shape)
+        return checked, self.sensor.read(checked[None], [pose])[0], self.area(checked)
+
+    def area(self, image: NDArray[np.uint8]) -> float:
+        """Area of the taxels that read more than they do without contact [m²].
+
+        It is 0 where the image could be one of no contact: 98 of 100 of these are. A weak contact that only the sum of
+        all taxels tells counts as one taxel.
+
+        Args:
+            image: ``(H, W)`` or ``(H, W, 3)``.
+        """
+        nothing, limit, limit_of_sum = self._blank
+        differs = np.abs(image - nothing)
+        of_taxels = differs if differs.ndim == 2 else differs.max(axis=2)
+        number = int((of_taxels > limit).sum())
+        number = max(number, int(differs.sum() > limit_of_sum))
+        return number * (2.0 * self.sensor.scene.pad.half_width) ** 2 / (image.shape[0] * image.shape[1])
+
+    def at(self, place: Mapping[str, Any]) -> tuple[int, Elsewhere | None]:
+        """The pose of a place; if it is none of the poses, the nearest one, and the hypotheses embedded there.
+
+        Args:
+            place: ``quaternion`` (w, x, y, z), by which the object was turned, and ``aim``, where its centre was, from
+                the approach axis along y and z [m]; or ``place``, the six numbers together.
+
+        Raises:
+            InvalidArgument: it is no place, or the sensor knows no touches elsewhere than in its poses.
+        """
+        quaternion, aim = _numbers_of(place)
+        scene = self.sensor.scene
+        turns = np.abs(np.stack([*scene.rotations.values()]) @ quaternion)
+        angles = 2.0 * np.arccos(np.minimum(turns, 1.0))
+        away = np.linalg.norm(scene.aim_offsets - aim, axis=1) / scene.pad.half_width
+        nearest = int(np.argmin(angles + away))
+        if np.abs(turns[nearest] - 1.0) < _SAME**2 and away[nearest] < _SAME:
+            return nearest, None
+        model, hypotheses, card = joint_model(self.sensor.model), self.sensor.reader.hypotheses, self.sensor.reader.card
+        if model is None or hypotheses is None or not (card.imaging is not None or card.knows_aims or not away.min()):
+            raise InvalidArgument(
+                "only a sensor whose reader knows predicted contacts, and whose belief is about one rigid body, takes "
+                f"touches that are in none of its poses {scene.pose_labels}; the nearest is "
+                f"{scene.pose_labels[nearest]!r}, {np.degrees(angles[nearest]):.1f}° away"
+            )
+        there = with_pose(scene, quaternion, aim)
+        embedded = hypotheses.embedded(there, scene.hypotheses(model.num_hypotheses), len(scene.poses))
+        return nearest, Elsewhere((*quaternion.tolist(), *aim.tolist()), embedded)
+
+    @cached_property
+    def _blank(self) -> tuple[NDArray[np.float64], float, float]:
+        """The mean image of no contact; how much a taxel, and all together, differ from it in 2 of 100 such images."""
+        scene, rng = self.sensor.scene, np.random.default_rng(0)
+        zeros = np.zeros((scene.pad.num_taxels, scene.pad.num_taxels))
+        ideal = scene.image(Contact(scene.pad, np.full_like(zeros, np.inf), 0.0, zeros, zeros))
+        images = np.stack([read_out(ideal, scene.faults, rng) for _ in range(_BLANKS)]).astype(np.float64)
+        nothing = images.mean(axis=0)
+        differs = np.abs(images - nothing).reshape(_BLANKS, -1)
+        limit = max(_FAINT, float(np.quantile(differs.max(axis=1), _USUAL)))
+        return nothing, limit, max(_FAINT, float(np.quantile(differs.sum(axis=1), _USUAL)))
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedRowReader:
+    """Reads rows of features for sessions of a sensor of recorded touches.
+
+    Attributes:
+        sensor: that was trained on recordings.
+    """
+
+    sensor: RecordedSensor
+
+    @cached_property
+    def identity(self) -> str:
+        """Digest of all that it reads with."""
+        probe = self.sensor.recorded_reader
+        parts = [probe.label_names, probe.action_names, probe.chosen, probe.log_prior.tolist()]
+        return hashlib.sha256(f"{parts} {self.sensor.model.to_json()}".encode()).hexdigest()
+
+    def read(self, image: ArrayLike, pose: int) -> tuple[NDArray[np.float64], Touch, None]:
+        """The row of features ``(F,)`` as numbers, and the touch that it shows; see :meth:`RecordedSensor.read`."""
+        row = np.asarray(image, np.float64)
+        return row, self.sensor.read(row[None], [pose])[0], None
+
+    def at(self, place: Mapping[str, Any]) -> tuple[int, None]:
+        """Refused: actions of recordings are no places."""
+        raise InvalidArgument(
+            f"this sensor knows the actions {self.sensor.pose_labels} and no places, got {place!r:.80}"
+        )
+
+
+def session_reader(sensor: TactileSensor) -> SensorReader | RecordedRowReader:
+    """What reads the images of a sensor."""
+    return RecordedRowReader(sensor) if isinstance(sensor, RecordedSensor) else SensorReader(sensor)
+
+
+def checked_image(image: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    """An image as bytes.
+
+    Args:
+        image: whole numbers from 0 to 255.
+        shape: that it must have.
+
+    Raises:
+        InvalidArgument: it has another shape, or holds something else.
+
+    >>> checked_image([[0, 255]], (1, 2)).dtype
+    dtype('uint8')
+    """
+    try:
+        given = np.asarray(image)
+    except (ValueError, OverflowError) as error:  # lists of different lengths
+        raise InvalidArgument(f"an image must be {shape} whole numbers from 0 to 255: {error}") from error
+    if given.shape != shape or given.dtype.kind not in "uif":
+        raise InvalidArgument(f"an image must be {shape} whole numbers from 0 to 255, got {given.dtype} {given.shape}")
+    if not ((given >= 0) & (given <= 255)).all() or (given != np.floor(given)).any():
+        raise InvalidArgument(f"an image must be {shape} whole numbers from 0 to 255; it holds others")
+    return given.astype(np.uint8)
+
+
+def with_pose(scene: Scene, quaternion: NDArray[np.float64], aim: NDArray[np.float64]) -> Scene:
+    """The scene with one more pose, the last."""
+    label = "elsewhere"
+    while label in scene.poses:
+        label += "_"
+    poses = {**scene.rotations, label: quaternion}
+    return replace(scene, poses=poses, aims={**scene.aims, label: (float(aim[0]), float(aim[1]))})
+
+
+def _numbers_of(place: Mapping[str, Any]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Unit quaternion and aim."""
+    if set(place) not in ({"place"}, {"quaternion"}, _KEYS):
+        raise InvalidArgument(f"a place has a quaternion, and an aim where it is not 0; got {sorted(map(str, place))}")
+    parts = [place[name] for name in ("place", "quaternion", "aim") if name in place]
+    if not all(isinstance(part, Sequence | np.ndarray) and not isinstance(part, str) for part in parts):
+        raise InvalidArgument(f"a place must be lists of numbers, got {parts!r:.80}")
+    given = [number for part in parts for number in part] + [0.0, 0.0] * (set(place) == {"quaternion"})
+    if not all(isinstance(number, int | float | np.number) for number in given):
+        raise InvalidArgument(f"a place must be numbers, got {given!r:.80}")
+    numbers = np.array(given, np.float64)
+    if numbers.shape != (6,) or not np.isfinite(numbers).all():
+        raise InvalidArgument(f"a place must be a quaternion (w, x, y, z) and an aim (y, z), got {given!r:.80}")
+    norm = float(np.linalg.norm(numbers[:4]))
+    if abs(norm - 1.0) > 1e-3:
+        raise InvalidArgument(f"the quaternion of a place must have the norm 1, got {norm:g}")
+    return numbers[:4] / norm, numbers[4:]

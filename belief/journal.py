@@ -1,0 +1,200 @@
+"""An append-only file of JSON lines, each with its number and its SHA-256, each on disk before the next is begun.
+
+A process that is killed, and a power failure, lose at most the line that was being written.
+
+>>> import tempfile
+>>> holder = tempfile.TemporaryDirectory()
+>>> path = Path(holder.name, "log.jsonl")
+>>> journal = Journal.create(path, [{"event": "begun"}])
+>>> journal.append({"event": "touched"})
+>>> journal.close()
+>>> _ = path.write_bytes(path.read_bytes() + b'{"event": "tou')         # killed while it wrote
+>>> journal, lines = Journal.opened(path)
+>>> journal.append({"event": "touched again"})
+>>> journal.close()
+>>> [line["event"] for line in read_journal(path)]
+['begun', 'touched', 'touched again']
+>>> holder.cleanup()
+"""
+
+from __future__ import annotations
+
+import base64
+import math
+import os
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from belief.errors import CannotWrite, CorruptFile
+from belief.files import atomic_path, cannot_write, require_regular_file, sealed_json, unsealed_json
+
+MOST_BYTES = 1 << 30
+"""Largest journal that is read."""
+_NUMBER = "line"
+_MOST_NUMBERS = 1 << 24
+
+
+class Journal:
+    """A journal that is open for appending; no other process can open it until :meth:`close`.
+
+    Windows and some network file systems have no locks; there it is not exclusive.
+    """
+
+    def __init__(self, path: Path, handle: int, num_lines: int, size: int) -> None:
+        self.path = path
+        self._handle, self._num_lines, self._size = handle, num_lines, size
+
+    @classmethod
+    def create(cls, path: Path, lines: Sequence[Mapping[str, Any]]) -> Journal:
+        """A new journal with its first lines, which are JSON types; :func:`read_journal` gives them back.
+
+        Raises:
+            CannotWrite: the file exists, or cannot be written.
+        """
+        content = b"".join(_sealed(number, line) for number, line in enumerate(lines))
+        try:
+            with atomic_path(path, only_new=True) as temporary:
+                temporary.write_bytes(content)
+        except FileExistsError:
+            raise CannotWrite(f"{path} exists and is not overwritten; name another file, or load it to go on") from None
+        with suppress(OSError):  # a folder that cannot be flushed
+            folder = os.open(path.parent, os.O_RDONLY)
+            os.fsync(folder)
+            os.close(folder)
+        return cls(path, _locked(path), len(lines), len(content))
+
+    @classmethod
+    def opened(cls, path: Path) -> tuple[Journal, list[dict[str, Any]]]:
+        """A journal to go on with, and its lines; a line that was begun and not finished is removed.
+
+        Raises:
+            CannotWrite: it cannot be written, or another process has it open.
+            CorruptFile: as :func:`read_journal`.
+        """
+        require_regular_file(path)
+        handle = _locked(path)
+        try:
+            lines, size = _parsed(path)
+            os.ftruncate(handle, size)
+        except BaseException:
+            os.close(handle)
+            raise
+        return cls(path, handle, len(lines), size), lines
+
+    def append(self, line: Mapping[str, Any]) -> None:
+        """Write a line; it is on disk when this returns.
+
+        Raises:
+            CannotWrite: it cannot be written; the file is as before.
+        """
+        content = _sealed(self._num_lines, line)
+        try:
+            done = 0
+            while done < len(content):
+                done += os.write(self._handle, content[done:])
+            os.fsync(self._handle)
+        except OSError as error:
+            with suppress(OSError):
+                os.ftruncate(self._handle, self._size)
+            raise cannot_write(self.path, error) from error
+        self._num_lines, self._size = self._num_lines + 1, self._size + len(content)
+
+    def close(self) -> None:
+        """Let other processes open it."""
+        os.close(self._handle)
+
+
+def read_journal(path: Path) -> list[dict[str, Any]]:
+    """The lines of a journal, also of one that a process still writes; a line that is not finished is left out.
+
+    Raises:
+        CorruptFile: a line was changed, is missing, or is of something else; the message names it.
+    """
+    require_regular_file(path)
+    return _parsed(path)[0]
+
+
+def array_field(array: NDArray[Any]) -> dict[str, Any]:
+    """An array of numbers as JSON types, exact to the last bit.
+
+    >>> array_field(np.array([0.0, -np.inf]))
+    {'dtype': '<f8', 'shape': [2], 'base64': 'AAAAAAAAAAAAAAAAAADw/w=='}
+    """
+    little = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
+    return {
+        "dtype": little.dtype.str,
+        "shape": list(array.shape),
+        "base64": base64.b64encode(little.tobytes()).decode("ascii"),
+    }
+
+
+def array_from(field: Any) -> NDArray[Any]:
+    """The array of :func:`array_field`.
+
+    Raises:
+        ValueError: the field is none, is too large, or its numbers do not fit its shape.
+
+    >>> array_from(array_field(np.eye(2, dtype=np.uint8))).tolist()
+    [[1, 0], [0, 1]]
+    """
+    try:
+        dtype, shape, text = np.dtype(field["dtype"]), tuple(int(n) for n in field["shape"]), field["base64"]
+        content = base64.b64decode(text, validate=True)
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"an array needs dtype, shape and base64: {error}") from error
+    is_odd = dtype.kind not in "fiu" or len(shape) > 4 or min(shape, default=0) < 0
+    if is_odd or math.prod(shape) > _MOST_NUMBERS or math.prod(shape) * dtype.itemsize != len(content):
+        raise ValueError(f"{len(content)} bytes are no {dtype} {shape}")
+    return np.frombuffer(content, dtype).reshape(shape).astype(dtype.newbyteorder("="))
+
+
+def _sealed(number: int, line: Mapping[str, Any]) -> bytes:
+    return (sealed_json({_NUMBER: number, **line}, indent=None) + "\n").encode()
+
+
+def _parsed(path: Path) -> tuple[list[dict[str, Any]], int]:
+    """The finished lines, and their length in bytes."""
+    try:
+        if (size := path.stat().st_size) > MOST_BYTES:
+            raise CorruptFile(f"{path} has {size} bytes; at most {MOST_BYTES} are read")
+        content = path.read_bytes()
+    except OSError as error:
+        raise CorruptFile(f"{path} cannot be read: {error.strerror}") from error
+    whole = content[: content.rfind(b"\n") + 1]
+    lines = []
+    for number, text in enumerate(whole.splitlines()):
+        try:
+            line = unsealed_json(text.decode("utf-8"))
+            if (found := line.pop(_NUMBER, None)) != number:
+                raise ValueError(f"it is line {found} of a journal")
+        except ValueError as error:
+            raise CorruptFile(f"line {number + 1} of {path} cannot be used: {error}") from error
+        lines.append(line)
+    if not lines:
+        raise CorruptFile(f"{path} holds no finished line")
+    return lines, len(whole)
+
+
+def _locked(path: Path) -> int:
+    """A handle that appends to a file, locked where files have locks."""
+    try:
+        handle = os.open(path, os.O_WRONLY | os.O_APPEND)
+    except OSError as error:
+        raise cannot_write(path, error) from error
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        return handle
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        os.close(handle)
+        raise CannotWrite(f"{path} is in use: another process writes to it. Wait until that process ends") from error
+    except OSError:  # the file system has no such locks
+        pass
+    return handle

@@ -1,0 +1,398 @@
+"""Ask and tell: a search whose touches somebody else makes, such as a robot that this program does not drive.
+
+A :class:`Session` is the search loop turned inside out: :func:`planners.search.search` plays one with a world.
+
+>>> from belief.synthetic import random_model
+>>> from planners.registry import make_decider
+>>> model, rng = random_model(np.random.default_rng(0), num_shapes=2), np.random.default_rng(1)
+>>> problem = SearchProblem(model.shape_labels, ("front", "side", "top"), num_objects=2)
+>>> session = Session(problem, make_decider("fixed_poses", model.outcome_table()), "shape_1", model, seed=7)
+>>> session.ask()
+Probe(pose=0)
+>>> session.tell(model.sample(0, [0], rng)[0])                 # as felt in the pose that was asked for
+>>> session.tell(model.sample(0, [2], rng)[0])                 # a touch in another pose is evidence as well
+>>> session.undo()                                             # but that one was a mistake
+'touch'
+>>> len(session.steps), session.ask(), session.outcome is None
+(1, Probe(pose=1), True)
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from belief.categorical import Belief
+from belief.errors import CorruptFile, InvalidArgument
+from belief.journal import Journal
+from belief.naming import Name, index_of, seed_words
+from belief.observation_model.model import ObservationModel
+from belief.problem import Action, Probe, SearchProblem, Touch
+from belief.scene_view import UNKNOWN, SceneView
+from belief.search_progress import Outcome, SearchProgress
+from belief.seeding import deciding_rng
+from planners.abstaining import Abstaining
+from planners.answers import checked_decision
+from planners.decider import Decider, Decision, InformationState
+from planners.episode import Episode, Step
+from planners.session_log import (
+    SCHEMA,
+    OtherModel,
+    digests,
+    event_lines,
+    events_from,
+    problem_fields,
+    problem_from,
+    require_same,
+    told_fields,
+)
+from planners.told import Answer, ImageReader, Listener, Told, standing_of
+
+
+class AlreadyTold(InvalidArgument):
+    """A question was answered twice, or an answer came late; nothing has changed."""
+
+
+class Session:
+    """A search that asks for touches and is told what was felt.
+
+    The same seed and the same touches give the same actions as :func:`planners.search.search`, to the last bit, also if
+    the session was saved and loaded in between.
+
+    Args:
+        problem: the search.
+        decider: chooses the actions.
+        target: label or index of the shape sought.
+        model: likelihood of touches.
+        seed: of the decider, one number or several.
+        arrangement: true shape of every object, by label or index, None for one that nobody knows; for scoring only.
+        abstain: whether the decider may answer "I do not know" (:class:`planners.abstaining.Abstaining`); by default,
+            if no true shape is given. The problem then has the answer Unsure, with a reward of 0 unless it has one.
+        log_bets: of an earlier search with the same set-up (:mod:`planners.set_up`).
+        reader: reads images.
+        least_force: a contact whose stated force is not larger is no contact [N].
+        least_area: a contact whose area is not larger is no contact [m²].
+
+    Attributes:
+        problem: the search, with the answer Unsure if the decider may give it.
+        model: likelihood of touches.
+        seed: as a tuple.
+        target: index of the shape sought.
+
+    Raises:
+        UnknownName: no shape has the target's name.
+        ValueError: a target, a seed or a number out of range; arguments that do not fit each other.
+    """
+
+    def __init__(
+        self,
+        problem: SearchProblem,
+        decider: Decider,
+        target: Name,
+        model: ObservationModel,
+        seed: int | Sequence[int] = 0,
+        *,
+        arrangement: Sequence[Name | None] | None = None,
+        abstain: bool | None = None,
+        log_bets: ArrayLike = 0.0,
+        reader: ImageReader | None = None,
+        least_force: float | None = None,
+        least_area: float | None = None,
+    ) -> None:
+        self._abstains = arrangement is None if abstain is None else abstain
+        if self._abstains:
+            decider = decider if isinstance(decider, Abstaining) else Abstaining(decider)
+            problem = problem if problem.unsure_reward is not None else replace(problem, unsure_reward=0.0)
+        self.problem, self.model = problem, model
+        self.seed, self.target = seed_words(seed), index_of("target", problem.shape_labels, target)
+        self._decider, self._log_bets = decider, log_bets
+        self._listener = Listener(problem, model, reader, least_force, least_area)
+        self._journal: Journal | None = None
+        self.arrangement = self._shapes([None] * problem.num_objects if arrangement is None else arrangement)
+        self._rng = deciding_rng(self.seed)
+        self._progress = SearchProgress(problem, model, target=self.target, log_bets=log_bets)
+        self._events: list[Told | None] = []  # None: the last one that stands is taken back
+        self._steps: list[Step] = []
+        self._asked: Decision | None = None
+
+    def ask(self) -> Action | None:
+        """The next action, the same until it is told that it was carried out; None when the search has ended."""
+        progress = self._progress
+        if self._asked is None and progress.outcome is None:
+            info = InformationState.of(self.problem, self.target, progress.scene, progress.object_index)
+            decision = checked_decision(self._decider.decide(info, self._rng), self._decider, self.problem)
+            if isinstance(decision.action, Probe) and not progress.may_touch:
+                self._steps.append(Step(progress.object_index, info.belief, decision, None))
+                progress.act(decision.action)
+            else:
+                self._asked = decision
+        return None if self._asked is None else self._asked.action
+
+    def tell(
+        self,
+        touch: Touch | None = None,
+        *,
+        image: Any = None,
+        missed: bool = False,
+        pose: Name | Mapping[str, Any] | None = None,
+        force: float | None = None,
+        area: float | None = None,
+        step: int | None = None,
+    ) -> None:
+        """Answer :meth:`ask`: what was felt, or, without arguments, that the action was carried out.
+
+        After a Reject was carried out, the next object is in place. A touch may be in another pose than asked for, and
+        may come when none was asked for: it is evidence, and the next action is decided anew. A miss is evidence where
+        the observation model knows misses; elsewhere it is recorded, counts for the touch limit, and the same touch is
+        asked for again. With a log, what was told is on disk when this returns.
+
+        Args:
+            touch: what was felt, as a reader says it.
+            image: what was felt, for the session's reader; uint8, ``(H, W)`` or ``(H, W, 3)``.
+            missed: whether there was no contact.
+            pose: label or index of the pose of the touch, or a place that is none of the poses, as the session's
+                reader takes it; that of ``touch``, or the one asked for, by default.
+            force: of the contact [N]; not more than ``least_force`` is a miss.
+            area: of the contact [m²]; not more than ``least_area`` is a miss. The reader's by default.
+            step: which question is answered: :attr:`step` when it was asked. It protects from answers that come twice.
+
+        Raises:
+            AlreadyTold: the step was answered before.
+            InvalidArgument: the search has ended; the arguments do not fit each other, the question or the model.
+            UnknownName: there is no such pose.
+            ImpossibleObservation: the touch has likelihood zero for every possible shape.
+            CannotWrite: the log cannot be written. After every error, nothing has changed.
+        """
+        self._require_step(step)
+        self.ask()
+        if self._asked is None:
+            raise InvalidArgument(f"the search has ended: {self.outcome}. undo() takes back what was told last")
+        answer = Answer(touch, image, missed, pose, force, area)
+        told = self._listener.told(answer, self._asked, self._rng.bit_generator.state)
+        if told.kind != "done" and not self._progress.may_touch:
+            raise InvalidArgument(f"the touch limit of the search, {self.problem.touch_limit}, allows no more touches")
+        index = self.object_index
+        self._apply(told)
+        if self._journal is not None:
+            try:
+                self._journal.append(told_fields(told, index, self.problem))
+            except BaseException:
+                self._restore(self._events)
+                raise
+        self._events.append(told)
+
+    def undo(self) -> str:
+        """Take back what was told last: a touch that was a mistake, a miss, or that an action was carried out.
+
+        :meth:`ask` then asks the same as before it.
+
+        Returns:
+            What was taken back: touch, miss or done.
+
+        Raises:
+            InvalidArgument: nothing was told.
+            CannotWrite: the log cannot be written; nothing has changed.
+        """
+        standing, _ = standing_of(self._events)
+        if not standing:
+            raise InvalidArgument("nothing was told yet that undo() could take back")
+        if self._journal is not None:
+            self._journal.append({"told": "undo", "time": time.time()})
+        self._restore([*self._events, None])
+        return standing[-1].kind
+
+    def reveal(self, arrangement: Sequence[Name | None]) -> None:
+        """Say which shapes the objects really have, for scoring and for recordings; it is no evidence.
+
+        Args:
+            arrangement: shape of every object, by label or index; None for one that nobody knows.
+
+        Raises:
+            UnknownName: there is no such shape.
+            InvalidArgument: not one for every object, or an index out of range.
+        """
+        shapes = self._shapes(arrangement)
+        if self._journal is not None:
+            self._journal.append({"told": "truth", "arrangement": self._named(shapes), "time": time.time()})
+        self.arrangement = shapes
+
+    @property
+    def step(self) -> int:
+        """Number of the question: how often something was told or taken back."""
+        return len(self._events)
+
+    @property
+    def object_index(self) -> int:
+        """The current object."""
+        return self._progress.object_index
+
+    @property
+    def belief(self) -> Belief:
+        """Posterior about the current object."""
+        return self._progress.scene.belief(self.object_index)
+
+    @property
+    def scene(self) -> SceneView:
+        """Joint belief about all objects; later touches do not change it."""
+        return self._progress.scene.view()
+
+    @property
+    def outcome(self) -> Outcome | None:
+        """How the search ended; None while it goes on."""
+        return self._progress.outcome
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """All decisions that were carried out, oldest first."""
+        return tuple(self._steps)
+
+    @property
+    def episode(self) -> Episode:
+        """The record of the search; raises InvalidArgument before it has ended."""
+        if self.outcome is None:
+            raise InvalidArgument("the search has not ended yet; its steps so far are session.steps")
+        return Episode(self.seed, self.target, self.arrangement, self.steps, self.outcome)
+
+    def uses(self, pose: int) -> int:
+        """Number of touches of the current object in a pose."""
+        return self._progress.uses(pose)
+
+    def save(self, path: str | Path) -> None:
+        """Write all that was told into a new file, which from now on is the session's log.
+
+        Every :meth:`tell` is then on disk before the next action is asked for.
+
+        Raises:
+            CannotWrite: the file exists and is not this session's log, or it cannot be written.
+        """
+        if self._journal is not None and self._journal.path == Path(path).resolve():
+            return
+        journal = Journal.create(Path(path).resolve(), [self._header(), *event_lines(self._events, self.problem)])
+        self.close()
+        self._journal = journal
+
+    @classmethod
+    def load(
+        cls, path: str | Path, *, model: ObservationModel, decider: Decider, reader: ImageReader | None = None
+    ) -> Session:
+        """The session of a log, which goes on in the same file.
+
+        Args:
+            path: of the log.
+            model: that the session began with.
+            decider: that the session began with.
+            reader: of images; the one that the session began with.
+
+        Raises:
+            CorruptFile: it is no log of a session, or was changed after it was written.
+            OtherModel: it was made with another model or reader.
+            CannotWrite: it cannot be written, or another process has it open.
+        """
+        path = Path(path).resolve()
+        journal, (header, *lines) = Journal.opened(path)
+        try:
+            session = _from_header(header, model, decider, reader)
+            events, truth = events_from(lines, session.problem, reader)
+            session._restore(events)
+            session.arrangement = session.arrangement if truth is None else session._shapes(truth)
+        except OtherModel:
+            journal.close()
+            raise
+        except (LookupError, TypeError, ValueError, AttributeError) as error:
+            journal.close()
+            raise CorruptFile(f"{path} is no log of a session: {error}") from error
+        session._journal = journal
+        return session
+
+    def close(self) -> None:
+        """Let go of the log, which another process can then load; the session goes on without one."""
+        if self._journal is not None:
+            self._journal.close()
+        self._journal = None
+
+    def _apply(self, told: Told) -> None:
+        """Count what was told. If it cannot be, nothing has changed."""
+        progress, decision = self._progress, told.asked
+        index, belief = progress.object_index, self.belief
+        if told.touch is not None:
+            progress.touch(told.touch)
+            if decision.action != Probe(told.touch.pose) or told.touch.elsewhere is not None:
+                decision = Decision(Probe(told.touch.pose), {"is_unasked": 1.0})
+        elif told.is_miss:
+            progress.miss()
+        else:
+            progress.act(decision.action)
+        if told.is_miss:
+            decision = replace(decision, scores={**decision.scores, "is_miss": 1.0})
+        self._steps.append(Step(index, belief, decision, told.touch))
+        # A miss that is no evidence changes nothing that the decider sees: the same is asked for again.
+        self._asked = told.asked if told.is_miss and told.touch is None and progress.may_touch else None
+
+    def _restore(self, events: list[Told | None]) -> None:
+        """Begin again, and count all that was told: the same sums in the same order."""
+        self._progress = SearchProgress(self.problem, self.model, log_bets=self._log_bets)
+        self._events, self._steps, self._asked = events, [], None
+        standing, undone = standing_of(events)
+        for told in standing:
+            self._apply(told)
+        if undone is not None:
+            self._asked = undone.asked
+        if (last := undone or (standing[-1] if standing else None)) is not None:
+            self._rng.bit_generator.state = last.rng
+        else:
+            self._rng = deciding_rng(self.seed)
+        if not self._progress.may_touch:
+            self.ask()  # where the touch limit ended the search, its outcome is known again
+
+    def _require_step(self, step: int | None) -> None:
+        if step is not None and (type(step) is not int or not 0 <= step <= self.step):
+            raise InvalidArgument(f"step must be {self.step}, which was asked, got {step!r}")
+        if step is not None and step < self.step:
+            raise AlreadyTold(f"step {step} was answered before, the session is at step {self.step}; nothing changed")
+
+    def _shapes(self, arrangement: Sequence[Name | None]) -> tuple[int, ...]:
+        labels, number = self.problem.shape_labels, self.problem.num_objects
+        if isinstance(arrangement, str) or len(arrangement) != number:
+            raise InvalidArgument(f"the arrangement must be {number} shapes, None where unknown; got {arrangement!r}")
+        return tuple(UNKNOWN if shape is None else index_of("shape", labels, shape) for shape in arrangement)
+
+    def _named(self, shapes: Sequence[int]) -> list[str | None]:
+        return [None if shape == UNKNOWN else self.problem.shape_labels[shape] for shape in shapes]
+
+    def _header(self) -> dict[str, Any]:
+        listener = self._listener
+        return {
+            "schema": SCHEMA,
+            "time": time.time(),
+            "problem": problem_fields(self.problem),
+            "target": self.problem.shape_labels[self.target],
+            "seed": list(self.seed),
+            "arrangement": self._named(self.arrangement),
+            "abstain": self._abstains,
+            "log_bets": np.asarray(self._log_bets, np.float64).tolist(),
+            "least_force": listener.least_force,
+            "least_area": listener.least_area,
+            **digests(self.model, listener.reader),
+        }
+
+
+def _from_header(
+    header: dict[str, Any], model: ObservationModel, decider: Decider, reader: ImageReader | None
+) -> Session:
+    """The session as it began."""
+    require_same(header, model, reader)
+    return Session(
+        problem_from(header["problem"]),
+        decider,
+        header["target"],
+        model,
+        header["seed"],
+        reader=reader,
+        **{name: header[name] for name in ("arrangement", "abstain", "log_bets", "least_force", "least_area")},
+    )

@@ -1,0 +1,295 @@
+"""A robot over a pipe: the search of the loop, whatever it sends and however often it is killed."""
+
+import io
+import json
+import socket
+import subprocess
+import sys
+import threading
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+from activetouch import TactileSensor, TouchWorld
+from activetouch.errors import BadRecording
+from activetouch.recorded import read_recorded
+from activetouch.session_reader import SensorReader
+from belief import Probe
+from belief.errors import InvalidArgument
+from belief.seeding import arrangement_rng, touch_rng
+from belief.synthetic import sample_arrangement
+from experiments.command_line.arguments import BadArgument
+from experiments.search.live import Server, _address
+from experiments.search.live_protocol import MOST_BYTES, Conversation, converse, requests
+from experiments.search.one_search import problem_of, session_with
+
+pytestmark = [pytest.mark.mujoco, pytest.mark.usefixtures("sensors_loaded_once")]
+KEY = (7, 3, 0)  # of sensor.search("cone", seed=7)
+
+
+def sensor():
+    return TactileSensor.shipped("coarse")
+
+
+def world():
+    rng = arrangement_rng(KEY)
+    return TouchWorld.sample(sensor(), sample_arrangement(problem_of(sensor()), rng), rng)
+
+
+def conversation(**settings):
+    return Conversation(session_with(sensor(), "cone", "information_gain", 7, **settings), sensor())
+
+
+def asked(talk, **request):
+    return json.loads(talk.answer((json.dumps(request) + "\n").encode()))
+
+
+class Robot:
+    """Presses simulated objects, and speaks JSON."""
+
+    def __init__(self):
+        self.world, self.uses, self.object = world(), {}, 0
+
+    def carries_out(self, question):
+        if question["action"] != "touch":
+            if question["action"] == "reject" and self.object < 3:
+                self.world.advance()
+                self.object += 1
+            return {"done": True}
+        pose = sensor().scene.pose_labels.index(question["pose"])
+        repeat = self.uses.get((self.object, pose), 0)
+        self.uses[self.object, pose] = repeat + 1
+        image, _ = self.world.press(pose, touch_rng(KEY, self.object, pose, repeat))
+        return {"image": image.tolist()}
+
+
+def test_a_search_over_a_pipe_that_is_killed_is_the_search(tmp_path):
+    expected, robot, log = sensor().search("cone", seed=7), Robot(), tmp_path / "log.jsonl"
+    command = [sys.executable, "-m", "experiments.cli", "live", "--sensor", "coarse", "--target", "cone", "--seed", "7"]
+    command += ["--never-unsure", "--log", str(log)]
+    pending, ended = None, None
+    for number in range(2):
+        with subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+        ) as live:
+
+            def says(live=live, **request):
+                live.stdin.write((json.dumps(request) + "\n").encode())
+                live.stdin.flush()
+                return json.loads(live.stdout.readline())
+
+            if pending is not None:  # nobody knows whether it was told: tell it again
+                again = says(do="tell", **pending)
+                assert again["ok"] or again["error"] == "AlreadyTold"
+            for _ in range(4 if number < 1 else 20):
+                question = says(do="ask")
+                if question["action"] is None:
+                    break
+                pending = {"step": question["step"], **robot.carries_out(question)}
+                assert says(do="tell", **pending)["ok"]
+            if number < 1:
+                live.kill()
+                continue
+            ended = says(do="reveal", arrangement=[sensor().shape_labels[s] for s in robot.world.arrangement])
+            live.stdin.close()
+    assert (ended["outcome"], ended["success"]) == (str(expected.outcome), expected.success)
+    session = session_with(sensor(), "cone", "information_gain", 7, log=log)
+    assert json.dumps(session.episode.to_dict()) == json.dumps(expected.to_dict())
+    assert np.array(ended["log_marginals"]).tobytes() == session.scene.log_marginals().clip(-1e300).tobytes()
+    session.close()
+    touches, _ = read_recorded(log, "session")  # the day's searches are recordings
+    assert touches.num_touches == expected.num_touches
+    assert touches.features.shape[1] == 16
+
+
+def hostile(rng, number):
+    """Lines that are no requests of a robot that means well."""
+    image = rng.integers(256, size=(4, 4)).tolist()
+    good = {"do": "tell", "step": 0, "image": image}
+    kinds = [
+        lambda: rng.bytes(rng.integers(1, 200)).replace(b"\n", b" "),
+        lambda: json.dumps(good).encode()[: rng.integers(1, 60)],
+        lambda: b"[" * int(rng.integers(1, 5000)),
+        lambda: json.dumps({**good, "image": [[float("nan")] * 4] * 4}).encode(),
+        lambda: json.dumps({**good, "image": [[1e999] * 4] * 4}).encode(),
+        lambda: json.dumps({**good, "image": (np.array(image) + rng.choice([-300, 0.5, 300])).tolist()}).encode(),
+        lambda: json.dumps({**good, "image": np.zeros(rng.integers(1, 9, size=rng.integers(1, 5))).tolist()}).encode(),
+        lambda: json.dumps({**good, "image": {"dtype": "O", "shape": [4, 4], "base64": "AAAA"}}).encode(),
+        lambda: json.dumps({**good, "image": {"dtype": "|u1", "shape": [1 << 40, 4], "base64": "AAAA"}}).encode(),
+        lambda: json.dumps({**good, "step": rng.choice([-1, 1, 10**9])}, default=int).encode(),
+        lambda: json.dumps({**good, "step": None}).encode(),
+        lambda: json.dumps({**good, "step": True}).encode(),
+        lambda: json.dumps({**good, "pose": "x" * int(rng.integers(1, 100000))}).encode(),
+        lambda: json.dumps({**good, "pose": {"quaternion": [1, 0, 0, rng.random() + 0.1]}}).encode(),
+        lambda: json.dumps({**good, "pose": {"quaternion": ["1", 0, 0, 0], "aim": 3}}).encode(),
+        lambda: json.dumps({**good, "force": "strong"}).encode(),
+        lambda: json.dumps({**good, "missed": True}).encode(),
+        lambda: json.dumps({"do": "tell", "step": 0, "done": True}).encode(),
+        lambda: json.dumps({"do": "tell", "step": 0, "logits": [1, 2]}).encode(),
+        lambda: json.dumps({"do": "tell", "step": 0, "features": [1e308] * 64, "logits": "a"}).encode(),
+        lambda: json.dumps({"do": "undo"}).encode(),
+        lambda: json.dumps({"do": "undo", "step": -3}).encode(),
+        lambda: json.dumps({"do": rng.choice(["", "exit", "__init__", "ask\n"])}).encode(),
+        lambda: json.dumps({"do": ["ask"], "id": {"a": 1}}).encode(),
+        lambda: json.dumps({"do": "reveal", "arrangement": ["mug"] * int(rng.integers(9))}).encode(),
+        lambda: b'{"do": "ask", "id": ' + b"9" * 5000 + b"}",
+        lambda: b'"\\ud800"',
+        lambda: b"",
+    ]
+    return [kinds[i % len(kinds)]() + b"\n" for i in range(number)]
+
+
+def test_hostile_lines_are_answered_and_change_nothing(tmp_path):
+    talk, rng = conversation(log=tmp_path / "log"), np.random.default_rng(0)
+    lines = hostile(rng, 1000)
+    before, question = (tmp_path / "log").read_bytes(), talk.answer(b'{"do": "ask"}\n')
+    answers = io.BytesIO()
+    converse(talk, io.BytesIO(b"".join(lines)), answers)
+    found = [json.loads(line) for line in answers.getvalue().splitlines()]
+    assert [answer["ok"] for answer in found] == [False] * 1000
+    assert all(answer["message"] and len(answer["message"]) <= 600 and answer["step"] == 0 for answer in found)
+    assert (talk.answer(b'{"do": "ask"}\n'), (tmp_path / "log").read_bytes()) == (question, before)
+    talk.session.close()
+
+
+def test_a_line_without_end_is_answered_and_not_kept():
+    class Endless(io.RawIOBase):
+        """100 MB without a line break, then a request."""
+
+        def __init__(self):
+            self.left, self.most, self.rest = 100 << 20, 0, [b'{"do": "ask"}\n', b""]
+
+        def readline(self, size=-1):
+            self.most = max(self.most, size)
+            if self.left <= 0:
+                return self.rest.pop(0)
+            self.left -= size
+            return b"x" * (size - 1) + (b"x" if self.left > 0 else b"\n")
+
+    stream = Endless()
+    assert list(requests(stream)) == [None, b'{"do": "ask"}\n']
+    assert stream.most == MOST_BYTES + 1
+    assert "bytes" in json.loads(conversation().answer(None))["message"]
+
+
+def test_a_misled_robot_is_told_so():
+    talk, robot = conversation(), Robot()
+    question = asked(talk, do="ask", id="a")
+    assert (question["id"], question["step"], question["action"]) == ("a", 0, "touch")
+    told = {"do": "tell", "step": 0, **robot.carries_out(question)}
+    assert asked(talk, **told)["told"] == "touch"
+    assert asked(talk, **told)["error"] == "AlreadyTold"  # sent twice
+    state = asked(talk, do="state")
+    assert state["num_touches"] == 1
+    missing = asked(talk, do="tell", step=1, missed=True)
+    assert (missing["told"], asked(talk, do="state")["beliefs"]) == ("miss", state["beliefs"])
+    other = {"do": "tell", "step": 2, "pose": "y90", "image": told["image"]}
+    assert asked(talk, **other)["told"] == "touch"
+    assert asked(talk, do="undo", step=3) == {"ok": True, "undone": "touch", "step": 4}
+    assert asked(talk, do="state")["beliefs"] == state["beliefs"]
+    assert asked(talk, do="hello")["image"] == {"shape": [4, 4], "dtype": "uint8"}
+    touch = sensor().read(np.array(told["image"], np.uint8)[None], [0])[0]
+    assert asked(talk, do="tell", step=4, features=touch.features.tolist())["ok"]
+
+
+@contextmanager
+def served(talk):
+    with Server(("127.0.0.1", 0), talk) as server:
+        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
+        thread.start()
+        try:
+            yield server.socket.getsockname()
+        finally:
+            server.shutdown()
+            thread.join()
+
+
+def test_two_clients_at_once_are_answered_and_no_step_counts_twice():
+    talk, image = conversation(), np.zeros((4, 4), np.uint8).tolist()
+    with served(talk) as address:
+
+        def client(found):
+            with socket.create_connection(address) as link, link.makefile("rwb") as lines:
+                for _ in range(10):
+                    lines.write(b'{"do": "ask"}\n')
+                    lines.flush()
+                    step = json.loads(lines.readline())["step"]
+                    lines.write((json.dumps({"do": "tell", "step": step, "image": image, "pose": 0}) + "\n").encode())
+                    lines.flush()
+                    found.append(json.loads(lines.readline()))
+
+        answers = [], []
+        clients = [threading.Thread(target=client, args=(found,)) for found in answers]
+        for thread in clients:
+            thread.start()
+        for thread in clients:
+            thread.join()
+        told = [answer for found in answers for answer in found if answer["ok"]]
+        assert len(answers[0]) == len(answers[1]) == 10
+        assert len(told) == talk.session.step
+        with socket.create_connection(address) as link:  # a web page that a browser shows is not answered
+            link.sendall(b'POST / HTTP/1.1\r\n\r\n{"do": "undo"}\n')
+            assert link.recv(100) == b""
+    assert talk.session.step == len(told)
+
+
+def test_only_this_machine_may_drive_unless_told_otherwise():
+    assert _address("localhost:0", False)[1] == 0
+    assert _address("[::1]:7007", False) == ("::1", 7007)
+    assert _address("0.0.0.0:7007", True) == ("0.0.0.0", 7007)
+    for given, why in (("0.0.0.0:7007", "other machines"), ("7007", "HOST:PORT"), ("localhost:99999", "HOST:PORT")):
+        with pytest.raises(BadArgument, match=why):
+            _address(given, False)
+
+
+@pytest.mark.parametrize("target", ["cube", "cone"])
+def test_images_of_nothing_of_noise_or_of_saturation_give_no_answer(target):
+    rng = np.random.default_rng(0)
+    images = {"blank": lambda: np.zeros((4, 4)), "full": lambda: np.full((4, 4), 255)}
+    images["noise"] = lambda: rng.integers(256, size=(4, 4))
+    for kind, image in images.items():
+        session = sensor().session(target, num_objects=4)
+        while (action := session.ask()) is not None:
+            session.tell(**({"image": image()} if isinstance(action, Probe) else {}))
+        assert session.outcome == ("truncated" if kind == "blank" else "unsure")
+
+
+def test_a_contact_below_the_stated_area_is_none():
+    reader, robot = SensorReader(sensor()), world()
+    image, _ = robot.press("front", touch_rng(KEY, 0, 0, 0))
+    area, faint = reader.area(image), image // 8
+    assert 0.0 < area < (2 * sensor().scene.pad.half_width) ** 2
+    assert reader.area(np.zeros((4, 4), np.uint8)) == 0.0
+    session = sensor().session("cube", num_objects=2, least_area=area / 2)
+    asked_for = session.ask()
+    for told in ({"image": faint}, {"image": image, "area": 0.0}):
+        session.tell(**told)
+        assert (session.ask(), session.steps[-1].touch) == (asked_for, None)
+    session.tell(image=image)
+    assert session.steps[-1].touch is not None
+
+
+def test_a_place_that_is_a_pose_is_that_pose_and_others_are_evidence_of_one_rigid_body(tmp_path):
+    scene, image = sensor().scene, world().press("front", touch_rng(KEY, 0, 0, 0))[0]
+    in_pose, at_place, elsewhere = (session_with(sensor(), "cone", "information_gain", 7) for _ in range(3))
+    elsewhere.save(tmp_path / "log")
+    quaternion = scene.rotations["z45"]
+    in_pose.tell(image=image, pose="z45")
+    at_place.tell(image=image, pose={"quaternion": (-quaternion).tolist()})
+    assert at_place.scene.log_marginals().tobytes() == in_pose.scene.log_marginals().tobytes()
+    near = np.array([np.cos(0.4), 0.0, 0.0, np.sin(0.4)])  # 0.8 rad about z: 0.015 rad from z45
+    elsewhere.tell(image=image, pose={"quaternion": near.tolist()})
+    step = elsewhere.steps[-1]
+    assert step.decision.action == Probe(scene.pose_labels.index("z45"))
+    np.testing.assert_allclose(elsewhere.belief.probs, in_pose.belief.probs, atol=0.1)
+    assert (elsewhere.belief.probs != in_pose.belief.probs).all()
+    assert isinstance(elsewhere.ask(), Probe)
+    elsewhere.close()
+    again = session_with(sensor(), "cone", "information_gain", 7, log=tmp_path / "log")
+    assert again.scene.log_marginals().tobytes() == elsewhere.scene.log_marginals().tobytes()
+    again.close()
+    with pytest.raises(InvalidArgument, match="predicted contacts"):
+        elsewhere.tell(image=image, pose={"quaternion": near.tolist(), "aim": [0.001, 0.0]})
+    with pytest.raises(BadRecording, match="not revealed"):
+        read_recorded(tmp_path / "log", "session")

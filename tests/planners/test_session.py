@@ -1,0 +1,303 @@
+"""A session asks and is told, and is the search of the loop; its log survives a kill at any byte."""
+
+import json
+import os
+
+import numpy as np
+import pytest
+
+from belief import Composition, Confirm, ImpossibleObservation, Probe, Reject, SearchProblem, Touch, Unsure
+from belief.calibration import TemperatureScaling
+from belief.errors import CannotWrite, CorruptFile, InvalidArgument, UnknownName
+from belief.journal import read_journal
+from belief.observation_model import ConfusionModel
+from belief.scene_view import UNKNOWN
+from belief.seeding import touch_rng
+from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
+from planners import Decision, Outcome, Session, make_decider, search
+from planners.episode import Episode, judged
+from planners.session import AlreadyTold
+from planners.session_log import OtherModel
+
+MODEL = random_model(np.random.default_rng(0))
+PROBLEM = SearchProblem(MODEL.shape_labels, ("front", "side", "top"), 4, touch_limit=20)
+NAMES = ("information_gain", "random_poses", "threshold", "random_confirm")  # two of them draw random numbers
+
+
+def decider(name="random_poses"):
+    return make_decider(name, MODEL.outcome_table(), MODEL)
+
+
+def world(seed):
+    return SyntheticWorld(MODEL, sample_arrangement(PROBLEM, np.random.default_rng([seed, 5])))
+
+
+def begun(name="random_poses", seed=0, **given):
+    return Session(PROBLEM, decider(name), "shape_1", MODEL, seed, **{"abstain": False, **given})
+
+
+def answer(session, robot):
+    """Carry out one action."""
+    action = session.ask()
+    if isinstance(action, Probe):
+        key = session.seed, session.object_index, action.pose, session.uses(action.pose)
+        session.tell(robot.touch(action.pose, touch_rng(*key)), step=session.step)
+        return
+    session.tell()
+    if isinstance(action, Reject) and session.outcome is None:
+        robot.advance()
+
+
+def felt(pose, *logits):
+    return Touch(pose, np.array(logits))
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("seed", range(4))
+def test_a_session_that_is_killed_at_every_step_is_the_search(name, seed, tmp_path):
+    expected, robot, path = search(world(seed), decider(name), PROBLEM, 1, MODEL, seed), world(seed), tmp_path / "log"
+    session = begun(name, seed, arrangement=robot.arrangement)
+    session.save(path)
+    while session.ask() is not None:
+        answer(session, robot)
+        os.close(session._journal._handle)  # as the end of a process does
+        session = Session.load(path, model=MODEL, decider=decider(name))
+    assert json.dumps(session.episode.to_dict()) == json.dumps(expected.to_dict())
+    assert session.scene.log_marginals().tobytes() == replayed(expected).tobytes()
+
+
+def replayed(episode):
+    from belief import SceneBelief
+
+    scene = SceneBelief(PROBLEM, MODEL)
+    for step in episode.steps:
+        if step.touch is not None:
+            scene.update(step.object_index, [step.touch])
+    return scene.log_marginals()
+
+
+@pytest.mark.parametrize("name", NAMES[:2])
+def test_touches_that_were_taken_back_leave_no_trace(name, tmp_path):
+    robot, session, rng = world(1), begun(name, 1), np.random.default_rng(3)
+    session.save(tmp_path / "log")
+    expected = search(world(1), decider(name), PROBLEM, 1, MODEL, 1)
+    while session.ask() is not None:
+        for pose in rng.integers(3, size=rng.integers(3)):
+            try:
+                session.tell(MODEL.sample(0, [int(pose)], rng)[0])
+            except InvalidArgument:  # the touch limit
+                continue
+            session.ask()
+            assert session.undo() == "touch"
+        if rng.random() < 0.3:
+            session.tell(missed=True, pose=0)
+            assert session.undo() == "miss"
+        answer(session, robot)
+    assert [s.decision for s in session.steps] == [s.decision for s in expected.steps]
+    session.close()
+    again = Session.load(tmp_path / "log", model=MODEL, decider=decider(name))
+    assert again.step == session.step
+    assert again.scene.log_marginals().tobytes() == session.scene.log_marginals().tobytes()
+    session.save(tmp_path / "copy")  # the same events from memory as line by line
+    before, after = read_journal(tmp_path / "log"), read_journal(tmp_path / "copy")
+    for lines in (before, after):
+        for line in lines:
+            line.pop("time")
+    assert before == after
+
+
+def test_a_log_cut_at_any_byte_loses_at_most_its_last_line(tmp_path):
+    session, robot, path = begun(seed=2), world(2), tmp_path / "log"
+    session.save(path)
+    for _ in range(4):
+        answer(session, robot)
+    session.close()
+    content, lines = path.read_bytes(), path.read_bytes().splitlines(keepends=True)
+    first = len(lines[0])
+    for cut in [*range(first, len(content), 97), len(content) - 1]:
+        path.write_bytes(content[:cut])
+        part = Session.load(path, model=MODEL, decider=decider())
+        assert part.step == content[:cut].count(b"\n") - 1
+        part.tell(part_touch(part))
+        part.close()
+        assert len(read_journal(path)) == part.step + 1
+    for damaged in (lines[1], *lines[2:], lines[0][:-20] + b"\n" + lines[1], lines[0].replace(b"20", b"21") + lines[1]):
+        path.write_bytes(lines[0] + damaged if damaged in lines[2:] else damaged)
+        with pytest.raises(CorruptFile, match="log"):
+            Session.load(path, model=MODEL, decider=decider())
+
+
+def part_touch(session):
+    action = session.ask()
+    return felt(action.pose if isinstance(action, Probe) else 0, 0.1, 0.2, 0.3, 0.4)
+
+
+def test_a_disk_that_is_full_changes_nothing(tmp_path, monkeypatch):
+    session = begun()
+    session.save(tmp_path / "log")
+    asked, belief = session.ask(), session.belief.probs.tobytes()
+
+    def full(handle, content):
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "write", full)
+        with pytest.raises(CannotWrite, match="No space"):
+            session.tell(part_touch(session))
+    assert (session.ask(), session.belief.probs.tobytes(), session.step) == (asked, belief, 0)
+    session.tell(part_touch(session))
+    assert len(read_journal(tmp_path / "log")) == 2
+
+
+def test_a_file_is_one_sessions_log(tmp_path):
+    session = begun()
+    session.save(tmp_path / "log")
+    session.save(tmp_path / "log")
+    with pytest.raises(CannotWrite, match="exists"):
+        begun().save(tmp_path / "log")
+    with pytest.raises(CannotWrite, match="in use"):
+        Session.load(tmp_path / "log", model=MODEL, decider=decider())
+    session.close()
+    with pytest.raises(OtherModel, match="another model"):
+        Session.load(tmp_path / "log", model=random_model(np.random.default_rng(9)), decider=decider())
+    (tmp_path / "other").write_text('{"a": 1}\n')
+    with pytest.raises(CorruptFile, match="SHA-256"):
+        Session.load(tmp_path / "other", model=MODEL, decider=decider())
+
+
+class Probes:
+    def decide(self, info, rng):
+        return Decision(Probe(1))
+
+
+class Confirms:
+    def decide(self, info, rng):
+        return Decision(Confirm())
+
+
+def test_without_truth_a_session_may_be_unsure_and_has_no_success():
+    unknown = Session(PROBLEM, Confirms(), 1, MODEL)
+    assert unknown.problem.unsure_reward == 0.0
+    assert unknown.ask() == Unsure()  # 0.25 is less than any promise
+    unknown.tell()
+    episode = unknown.episode
+    assert (episode.outcome, episode.success, episode.arrangement) == (Outcome.UNSURE, None, (UNKNOWN,) * 4)
+    assert (
+        Episode.from_dict(json.loads(json.dumps(episode.to_dict())), MODEL.shape_labels).arrangement == (UNKNOWN,) * 4
+    )
+    assert "unsure, no answer" in str(episode)
+    plain = Session(PROBLEM, Confirms(), 1, MODEL, abstain=False)
+    assert plain.ask() == Confirm()
+    plain.tell()
+    assert plain.episode.success is None
+    assert "truth unknown" in str(plain.episode)
+    with pytest.raises(InvalidArgument, match="true shapes"):
+        plain.episode.reward(PROBLEM)
+    plain.reveal(["shape_1", None, None, None])
+    assert plain.episode.success
+    assert plain.episode.reward(PROBLEM) == 1.0
+    known = plain.episode
+    assert judged([episode, known]) == [known]
+
+
+def test_revealed_shapes_are_in_the_log(tmp_path):
+    session = begun()
+    session.save(tmp_path / "log")
+    session.reveal([None, "shape_2", 0, None])
+    session.close()
+    assert Session.load(tmp_path / "log", model=MODEL, decider=decider()).arrangement == (-1, 2, 0, -1)
+
+
+class KnowsMisses(ConfusionModel):
+    """A miss says that the object is the first shape."""
+
+    def missed(self, pose):
+        return felt(pose, 9.0, 0.0, 0.0, 0.0)
+
+
+def test_a_miss_is_evidence_only_where_the_model_knows_misses():
+    session = begun("information_gain", least_force=0.2)
+    asked, before = session.ask(), session.belief.probs.tobytes()
+    for told in ({"missed": True}, {"touch": felt(asked.pose, 9.0, 0, 0, 0), "force": 0.1}):
+        session.tell(**told)
+        assert (session.ask(), session.belief.probs.tobytes()) == (asked, before)
+        assert (session.steps[-1].touch, session.steps[-1].decision.scores["is_miss"]) == (None, 1.0)
+    session.tell(felt(asked.pose, 9.0, 0, 0, 0), force=0.21)
+    assert session.belief.probs.tobytes() != before
+    knows = KnowsMisses(
+        MODEL.shape_labels, MODEL.outcome_table().probs.transpose(0, 1, 2), TemperatureScaling(1.0, "ok")
+    )
+    session = Session(PROBLEM, decider("information_gain"), 1, knows, abstain=False)
+    session.tell(missed=True)
+    assert session.belief.probs.argmax() == 0
+    assert session.uses(asked.pose) == 1
+
+
+def test_touches_that_were_not_asked_for_are_evidence():
+    session = begun("information_gain")
+    other = (session.ask().pose + 1) % 3
+    session.tell(felt(session.ask().pose, 0.0, 5.0, 0.0, 0.0), pose=PROBLEM.pose_labels[other])
+    assert session.uses(other) == 1
+    assert session.steps[-1].decision.action == Probe(other)
+    assert session.steps[-1].decision.scores == {"is_unasked": 1.0}
+
+
+def test_what_cannot_be_meant_is_refused_and_changes_nothing():
+    session = begun("information_gain")
+    touch, step = part_touch(session), session.step
+    for error, told in (
+        (InvalidArgument, {}),
+        (InvalidArgument, {"touch": touch, "missed": True}),
+        (InvalidArgument, {"touch": "cone"}),
+        (InvalidArgument, {"touch": felt(7, 0, 0, 0, 0)}),
+        (ValueError, {"touch": felt(0, 0.0, 1.0)}),
+        (UnknownName, {"touch": touch, "pose": "bottom"}),
+        (InvalidArgument, {"touch": touch, "force": float("nan")}),
+        (InvalidArgument, {"touch": touch, "area": -1.0}),
+        (InvalidArgument, {"image": np.zeros((2, 2), np.uint8)}),
+        (InvalidArgument, {"touch": touch, "step": 1}),
+        (InvalidArgument, {"pose": 0}),
+    ):
+        with pytest.raises(error):
+            session.tell(**told)
+    assert (session.step, session.steps, session.belief.probs.tolist()) == (step, (), [0.25] * 4)
+    session.tell(touch, step=0)
+    with pytest.raises(AlreadyTold, match="step 0 was answered"):
+        session.tell(touch, step=0)
+    with pytest.raises(InvalidArgument, match="nothing was told"):
+        begun().undo()
+    with pytest.raises(InvalidArgument, match="arrangement"):
+        begun(arrangement=["shape_1"])
+    with pytest.raises(InvalidArgument, match="least_force"):
+        begun(least_force=-1.0)
+
+
+def test_after_the_end_nothing_is_told_but_the_last_may_be_taken_back(tmp_path):
+    short = SearchProblem(MODEL.shape_labels, PROBLEM.pose_labels, 2, Composition.INDEPENDENT, touch_limit=2)
+    session = Session(short, Probes(), 1, MODEL, abstain=False)
+    session.save(tmp_path / "log")
+    while session.ask() is not None:
+        session.tell(felt(session.ask().pose, 0, 0, 0, 0))
+    assert session.outcome is Outcome.TRUNCATED
+    with pytest.raises(InvalidArgument, match="has ended"):
+        session.tell(felt(0, 0, 0, 0, 0))
+    session.close()
+    session = Session.load(tmp_path / "log", model=MODEL, decider=Probes())
+    assert session.outcome is Outcome.TRUNCATED
+    assert session.undo() == "touch"
+    assert isinstance(session.ask(), Probe)
+    ended = Session(PROBLEM, Confirms(), 1, MODEL, abstain=False)
+    ended.ask()
+    ended.tell()
+    assert (ended.outcome, ended.ask()) == (Outcome.CONFIRMED, None)
+    assert (ended.undo(), ended.outcome, ended.ask()) == ("done", None, Confirm())
+
+
+def test_an_impossible_touch_leaves_the_session_as_it_was():
+    certain = ConfusionModel(MODEL.shape_labels, np.tile(np.eye(4), (3, 1, 1)), TemperatureScaling(1.0, "ok"))
+    session = Session(PROBLEM, decider("fixed_poses"), 1, certain, abstain=False)
+    session.tell(felt(0, -1e4, -1e4, 0.0, -1e4))
+    before = session.belief.probs.tobytes(), session.step, session.ask()
+    with pytest.raises(ImpossibleObservation):
+        session.tell(felt(1, 0.0, -1e4, -1e4, -1e4))
+    assert (session.belief.probs.tobytes(), session.step, session.ask()) == before
