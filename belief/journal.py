@@ -22,6 +22,7 @@ from __future__ import annotations
 import base64
 import math
 import os
+import weakref
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -48,6 +49,7 @@ class Journal:
     def __init__(self, path: Path, handle: int, num_lines: int, size: int) -> None:
         self.path = path
         self._handle, self._num_lines, self._size = handle, num_lines, size
+        self._close = weakref.finalize(self, os.close, handle)
 
     @classmethod
     def create(cls, path: Path, lines: Sequence[Mapping[str, Any]]) -> Journal:
@@ -105,8 +107,8 @@ class Journal:
         self._num_lines, self._size = self._num_lines + 1, self._size + len(content)
 
     def close(self) -> None:
-        """Let other processes open it."""
-        os.close(self._handle)
+        """Let others open it."""
+        self._close()
 
 
 def read_journal(path: Path) -> list[dict[str, Any]]:
@@ -194,7 +196,9 @@ def _locked(path: Path) -> int:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
         os.close(handle)
-        raise CannotWrite(f"{path} is in use: another process writes to it. Wait until that process ends") from error
+        raise CannotWrite(
+            f"{path} is in use: another process, or an open session of this one, writes to it; close that"
+        ) from error
     except OSError:  # the file system has no such locks
         pass
     return handle
