@@ -111,14 +111,13 @@ class Journal:
         self._close()
 
 
-def read_journal(path: Path) -> list[dict[str, Any]]:
+def read_journal(path: str | Path) -> list[dict[str, Any]]:
     """The lines of a journal, also of one that a process still writes; a line that is not finished is left out.
 
     Raises:
         CorruptFile: a line was changed, is missing, or is of something else; the message names it.
     """
-    require_regular_file(path)
-    return _parsed(path)[0]
+    return _parsed(require_regular_file(Path(path)))[0]
 
 
 def array_field(array: NDArray[Any]) -> dict[str, Any]:
