@@ -22,15 +22,18 @@ from activetouch.shapes import SHAPES
 
 if TYPE_CHECKING:
     from activetouch.pressing.height_maps import Window, predicted_contacts
-    from activetouch.sensor import TactileSensor
+    from activetouch.sensor import RecordedSensor, TactileSensor
     from activetouch.world import TouchWorld
 
 _LATER = {
+    "RecordedSensor": "activetouch.sensor",
     "TactileSensor": "activetouch.sensor",
     "TouchWorld": "activetouch.world",
     "alike": "experiments.press.alike",
     "calibration_report": "experiments.calibration.calibration_report",
     "compare": "experiments.search.comparison",
+    "find": "experiments.meshes.find",
+    "identify": "experiments.meshes.identify",
     "make_sensor": "experiments.sensor.make_sensor",
     "predicted_contacts": "activetouch.pressing.height_maps",
     "read_meshes": "activetouch.mesh_source",
@@ -43,6 +46,7 @@ __all__ = [
     "SHAPES",
     "Dynamic",
     "Quasistatic",
+    "RecordedSensor",
     "Scene",
     "TactileSensor",
     "TouchWorld",
@@ -51,6 +55,8 @@ __all__ = [
     "calibration_report",
     "compare",
     "envs",
+    "find",
+    "identify",
     "make_sensor",
     "predicted_contacts",
     "read_meshes",

@@ -82,6 +82,11 @@ def scene_fields(scene: Scene) -> dict[str, Any]:
     return found | {"robot": None} | ({"families": _described(parts)} if parts else {})
 
 
+def solid_fields(solid: Any) -> Any:
+    """A solid as JSON types, as :func:`scene_fields` describes those of a scene; a mesh by its digest."""
+    return _described(solid)
+
+
 def scene_differences(
     made_for: Mapping[str, Any], here: Mapping[str, Any], surroundings: bool = False
 ) -> tuple[SceneDifference, ...]:

@@ -100,10 +100,12 @@ class Journal:
             while done < len(content):
                 done += os.write(self._handle, content[done:])
             os.fsync(self._handle)
-        except OSError as error:
+        except BaseException as error:  # Ctrl-C too: the next line has this one's number
             with suppress(OSError):
                 os.ftruncate(self._handle, self._size)
-            raise cannot_write(self.path, error) from error
+            if isinstance(error, OSError):
+                raise cannot_write(self.path, error) from error
+            raise
         self._num_lines, self._size = self._num_lines + 1, self._size + len(content)
 
     def close(self) -> None:

@@ -39,7 +39,20 @@ def as_real(values: ArrayLike, name: str) -> NDArray[np.floating]:
         return array.astype(np.float64)
 
 
-def as_logs(name: str, logs: ArrayLike | None, keyword: str, plain: ArrayLike | None, stacklevel: int = 3) -> Floats:
+def warn_of_probs(values: NDArray[np.floating], name: str, instead: str) -> None:
+    """A UserWarning, at the caller of the caller's caller, about logarithms that look like probabilities.
+
+    Args:
+        values: ``(..., K)``.
+        name: of the argument.
+        instead: what to do with probabilities.
+    """
+    if _may_be_probs(values):
+        told = f"{name} has no negative number and sums to one, as probabilities do; {instead}"
+        warnings.warn(told, UserWarning, stacklevel=4)
+
+
+def as_logs(name: str, logs: ArrayLike | None, keyword: str, plain: ArrayLike | None) -> Floats:
     """Logarithms, given as such or as the numbers themselves; a number of zero has the logarithm -inf.
 
     Non-negative rows that sum to one and are given as logarithms cause a UserWarning: they look like probabilities.
@@ -49,7 +62,6 @@ def as_logs(name: str, logs: ArrayLike | None, keyword: str, plain: ArrayLike | 
         logs: logarithms, ``(..., K)``, or None.
         keyword: name of the argument ``plain``.
         plain: the numbers themselves, ``(..., K)``, finite and not negative, or None.
-        stacklevel: of the warning.
 
     Raises:
         ValueError: both or none are given; numbers that are negative, NaN or infinite; not real numbers.
@@ -62,13 +74,7 @@ def as_logs(name: str, logs: ArrayLike | None, keyword: str, plain: ArrayLike | 
         raise InvalidArgument(f"either {name} or {keyword}=... must be given, got {given}")
     if plain is None:
         given_logs = as_real(np.asarray([]) if logs is None else logs, name)
-        if _may_be_probs(given_logs):
-            warnings.warn(
-                f"{name} has no negative number and sums to one, as probabilities do; pass probabilities as "
-                f"{keyword}=...",
-                UserWarning,
-                stacklevel=stacklevel,
-            )
+        warn_of_probs(given_logs, name, f"pass probabilities as {keyword}=...")
         return np.asarray(given_logs, np.float64)
     values = np.asarray(as_real(plain, keyword), np.float64)
     require(np.isfinite(values) & (values >= 0.0), np.atleast_1d(values), keyword, "NaN, infinity or a negative number")

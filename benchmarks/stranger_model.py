@@ -20,6 +20,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -161,12 +162,22 @@ class _StrangerOutcomes:
     known: Outcomes
     possible: Floats
 
+    @property
+    def new(self) -> Floats | None:
+        return self.known.new
+
     @cached_property
     def table(self) -> OutcomeTable:
         return OutcomeTable(_with_stranger(self.known.table.probs, self.possible))
 
+    def one_touch(self, factors: Floats) -> NDArray[Any]:
+        return self.known.one_touch(self._of_known(factors))
+
     def two_touches(self, pose: int, factors: Floats) -> NDArray[np.float32]:
-        return self.known.two_touches(pose, factors[:, :-1] + factors[:, -1:] * self.possible)
+        return self.known.two_touches(pose, self._of_known(factors))
+
+    def _of_known(self, factors: Floats) -> Floats:
+        return np.asarray(factors[:, :-1] + factors[:, -1:] * self.possible)
 
 
 def _with_stranger(probs: Floats, weights: Floats) -> Floats:

@@ -1,8 +1,9 @@
-"""What the next touch of the current object can tell: its outcome table, and the weight of each pose."""
+"""What the next touch of the current object can tell: its outcomes, and the weight of each pose."""
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.validation import Floats
@@ -10,38 +11,41 @@ from planners.decider import InformationState
 from planners.repeats import RepeatDiscount
 
 OUTCOMES = 128
-HYPOTHESES = 64
+HYPOTHESES = 32
 
 
 def next_touch(
     info: InformationState,
+    shares: Floats,
     table: OutcomeTable,
     repeats: RepeatDiscount,
     outcomes: int = OUTCOMES,
     hypotheses: int = HYPOTHESES,
-) -> tuple[OutcomeTable, Floats]:
-    """The outcome table of the next touch, and the value of a touch in each pose as a fraction of that in the table.
-
-    A mixture knows what a repeat tells; its weights are one.
+) -> tuple[NDArray[np.floating], Floats]:
+    """Joint probabilities of the next touch, and the value of a touch in each pose as a fraction of one with these.
 
     Args:
         info: the information state.
+        shares: of the belief in what the touch is to distinguish: one row for each answer, ``(J, K)``.
         table: p(outcome | pose, shape) of single touches, for models that take touches as independent given the shape.
         repeats: discounts the value of repeated poses, for the same models.
         outcomes: of a mixture, at most.
         hypotheses: about the object that a mixture works with, of each shape, at most.
 
     Returns:
-        The table, and weights in [0, 1], ``(P,)``; a pose with weight zero is not used.
+        p(answer, outcome | pose), ``(P, J, M)``, and weights in [0, 1], ``(P,)``; a pose with weight zero is not used.
 
     >>> from belief import Belief, SearchProblem
     >>> from planners.repeats import LeastUsedFirst
     >>> problem, table = SearchProblem(("cube", "cone"), ("p",), num_objects=1), OutcomeTable([[[0.5, 0.5]] * 2])
-    >>> next_touch(InformationState(problem, 0, Belief.uniform(("cube", "cone"))), table, LeastUsedFirst())[1].tolist()
-    [1.0]
+    >>> info = InformationState(problem, 0, Belief.uniform(("cube", "cone")))
+    >>> joint, weights = next_touch(info, np.diag(info.belief.probs), table, LeastUsedFirst())
+    >>> joint.tolist(), weights.tolist()
+    ([[[0.25, 0.25], [0.25, 0.25]]], [1.0])
     """
     evidence = info.evidence
     mixture = None if evidence is None else evidence.outcome_mixture(outcomes, hypotheses)
     if mixture is None:
-        return table, repeats.weights(info.uses)
-    return mixture.table, np.ones(mixture.table.num_poses)
+        return shares @ table.probs, repeats.weights(info.uses)
+    joint = mixture.one_touch(shares)
+    return joint, np.ones(len(joint)) if mixture.new is None else mixture.new

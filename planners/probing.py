@@ -7,8 +7,9 @@ from typing import Literal
 
 import numpy as np
 
-from belief.bayes import expected_information_gain, target_information_gain
+from belief.bayes import target_information_gain
 from belief.errors import InvalidArgument, UnknownName
+from belief.observation_model.outcome_mixture import information, target_shares
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Probe
 from belief.validation import Floats, require_count
@@ -107,9 +108,9 @@ class TargetInformationGain:
         if self.given == "shape":
             gains = target_information_gain(info.belief.probs, self.table.probs, info.target)
             return _best(info, gains, self.repeats.weights(info.uses), rng)
-        table, weights = next_touch(info, self.table, self.repeats, self.outcomes, self.hypotheses)
-        gains = target_information_gain(info.belief.probs, table.probs, info.target)
-        return _best(info, gains, weights)
+        shares = target_shares(info.belief.probs, info.target)
+        joint, weights = next_touch(info, shares, self.table, self.repeats, self.outcomes, self.hypotheses)
+        return _best(info, information(joint), weights)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,8 +134,9 @@ class ShapeInformationGain:
     def choose(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.ProbeSelector`."""
         require_fit(self.table, info.problem)
-        table, weights = next_touch(info, self.table, self.repeats, self.outcomes, self.hypotheses)
-        return _best(info, expected_information_gain(info.belief.probs, table.probs), weights)
+        shares = np.diag(info.belief.probs)
+        joint, weights = next_touch(info, shares, self.table, self.repeats, self.outcomes, self.hypotheses)
+        return _best(info, information(joint), weights)
 
 
 def _best(

@@ -19,7 +19,6 @@ from belief.observation_model.model import ObservationModel
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.references import BadReference, Reference, build, find
 from planners.decider import Decider, ProbeSelector, SequentialDecider, StoppingRule
-from planners.next_touch import HYPOTHESES, OUTCOMES
 from planners.pose_order import read_order
 from planners.ppo import PPODecider
 from planners.probing import FixedOrder, GivenOrder, RandomOrder, ShapeInformationGain, TargetInformationGain
@@ -61,7 +60,10 @@ def _tree_search(name: str) -> Any:
 
 
 def _sequential(summary: str, stopping: Callable[..., StoppingRule], probing: Callable[..., ProbeSelector]) -> Builder:
-    """A builder of a sequential decider with the settings of its stopping rule; ``summary`` is its docstring."""
+    """A builder of a sequential decider with the settings of its two parts; ``summary`` is its docstring.
+
+    How repeats count is no setting: probe selectors that weigh them have a default.
+    """
     rule, selector = inspect.signature(stopping).parameters, inspect.signature(probing).parameters
 
     def sequential(**arguments: Any) -> Decider:
@@ -70,7 +72,8 @@ def _sequential(summary: str, stopping: Callable[..., StoppingRule], probing: Ca
             probing(**{name: value for name, value in arguments.items() if name in selector}),
         )
 
-    parameters = [p.replace(kind=p.KEYWORD_ONLY) for p in (*selector.values(), *rule.values())]
+    every = (*selector.values(), *rule.values())
+    parameters = [p.replace(kind=p.KEYWORD_ONLY) for p in every if p.name != "repeats"]
     sequential.__doc__ = summary
     sequential.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     return sequential
@@ -106,45 +109,20 @@ def _value_of_information(
     return ValueOfInformation(table, depth, repeat_discount(model), max_touches)
 
 
-def _ppo(policies: Path | None) -> Decider:
-    """PPO policies on the state of the paper, one per target."""
-    return PPODecider(policies)
+def _ppo(summary: str, state: str) -> Builder:
+    """A builder of a decider that follows policies on this state; ``summary`` is its docstring."""
 
+    def ppo(policies: Path | None) -> Decider:
+        return PPODecider(policies, state)
 
-def _ppo_posterior(policies: Path | None) -> Decider:
-    """PPO policies on the posterior, one per target."""
-    return PPODecider(policies, "posterior")
-
-
-def _ppo_gains(policies: Path | None) -> Decider:
-    """PPO policies on the joint belief and the gain of each pose, one per target."""
-    return PPODecider(policies, "gains")
-
-
-def _ppo_goal(policies: Path | None) -> Decider:
-    """One PPO policy for all targets, on the joint belief and the gain of each pose."""
-    return PPODecider(policies, "goal")
+    ppo.__doc__ = summary
+    return ppo
 
 
 def confident_ppo(policies: Path | None, confirm: float = 0.99, reject: float = 0.01, max_touches: int = 12) -> Decider:
     """Posterior thresholds, with the poses of the PPO policies."""
     ppo = PPODecider(policies)
     return StopOverride(PosteriorThresholds(confirm, reject, max_touches), ppo, fallback=ppo)
-
-
-def _information_gain(
-    table: OutcomeTable,
-    outcomes: int = OUTCOMES,
-    hypotheses: int = HYPOTHESES,
-    given: Literal["body", "shape"] = "body",
-) -> ProbeSelector:
-    return TargetInformationGain(table, outcomes=outcomes, hypotheses=hypotheses, given=given)
-
-
-def _shape_information_gain(
-    table: OutcomeTable, outcomes: int = OUTCOMES, hypotheses: int = HYPOTHESES
-) -> ProbeSelector:
-    return ShapeInformationGain(table, outcomes=outcomes, hypotheses=hypotheses)
 
 
 def _best_order(policies: Path | None, confirm: float = 0.99, reject: float = 0.01, max_touches: int = 12) -> Decider:
@@ -168,13 +146,13 @@ DECIDERS: Mapping[str, Builder] = MappingProxyType(
         "information_gain": _sequential(
             "Posterior thresholds, with the pose that tells most about the target.",
             PosteriorThresholds,
-            _information_gain,
+            TargetInformationGain,
         ),
         "best_order": _best_order,
         "shape_information_gain": _sequential(
             "Posterior thresholds, with the pose that tells most about the shape.",
             PosteriorThresholds,
-            _shape_information_gain,
+            ShapeInformationGain,
         ),
         "value_of_information": _value_of_information,
         "sequential_test": _sequential(
@@ -182,10 +160,10 @@ DECIDERS: Mapping[str, Builder] = MappingProxyType(
             SequentialTest,
             lambda table: TargetInformationGain(table),
         ),
-        "ppo": _ppo,
-        "ppo_posterior": _ppo_posterior,
-        "ppo_gains": _ppo_gains,
-        "ppo_goal": _ppo_goal,
+        "ppo": _ppo("PPO policies on the state of the paper, one per target.", "paper"),
+        "ppo_posterior": _ppo("PPO policies on the posterior, one per target.", "posterior"),
+        "ppo_gains": _ppo("PPO policies on the joint belief and the gain of each pose, one per target.", "gains"),
+        "ppo_goal": _ppo("One PPO policy for all targets, on the joint belief and the gain of each pose.", "goal"),
         "ppo_confident": confident_ppo,
         "pouct": _pouct,
         "pomcp": _pomcp,

@@ -13,9 +13,10 @@ from activetouch.envs.running_evidence import RecomputedBankEvidence
 from activetouch.envs.touch_bank import TouchBank
 from belief.observation_model.log_weights import log_means, some_hypotheses
 from belief.observation_model.model import ArrayModel
+from belief.observation_model.outcome_mixture import information, target_shares
 from belief.observation_model.repeat_discount import new_shares
 from belief.observation_model.rigid_body import joint_model
-from belief.policy_state import GAIN_HYPOTHESES, GAIN_OUTCOMES, NoGains, target_gains
+from belief.policy_state import GAIN_HYPOTHESES, GAIN_OUTCOMES, NoGains
 from belief.touch_batch import TouchBatch
 
 Floats = NDArray[np.float64]
@@ -140,4 +141,5 @@ class JointBankEvidence(RecomputedBankEvidence):
         poses = np.where(inside, self._touched[2, rows], -1)
         uses = (poses[:, :, None] == np.arange(body.num_poses)).sum(axis=1)
         new = new_shares(uses, body.correlation, body.drift)
-        return target_gains(np.exp(log_probs), self._tables[rows].astype(np.float64), targets) * new
+        shares = target_shares(np.exp(log_probs), targets)[:, None]
+        return information(shares @ self._tables[rows].astype(np.float64)) * new

@@ -31,7 +31,6 @@ _INFO, _STATS, _OWN = "meta/info.json", "meta/stats.json", "meta/activetouch.jso
 _OTHERS = {
     "observation.time": "times",
     "observation.force": "forces",
-    "observation.is_miss": "is_miss",
     "observation.object": "objects",
     "action": "poses",
     "shape": "shapes",

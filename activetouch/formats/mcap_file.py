@@ -29,7 +29,6 @@ _SCHEMAS: dict[str, dict[str, Any]] = {
         "object": "integer",
         "shape": "string",
         "pose": "string",
-        "is_miss": "boolean",
         "force": ["number", "null"],
         "newtons": ["array", "null"],
         "image": "object",
@@ -80,7 +79,6 @@ def write_mcap(path: str | Path, touches: SessionTouches) -> None:
                 "object": int(touches.objects[i]),
                 "shape": touches.shapes[i],
                 "pose": touches.pose_labels[touches.poses[i]],
-                "is_miss": bool(touches.is_miss[i]),
                 "force": None if np.isnan(touches.forces[i]) else float(touches.forces[i]),
                 "newtons": None if newtons is None else newtons[i].tolist(),
                 "image": {
@@ -150,7 +148,6 @@ def _touches(rows: list[dict[str, Any]], pose_labels: list[str], layout: TaxelLa
         objects=np.array([row.get("object", 0) for row in rows]),
         targets=tuple(targets[session] for session in sorted(targets)),
         shapes=tuple(row.get("shape", "") for row in rows),
-        is_miss=np.array([row.get("is_miss", False) for row in rows]),
         forces=np.array([np.nan if row.get("force") is None else row["force"] for row in rows]),
         layout=layout if is_exact or layout is None else TaxelLayout(layout.positions, 1.0),
     )

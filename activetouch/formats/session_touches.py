@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.errors import BadRecording
+from activetouch.recorded.session_log import logged_touches
 from activetouch.rendering.pressure import PressureRenderer
 from belief.frozen import FrozenArrays
 from belief.naming import checked_names
@@ -19,8 +22,8 @@ if TYPE_CHECKING:
 
 _DTYPES = ("uint8", "uint16", "float32", "float64")
 _TARGET = "an object"
-_DEFAULTS: dict[str, Any] = {"sessions": 0, "objects": 0, "is_miss": False, "forces": np.nan}
-_TYPES: dict[str, type] = {"times": np.float64, "forces": np.float64, "is_miss": np.bool_}
+_DEFAULTS: dict[str, Any] = {"sessions": 0, "objects": 0, "forces": np.nan}
+_TYPES: dict[str, type] = {"times": np.float64, "forces": np.float64}
 
 
 class TaxelLayout(NamedTuple):
@@ -59,7 +62,6 @@ class SessionTouches(FrozenArrays):
         objects: number of the touched object in its session, ``(n,)``; all 0 by default.
         targets: what each session sought, S names; "an object" by default.
         shapes: true shape of the touched object, n names; empty where nobody said.
-        is_miss: whether there was no contact, ``(n,)``; nowhere by default.
         forces: of each contact, NaN where it was not stated [N], ``(n,)``.
         layout: of the taxels, or None if it is not known.
 
@@ -79,7 +81,6 @@ class SessionTouches(FrozenArrays):
     objects: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     targets: tuple[str, ...] = ()
     shapes: tuple[str, ...] = ()
-    is_miss: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, np.bool_))
     forces: Floats = field(default_factory=lambda: np.empty(0))
     layout: TaxelLayout | None = None
 
@@ -122,6 +123,48 @@ class SessionTouches(FrozenArrays):
         for name, value in own.items():
             object.__setattr__(self, name, value)
         self.freeze()
+
+    @classmethod
+    def of_logs(cls, paths: Sequence[str | Path], layout: TaxelLayout | None = None) -> SessionTouches:
+        """The touches in the logs of sessions, without those that were taken back.
+
+        Args:
+            paths: of the logs, one for each session.
+            layout: of the taxels of the sensor, such as ``TaxelLayout.of(sensor.scene)``.
+
+        Raises:
+            BadRecording: a log is damaged, has other poses than the first, or a touch without an image.
+        """
+        rows: list[tuple[Any, ...]] = []
+        targets: list[str] = []
+        labels: tuple[str, ...] = ()
+        for path in map(Path, paths):
+            header, touches = logged_touches(path)
+            poses = tuple(header["problem"]["poses"])
+            _require(poses == (labels or poses), f"the poses in {path}", f"{labels} as in the first log", poses)
+            labels = poses
+            targets += [header["target"]] * bool(touches)
+            for number, touch in enumerate(touches):
+                image, force = touch.arrays.get("image"), touch.line.get("force", np.nan)
+                _require(image is not None, f"touch {number} in {path}", "told with an image", "none")
+                where = labels.index(touch.pose), len(targets) - 1, touch.object_index
+                rows.append((image, touch.time, *where, touch.label or "", force))
+        _require(rows, "logs", "of one touch or more", [*map(str, paths)])
+        images, times, at, sessions, objects, shapes, forces = zip(*rows, strict=True)
+        sizes = {image.shape for image in images}
+        _require(len(sizes) == 1, "images", "of one shape", sizes)
+        return cls(
+            np.stack(images),
+            np.array(times),
+            np.array(at),
+            labels,
+            np.array(sessions),
+            np.array(objects),
+            tuple(targets),
+            shapes,
+            np.array(forces),
+            layout,
+        )
 
     def __len__(self) -> int:
         return len(self.images)

@@ -19,6 +19,7 @@ from activetouch.perception.sealed_tensors import read_tensors, write_tensors
 from belief.errors import CannotWrite, CorruptFile
 
 _KIND, _NAME = "activetouch-cached-1", "array"
+_ARRAY = ".safetensors"
 T = TypeVar("T")
 
 
@@ -53,8 +54,7 @@ def cached(
         read: from the file; raises CorruptFile, KeyError, OSError or ValueError where it is missing or damaged.
         write: to the file.
     """
-    digest = hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()
-    path = cache_folder() / f"{digest}{suffix}"
+    path = _place(key, suffix)
     try:
         return read(path)
     except (CorruptFile, KeyError, OSError, ValueError):
@@ -65,6 +65,16 @@ def cached(
     except (CannotWrite, OSError):
         pass
     return found
+
+
+def _place(key: Mapping[str, Any], suffix: str) -> Path:
+    digest = hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()
+    return cache_folder() / f"{digest}{suffix}"
+
+
+def has_array(key: Mapping[str, Any]) -> bool:
+    """Whether the cache has a file for :func:`cached_array`."""
+    return _place(key, _ARRAY).is_file()
 
 
 def cached_array(key: Mapping[str, Any], make: Callable[[], NDArray[np.float32]]) -> NDArray[np.float32]:
@@ -79,4 +89,4 @@ def cached_array(key: Mapping[str, Any], make: Callable[[], NDArray[np.float32]]
     def write(path: Path, found: NDArray[Any]) -> None:
         write_tensors(path, {_NAME: found}, {}, _KIND)
 
-    return cached(key, ".safetensors", half, read, write).astype(np.float32)
+    return cached(key, _ARRAY, half, read, write).astype(np.float32)

@@ -9,8 +9,7 @@ from typing import Any, ClassVar, Literal, Self, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from belief.errors import InvalidArgument
-from belief.validation import Floats, as_logs, normalise_probs
+from belief.validation import Floats, as_real, warn_of_probs
 
 Status: TypeAlias = Literal["unfitted", "ok", "separable", "uninformative", "anti_informative"]
 
@@ -46,37 +45,32 @@ class Calibration(ABC):
     def num_shapes(self) -> int | None:
         """K; None if it is valid for any number."""
 
-    def fit(
-        self, logits: ArrayLike | None = None, labels: ArrayLike | None = None, *, probs: ArrayLike | None = None
-    ) -> Self:
+    def fit(self, logits: ArrayLike, labels: ArrayLike) -> Self:
         """A calibration that minimises :meth:`objective` on these data.
 
-        Logits that look like probabilities, non-negative rows that sum to one, cause a UserWarning.
+        Logits that look like probabilities, non-negative rows that sum to one, cause a UserWarning: give the logarithms
+        of probabilities.
 
         Args:
             logits: ``(n, K)``, any float type, finite.
             labels: true shape indices, ``(n,)``.
-            probs: the classifier's probabilities in place of its logits, ``(n, K)``.
 
         Raises:
-            ValueError: empty input, NaN or infinite logits, labels out of range, shapes that do not fit; or not exactly
-                one of logits and probabilities.
+            ValueError: empty input, NaN or infinite logits, labels out of range, shapes that do not fit.
         """
-        return self.fit_logits(given_logits(logits, probs), given("labels", labels))
+        return self.fit_logits(no_probs(logits), labels)
 
-    def predict_log_proba(self, logits: ArrayLike | None = None, *, probs: ArrayLike | None = None) -> Floats:
-        """Calibrated log probabilities, ``(..., K)``, of logits or probabilities ``(..., K)``; finite.
-
-        Warns as :meth:`fit`.
+    def predict_log_proba(self, logits: ArrayLike) -> Floats:
+        """Calibrated log probabilities, ``(..., K)``, of logits ``(..., K)``; finite. Warns as :meth:`fit`.
 
         Raises:
-            ValueError: empty, NaN or infinite logits, another K than in the fit, or not exactly one of the two.
+            ValueError: empty, NaN or infinite logits, or another K than in the fit.
         """
-        return self.log_proba_of(given_logits(logits, probs))
+        return self.log_proba_of(no_probs(logits))
 
-    def predict_proba(self, logits: ArrayLike | None = None, *, probs: ArrayLike | None = None) -> Floats:
+    def predict_proba(self, logits: ArrayLike) -> Floats:
         """Calibrated probabilities, ``(..., K)``; arguments and errors are those of :meth:`predict_log_proba`."""
-        return self.proba_of(given_logits(logits, probs))
+        return self.proba_of(no_probs(logits))
 
     @abstractmethod
     def fit_logits(self, logits: ArrayLike, labels: ArrayLike) -> Self:
@@ -108,25 +102,8 @@ class Calibration(ABC):
         """The calibration of fields from :meth:`to_fields`."""
 
 
-def given_logits(logits: ArrayLike | None, probs: ArrayLike | None) -> Floats:
-    """Logits, or the logarithms of probabilities, of which those below the least normal float count as that.
-
-    Raises:
-        ValueError: both or none are given, or probabilities that are none; the message names their row.
-
-    >>> given_logits(None, probs=[0.5, 0.5]).round(2).tolist()
-    [-0.69, -0.69]
-    """
-    found = as_logs("logits", logits, "probs", None if probs is None else normalise_probs(probs), stacklevel=4)
-    return found if probs is None else np.maximum(found, np.log(np.finfo(np.float64).tiny))
-
-
-def given(name: str, values: ArrayLike | None) -> ArrayLike:
-    """An argument that may follow an optional one; raises InvalidArgument for None.
-
-    >>> given("labels", [0, 1])
-    [0, 1]
-    """
-    if values is None:
-        raise InvalidArgument(f"{name} must be given")
-    return values
+def no_probs(logits: ArrayLike) -> Floats:
+    """Logits as float64, with a UserWarning at the caller's caller if they look like probabilities."""
+    found = as_real(logits, "logits")
+    warn_of_probs(found, "logits", "take the logarithms of probabilities")
+    return np.asarray(found, np.float64)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from belief.calibration.base import Calibration, given, given_logits
+from belief.calibration.base import Calibration, no_probs
 from belief.calibration.table import CALIBRATIONS
 from belief.cross_validation import object_folds
 from belief.validation import labelled_logits, require_count
@@ -35,13 +35,11 @@ class Choice:
 
 
 def choose_calibration(
-    logits: ArrayLike | None = None,
-    labels: ArrayLike | None = None,
-    object_ids: ArrayLike | None = None,
+    logits: ArrayLike,
+    labels: ArrayLike,
+    object_ids: ArrayLike,
     candidates: Mapping[str, Calibration] | None = None,
     num_folds: int = 5,
-    *,
-    probs: ArrayLike | None = None,
 ) -> Choice:
     """The candidate with the least cross-validated NLL; the first of equal ones.
 
@@ -53,7 +51,6 @@ def choose_calibration(
         object_ids: object of each touch, ``(n,)``.
         candidates: unfitted calibrations by name; by default one of each class in :data:`CALIBRATIONS`.
         num_folds: from 2 to the number of objects.
-        probs: the classifier's probabilities in place of its logits, ``(n, K)``.
 
     Raises:
         ValueError: invalid logits or labels, no candidates, more folds than objects, or an object with two shapes.
@@ -68,13 +65,13 @@ def choose_calibration(
         >>> choice.name
         'vector'
     """
-    z, y = labelled_logits(given_logits(logits, probs), given("labels", labels))
+    z, y = labelled_logits(no_probs(logits), labels)
     if candidates is None:
         candidates = {name: kind() for name, kind in CALIBRATIONS.items()}
     if not candidates:
         raise ValueError(f"no candidates to choose from; try {', '.join(CALIBRATIONS)}")
     require_count("num_folds", num_folds, least=2)
-    folds = object_folds(y, given("object_ids", object_ids), num_folds)
+    folds = object_folds(y, object_ids, num_folds)
     losses = {}
     for name, candidate in candidates.items():
         at_label = np.empty(len(y))

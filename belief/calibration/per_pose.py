@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.calibration.affine import StructuredMatrixScaling
-from belief.calibration.base import Calibration, given, given_logits
+from belief.calibration.base import Calibration, no_probs
 from belief.calibration.table import CALIBRATIONS
 from belief.validation import Floats, checked_indices, finite_logits, labelled_logits, pose_count, unmasked
 
@@ -57,15 +57,7 @@ class PerPose:
         if not all(isinstance(n, int) and n >= 0 for n in self.num_touches):
             raise ValueError(f"numbers of touches must be integers ≥ 0, got {self.num_touches}")
 
-    def fit(
-        self,
-        logits: ArrayLike | None = None,
-        labels: ArrayLike | None = None,
-        poses: ArrayLike | None = None,
-        num_poses: int | None = None,
-        *,
-        probs: ArrayLike | None = None,
-    ) -> PerPose:
+    def fit(self, logits: ArrayLike, labels: ArrayLike, poses: ArrayLike, num_poses: int | None = None) -> PerPose:
         """The calibration fitted to all touches together and to those of each pose.
 
         Args:
@@ -73,28 +65,25 @@ class PerPose:
             labels: true shape indices, ``(n,)``.
             poses: pose indices, ``(n,)``.
             num_poses: P; by default one more than the largest pose in the data.
-            probs: the classifier's probabilities in place of its logits, ``(n, K)``.
 
         Raises:
             ValueError: invalid logits or labels, or poses out of range.
         """
-        z, y = labelled_logits(given_logits(logits, probs), given("labels", labels))
-        p = _poses(given("poses", poses), len(y))
+        z, y = labelled_logits(no_probs(logits), labels)
+        p = _poses(poses, len(y))
         size = pose_count(p, num_poses)
         pooled = self.kind.fit_logits(z, y)
         masks = [p == pose for pose in range(size)]
         own = tuple(self.kind.fit_logits(z[mask], y[mask]) if mask.any() else pooled for mask in masks)
         return replace(self, pooled=pooled, by_pose=own, num_touches=tuple(int(mask.sum()) for mask in masks))
 
-    def predict_log_proba(
-        self, logits: ArrayLike | None = None, poses: ArrayLike | None = None, *, probs: ArrayLike | None = None
-    ) -> Floats:
-        """Calibrated log probabilities, ``(n, K)``, of logits or probabilities ``(n, K)`` in poses ``(n,)``.
+    def predict_log_proba(self, logits: ArrayLike, poses: ArrayLike) -> Floats:
+        """Calibrated log probabilities, ``(n, K)``, of logits ``(n, K)`` in poses ``(n,)``.
 
         Raises:
             ValueError: not fitted, invalid logits, or poses out of range.
         """
-        return self._log_proba_of(given_logits(logits, probs), given("poses", poses))
+        return self._log_proba_of(no_probs(logits), poses)
 
     def _log_proba_of(self, logits: Floats, poses: ArrayLike) -> Floats:
         if self.pooled is None:
@@ -115,12 +104,10 @@ class PerPose:
             log_probs -= np.log(np.exp(log_probs).sum(axis=1, keepdims=True))
         return log_probs
 
-    def predict_proba(
-        self, logits: ArrayLike | None = None, poses: ArrayLike | None = None, *, probs: ArrayLike | None = None
-    ) -> Floats:
+    def predict_proba(self, logits: ArrayLike, poses: ArrayLike) -> Floats:
         """Calibrated probabilities, ``(n, K)``; raises as :meth:`predict_log_proba`."""
         with np.errstate(under="ignore"):
-            return np.exp(self._log_proba_of(given_logits(logits, probs), given("poses", poses)))
+            return np.exp(self._log_proba_of(no_probs(logits), poses))
 
     def to_fields(self) -> dict[str, Any]:
         """All parameters, as JSON types, exact to the last bit."""

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import scipy  # whose parts load at first use
@@ -58,19 +57,17 @@ class SoftmaxRegression:
     def solve(self) -> Floats:
         """Coefficients at the optimum, ``(K, F)``, by Newton's method with step halving."""
         free = np.isfinite(self.penalty)
-        current = self.centre.copy()
+        current, is_dense = self.centre.copy(), free.sum() <= _MOST_DENSE
         if not free.any():
             return current
-        if free.sum() > _MOST_DENSE:
-            return self._solve_large(free)
-        value, gradient, hessian = self._derivatives(current)
+        value, gradient, hessian = self._derivatives(current, is_dense)
         for _ in range(_MAX_STEPS):
-            step = -np.linalg.solve(hessian, gradient)
+            step = -np.linalg.solve(hessian, gradient) if is_dense else self._step(current, free, gradient)
             expected, length = float(gradient @ step), 1.0
             while True:
                 proposal = current.copy()
                 proposal[free] += length * step
-                proposed = self._derivatives(proposal)
+                proposed = self._derivatives(proposal, is_dense)
                 # Near the optimum the descent is below rounding, and the full step is accepted.
                 if proposed[0] <= value + 1e-4 * length * expected + 1e-13 * (1.0 + abs(value)):
                     break
@@ -80,37 +77,18 @@ class SoftmaxRegression:
                 break
         return current
 
-    def _solve_large(self, free: NDArray[np.bool_]) -> Floats:
-        """:meth:`solve` without a Hessian, to a gradient of 1e-10."""
-        linalg = scipy.sparse.linalg
-        current = self.centre.copy()
-        value, gradient = self.value_and_gradient(current)
-        for _ in range(_MAX_STEPS):
-            largest = float(np.abs(gradient).max())
-            if largest < 1e-10:
-                break
-            product = self._curvature(current, free)
-            operator = linalg.LinearOperator((gradient.size, gradient.size), matvec=product, dtype=np.float64)
-            # A tolerance that decreases with the gradient gives superlinear convergence.
-            step, _ = linalg.cg(operator, -gradient, rtol=min(0.1, np.sqrt(largest)), atol=1e-12, M=self._scale(free))
-            expected, length = float(gradient @ step), 1.0
-            while True:
-                proposal = current.copy()
-                proposal[free] += length * step
-                proposed = self.value_and_gradient(proposal)
-                if proposed[0] <= value + 1e-4 * length * expected + 1e-13 * (1.0 + abs(value)):
-                    break
-                length /= 2.0
-            current, (value, gradient) = proposal, proposed
-        return current
-
-    def _scale(self, free: NDArray[np.bool_]) -> Any:
-        """Preconditioner: inverse of the penalties plus an upper bound on the curvature of each coefficient."""
+    def _step(self, coefficients: Floats, free: NDArray[np.bool_], gradient: Floats) -> Floats:
+        """The Newton step without a Hessian, by conjugate gradients; the more precise, the smaller the gradient."""
+        # Preconditioner: inverse of the penalties plus an upper bound on the curvature of each coefficient.
         squares = np.square(self.features).mean(axis=1)
         diagonal = (2.0 * self.penalty + squares / len(self.centre))[free]
-        return scipy.sparse.linalg.LinearOperator(
-            (diagonal.size, diagonal.size), matvec=lambda v: v / diagonal, dtype=np.float64
+        operator, scale = (
+            scipy.sparse.linalg.LinearOperator((gradient.size, gradient.size), matvec=product, dtype=np.float64)
+            for product in (self._curvature(coefficients, free), lambda vector: vector / diagonal)
         )
+        tolerance = min(0.1, float(np.sqrt(np.abs(gradient).max())))  # gives superlinear convergence
+        step, _ = scipy.sparse.linalg.cg(operator, -gradient, rtol=tolerance, atol=1e-12, M=scale)
+        return np.asarray(step)
 
     def _curvature(self, coefficients: Floats, free: NDArray[np.bool_]) -> Callable[[Floats], Floats]:
         """The function that multiplies the Hessian at these coefficients with a vector of the free ones."""
@@ -128,7 +106,7 @@ class SoftmaxRegression:
 
         return product
 
-    def _derivatives(self, coefficients: Floats, curvature: bool = True) -> tuple[float, Floats, Floats]:
+    def _derivatives(self, coefficients: Floats, curvature: bool) -> tuple[float, Floats, Floats]:
         """Objective, gradient and Hessian (empty without ``curvature``) in the free coefficients."""
         which, feature = np.nonzero(np.isfinite(self.penalty))
         size = len(which) if curvature else 0

@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from belief.frozen import FrozenArrays
 from belief.observation_model.outcome_table import OutcomeTable
@@ -20,8 +20,15 @@ class Outcomes(Protocol):
     """The outcomes of the next touches of an object, given the touches so far."""
 
     @property
+    def new(self) -> Floats | None:
+        """How much the next touch in each pose tells, as a fraction of a first touch in it, ``(P,)``; None for all."""
+
+    @property
     def table(self) -> OutcomeTable:
-        """p(outcome | pose, shape)."""
+        """p(outcome | pose, shape); where there is :attr:`new`, the last outcome is that it tells nothing new."""
+
+    def one_touch(self, factors: Floats) -> NDArray[Any]:
+        """See :meth:`OutcomeMixture.one_touch`."""
 
     def two_touches(self, pose: int, factors: Floats) -> NDArray[np.float32]:
         """See :meth:`OutcomeMixture.two_touches`."""
@@ -70,8 +77,25 @@ class OutcomeMixture(FrozenArrays):
     @cached_property
     def table(self) -> OutcomeTable:
         """p(outcome | pose, shape), averaged over the hypotheses."""
-        found = (self.weights.astype(self.probs.dtype)[:, None] @ self.probs)[:, :, 0]
-        return OutcomeTable(found if self.new is None else with_nothing_new(found, self.new))
+        return OutcomeTable(self._means if self.new is None else with_nothing_new(self._means, self.new))
+
+    @cached_property
+    def _means(self) -> NDArray[Any]:
+        """p(outcome of a first touch | pose, shape), ``(P, K, M)``."""
+        return np.asarray((self.weights.astype(self.probs.dtype)[:, None] @ self.probs)[:, :, 0])
+
+    def one_touch(self, factors: Floats) -> NDArray[Any]:
+        """Sums over shapes of factor times p(outcome | pose, shape), of a touch that tells as much as a first one.
+
+        A touch that tells w times as much has w times its information.
+
+        Args:
+            factors: ``(J, K)``, at least 0; for the joint probability of shape and outcome, the belief on the diagonal.
+
+        Returns:
+            ``(P, J, M)``.
+        """
+        return np.asarray(factors @ self._means)
 
     def two_touches(self, pose: int, factors: Floats) -> NDArray[np.float32]:
         """Sums over shapes of factor times p(outcomes of the next two touches | shape), the first in a given pose.
@@ -103,6 +127,41 @@ class OutcomeMixture(FrozenArrays):
         rows *= np.sqrt(self.weights)[..., None].astype(np.float32)
         rows[rows < _NEGLIGIBLE] = 0.0
         return rows
+
+
+def target_shares(belief: Floats, target: ArrayLike) -> Floats:
+    """A belief ``(..., K)`` as factors for the target and for all other shapes, ``(..., 2, K)``.
+
+    ``target`` is the index of one target for all rows, or of each, ``(...)``.
+
+    >>> target_shares(np.array([0.2, 0.3, 0.5]), 1).tolist()
+    [[0.0, 0.3, 0.0], [0.2, 0.0, 0.5]]
+    """
+    is_target = (np.asarray(target)[..., None] == np.arange(belief.shape[-1])).astype(np.float64)
+    return np.stack([belief * is_target, belief * (1.0 - is_target)], axis=-2)
+
+
+def information(joint: NDArray[np.floating]) -> Floats:
+    """Mutual information of two variables from their joint probabilities [nats], without checks.
+
+    Args:
+        joint: ``(..., J, M)``, at least 0; the sum over both axes is one up to rounding.
+
+    Returns:
+        ``(...)``, at least 0 and at most log J.
+
+    >>> information(np.array([np.eye(2) / 2.0, np.full((2, 2), 0.25)])).round(3).tolist()
+    [0.693, 0.0]
+    """
+    probs: Floats = joint.astype(np.float64, copy=False)
+    columns, rows = probs.sum(axis=-2), probs.sum(axis=-1)
+    gain = _x_log_x(probs).sum(axis=(-2, -1)) - _x_log_x(columns).sum(axis=-1) - _x_log_x(rows).sum(axis=-1)
+    return np.asarray(np.clip(gain + _x_log_x(rows.sum(axis=-1)), 0.0, np.log(probs.shape[-2])))
+
+
+def _x_log_x(values: Floats) -> Floats:
+    """``x log x`` of numbers in [0, 1], zero at zero; three times as fast as that of SciPy."""
+    return values * np.log(np.maximum(values, np.finfo(np.float64).tiny))
 
 
 def with_nothing_new(probs: NDArray[Any], new: Floats) -> NDArray[Any]:

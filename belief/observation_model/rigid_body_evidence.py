@@ -151,13 +151,13 @@ class RigidBodyEvidence:
         if key not in self._mixtures:
             require_count("num_outcomes", num_outcomes)
             require_count("num_hypotheses", num_hypotheses)
-            chosen, weights = some_hypotheses(self.log_weights, num_hypotheses)
             views, new = self.model.views, self._new if self.in_pose else None
             if views is None:
+                chosen, weights = some_hypotheses(self.log_weights, num_hypotheses)
                 self._mixtures[key] = OutcomeMixture(weights, self.model.outcome_probs(chosen, num_outcomes), new)
             else:
                 outcomes = self.model.shared_outcomes(num_outcomes)
-                self._mixtures[key] = SharedMixture(weights, chosen, outcomes, views, new)
+                self._mixtures[key] = SharedMixture(self.log_weights, num_hypotheses, outcomes, views, new)
         return self._mixtures[key]
 
     @property

@@ -11,9 +11,12 @@ import scipy  # whose parts load at first use
 from numpy.typing import NDArray
 
 from belief.frozen import FrozenArrays
+from belief.observation_model.log_weights import some_hypotheses
 from belief.observation_model.outcome_mixture import OutcomeMixture, with_nothing_new
 from belief.observation_model.outcome_table import OutcomeTable
-from belief.validation import SUM_TOLERANCE, Floats
+from belief.validation import Floats
+
+_NEGLIGIBLE = 1e-7  # of a factor, relative to the largest: the rounding of single precision
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,59 +71,66 @@ class SharedMixture(FrozenArrays):
     """An :class:`OutcomeMixture` of many poses, from one table of outcomes for all poses of a group.
 
     Attributes:
-        weights: p(hypothesis | shape, touches so far), ``(K, H)``; rows sum to one.
-        chosen: which hypotheses these are, ``(K, H)``.
+        log_weights: log p(hypothesis | shape, touches so far) up to a constant of each shape, ``(K, N)``.
+        num_hypotheses: H, at most, of each shape; see :func:`~belief.observation_model.log_weights.some_hypotheses`.
         outcomes: p(outcome | shape, hypothesis) in the first pose of each group, ``(G, K, N, M)``.
         views: of the poses.
         new: how much the next touch in each pose tells, as a fraction of a first touch in it, ``(P,)``; None for all.
             The last outcome is then that it tells nothing new.
 
     Raises:
-        ValueError: arrays that do not fit, or a row of weights that does not sum to one.
+        ValueError: arrays that do not fit, or log weights of a shape without a largest, finite one.
 
     Two poses, the second of which swaps the two hypotheses:
 
     >>> views = Views(np.array([0, 0]), np.array([[0, 1], [1, 0]]))
-    >>> mixture = SharedMixture(np.array([[1.0]]), np.array([[0]]), np.eye(2, dtype=np.float32)[None, None], views)
+    >>> outcomes = np.eye(2, dtype=np.float32)[None, None]
+    >>> mixture = SharedMixture(np.array([[0.0, -np.inf]]), 1, outcomes, views)
     >>> mixture.table.probs[:, 0].tolist()
     [[1.0, 0.0], [0.0, 1.0]]
     """
 
-    weights: Floats
-    chosen: NDArray[np.int64]
+    log_weights: Floats
+    num_hypotheses: int
     outcomes: NDArray[np.float32]
     views: Views
     new: Floats | None = None
 
     def __post_init__(self) -> None:
         num_shapes, number = self.outcomes.shape[1:3]
-        if self.weights.shape != self.chosen.shape or len(self.weights) != num_shapes:
-            raise ValueError(f"weights and chosen must be ({num_shapes}, H), got {self.weights.shape}")
+        if self.log_weights.shape != (num_shapes, number) or not np.isfinite(self.log_weights.max(axis=1)).all():
+            raise ValueError(f"log weights must be ({num_shapes}, {number}), one in each row finite and none above it")
         if self.views.same.shape[1] != number or len(self.views.first) != len(self.outcomes):
             raise ValueError(f"the views are of {self.views.same.shape[1]} hypotheses, the outcomes of {number}")
-        if not (self.weights.min() >= 0.0 and (np.abs(self.weights.sum(axis=1) - 1.0) <= SUM_TOLERANCE).all()):
-            raise ValueError("each row of weights must be probabilities that sum to one")
         self.freeze()
 
     @cached_property
     def table(self) -> OutcomeTable:
         """p(outcome | pose, shape), averaged over the hypotheses."""
-        num_groups, num_shapes, number, num_outcomes = self.outcomes.shape
-        per_shape = [_merged(*row) for row in zip(self.chosen, self.weights, strict=True)]
-        lengths = [len(which) for which, _ in per_shape]
-        which, weights = (np.concatenate(column) for column in zip(*per_shape, strict=True))
-        starts = np.repeat(np.arange(num_shapes) * number, lengths)
-        found: NDArray[Any] = np.empty((len(self.views.groups), num_shapes, num_outcomes))
-        for group in range(num_groups):
-            poses = np.flatnonzero(self.views.groups == group)
-            columns = self.views.same[np.ix_(poses, which)] + starts
-            ends = np.cumsum(np.tile(lengths, len(poses)))
-            rows = scipy.sparse.csr_array(
-                (np.tile(weights.astype(np.float32), len(poses)), columns.ravel(), np.concatenate([[0], ends])),
-                shape=(len(poses) * num_shapes, num_shapes * number),
-            )
-            found[poses] = (rows @ self.outcomes[group].reshape(-1, num_outcomes)).reshape(len(poses), num_shapes, -1)
+        found = self.one_touch(np.eye(len(self.log_weights)))
         return OutcomeTable(found if self.new is None else with_nothing_new(found, self.new))
+
+    def one_touch(self, factors: Floats) -> NDArray[Any]:
+        """See :meth:`OutcomeMixture.one_touch`: one sparse product for all poses, without shapes of negligible factor.
+
+        For K shapes of a belief, that changes an information by less than K times 2e-6 nats.
+        """
+        num_groups, num_shapes, number, num_outcomes = self.outcomes.shape
+        num_poses, num_rows = len(self.views.groups), len(factors)
+        rows, shapes = np.nonzero(factors > _NEGLIGIBLE * factors.max())
+        chosen, shares = some_hypotheses(self.log_weights[shapes], self.num_hypotheses)
+        places = chosen + number * np.arange(len(shapes))[:, None]
+        once = np.flatnonzero(np.diff(places.ravel(), prepend=-1))  # some are chosen several times, in a row
+        weights = np.add.reduceat((factors[rows, shapes, None] * shares).ravel(), once)
+        entry, which = np.divmod(places.ravel()[once], number)
+        columns = self.views.same[:, which] + number * shapes[entry]
+        columns += (num_shapes * number * self.views.groups)[:, None]
+        ends = np.tile(np.bincount(rows[entry], minlength=num_rows), num_poses).cumsum()
+        means = scipy.sparse.csr_array(
+            (np.tile(weights.astype(np.float32), num_poses), columns.ravel(), np.concatenate([[0], ends])),
+            shape=(num_poses * num_rows, num_groups * num_shapes * number),
+        )
+        return np.asarray((means @ self.outcomes.reshape(-1, num_outcomes)).reshape(num_poses, num_rows, -1))
 
     def two_touches(self, pose: int, factors: Floats) -> NDArray[np.float32]:
         """See :meth:`OutcomeMixture.two_touches`."""
@@ -129,10 +139,5 @@ class SharedMixture(FrozenArrays):
     @cached_property
     def _whole(self) -> OutcomeMixture:
         """The same with the outcomes of every pose."""
-        return OutcomeMixture(self.weights, self.views.of_all_poses(self.outcomes, self.chosen), self.new)
-
-
-def _merged(chosen: NDArray[np.int64], weights: Floats) -> tuple[NDArray[np.int64], Floats]:
-    """Each chosen hypothesis once, with the sum of its weights."""
-    which, place = np.unique(chosen, return_inverse=True)
-    return which, np.bincount(place, weights).astype(np.float64)
+        chosen, weights = some_hypotheses(self.log_weights, self.num_hypotheses)
+        return OutcomeMixture(weights, self.views.of_all_poses(self.outcomes, chosen), self.new)

@@ -21,7 +21,7 @@ from mkdocs.structure.files import File  # noqa: E402
 OF_ROOT = {"README.md": "index.md", "CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
 """Files outside of the folder that are pages."""
 NAV: dict[str, list[str]] = {
-    "Start": ["index.md", "start.md", "install.md", "your_own_objects.md", "toy.md"],
+    "Start": ["index.md", "start.md", "install.md", "your_own_objects.md", "find.md", "toy.md"],
     "Learn": [
         "philosophy.md",
         "world.md",

@@ -24,7 +24,6 @@ from experiments.search.run_folder import (
     Cell,
     RunFolder,
     RunMismatch,
-    Stored,
     differing,
     episode_lines,
 )
@@ -103,13 +102,12 @@ class Run:
     def keys(self) -> dict[Cell, str]:
         """Digest of everything that determines the episodes of a cell (decision 0033)."""
         base = [self.searches.identity, self.searches.code]
-        found = {
-            (ORACLE, target): digest_of([base, fingerprint(solved_by_full_information)]) for target in self.targets
+        players: dict[str, object] = {ORACLE: solved_by_full_information, **self.deciders}
+        return {
+            (name, target): digest_of([base, fingerprint(player, target, self.known)])
+            for name, player in players.items()
+            for target in self.targets
         }
-        for name, decider in self.deciders.items():
-            for target in self.targets:
-                found[name, target] = digest_of([base, fingerprint(decider, target, self.known)])
-        return found
 
     def play(self, part: tuple[int, int] = (0, 1), jobs: int | None = None) -> None:
         """Play the batches that the folder lacks; each is kept as soon as it is finished.
@@ -130,7 +128,7 @@ class Run:
                 self.folder.start(self.searches.identity, self.arguments)
                 is_started = True
             for cell, number, batch in found:
-                self.folder.add(cell, Stored(self.keys[cell], number, batch))
+                self.folder.add(cell, self.keys[cell], number, batch)
         self.folder.start(self.searches.identity, self.arguments)
         self.folder.write_episodes(
             chain.from_iterable(self.lines(name, t) for name in self.deciders for t in self.targets)
@@ -171,7 +169,7 @@ class Run:
 
     def _tell_outdated(self) -> None:
         """Say on stderr which deciders have searches of another version only, which are played again."""
-        stored = {cell: {one.key for one in self.folder.batches(cell)} for cell in self.keys}
+        stored = {cell: {key for key, _ in self.folder.batches(cell)} for cell in self.keys}
         outdated = dict.fromkeys(name for (name, t), keys in stored.items() if keys and self.keys[name, t] not in keys)
         if outdated:
             print(
@@ -217,12 +215,12 @@ def merge(sources: Sequence[Path], out: Path) -> None:
     union.start(runs[0]["identity"], {**arguments[0], **together})
     for folder in folders:
         for cell in folder.cells():
-            for stored in folder.batches(cell):
-                ours = union.held(cell, stored.key).get(stored.number)
-                if ours is None or len(ours.lines) < len(stored.batch.lines):
-                    union.add(cell, stored)
-                elif len(ours.lines) == len(stored.batch.lines) and ours.lines != stored.batch.lines:
+            for (key, number), batch in folder.batches(cell).items():
+                ours = union.batches(cell).get((key, number))
+                if ours is None or len(ours.lines) < len(batch.lines):
+                    union.add(cell, key, number, batch)
+                elif len(ours.lines) == len(batch.lines) and ours.lines != batch.lines:
                     raise Conflict(
                         f"{folder.path} and {out} hold different episodes of {cell[0]} for {cell[1]}, batch "
-                        f"{stored.number}, probably because different kinds of processors played them; delete one"
+                        f"{number}, probably because different kinds of processors played them; delete one"
                     )

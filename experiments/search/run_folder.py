@@ -17,7 +17,7 @@ import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 from belief.errors import ActiveTouchError, CorruptFile
 from belief.files import (
@@ -55,14 +55,6 @@ class Batch:
     seconds: Seconds
 
 
-class Stored(NamedTuple):
-    """A batch of a cell, with its key and its number."""
-
-    key: str
-    number: int
-    batch: Batch
-
-
 class RunFolder:
     """Reads and writes a run folder.
 
@@ -72,7 +64,7 @@ class RunFolder:
 
     def __init__(self, path: Path | None) -> None:
         self.path = path
-        self._known: dict[Cell, list[Stored]] = {}
+        self._known: dict[Cell, dict[tuple[str, int], Batch]] = {}
 
     def require(self, identity: Mapping[str, Any]) -> None:
         """Check that the folder holds searches with this identity, or none.
@@ -135,18 +127,23 @@ class RunFolder:
             ) from error
         return run
 
-    def batches(self, cell: Cell) -> list[Stored]:
-        """All intact batches of a cell, oldest first."""
+    def batches(self, cell: Cell) -> dict[tuple[str, int], Batch]:
+        """The intact batches of a cell, by key and number, oldest first; of several, the one with most episodes."""
         if cell not in self._known:
-            file = None if self.path is None else self.path / "cells" / _file_name(cell)
-            is_there = file is not None and file.exists()
-            self._known[cell] = list(_read(require_regular_file(file))) if file is not None and is_there else []
+            self._known[cell] = {}
+            if self.path is not None and (file := self.path / "cells" / _file_name(cell)).exists():
+                for header in _headers(require_regular_file(file)):
+                    self._hold(cell, header["key"], header["batch"], Batch(header["lines"], header["seconds"]))
         return self._known[cell]
 
+    def _hold(self, cell: Cell, key: str, number: int, batch: Batch) -> None:
+        held = self.batches(cell)
+        if (key, number) not in held or len(held[key, number].lines) <= len(batch.lines):
+            held[key, number] = batch
+
     def held(self, cell: Cell, key: str) -> dict[int, Batch]:
-        """Batches of a cell with this key, by number; of several, the one with most episodes."""
-        found = [stored for stored in self.batches(cell) if stored.key == key]
-        return {stored.number: stored.batch for stored in sorted(found, key=lambda one: len(one.batch.lines))}
+        """Batches of a cell with this key, by number."""
+        return {number: batch for (own, number), batch in self.batches(cell).items() if own == key}
 
     def lines(self, cell: Cell, key: str) -> list[str]:
         """JSON lines of the episodes with this key, from the first up to one that is missing."""
@@ -165,24 +162,30 @@ class RunFolder:
                 found.append(cell)
         return found
 
-    def add(self, cell: Cell, stored: Stored) -> None:
+    def add(self, cell: Cell, key: str, number: int, batch: Batch) -> None:
         """Append a batch to a cell.
+
+        Args:
+            cell: decider and target.
+            key: digest of everything that determines the episodes.
+            number: of the batch.
+            batch: the episodes.
 
         Raises:
             CannotWrite: The disk is full, or the folder is not writable; earlier batches are kept.
         """
-        self.batches(cell).append(stored)
+        self._hold(cell, key, number, batch)
         if self.path is None:
             return
-        file, lines = self.path / "cells" / _file_name(cell), stored.batch.lines
+        file, lines = self.path / "cells" / _file_name(cell), batch.lines
         header = {
-            "key": stored.key,
-            "batch": stored.number,
+            "key": key,
+            "batch": number,
             "decider": cell[0],
             "target": cell[1],
             "episodes": len(lines),
             "lines_sha256": _digest(lines),
-            "seconds": asdict(stored.batch.seconds),
+            "seconds": asdict(batch.seconds),
         }
         content = "".join([sealed_json(header, indent=None), "\n", *lines]).encode()
         try:
@@ -234,24 +237,16 @@ def _file_name(cell: Cell) -> str:
     return f"{in_file_name(decider)}-{in_file_name(target, '-')}.jsonl"
 
 
-def _read(file: Path) -> Iterator[Stored]:
-    """The intact batches of a file."""
-    for header in _headers(file):
-        try:
-            if _digest(header["lines"]) == header["lines_sha256"]:
-                yield Stored(header["key"], header["batch"], Batch(header["lines"], Seconds(**header["seconds"])))
-        except (KeyError, TypeError):
-            continue
-
-
 def _headers(file: Path) -> Iterator[dict[str, Any]]:
-    """The first line of each batch, with the lines of its episodes as ``lines``."""
+    """The first line of each intact batch, with the lines of its episodes as ``lines``."""
     lines = file.read_bytes().decode("utf-8", errors="replace").splitlines(keepends=True)
     for place, line in enumerate(lines):
         if line.startswith('{"key"'):
             try:
                 header = unsealed_json(line)
-                yield {**header, "lines": lines[place + 1 : place + 1 + header["episodes"]]}
+                own = lines[place + 1 : place + 1 + header["episodes"]]
+                if _digest(own) == header["lines_sha256"]:
+                    yield {**header, "lines": own, "seconds": Seconds(**header["seconds"])}
             except (ValueError, TypeError, KeyError):
                 continue
 

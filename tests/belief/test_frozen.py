@@ -59,8 +59,8 @@ HOLDERS = {
     "OutcomeMixture": (OutcomeMixture, [np.array([[0.5, 0.5], [1.0, 0.0]]), np.full((1, 2, 2, 3), 1 / 3)]),
     "Views": (Views, [np.array([0, 0]), np.array([[0, 1], [1, 0]])]),
     "SharedMixture": (
-        lambda a, b, c: SharedMixture(a, b, c, Views(np.array([0, 0]), np.array([[0, 1], [1, 0]]))),
-        [np.array([[0.5, 0.5]]), np.array([[0, 1]]), np.full((1, 1, 2, 4), 0.25, np.float32)],
+        lambda a, b: SharedMixture(a, 1, b, Views(np.array([0, 0]), np.array([[0, 1], [1, 0]]))),
+        [np.array([[0.5, 0.5]]), np.full((1, 1, 2, 4), 0.25, np.float32)],
     ),
     "LogitEmbedding": (LogitEmbedding, [np.full(2, -9.0), np.full(2, 9.0)]),
     "ConfusionModel": (lambda a: ConfusionModel(LABELS, a, TemperatureScaling(1.0, "ok")), [TABLE]),

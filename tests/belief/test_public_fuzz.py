@@ -279,6 +279,7 @@ NO_NUMBERS = {
     "require_index": "one integer",
     "require_number": "one number",
     "require_choice": "a word",
+    "warn_of_probs": "a warning",
     "read_origin": "text",
     "sample_arrangement": "of a problem",
 }

@@ -4,7 +4,6 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from belief import ActiveTouchError, Touch, metrics, statistics
 from belief.calibration import CALIBRATIONS, PerPose
@@ -88,34 +87,6 @@ def test_a_pose_number_that_no_data_can_have_is_refused_before_it_takes_memory(k
     fit = kind().fit if kind is PerPose else kind.fit
     with pytest.raises(ActiveTouchError, match="1000"):
         fit(*data, **options)
-
-
-@pytest.mark.parametrize("interval", [statistics.wilson_interval, statistics.clopper_pearson_interval])
-@pytest.mark.parametrize("confidence", [1 - 1e-16, 1 - 2e-16, 1e-300, 0.5, 0.999999])
-@pytest.mark.parametrize(("successes", "trials"), [(0, 1), (3, 7), (7, 7), (10**15 - 1, 10**15)])
-def test_intervals_hold_the_share_at_any_confidence(interval, confidence, successes, trials):
-    low, high = interval(successes, trials, confidence)
-    assert 0.0 <= low <= successes / trials + 1e-9
-    assert successes / trials - 1e-9 <= high <= 1.0
-
-
-@pytest.mark.parametrize("confidence", [0.5, 0.9, 0.95, 0.99])
-def test_wilson_intervals_are_those_of_scipy(confidence):
-    for successes, trials in ((0, 5), (3, 7), (53, 100), (9, 9)):
-        expected = stats.binomtest(successes, trials).proportion_ci(confidence, "wilson")
-        assert statistics.wilson_interval(successes, trials, confidence) == (expected.low, expected.high)
-
-
-def test_nearer_to_certainty_intervals_only_grow():
-    widths = [np.ptp(statistics.wilson_interval(3, 7, 1 - 10.0**-k)) for k in range(1, 17)]
-    assert (np.diff(widths) > 0.0).all()
-
-
-@pytest.mark.parametrize("confidence", [0.0, 1.0, float("nan"), -1.0, 95, "0.95", None])
-def test_what_is_no_confidence_is_refused(confidence):
-    for interval in (statistics.wilson_interval, statistics.clopper_pearson_interval):
-        with pytest.raises(ActiveTouchError, match="confidence"):
-            interval(3, 7, confidence)
 
 
 @pytest.mark.parametrize("name", FITS)

@@ -71,7 +71,7 @@ def test_a_learning_curve_gives_every_part_as_many_steps(data, tmp_path):
 @pytest.mark.slow
 def test_the_frontier_compares_runtimes_with_the_first_as_reference(data, tmp_path, monkeypatch):
     monkeypatch.setattr("benchmarks.frontier.which", lambda name: None)  # compiling takes half a minute
-    change = Changes(epochs=2, batch_size=64)
+    change = Changes(epochs=1, batch_size=64)
     Train("coarse", data, tmp_path / "trained", 16, "cnn", recipe="large", change=change, jobs=1).run()
     Frontier(
         (tmp_path / "trained" / CLASSIFIER_FILE,), "coarse", data, touches=60, batches=(1, 8), rounds=1, out=tmp_path

@@ -90,7 +90,7 @@ class ContactHypotheses:
         fields = scene_fields(scene)
         shapes, ranges = (dict(fields.get(name, {}).get("entries", ())) for name in ("shapes", "families"))
         families = {label: [part for part in ranges.items() if part[0].startswith(f"{label}.")] for label in shapes}
-        key = {"reader": self._digest, "bodies": places, "state": state}
+        key = {"reader": self.digest, "bodies": places, "state": state}
         found = [
             cached_array(key | {"shape": [shapes[label], families[label]]}, partial(embed_shape, label))
             for label in scene.shape_labels
@@ -140,7 +140,8 @@ class ContactHypotheses:
         return np.concatenate(parts, axis=1)
 
     @cached_property
-    def _digest(self) -> str:
+    def digest(self) -> str:
+        """Of all that determines its embeddings."""
         return (
             hashlib.sha256(self.network + repr(self.imaging.fields()).encode()).hexdigest()
             + f" {version('activetouch')}"

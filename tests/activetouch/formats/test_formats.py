@@ -33,7 +33,6 @@ def made(dtype="uint8", shape=(4, 4), seed=0):
         objects=[0, 0, 1, 0, 0, 1, 1],
         targets=("mug", "größte Dose"),
         shapes=("mug", "mug", "can", "", "", "", ""),
-        is_miss=[0, 0, 1, 0, 0, 0, 0],
         forces=np.array([1.5, np.nan, np.nan, 0.1, 2.0, 1 / 3, 2.0]),
         layout=TaxelLayout(rng.normal(size=(np.prod(shape), 3)), 1e-3),
     )

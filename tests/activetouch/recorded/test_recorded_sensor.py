@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 from sklearn.svm import SVC
 
-from activetouch import SCENES, TactileSensor
+from activetouch import SCENES, RecordedSensor, TactileSensor
 from activetouch.errors import LabelMismatch, WrongScene
 from activetouch.perception.sealed_tensors import read_tensors, write_tensors
 from activetouch.recorded import RecordedTouches
 from activetouch.recorded.reader_file import RECORDED_READER, read_recorded_reader, write_recorded_reader
 from activetouch.recorded.splits import for_use
 from activetouch.recorded.support_vectors import SupportVectors
-from activetouch.sensor import RecordedSensor
 from belief.errors import CannotWrite, CorruptFile, InvalidArgument, UnknownName
 from experiments.scene_choice import SceneChoice
 from experiments.sensor_choice import open_sensor

@@ -222,22 +222,6 @@ def test_a_calibration_comes_back_from_its_fields_to_the_last_bit(name, rng):
 
 
 @every_calibration
-def test_probabilities_in_place_of_logits_are_their_logarithms(name, rng):
-    logits, labels = sample(rng)
-    probs = np.exp(log_softmax(logits, axis=1))
-    wanted = CALIBRATIONS[name]().fit(logits, labels)
-    found = CALIBRATIONS[name]().fit(probs=probs, labels=labels)
-    predicted = wanted.predict_log_proba(logits)
-    np.testing.assert_allclose(found.predict_log_proba(probs=probs), predicted, atol=1e-9)
-    np.testing.assert_allclose(found.predict_proba(probs=probs[0]), np.exp(predicted[0]), atol=1e-9)
-    each, poses = PerPose(CALIBRATIONS[name]()), np.zeros(300, int)
-    by_logits, by_probs = each.fit(logits, labels, poses), each.fit(probs=probs, labels=labels, poses=poses)
-    np.testing.assert_allclose(
-        by_probs.predict_log_proba(probs=probs, poses=poses), by_logits.predict_log_proba(logits, poses), atol=1e-9
-    )
-
-
-@every_calibration
 @pytest.mark.filterwarnings("error")
 def test_probabilities_are_not_taken_for_logits_in_silence(name, rng):
     logits, labels = sample(rng)
@@ -254,23 +238,7 @@ def test_probabilities_are_not_taken_for_logits_in_silence(name, rng):
         lambda: each.predict_log_proba(probs, poses),
         lambda: choose_calibration(probs, labels, np.arange(300), choices),
     ):
-        with pytest.warns(UserWarning, match=r"pass probabilities as probs=") as caught:
+        with pytest.warns(UserWarning, match="take the logarithms of probabilities") as caught:
             call()
         assert [one.filename for one in caught] == [__file__]
     unfitted.fit(probs + 0.1, labels).predict_proba(probs - 0.1)
-
-
-@every_calibration
-def test_probabilities_of_zero_and_one_are_fitted_and_what_are_none_refused(name):
-    fitted = CALIBRATIONS[name]().fit(probs=[[1.0, 0.0], [0.0, 1.0], [1.0, 0.0]], labels=[0, 1, 1])
-    assert_distributions(fitted.predict_log_proba(probs=[[1.0, 0.0], [0.5, 0.5]]))
-    for arguments, message in (
-        ({"probs": [[0.7, 0.7]], "labels": [0]}, "sum to one"),
-        ({"probs": [[-0.5, 1.5]], "labels": [0]}, "below zero"),
-        ({"probs": [[np.nan, 1.0]], "labels": [0]}, "NaN"),
-        ({"probs": [[0.5, 0.5]]}, "labels must be given"),
-        ({"labels": [0]}, "either logits or probs=... must be given, got neither"),
-        ({"logits": [[0.5, 2.5]], "probs": [[0.5, 0.5]], "labels": [0]}, "got both"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            CALIBRATIONS[name]().fit(**arguments)

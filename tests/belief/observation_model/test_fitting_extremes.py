@@ -59,7 +59,7 @@ def test_every_model_of_every_collection_answers_and_survives_a_file(name, data)
     again = read_observation_model(model.to_json())
     num_shapes = len(data[0][0].logits)
     for logits in (data[0][-1].logits, np.zeros(num_shapes), np.array([1e308, -1e308] + [0.0] * (num_shapes - 2))):
-        for pose in range(4):
+        for pose in (0, 3):
             found = model.log_likelihood([Touch(pose, logits)] * 5)
             assert np.isfinite(found).all()
             np.testing.assert_array_equal(again.log_likelihood([Touch(pose, logits)] * 5), found)

@@ -5,9 +5,9 @@ import pytest
 from scipy.special import log_softmax, softmax
 
 from belief import SceneBelief, SearchProblem, Touch
-from belief.bayes import expected_information_gain
+from belief.bayes import expected_information_gain, target_information_gain
 from belief.observation_model import FixedHypotheses, RigidBodyModel
-from belief.observation_model.outcome_mixture import OutcomeMixture
+from belief.observation_model.outcome_mixture import OutcomeMixture, information, target_shares
 from belief.synthetic import random_model
 
 P, K, N, M, D = 3, 2, 12, 9, 4
@@ -64,6 +64,11 @@ def test_two_touches_are_sums_over_hypotheses_and_linear_in_the_factors(new, rng
         nothing = np.broadcast_to(1.0 - new[:, None, None, None], (P, K, N, 1))
         some = np.concatenate([probs * new[:, None, None, None], nothing], axis=-1)
     np.testing.assert_allclose(mixture.table.probs, np.einsum("ki,pkim->pkm", weights, some), atol=1e-6)
+    belief = rng.dirichlet(np.ones(K))
+    gains = information(mixture.one_touch(np.diag(belief))) * (1.0 if new is None else new)
+    np.testing.assert_allclose(gains, expected_information_gain(belief, mixture.table.probs), atol=1e-12)
+    gains = information(mixture.one_touch(target_shares(belief, 1))) * (1.0 if new is None else new)
+    np.testing.assert_allclose(gains, target_information_gain(belief, mixture.table.probs, 1), atol=1e-12)
     both = two_touches(mixture)
     np.testing.assert_allclose(both, np.einsum("ki,pkim,qkin->kpmqn", weights, some, some), atol=1e-6)
     for factors in rng.normal(size=(4, 1, K)):

@@ -175,12 +175,6 @@ def test_objects_that_were_touched_in_few_of_many_poses_can_be_fitted(num_touche
     assert model.drift < 0.1
 
 
-def test_no_touches_say_nothing(world, rng):
-    model = world.model(rng)
-    assert not model.start().log_likelihood.any()
-    assert not model.log_likelihood([]).any()
-
-
 def test_one_hypothesis_of_each_shape_makes_touches_independent(rng):
     world = World(rng, num_hypotheses=1)
     model = RigidBodyModel(
@@ -272,26 +266,13 @@ def test_embeddings_of_any_size_are_answered(world, rng, scale):
     assert np.isfinite(posterior(found)).all()
 
 
-def test_half_precision_embeddings_agree_with_single(world, rng):
-    model = world.model(rng)
-    touches = touches_of(world, 0, 1, [0, 1, 2], rng)
+def test_embeddings_and_tables_in_half_precision_agree_with_single(world, rng):
+    model, touches = world.model(rng), touches_of(world, 0, 1, [0, 1, 2, 1], rng)
+    expected = posterior(model.log_likelihood(touches))
     halves = [Touch(t.pose, t.logits, t.features.astype(np.float16)) for t in touches]
-    found, expected = (posterior(model.log_likelihood(some)) for some in (halves, touches))
-    np.testing.assert_allclose(found, expected, atol=5e-3)
-
-
-def test_a_table_in_half_precision_agrees_with_one_in_single(world, rng):
-    model = world.model(rng)
-    touches = touches_of(world, 0, 1, [0, 1, 2, 1], rng)
+    np.testing.assert_allclose(posterior(model.log_likelihood(halves)), expected, atol=5e-3)
     half = replace(model, hypotheses=FixedHypotheses(world.embed(N).astype(np.float16)))
-    found, expected = (posterior(some.log_likelihood(touches)) for some in (half, model))
-    np.testing.assert_allclose(found, expected, atol=5e-3)
-
-
-def test_a_pose_that_the_model_does_not_know_is_refused(world, rng):
-    touch = world.touch(0, 1, 2, rng)
-    with pytest.raises(ValueError, match=rf"has pose {P}, the model knows poses 0 to {P}, exclusive"):
-        world.model(rng).start().update(Touch(P, touch.logits, touch.features))
+    np.testing.assert_allclose(posterior(half.log_likelihood(touches)), expected, atol=5e-3)
 
 
 def test_it_keeps_the_contract_of_observation_models(world, rng):
@@ -419,7 +400,7 @@ def test_hypotheses_are_embedded_at_first_use_and_never_again(world, rng):
         assert not one.table.flags.writeable
 
 
-@pytest.mark.parametrize("num_kept", range(P + 1))
+@pytest.mark.parametrize("num_kept", [0, 1, P])
 def test_outcomes_are_kept_in_as_many_poses_as_fit_and_computed_in_the_others(world, rng, monkeypatch, num_kept):
     model, chosen = world.model(rng), rng.integers(N, size=(K, 7))
     expected, bound = model.outcome_probs(chosen, 20), num_kept * K * N * 20
@@ -436,12 +417,6 @@ def test_a_copy_in_another_process_scores_touches_alike_to_the_last_bit(world, r
     felt = world.touch(0, 1, 2, rng).features[None]
     np.testing.assert_array_equal(sent.scores(2, felt), model.scores(2, felt))
     assert sent.table.strides == model.table.strides
-
-
-def test_hypotheses_that_do_not_fit_are_refused_at_first_use(world, rng):
-    model = world.model(rng).with_hypotheses(lambda number: world.embed(number)[:, :1])
-    with pytest.raises(ValueError, match="hypotheses must be"):
-        model.start().update(world.touch(0, 0, 0, rng))
 
 
 def test_logits_are_of_no_account_to_it(world, rng):

@@ -70,6 +70,8 @@ def test_shared_outcomes_are_those_of_every_pose_by_itself(turned, rng, number):
         mine, other = (evidence.outcome_mixture(outcomes, hypotheses) for evidence in (ours, theirs))
         np.testing.assert_allclose(mine.table.probs, other.table.probs, atol=1e-5)
         factors = rng.normal(size=(2, K))
+        positive = np.abs(factors) * [1.0, 1e-8, 0.0]  # the second is negligible, the third is nothing
+        np.testing.assert_allclose(mine.one_touch(positive), other.one_touch(positive), atol=1e-5)
         np.testing.assert_allclose(mine.two_touches(3, factors), other.two_touches(3, factors), atol=1e-5)
 
 
@@ -97,9 +99,9 @@ def test_a_table_that_does_not_fit_the_references_is_refused(turned, rng):
         with pytest.raises(ValueError, match=r"groups|same"):
             Views(np.array(groups), np.array(same, int))
     views, outcomes = Views(np.array([0]), np.array([[0]])), np.ones((1, 1, 1, 1), np.float32)
-    for weights in ([[0.5]], [[1.0], [1.0]], [[np.nan]]):
-        with pytest.raises(ValueError, match="weights"):
-            SharedMixture(np.array(weights), np.zeros_like(weights, int), outcomes, views)
+    for log_weights in ([[0.5, 0.5]], [[1.0], [1.0]], [[np.nan]], [[-np.inf]], [[np.inf]]):
+        with pytest.raises(ValueError, match="log weights"):
+            SharedMixture(np.array(log_weights), 1, outcomes, views)
 
 
 def test_one_certain_hypothesis_among_many_poses(turned, rng):

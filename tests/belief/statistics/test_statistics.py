@@ -15,19 +15,32 @@ from belief.statistics import (
 )
 
 
-@pytest.mark.parametrize(("k", "n"), [(0, 1), (0, 50), (13, 50), (50, 50), (980, 1000), (7, 10**6), (10**6, 10**6)])
-def test_wilson_interval_solves_its_quadratic(k, n):
-    # The bounds are the p with |k/n - p| = z sqrt(p (1 - p) / n).
-    z = stats.norm.ppf(0.975)
-    for bound in wilson_interval(k, n):
-        assert abs(k / n - bound) == pytest.approx(z * np.sqrt(bound * (1 - bound) / n), abs=1e-9)
-
-
 @pytest.mark.parametrize(("k", "n"), [(0, 1), (0, 50), (13, 50), (50, 50), (7, 10**6), (10**6, 10**6)])
 def test_clopper_pearson_bounds_are_beta_quantiles(k, n):
     low, high = clopper_pearson_interval(k, n)
     assert low == pytest.approx(stats.beta.ppf(0.025, k, n - k + 1) if k else 0.0)
     assert high == pytest.approx(stats.beta.ppf(0.975, k + 1, n - k) if k < n else 1.0)
+
+
+@pytest.mark.parametrize("interval", [wilson_interval, clopper_pearson_interval])
+@pytest.mark.parametrize("confidence", [1 - 1e-16, 1 - 2e-16, 1e-300, 0.5, 0.999999])
+@pytest.mark.parametrize(("successes", "trials"), [(0, 1), (3, 7), (7, 7), (10**15 - 1, 10**15)])
+def test_intervals_hold_the_share_at_any_confidence(interval, confidence, successes, trials):
+    low, high = interval(successes, trials, confidence)
+    assert 0.0 <= low <= successes / trials + 1e-9
+    assert successes / trials - 1e-9 <= high <= 1.0
+
+
+@pytest.mark.parametrize("confidence", [0.5, 0.9, 0.95, 0.99])
+def test_wilson_intervals_are_those_of_scipy(confidence):
+    for successes, trials in ((0, 5), (3, 7), (53, 100), (9, 9)):
+        expected = stats.binomtest(successes, trials).proportion_ci(confidence, "wilson")
+        assert wilson_interval(successes, trials, confidence) == (expected.low, expected.high)
+
+
+def test_nearer_to_certainty_intervals_only_grow():
+    widths = [np.ptp(wilson_interval(3, 7, 1 - 10.0**-k)) for k in range(1, 17)]
+    assert (np.diff(widths) > 0.0).all()
 
 
 @pytest.mark.parametrize("interval", [wilson_interval, clopper_pearson_interval])
@@ -37,7 +50,7 @@ def test_impossible_counts_are_refused(interval, k, n):
         interval(k, n)
 
 
-@pytest.mark.parametrize("confidence", [0.0, 1.0, 95, np.nan])
+@pytest.mark.parametrize("confidence", [0.0, 1.0, 95, -1.0, np.nan])
 def test_a_confidence_is_no_percentage(confidence, rng):
     for estimate in (
         lambda: wilson_interval(1, 2, confidence),

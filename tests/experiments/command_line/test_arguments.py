@@ -14,6 +14,8 @@ from belief.errors import ActiveTouchError
 from benchmarks.fidelity import FidelityCommand
 from experiments.cli import commands, main
 from experiments.command_line.arguments import BadArgument, Within, arguments
+from experiments.meshes.find import Find
+from experiments.meshes.identify import Identify
 from experiments.paper.reproduce import Reproduce
 from experiments.press.touch import TouchCommand
 from experiments.recorded.recorded import Recorded
@@ -24,6 +26,8 @@ from experiments.tradeoff.tradeoff import Tradeoff
 
 _NEEDED = {
     Export: {"target": "cone", "out": Path("none")},
+    Find: {"folder": Path("none"), "target": "mug"},
+    Identify: {"folder": Path("none")},
     Live: {"target": "cone"},
     Recorded: {"data": Path("none"), "format": "csv"},
 }

@@ -37,7 +37,7 @@ def start(folder, *more):
 def batches(folder):
     """The intact batches by cell and number."""
     run = RunFolder(folder)
-    return {(cell, stored.number): stored.batch for cell in run.cells() for stored in run.batches(cell)}
+    return {(cell, number): batch for cell in run.cells() for (_, number), batch in run.batches(cell).items()}
 
 
 def finish(folder):

@@ -10,7 +10,7 @@ from belief.errors import CannotWrite, CorruptFile
 from belief.files import sealed_json
 from experiments.search.play import EPISODES_PER_BATCH, Seconds
 from experiments.search.run import Conflict, merge
-from experiments.search.run_folder import Batch, RunFolder, RunMismatch, Stored, _file_name
+from experiments.search.run_folder import Batch, RunFolder, RunMismatch, _file_name
 
 CELL = ("threshold", "cone")
 ARGUMENTS = {"deciders": ["threshold"], "targets": ["cone"], "episodes": 50, "seed": 0, "setting": None}
@@ -25,7 +25,7 @@ def started(path, *numbers, key="k", identity=None):
     folder = RunFolder(path)
     folder.start(identity or {"seed": 0}, ARGUMENTS)
     for number in numbers:
-        folder.add(CELL, Stored(key, number, batch(number)))
+        folder.add(CELL, key, number, batch(number))
     return folder
 
 
@@ -45,7 +45,7 @@ def test_batches_read_back_as_they_were_written(tmp_path, in_memory):
 def test_episodes_count_up_to_the_first_batch_that_is_missing_or_short(tmp_path):
     folder = started(tmp_path, 0, 2)
     assert len(folder.lines(CELL, "k")) == 25
-    folder.add(CELL, Stored("k", 1, batch(1, 5)))
+    folder.add(CELL, "k", 1, batch(1, 5))
     assert len(folder.lines(CELL, "k")) == 30
 
 
@@ -57,7 +57,7 @@ def test_what_a_kill_leaves_unfinished_counts_as_missing_and_the_next_batch_is_w
     file_of(tmp_path).write_bytes(content[: first + int(kept * first)])
     folder = RunFolder(tmp_path)
     assert sorted(folder.held(CELL, "k")) == [0]
-    folder.add(CELL, Stored("k", 1, batch(1)))
+    folder.add(CELL, "k", 1, batch(1))
     assert RunFolder(tmp_path).held(CELL, "k") == {0: batch(0), 1: batch(1)}
 
 
@@ -99,7 +99,7 @@ def test_a_full_disk_loses_nothing_and_says_what_to_do(tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(os, "fsync", full)
         with pytest.raises(CannotWrite, match="make room"):
-            folder.add(CELL, Stored("k", 1, batch(1)))
+            folder.add(CELL, "k", 1, batch(1))
     assert RunFolder(tmp_path).held(CELL, "k")[0] == batch(0)
 
 
@@ -109,7 +109,7 @@ def test_merging_takes_every_whole_batch_once(tmp_path):
     for _ in range(2):  # again changes nothing
         merge([tmp_path / "a", tmp_path / "b"], tmp_path / "all")
         found = RunFolder(tmp_path / "all").batches(CELL)
-        assert sorted(stored.number for stored in found) == [0, 1, 2]
+        assert sorted(number for _, number in found) == [0, 1, 2]
     assert RunFolder(tmp_path / "all").read_run()["arguments"]["episodes"] == 50
 
 
@@ -119,7 +119,7 @@ def test_runs_that_differ_are_not_merged(tmp_path):
     with pytest.raises(RunMismatch, match="other seed"):
         merge([tmp_path / "a", tmp_path / "b"], tmp_path / "all")
     other = started(tmp_path / "c")
-    other.add(CELL, Stored("k", 0, batch(0, word="y")))
+    other.add(CELL, "k", 0, batch(0, word="y"))
     with pytest.raises(Conflict, match="different episodes of threshold for cone, batch 0"):
         merge([tmp_path / "a", tmp_path / "c"], tmp_path / "all")
     with pytest.raises(FileNotFoundError, match="holds no run"):

@@ -1,0 +1,208 @@
+"""Bodies as a reader of any object knows them: their contacts in evenly spread views, embedded once, on disk.
+
+A touch shows a body in one orientation, whatever the pose and however it lies. So a body needs no hypotheses for each
+pose: it is embedded in V views (:func:`activetouch.rotation_cells.views`), and a hypothesis about how it lies is read
+in a pose as the view that is nearest. Each mesh has its own file in the cache: sets of bodies may change at will.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activetouch.perception.cached_arrays import cached_array, has_array
+from activetouch.perception.contacts.hypotheses import ContactHypotheses
+from activetouch.perception.contacts.imaging import Floats32
+from activetouch.perception.contacts.sensor_state import sensor_state
+from activetouch.poses import turned
+from activetouch.pressing.height_maps import predicted_contacts
+from activetouch.rotation_cells import centres, nearest, nested, views
+from activetouch.scene import Scene
+from activetouch.scene_description import solid_fields
+from activetouch.solids.solid import Shape
+from belief.coarse_to_fine import CoarseToFine, Effort, Ints
+from belief.validation import Floats, require_number
+
+_AT_ONCE = 128  # contacts
+_DECIMALS = 7
+_IN_SINGLE = 1 << 28  # numbers; larger tables stay in half precision
+
+
+@dataclass(frozen=True)
+class ViewPlan:
+    """In which views bodies are embedded: the dial of accuracy against the time for a new body.
+
+    Attributes:
+        directions: sides from which a body is seen.
+        rolls: about the approach axis, a multiple of 4.
+        width: of the orientations that a view stands for, which the network of contacts is told: a standard deviation
+            about each axis [rad].
+    """
+
+    directions: int = 88
+    rolls: int = 12
+    width: float = 0.25
+
+    def __post_init__(self) -> None:
+        require_number("width", self.width, 0.0, 1.0)
+
+    @property
+    def orientations(self) -> Floats:
+        """Of the views, unit quaternions ``wxyz``, ``(V, 4)``."""
+        return views(self.directions, self.rolls)
+
+
+def embedded_views(reader: ContactHypotheses, scene: Scene, solid: Shape, plan: ViewPlan) -> Floats32:
+    """Embeddings of a body in all views, ``(V, D)``, from the cache or new.
+
+    Args:
+        reader: embeds.
+        scene: says the state of the sensor.
+        solid: the body, at its nominal size.
+        plan: the views.
+    """
+    code = sensor_state(reader.imaging, scene).code()
+
+    def make() -> Floats32:
+        quarter = plan.orientations.reshape(plan.directions, plan.rolls, 4)[:, : plan.rolls // 4].reshape(-1, 4)
+        window, found = reader.imaging.wide_window, []
+        step = max(1, _AT_ONCE // plan.rolls) * (plan.rolls // 4)  # whole directions
+        for first in range(0, len(quarter), step):
+            maps = predicted_contacts(solid, quarter[first : first + step], (0.0, 0.0), window, 1.0, np.float32)
+            each = maps.reshape(-1, plan.rolls // 4, *maps.shape[1:])
+            rolled = np.stack([np.rot90(each, -turns, axes=(2, 3)) for turns in range(4)], axis=1)
+            found.append(reader.embed(np.ascontiguousarray(rolled.reshape(-1, *maps.shape[1:])), plan.width, code))
+        return np.concatenate(found)
+
+    return cached_array(_key(reader, scene, solid, plan), make)
+
+
+def are_embedded(reader: ContactHypotheses, scene: Scene, solid: Shape, plan: ViewPlan) -> bool:
+    """Whether :func:`embedded_views` finds a body in the cache."""
+    return has_array(_key(reader, scene, solid, plan))
+
+
+def _key(reader: ContactHypotheses, scene: Scene, solid: Shape, plan: ViewPlan) -> dict[str, Any]:
+    return {
+        "reader": reader.digest,
+        "state": (np.round(sensor_state(reader.imaging, scene).code(), _DECIMALS) + 0.0).tolist(),
+        "views": [plan.directions, plan.rolls, plan.width],
+        "body": solid_fields(solid),
+    }
+
+
+@dataclass(eq=False)
+class Felt:
+    """A touch as a set of bodies reads it.
+
+    Attributes:
+        pose: its index.
+        embedding: of its image, ``(D,)``.
+    """
+
+    pose: int
+    embedding: Floats32
+    _scores: Floats32 = field(repr=False)
+    _known: NDArray[np.bool_] = field(repr=False)
+
+
+@dataclass(frozen=True, eq=False)
+class BodySet:
+    """K bodies, embedded in all views: the likelihood of touches for a belief from coarse to fine.
+
+    Attributes:
+        labels: names of the bodies.
+        table: embeddings, ``(K, V, D)``.
+        plan: the views.
+        poses: rotations of the exploration poses, ``(P, 4)``.
+        levels: of the cells, coarse first.
+        scale, drift: of log likelihoods, see :class:`belief.coarse_to_fine.CoarseToFine`.
+        effort: how far a belief is refined.
+    """
+
+    labels: tuple[str, ...]
+    table: NDArray[np.floating]
+    plan: ViewPlan
+    poses: Floats
+    levels: tuple[int, ...] = (0, 1, 2)
+    scale: float = 1.0
+    drift: float = 0.06
+    effort: Effort = field(default_factory=Effort)
+
+    @classmethod
+    def of(
+        cls, reader: ContactHypotheses, scene: Scene, solids: Mapping[str, Shape], plan: ViewPlan, **others: Any
+    ) -> BodySet:
+        """Bodies embedded for the sensor of a scene; those in the cache take no time."""
+        first = next(iter(solids.values()))
+        num_views, width = embedded_views(reader, scene, first, plan).shape
+        size = len(solids) * num_views * width
+        table = np.empty((len(solids), num_views, width), np.float32 if size <= _IN_SINGLE else np.float16)
+        for row, solid in zip(table, solids.values(), strict=True):
+            row[:] = embedded_views(reader, scene, solid, plan)
+        return cls(tuple(solids), table, plan, np.array(list(scene.rotations.values())), **others)
+
+    def start(self, log_prior: Floats | None = None) -> CoarseToFine:
+        """The belief before the first touch.
+
+        Args:
+            log_prior: of the bodies, ``(K,)``; all equal by default.
+        """
+        prior = np.zeros(len(self.labels)) if log_prior is None else log_prior
+        return CoarseToFine.start(prior, nested(self.levels), self, self.effort, self.scale, self.drift)
+
+    def felt(self, pose: int, embedding: Floats32) -> Felt:
+        """A touch for :meth:`CoarseToFine.update`."""
+        num, num_views, _ = self.table.shape
+        return Felt(
+            pose, np.asarray(embedding, np.float32), np.empty((num, num_views), np.float32), np.zeros(num, bool)
+        )
+
+    def coarsest(self, touch: Felt) -> Floats32:
+        """See :class:`belief.coarse_to_fine.CellLikelihood`."""
+        shown = self.table[:, self._shown(0, touch.pose)].astype(np.float32, copy=False)
+        return shown @ touch.embedding
+
+    def parts(self, touches: Sequence[Felt], level: int, bodies: Ints, parents: Ints) -> Floats32:
+        """See :class:`belief.coarse_to_fine.CellLikelihood`."""
+        cells, wanted = nested(self.levels).parts(level, parents), np.unique(bodies)
+        total = np.zeros(cells.shape, np.float32)
+        for touch in touches:
+            for body in wanted[~touch._known[wanted]].tolist():
+                touch._scores[body] = self.table[body].astype(np.float32, copy=False) @ touch.embedding
+            touch._known[wanted] = True
+            total += touch._scores[bodies[:, None], self._shown(level, touch.pose)[cells]]
+        return total
+
+    def log_ratios(self, level: Ints, bodies: Ints, cells: Ints, references: Floats32) -> Floats32:
+        """Log ratios of reference touches in every pose for some hypotheses, ``(P, n, M)``.
+
+        Args:
+            level: of each cell, by its place among the levels of this set, ``(n,)``.
+            bodies: ``(n,)``.
+            cells: ``(n,)``.
+            references: embeddings of touches that stand for all, ``(M, D)``.
+        """
+        shown = np.empty((len(self.poses), len(bodies)), np.int64)
+        for place in np.unique(level).tolist():
+            some = level == place
+            for pose in range(len(self.poses)):
+                shown[pose, some] = self._shown(place, pose)[cells[some]]
+        found = self.table[bodies, shown].astype(np.float32, copy=False)
+        return found @ references.T
+
+    def _shown(self, place: int, pose: int) -> NDArray[np.int32]:
+        """The view that each cell of a level shows in a pose."""
+        if (place, pose) not in self._kept:
+            shown = turned(self.poses[pose], centres(self.levels[place]))
+            self._kept[place, pose] = nearest(shown, self.plan.orientations).astype(np.int32)
+        return self._kept[place, pose]
+
+    @cached_property
+    def _kept(self) -> dict[tuple[int, int], NDArray[np.int32]]:
+        return {}

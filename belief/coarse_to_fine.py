@@ -1,0 +1,425 @@
+r"""A belief over many bodies and their orientations, coarse to fine: wide cells for all, narrow ones where it matters.
+
+Orientations (or places, or anything else that is hidden) lie in nested cells: each cell of a level is divided into
+equally many cells of the next. The belief holds the coarsest cells of all bodies. A cell with much of the posterior is
+*split*: its parts are weighed by all touches so far, and take its place. Parts that have lost the posterior are *set
+aside*: their cell takes their place again, with their weight, and may be split again when touches speak for it. What is
+in memory is bounded, whatever the number of bodies.
+
+The likelihood is a callback, and this module knows nothing of geometry. One body, of which one cell in two levels fits:
+
+>>> class Fits:
+...     def coarsest(self, touch):
+...         return np.array([[0.0, 1.0], [0.0, 0.0]])
+...     def parts(self, touches, level, bodies, parents):
+...         return np.where(parents[:, None] * 2 + np.arange(2) == 3, 5.0, -5.0) - bodies[:, None]
+>>> nested = NestedCells((np.full(2, 1 / 2), np.full(4, 1 / 4)))
+>>> belief = CoarseToFine.start(np.zeros(2), nested, Fits(), Effort(tolerance=0.0)).update("a touch")
+>>> belief.probs.round(2).tolist(), belief.num_split, belief.unresolved
+([0.73, 0.27], 4, 0.0)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from belief.errors import ImpossibleObservation
+from belief.validation import Floats, require_count, require_number
+
+Ints = NDArray[np.int64]
+
+
+class CellLikelihood(Protocol):
+    """Log likelihoods of touches given a body and a cell; each touch up to a constant of its own."""
+
+    def coarsest(self, touch: Any) -> NDArray[np.floating]:
+        """Of one touch, for all cells of the coarsest level and all bodies, ``(K, N_0)``."""
+
+    def parts(self, touches: Sequence[Any], level: int, bodies: Ints, parents: Ints) -> NDArray[np.floating]:
+        """Of all touches together, for the parts of some cells, ``(m, F)``.
+
+        Args:
+            touches: one or more.
+            level: of the parts, 1 or more.
+            bodies: ``(m,)``.
+            parents: the cells of level - 1 that are divided, ``(m,)``; the parts of cell c are c F … c F + F - 1.
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class NestedCells:
+    """Cells of several levels, from coarse to fine.
+
+    Attributes:
+        shares: prior probability of each cell of each level, ``(N_l,)``. The parts of a cell share its probability.
+
+    Raises:
+        ValueError: a level is no multiple of the one before, or the parts of a cell do not have its probability.
+    """
+
+    shares: tuple[Floats, ...]
+
+    def __post_init__(self) -> None:
+        for coarse, fine in pairwise(self.shares):
+            if len(coarse) == 0 or len(fine) % len(coarse):
+                raise ValueError(f"{len(fine)} cells are no division of {len(coarse)} cells")
+            if not np.allclose(fine.reshape(len(coarse), -1).sum(axis=1), coarse, atol=1e-9):
+                raise ValueError("the parts of a cell must share its probability")
+        if not self.shares or not np.isclose(self.shares[0].sum(), 1.0) or min(map(np.min, self.shares)) <= 0.0:
+            raise ValueError("the cells of a level must have positive probabilities that sum to 1")
+
+    @cached_property
+    def log_shares(self) -> tuple[Floats, ...]:
+        """Logarithms of the shares."""
+        return tuple(np.log(each) for each in self.shares)
+
+    def parts(self, level: int, parents: Ints) -> Ints:
+        """The parts of cells of level - 1, ``(m, F)``."""
+        number = len(self.shares[level]) // len(self.shares[level - 1])
+        return parents[:, None] * number + np.arange(number)
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How far a belief is refined: the dial of speed against accuracy.
+
+    Attributes:
+        tolerance: share of the posterior that may stay in cells that are not of the finest level.
+        splits: cells that are split after one touch, at most.
+        at_once: cells that are split at a time.
+        kept: split cells that are held in memory, at most.
+        floor: posterior below which the parts of a cell are set aside.
+    """
+
+    tolerance: float = 0.02
+    splits: int = 1024
+    at_once: int = 256
+    kept: int = 4096
+    floor: float = 1e-6
+
+    def __post_init__(self) -> None:
+        require_number("tolerance", self.tolerance, 0.0, 1.0)
+        require_number("floor", self.floor, 0.0, 1.0)
+        for name in ("splits", "at_once", "kept"):
+            require_count(name, getattr(self, name))
+
+
+class Leaves(NamedTuple):
+    """Cells that are not split: together they are all bodies in all orientations.
+
+    Attributes:
+        level: ``(n,)``.
+        body: ``(n,)``.
+        cell: in its level, ``(n,)``.
+        log_weight: log of prior times likelihood, ``(n,)``.
+    """
+
+    level: Ints
+    body: Ints
+    cell: Ints
+    log_weight: Floats
+
+
+class _Families(NamedTuple):
+    """The parts of m split cells: sums of their log likelihoods, and corrections, ``(m, F)``."""
+
+    body: Ints
+    parent: Ints
+    sums: Floats
+    offsets: Floats
+
+    def take(self, rows: NDArray[Any]) -> _Families:
+        return _Families(*(part[rows] for part in self))
+
+    def joined(self, others: _Families) -> _Families:
+        return _Families(*(np.concatenate(both) for both in zip(self, others, strict=True)))
+
+    def keys(self, num_parents: int) -> Ints:
+        return self.body * num_parents + self.parent
+
+
+@dataclass(frozen=True, eq=False)
+class CoarseToFine:
+    """Posterior over K bodies and their cells after some touches. Made by :meth:`start` and :meth:`update`.
+
+    Attributes:
+        log_prior: of the bodies, ``(K,)``.
+        cells: nested.
+        likelihood: of touches.
+        effort: how far it is refined.
+        scale: by which sums of log likelihoods are multiplied after n touches: scale / (1 + drift (n - 1)).
+        drift: see ``scale``.
+        touches: so far.
+    """
+
+    log_prior: Floats
+    cells: NestedCells
+    likelihood: CellLikelihood
+    effort: Effort
+    scale: float
+    drift: float
+    touches: tuple[Any, ...]
+    _sums: Floats = field(repr=False)
+    _offsets: Floats = field(repr=False)
+    _families: tuple[_Families, ...] = field(repr=False)
+
+    @classmethod
+    def start(
+        cls,
+        log_prior: ArrayLike,
+        cells: NestedCells,
+        likelihood: CellLikelihood,
+        effort: Effort | None = None,
+        scale: float = 1.0,
+        drift: float = 0.0,
+    ) -> CoarseToFine:
+        """The belief before the first touch.
+
+        Args:
+            log_prior: of the K bodies, ``(K,)``, up to a constant; ``-inf`` for a body that it cannot be.
+            cells: of which every body has its own.
+            likelihood: of touches.
+            effort: how far to refine.
+            scale: factor on log likelihoods, one over the temperature.
+            drift: how far errors about one body are common to all touches, in [0, 1].
+
+        Raises:
+            ValueError: a prior is NaN or infinite, or all bodies are impossible.
+        """
+        prior = np.array(log_prior, float, ndmin=1)
+        if prior.ndim != 1 or not len(prior) or np.isnan(prior).any() or not np.isfinite(prior.max()):
+            raise ValueError(
+                f"log_prior must be (K,), finite for one body at least and nowhere NaN, got {prior!r:.200}"
+            )
+        require_number("scale", scale, 0.0, 1e6)
+        require_number("drift", drift, 0.0, 1.0)
+        prior = prior - _log_sum(prior)
+        shape = len(prior), len(cells.shares[0])
+        none = tuple(
+            _Families(*np.zeros((2, 0), np.int64), *np.zeros((2, 0, len(fine) // len(coarse))))
+            for coarse, fine in pairwise(cells.shares)
+        )
+        effort = Effort() if effort is None else effort
+        return cls(prior, cells, likelihood, effort, scale, drift, (), np.zeros(shape), np.zeros(shape), none)
+
+    def update(self, touch: Any) -> CoarseToFine:
+        """The belief after one more touch, refined as far as the effort says.
+
+        Raises:
+            ImpossibleObservation: no body in no cell explains the touches.
+            ValueError: the callback gave NaN, or another shape than asked for.
+        """
+        found = _checked(self.likelihood.coarsest(touch), self._sums.shape)
+        families = tuple(
+            each._replace(sums=each.sums + self._parts((touch,), level, each.body, each.parent))
+            for level, each in enumerate(self._families, 1)
+        )
+        touches = (*self.touches, touch)
+        belief = replace(self, touches=touches, _sums=self._sums + found, _families=families)
+        if not np.isfinite(belief._log_total):
+            raise ImpossibleObservation(f"no body explains touch number {len(touches)} together with those before it")
+        return belief._less()._refined()
+
+    @property
+    def log_evidence(self) -> Floats:
+        """Log likelihood of all touches given each body, summed over its cells, ``(K,)``."""
+        return self._log_bodies - np.where(np.isfinite(self.log_prior), self.log_prior, 0.0)
+
+    @property
+    def log_probs(self) -> Floats:
+        """Log posterior of the bodies, ``(K,)``."""
+        return self._log_bodies - self._log_total
+
+    @property
+    def probs(self) -> Floats:
+        """Posterior of the bodies, ``(K,)``."""
+        return np.exp(self.log_probs)
+
+    @cached_property
+    def unresolved(self) -> float:
+        """Share of the posterior in cells that are not of the finest level."""
+        leaves, finest = self.leaves(), len(self._families)
+        return float(np.exp(leaves.log_weight[leaves.level < finest] - self._log_total).sum())
+
+    @property
+    def effective_cells(self) -> float:
+        """How many cells share the posterior: one over the sum of its squares."""
+        return float(1.0 / np.exp(2 * (self.leaves().log_weight - self._log_total)).sum())
+
+    @property
+    def num_split(self) -> int:
+        """Cells whose parts are in memory."""
+        return sum(len(each.body) for each in self._families)
+
+    def leaves(self, least: float = 0.0) -> Leaves:
+        """All cells that are not split, or those with a posterior of ``least`` or more."""
+        found = []
+        for level, weights in enumerate(self._leaf_weights):
+            rows = np.flatnonzero(weights >= self._log_total + np.log(least) if least else weights > -np.inf)
+            body, cell = self._places(level, rows)
+            found.append((np.full(len(rows), level), body, cell, weights.ravel()[rows]))
+        return Leaves(*(np.concatenate(part) for part in zip(*found, strict=True)))
+
+    def _places(self, level: int, rows: Ints) -> tuple[Ints, Ints]:
+        """Body and cell of entries of a level, by their places in its flattened array."""
+        if level == 0:
+            return rows // self._sums.shape[1], rows % self._sums.shape[1]
+        family = self._families[level - 1]
+        size = family.sums.shape[1]
+        return family.body[rows // size], family.parent[rows // size] * size + rows % size
+
+    @property
+    def _share(self) -> float:
+        return self.scale / (1.0 + self.drift * max(len(self.touches) - 1, 0))
+
+    @cached_property
+    def _weights(self) -> list[Floats]:
+        """Log weights of all cells in memory, split or not, of each level: ``(K, N_0)``, ``(m_1, F)`` and so on."""
+        logs, share = self.cells.log_shares, self._share
+        found = [self.log_prior[:, None] + logs[0] + share * self._sums + self._offsets]
+        for level, each in enumerate(self._families, 1):
+            prior = self.log_prior[each.body][:, None] + logs[level][self.cells.parts(level, each.parent)]
+            found.append(prior + share * each.sums + each.offsets)
+        return found
+
+    @cached_property
+    def _rows(self) -> list[Ints]:
+        """For each level of parts, where its parents are in the flattened array of the level above."""
+        found, above = [], np.arange(self._sums.size)
+        for level, each in enumerate(self._families, 1):
+            wanted = each.keys(len(self.cells.shares[level - 1]))
+            if level > 1:
+                before = self._families[level - 2]
+                size = before.sums.shape[1]
+                keys = (before.keys(len(self.cells.shares[level - 2]))[:, None] * size + np.arange(size)).ravel()
+                order = np.argsort(keys)
+                above = order[np.searchsorted(keys, wanted, sorter=order)]
+                found.append(above)
+            else:
+                found.append(wanted)
+        return found
+
+    @cached_property
+    def _leaf_weights(self) -> list[Floats]:
+        """Log weights, ``-inf`` for cells that are split."""
+        found = [weights.copy() for weights in self._weights]
+        for weights, rows in zip(found, self._rows, strict=False):
+            weights.ravel()[rows] = -np.inf
+        return found
+
+    @cached_property
+    def _log_bodies(self) -> Floats:
+        """Log of prior times evidence of each body, ``(K,)``."""
+        found = _log_sum(self._leaf_weights[0], axis=1)
+        for family, weights in zip(self._families, self._leaf_weights[1:], strict=True):
+            np.logaddexp.at(found, family.body, _log_sum(weights, axis=1))
+        return found
+
+    @cached_property
+    def _log_total(self) -> float:
+        return float(_log_sum(self._log_bodies))
+
+    @cached_property
+    def _masses(self) -> list[Floats]:
+        """Log weight of each family: of its leaves and of all parts of its split cells, ``(m,)`` for each level."""
+        found: list[Floats] = []
+        below: tuple[Ints, Floats] | None = None
+        for level in range(len(self._families), 0, -1):
+            weights = self._leaf_weights[level]
+            if below is not None:
+                weights = weights.copy()
+                weights.ravel()[below[0]] = below[1]
+            masses = _log_sum(weights, axis=1)
+            found.insert(0, masses)
+            below = self._rows[level - 1], masses
+        return found
+
+    def _less(self) -> CoarseToFine:
+        """The belief without parts that have lost the posterior: their cells take their weights."""
+        masses = np.concatenate([np.empty(0), *self._masses])
+        least = self._log_total + np.log(self.effort.floor) if self.effort.floor else -np.inf
+        if len(masses) > self.effort.kept:
+            least = max(least, np.partition(masses, -self.effort.kept)[-self.effort.kept])
+        if not (masses < least).any():
+            return self
+        offsets, kept = [self._offsets, *(each.offsets for each in self._families)], []
+        for level, (mass, rows) in enumerate(zip(self._masses, self._rows, strict=True)):
+            gone = mass < least
+            above = offsets[level] = offsets[level].copy()
+            correction = mass[gone] - self._weights[level].ravel()[rows[gone]]
+            above.ravel()[rows[gone]] += np.where(np.isfinite(correction), correction, 0.0)
+            kept.append(~gone)
+        families = [
+            each._replace(offsets=part).take(stays)
+            for each, part, stays in zip(self._families, offsets[1:], kept, strict=True)
+        ]
+        return replace(self, _offsets=offsets[0], _families=tuple(families))
+
+    def _refined(self) -> CoarseToFine:
+        """The belief with cells split, the most probable first, until little is left or the effort is spent."""
+        belief, left = self, self.effort.splits
+        while left > 0:
+            chosen = belief._to_split(min(left, self.effort.at_once))
+            if not any(map(len, chosen)):
+                break
+            left -= sum(map(len, chosen))
+            belief = belief._split(chosen)
+        return belief
+
+    def _to_split(self, number: int) -> list[Ints]:
+        """Which entries of each level but the finest to split, by their places in its flattened array."""
+        weights = [each.ravel() for each in self._leaf_weights[:-1]]
+        joined = np.concatenate([np.empty(0), *weights])
+        few = np.argpartition(joined, -number)[-number:] if len(joined) > number else np.arange(len(joined))
+        few = few[np.argsort(-joined[few])]
+        with np.errstate(divide="ignore"):
+            open_ = np.exp(joined - self._log_total)
+        before = open_.sum() - np.concatenate([[0.0], np.cumsum(open_[few])[:-1]])  # unresolved before each split
+        few = few[(before > self.effort.tolerance) & (joined[few] > -np.inf)]
+        starts = np.cumsum([0, *map(len, weights)])
+        return [few[(few >= a) & (few < b)] - a for a, b in pairwise(starts)]
+
+    def _split(self, chosen: Sequence[Ints]) -> CoarseToFine:
+        families = list(self._families)
+        for level, rows in enumerate(chosen, 1):
+            if len(rows):
+                body, parent = self._places(level - 1, rows)
+                sums = self._parts(self.touches, level, body, parent)
+                new = _Families(body, parent, sums, np.zeros(sums.shape))
+                families[level - 1] = families[level - 1].joined(new)
+        return replace(self, _families=tuple(families))
+
+    def _parts(self, touches: Sequence[Any], level: int, bodies: Ints, parents: Ints) -> Floats:
+        shape = len(bodies), len(self.cells.shares[level]) // len(self.cells.shares[level - 1])
+        if len(bodies) == 0:
+            return np.zeros(shape)
+        return _checked(self.likelihood.parts(touches, level, bodies, parents), shape)
+
+
+def _checked(found: NDArray[np.floating], shape: tuple[int, ...]) -> Floats:
+    """Log likelihoods in double precision.
+
+    Raises:
+        ValueError: they have another shape, or one is NaN or plus infinity.
+    """
+    if found.shape != shape:
+        raise ValueError(f"the likelihood of cells must have the shape {shape}, got {found.shape}")
+    if not found.max() < np.inf:  # False for NaN
+        raise ValueError("the likelihood of a cell is NaN or infinite")
+    return np.asarray(found, float)
+
+
+def _log_sum(logs: Floats, axis: int | None = None) -> Any:
+    """Log of the sum of exponentials; ``-inf`` where all are."""
+    largest = np.max(logs, axis=axis, keepdims=True)
+    safe = np.where(np.isfinite(largest), largest, 0.0)
+    with np.errstate(divide="ignore"):
+        found = np.log(np.exp(logs - safe).sum(axis=axis, keepdims=True)) + safe
+    return found.squeeze(axis) if axis is not None else float(found.squeeze())

@@ -1,0 +1,196 @@
+"""Which of many mesh files is it? Identification by touch, with nothing trained for these bodies.
+
+    python benchmarks/identify_meshes.py build/pybullet_data/random_urdfs --meshes 100 --searches 200
+
+Bodies are scaled to 24 mm, pressed by the pad of `gel` from 26 directions, and vary by 3 % in size. Beside the belief
+stand, on touches in random directions, render-and-compare (the body with the nearest predicted images), the nearest
+neighbours among 26 recorded touches of each body, and chance.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from mesh_files import ENDINGS, RADIUS, read
+
+from activetouch.errors import BadMesh
+from activetouch.perception.contacts.imaging import SensorState
+from activetouch.perception.contacts.views import ViewPlan
+from activetouch.pressing.height_maps import predicted_contacts
+from activetouch.rotation_cells import views
+from activetouch.solids.mesh import Mesh
+from belief.coarse_to_fine import Effort
+from belief.statistics import wilson_interval
+from experiments.meshes.naming import RULES, Naming, name_object
+from experiments.meshes.setting import MeshSetting
+from experiments.parallel import Shared, run_tasks
+
+EDGE = 16  # of images that are compared
+COUNTS = (1, 2, 4, 6, 8, 12, 16)
+THRESHOLDS = (0.9, 0.95)
+
+
+def bodies(folder: Path, number: int) -> dict[str, Mesh]:
+    """As many bodies of a folder, evenly chosen, scaled to one size."""
+    files = sorted(path for path in folder.rglob("*") if path.suffix.lower() in ENDINGS)
+    found: dict[str, Mesh] = {}
+    for path in [files[i] for i in np.unique(np.linspace(0, len(files) - 1, number).round().astype(int))]:
+        try:
+            mesh, _ = read(path)
+        except BadMesh:
+            continue
+        name = str(path.relative_to(folder).with_suffix(""))
+        factor = RADIUS / mesh.bounding_radius
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            found[name] = Mesh(name, mesh.vertices * factor, mesh.faces)
+    return found
+
+
+class Pictures(NamedTuple):
+    """Images of every body, ``(K, V, n * n)`` each: predicted in many views, and of recorded touches."""
+
+    predicted: np.ndarray
+    recorded: np.ndarray
+
+
+def pictures(setting: MeshSetting, views: np.ndarray, recorded: int) -> Pictures:
+    """Images without noise in some views, and of simulated touches in random orientations and poses."""
+    imaging, rng = setting.reader.hypotheses.imaging, np.random.default_rng(11)
+    made: list[list[np.ndarray]] = [[], []]
+    for body, solid in enumerate(setting.scene.solids.values()):
+        maps = predicted_contacts(solid, views, (0.0, 0.0), imaging.window, 1.0, np.float32)
+        images, _ = replace(imaging, noise=1e-6).images(maps, SensorState.nominal(len(maps)), rng)
+        made[0].append(small(images))
+        objects = [setting.scene.sample_object(body, rng) for _ in range(recorded)]
+        made[1].append(small(np.stack([setting.scene.press(obj, 0, rng).image / 255 for obj in objects])))
+    return Pictures(*(np.stack(each).astype(np.float32) for each in made))
+
+
+def small(images: np.ndarray) -> np.ndarray:
+    """Images averaged to 16 × 16 pixels, ``(n, 256)``."""
+    edge = images.shape[-1] // EDGE
+    return images.reshape(len(images), EDGE, edge, EDGE, edge).mean(axis=(2, 4)).reshape(len(images), -1)
+
+
+def compared(shared: Shared[tuple[MeshSetting, Pictures]], number: int, truth: int, poses: Sequence[int]) -> list:
+    """Places of the true body by the sum of the smallest distances of the touches so far, for both kinds of image."""
+    setting, known = shared.value
+    obj = setting.scene.sample_object(truth, np.random.default_rng([7, number]))
+    rngs = [np.random.default_rng([7, number, 2, pose]) for pose in poses]
+    felt = small(np.stack([setting.scene.press(obj, p, rng).image / 255 for p, rng in zip(poses, rngs, strict=True)]))
+    ranks = []
+    for images in known:
+        squares = (images**2).sum(axis=2)
+        total, found = np.zeros(len(images)), []
+        for image in felt:
+            total += (squares - 2 * images @ image.astype(np.float32)).min(axis=1)
+            found.append(int((total < total[truth]).sum()))
+        ranks.append(found)
+    return ranks
+
+
+def searched(shared: Shared[MeshSetting], rules: tuple[str, ...], number: int, truth: int, touches: int) -> list:
+    """One object, touched by every rule."""
+    setting = shared.value
+    obj = setting.scene.sample_object(truth, np.random.default_rng([7, number]))
+    return [name_object(setting, obj, rule, [7, number], touches) for rule in rules]
+
+
+def report(rule: str, found: list[Naming]) -> None:
+    """Accuracy by touches, stops, and times."""
+    truths = np.array([one.truth for one in found])
+    logs = np.stack([one.log_probs for one in found])
+    print(f"\n{rule}: {len(found)} objects")
+    for count in COUNTS:
+        if count > logs.shape[1]:
+            break
+        now = logs[:, count - 1]
+        right = now.argmax(axis=1) == truths
+        five = (np.argsort(-now, axis=1)[:, :5] == truths[:, None]).any(axis=1)
+        low, high = wilson_interval(int(right.sum()), len(right))
+        stated, nll = np.exp(now.max(axis=1)).mean(), -now[np.arange(len(now)), truths].mean()
+        print(
+            f"  after {count:2d} touches: right {right.mean():.3f} [{low:.3f}, {high:.3f}], "
+            f"among five {five.mean():.3f}, stated {stated:.3f}, NLL {nll:.3f}"
+        )
+    for threshold in THRESHOLDS:
+        stops = [one.touches_to(threshold) for one in found]
+        done = [(n, one) for n, one in zip(stops, found, strict=True) if n is not None]
+        if done:
+            right = [bool(one.log_probs[n - 1].argmax() == one.truth) for n, one in done]
+            said = np.mean([np.exp(one.log_probs[n - 1].max()) for n, one in done])
+            low, high = wilson_interval(sum(right), len(right))
+            spent = np.array([n if n is not None else logs.shape[1] for n in stops])
+            half = 1.96 * spent.std(ddof=1) / np.sqrt(len(spent))
+            print(
+                f"  stops at {threshold}: {len(done)} of {len(found)} reach it, right {np.mean(right):.3f} "
+                f"[{low:.3f}, {high:.3f}], stated {said:.3f}; touches {spent.mean():.2f} ± {half:.2f} "
+                f"(those that never reach it count as {logs.shape[1]})"
+            )
+    deciding, updating = np.mean([one.seconds for one in found], axis=0) * 1e3
+    rest = np.mean([one.unresolved[-1] for one in found])
+    print(f"  a decision {deciding:.1f} ms, an update {updating:.1f} ms, unresolved in the end {rest:.3f}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--meshes", type=int, default=20)
+    parser.add_argument("--searches", type=int, default=50)
+    parser.add_argument("--touches", type=int, default=16)
+    parser.add_argument("--directions", type=int, default=88)
+    parser.add_argument("--rolls", type=int, default=12)
+    parser.add_argument("--width", type=float, default=0.25)
+    parser.add_argument("--levels", type=int, nargs="+")
+    parser.add_argument("--splits", type=int, default=1024)
+    parser.add_argument("--rules", nargs="+", default=RULES, choices=RULES)
+    parser.add_argument("--compared", type=int, default=0, help="searches that images are compared in")
+    parser.add_argument("--jobs", type=int, default=2)
+    args = parser.parse_args()
+    started = time.perf_counter()
+    solids = bodies(args.folder, args.meshes)
+    print(f"{len(solids)} bodies read in {time.perf_counter() - started:.0f} s")
+    started, plan = time.perf_counter(), ViewPlan(args.directions, args.rolls, args.width)
+    effort = Effort(splits=args.splits, kept=4 * args.splits)
+    setting = MeshSetting.of(solids, plan=plan, levels=args.levels, effort=effort, jobs=args.jobs)
+    model = setting.bodies
+    print(
+        f"embedded and fitted in {time.perf_counter() - started:.0f} s: {model.table.nbytes / 1e6:.0f} MB in memory, "
+        f"cells of levels {model.levels}, temperature {1 / model.scale:.2f}, drift {model.drift:.3f}"
+    )
+    truths = np.random.default_rng(3).permutation(np.arange(args.searches) % len(solids))
+    shared, rules = Shared(setting), tuple(args.rules)
+    tasks = [partial(searched, shared, rules, n, int(truth), args.touches) for n, truth in enumerate(truths)]
+    found = list(run_tasks(tasks, args.jobs, "searches"))
+    for place, rule in enumerate(rules):
+        report(rule, [one[place] for one in found])
+    if args.compared:
+        started = time.perf_counter()
+        known = pictures(setting, views(44, 8), 26)
+        print(f"\nimages of {len(solids)} bodies in {time.perf_counter() - started:.0f} s")
+        both, poses = Shared((setting, known)), np.random.default_rng(5)
+        tasks = [
+            partial(compared, both, n, int(truth), poses.permutation(26)[: args.touches].tolist())
+            for n, truth in enumerate(truths[: args.compared])
+        ]
+        ranks = np.array(list(run_tasks(tasks, args.jobs, "comparisons")))
+        names = f"render and compare, {known.predicted.shape[1]} views", "nearest of 26 recorded touches of each body"
+        for place, name in enumerate(names):
+            right = [
+                f"{count}: {(ranks[:, place, count - 1] == 0).mean():.3f}" for count in COUNTS if count <= args.touches
+            ]
+            print(f"{name}: {len(ranks)} objects, right after {', '.join(right)}")
+    print(f"\nchance {1 / len(solids):.4f}")
+
+
+if __name__ == "__main__":
+    main()

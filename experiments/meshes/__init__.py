@@ -1,0 +1,1 @@
+"""Find and identify bodies among many meshes, without training."""

@@ -1,0 +1,316 @@
+"""``activetouch find``: is the body of this mesh file among the objects in front of me, and which of them is it?"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+from scipy.special import logsumexp, softmax
+
+from activetouch.solids.solid import Shape
+from belief.claims import claim_folder, ends_claims
+from belief.coarse_to_fine import CoarseToFine
+from belief.errors import InvalidArgument, UnknownName
+from belief.naming import index_of
+from belief.statistics import wilson_interval
+from belief.validation import Floats, require_count
+from experiments.command_line.arguments import Count, Jobs, Positive, Seed, Share, check_arguments
+from experiments.command_line.console import plain_console
+from experiments.meshes.identify import read_and_tell, tell_twins
+from experiments.meshes.naming import Rule, fixed_order, still_possible
+from experiments.meshes.near_twins import NearTwins, near_twins
+from experiments.meshes.setting import MeshSetting, read_folder
+from experiments.parallel import Shared, default_jobs, run_tasks
+from experiments.reporting.page import Section, write_page
+from experiments.reporting.tables import Table
+
+_EACH = 16  # touches of an object, at most
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """One search for the target among objects.
+
+    Attributes:
+        objects: indices of their bodies.
+        truth: place of the target among them; their number if it is not there.
+        answer: the place that was named, or their number for "not there".
+        stated: its probability.
+        touches: object and pose of each.
+        places: probability of each place, and of "not there", after each touch, ``(n, objects + 1)``.
+        possible: bodies that the touched object may be after each touch, as in :class:`Naming`.
+    """
+
+    objects: tuple[int, ...]
+    truth: int
+    answer: int
+    stated: float
+    touches: tuple[tuple[int, int], ...]
+    places: Floats
+    possible: tuple[tuple[tuple[int, float, Floats], ...], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Searches for one body. It prints as its table.
+
+    Attributes:
+        setting: bodies and sensor.
+        target: label of the body that is sought.
+        searches: of it.
+        twins: bodies that feel nearly alike.
+    """
+
+    setting: MeshSetting
+    target: str
+    searches: Sequence[Search]
+    twins: Sequence[NearTwins]
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One row for each search: the objects, where the target was, the answer, its probability, and touches."""
+        labels = self.setting.bodies.labels
+        return [
+            {
+                "objects": " ".join(labels[body] for body in one.objects),
+                "target": self._place(one.truth, one),
+                "answer": self._place(one.answer, one),
+                "right": one.answer == one.truth,
+                "stated": one.stated,
+                "touches": len(one.touches),
+            }
+            for one in self.searches
+        ]
+
+    @staticmethod
+    def _place(place: int, search: Search) -> str:
+        return "not there" if place == len(search.objects) else f"object {place + 1}"
+
+    def table(self) -> Table:
+        """The rows, and how many are right."""
+        rows = self.rows()
+        right = sum(row["right"] for row in rows)
+        low, high = wilson_interval(right, len(rows))
+        names = ("target", "answer", "stated", "touches", "objects")
+        columns = ["target", ("answer", ""), ("stated", ".3f"), ("touches", "d"), ("objects", "")]
+        stated, spent = np.mean([(row["stated"], row["touches"]) for row in rows], axis=0)
+        note = (
+            f"{right} of {len(rows)} answers are right, {low:.2f} to {high:.2f}; stated {stated:.2f} and {spent:.1f} "
+            "touches in the mean."
+        )
+        cells = [tuple(row[name] for name in names) for row in rows]
+        return Table(f"searches for {self.target}", columns, cells, note, "searches")
+
+    def __str__(self) -> str:
+        return "\n\n".join([*map(str, self.twins), self.table().markdown()])
+
+    def save(self, folder: Path | str) -> Path:
+        """Write ``report.html``, with the bodies that were still possible after each touch, and ``searches.csv``.
+
+        Raises:
+            CannotWrite: the disk is full, or the folder is not writable.
+        """
+        from experiments.meshes.figures import touch_pictures
+
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        table = self.table()
+        table.write_csv(folder / "searches.csv")
+        alike = [f"{twin}." for twin in self.twins] or ["No two bodies feel nearly alike."]
+        sections = [Section("Searches", [], [table]), Section("Bodies that feel alike", alike)]
+        for number, one in enumerate(self.searches[:3], 1):
+            words = [
+                f"object {place + 1}, side {self.setting.scene.pose_labels[pose]}; the target is probably "
+                f"{self._place(int(probs.argmax()), one)} ({probs.max():.2f})"
+                for (place, pose), probs in zip(one.touches, one.places, strict=True)
+            ]
+            end = f"The answer is {self._place(one.answer, one)}; the truth is {self._place(one.truth, one)}."
+            pictures = touch_pictures(self.setting, f"search{number}", words, one.possible)
+            sections.append(Section(f"Search {number}", [end], [], pictures))
+        write_page(folder / "report.html", f"Where is {self.target}?", sections)
+        return folder / "report.html"
+
+
+def find(
+    bodies: Path | str | Sequence[Path | str] | Mapping[str, Shape],
+    target: str,
+    *,
+    num_objects: int = 4,
+    num_searches: int = 20,
+    rule: Rule = "information gain",
+    threshold: float = 0.95,
+    seed: int = 0,
+    scale: float | None = None,
+    jobs: int | None = None,
+    **setting: Any,
+) -> Found:
+    """Search for a body among simulated objects of other bodies; it may be absent.
+
+    Args:
+        bodies: a folder of mesh files, mesh files, or solids by label: what the objects may be.
+        target: label of the body that is sought; the name of its file will do.
+        num_objects: objects in front of the sensor, of different bodies.
+        num_searches: number of searches. The target is equally often at each place and absent.
+        rule: how directions are chosen. The next object is the one that is most probably the target.
+        threshold: probability of the answer at which to stop.
+        seed: of objects and touches.
+        scale: metres per unit of mesh files without a scale of their own.
+        jobs: number of processes; as many as processors by default.
+        setting: further arguments of :meth:`MeshSetting.of`.
+
+    Raises:
+        UnknownName: there is no such body.
+        InvalidArgument: there are not more bodies than objects, or no mesh can be read.
+    """
+    solids = dict(bodies) if isinstance(bodies, Mapping) else read_folder(bodies, scale)[0]
+    sought = target_index(tuple(solids), target, num_objects)
+    made = MeshSetting.of(solids, jobs=jobs, **setting)
+    searches = search_all(made, sought, num_objects, num_searches, rule, threshold, seed, jobs)
+    return Found(made, made.bodies.labels[sought], searches, near_twins(made))
+
+
+def target_index(labels: Sequence[str], target: str, num_objects: int) -> int:
+    """Index of a body by its label, or by the name of its file.
+
+    Raises:
+        UnknownName: there is no such body.
+        InvalidArgument: there are not more bodies than objects.
+    """
+    require_count("num_objects", num_objects)
+    if len(labels) <= num_objects:
+        raise InvalidArgument(
+            f"{num_objects} different objects of {len(labels)} bodies would leave none out: add meshes"
+        )
+    try:
+        return index_of("body", tuple(labels), target)
+    except UnknownName:
+        return index_of("body", tuple(labels), str(Path(target).with_suffix("")))
+
+
+def search_all(
+    setting: MeshSetting,
+    target: int,
+    num_objects: int,
+    num_searches: int,
+    rule: Rule,
+    threshold: float,
+    seed: int,
+    jobs: int | None,
+) -> list[Search]:
+    """Searches, several processes at a time; see :func:`find`."""
+    shared = Shared(setting)
+    tasks = [
+        partial(_search_one, shared, target, num_objects, rule, threshold, [seed, number])
+        for number in range(num_searches)
+    ]
+    return list(run_tasks(tasks, jobs, "searches"))
+
+
+def _search_one(
+    shared: Shared[MeshSetting], target: int, num_objects: int, rule: Rule, threshold: float, seed: Sequence[int]
+) -> Search:
+    return search(shared.value, target, num_objects, rule, threshold, seed)
+
+
+def search(
+    setting: MeshSetting, target: int, num_objects: int, rule: Rule, threshold: float, seed: Sequence[int]
+) -> Search:
+    """One search: touch the object that is most probably the target until the answer is probable enough."""
+    rng, number = np.random.default_rng([*seed, 0]), len(setting.bodies.labels)
+    others = rng.permutation(np.delete(np.arange(number), target))[:num_objects]
+    truth = int(rng.integers(num_objects + 1))
+    drawn = [target if place == truth else int(other) for place, other in enumerate(others)]
+    objects = [setting.scene.sample_object(body, rng) for body in drawn]
+    num_poses = len(setting.scene.poses)
+    log_prior = np.full(number, np.log(num_objects / (num_objects + 1) / (number - 1)))
+    log_prior[target] = -np.log(num_objects + 1)
+    beliefs = [setting.bodies.start(log_prior)] * num_objects
+    order = fixed_order(setting) if rule == "spread" else rng.permutation(num_poses).tolist()
+    used: list[list[int]] = [[] for _ in objects]
+    touches, places, possible = [], [], []
+    probs = np.full(num_objects + 1, 1 / (num_objects + 1))
+    while probs.max() < threshold:
+        ready = [place for place in range(num_objects) if len(used[place]) < min(_EACH, num_poses)]
+        if not ready:
+            break
+        place = max(ready, key=lambda each: probs[each])
+        pose = order[len(used[place])]
+        if rule == "information gain" and used[place]:
+            gains = setting.information(beliefs[place], target)
+            gains[used[place]] = -np.inf
+            pose = int(gains.argmax())
+        embedding = setting.touch(objects[place], pose, np.random.default_rng([*seed, 1, place, pose]))
+        beliefs[place] = setting.update(beliefs[place], pose, embedding)
+        used[place].append(pose)
+        probs = softmax([*(_log_odds(belief, target) for belief in beliefs), 0.0])
+        touches.append((place, pose))
+        places.append(probs)
+        possible.append(still_possible(setting, beliefs[place]))
+    answer = int(probs.argmax())
+    return Search(
+        tuple(drawn), truth, answer, float(probs[answer]), tuple(touches), np.reshape(places, (-1, len(probs))),
+        tuple(possible),
+    )  # fmt: skip
+
+
+def _log_odds(belief: CoarseToFine, target: int) -> float:
+    """Log likelihood ratio of an object being the target, against being one of the other bodies."""
+    evidence = belief.log_evidence
+    others = np.delete(evidence, target)
+    return float(evidence[target] - (logsumexp(others) - np.log(len(others))))
+
+
+@dataclass(frozen=True)
+class Find:
+    """Find the object of one mesh among objects of other meshes by touch, in simulation: nothing is trained.
+
+    The target may be absent. The first run makes views of each body, which are kept; the next starts at once.
+
+    For example:
+
+        activetouch find scans --target mug.obj
+        activetouch find scans --target mug --objects 6 --out runs/mug
+    """
+
+    folder: Annotated[Path, tyro.conf.Positional]
+    """Folder of mesh files, of what the objects may be; subfolders too."""
+    target: str
+    """Label of the body that is sought, or the name of its file."""
+    objects: Count = 4
+    """Objects in front of the sensor."""
+    searches: Count = 20
+    """Number of searches."""
+    rule: Rule = "information gain"
+    """How the next direction is chosen."""
+    threshold: Share = 0.95
+    """Probability of the answer at which to stop."""
+    scale: Positive | None = None
+    """Metres per unit of files that do not say it, such as 0.001."""
+    sensor: str = "gel"
+    """Sensor with a reader of any object, or a folder of one."""
+    seed: Seed = 0
+    """Seed of objects and touches."""
+    jobs: Jobs = field(default_factory=default_jobs)
+    """Number of processes."""
+    out: Path = Path("runs/find")
+    """Folder for the report."""
+
+    @ends_claims
+    def run(self) -> None:
+        """Read, make views, search, report."""
+        check_arguments(self)
+        claim_folder(self.out)
+        solids = read_and_tell(self.folder, self.scale, self.jobs)
+        sought = target_index(tuple(solids), self.target, self.objects)
+        setting = MeshSetting.of(solids, sensor=self.sensor, jobs=self.jobs)
+        twins = tell_twins(setting)
+        searches = search_all(
+            setting, sought, self.objects, self.searches, self.rule, self.threshold, self.seed, self.jobs
+        )
+        found, console = Found(setting, setting.bodies.labels[sought], searches, twins), plain_console()
+        console.print(found.table().rich())
+        console.print(f"wrote {found.save(self.out)}")

@@ -1,0 +1,101 @@
+"""Bodies that feel nearly alike, named before the first touch: what a touch of one tells against the other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy  # whose parts load at first use
+
+from activetouch.poses import hamilton_product
+from activetouch.rotation_cells import centres, nearest
+from activetouch.solids.twins import find_twins
+from belief.validation import Floats
+from experiments.meshes.setting import MeshSetting
+
+ALIKE = 0.25
+"""Information of a touch [nats] below which two bodies are near twins: 12 touches then give odds of 20."""
+_PER_BODY, _MOST_PAIRS = 4, 1200  # pairs that are looked at closely
+_SIDES = 24  # views of the first body
+_LEVEL = 2  # of the rotations from one body to the other
+_SUBSET = 64  # references
+
+
+@dataclass(frozen=True)
+class NearTwins:
+    """Two bodies that are hard to tell apart.
+
+    Attributes:
+        first: label.
+        second: label.
+        nats: expected information of a touch for the one that is touched against the other, both lying as alike as
+            they can; the smaller of the two ways.
+        how: what is known of their geometry; empty if they are other bodies.
+    """
+
+    first: str
+    second: str
+    nats: float
+    how: str = ""
+
+    def __str__(self) -> str:
+        return self.how or f"{self.first} and {self.second} feel nearly alike: a touch tells {self.nats:.2f} nats"
+
+
+def near_twins(setting: MeshSetting, alike: float = ALIKE) -> list[NearTwins]:
+    """Pairs of bodies of which a touch tells little, the most alike first.
+
+    Only pairs whose mean embeddings are near are looked at: four for each body.
+
+    Args:
+        setting: bodies, and reference touches.
+        alike: information of a touch [nats] at which a pair is left out.
+    """
+    bodies, labels = setting.bodies, setting.bodies.labels
+    if len(labels) < 2:
+        return []
+    twins = {frozenset((twin.first, twin.second)): str(twin) for twin in find_twins(setting.scene.solids, 1.06)}
+    means = bodies.table.astype(np.float32).mean(axis=1)  # the same however a body is turned
+    found_near = scipy.spatial.cKDTree(means).query(means, min(_PER_BODY + 1, len(labels)))
+    distance, near = np.asarray(found_near[0]), np.asarray(found_near[1])
+    rows = np.repeat(np.arange(len(labels)), near.shape[1])
+    both = np.sort(np.stack([rows, near.ravel()], axis=1), axis=1)
+    order = np.argsort(distance, axis=None, kind="stable")
+    pairs = list(dict.fromkeys(map(tuple, both[order][both[order, 0] < both[order, 1]].tolist())))
+    index = {label: place for place, label in enumerate(labels)}
+    same = [tuple(sorted(index[label] for label in twin)) for twin in twins]
+    chosen = list(dict.fromkeys([*same, *pairs[:_MOST_PAIRS]]))
+    compare = _Comparison(setting)
+    found = [
+        NearTwins(
+            labels[i], labels[j], min(compare(i, j), compare(j, i)), twins.get(frozenset((labels[i], labels[j])), "")
+        )
+        for i, j in chosen
+    ]
+    return sorted([one for one in found if one.nats < alike or one.how], key=lambda one: one.nats)
+
+
+class _Comparison:
+    """How much a touch of one body tells against another, in the relative orientation in which it tells least."""
+
+    def __init__(self, setting: MeshSetting) -> None:
+        self.bodies, self.references = setting.bodies, setting.references[:_SUBSET]
+        orientations = self.bodies.plan.orientations
+        self.sides = np.arange(0, len(orientations), max(1, len(orientations) // _SIDES))[:_SIDES]
+        seen, turns = orientations[self.sides].T[:, :, None], centres(_LEVEL).T[:, None]
+        shown = np.stack(hamilton_product(seen, turns), axis=-1).reshape(-1, 4)
+        self.shown = nearest(shown, orientations).reshape(len(self.sides), -1)
+        self.kept: dict[int, Floats] = {}
+
+    def __call__(self, body: int, other: int) -> float:
+        mine, its = self._log_probs(body)[self.sides], self._log_probs(other)
+        probs = np.exp(mine)
+        divergence = (probs * mine).sum(axis=1)[:, None] - probs @ its.T
+        return float(np.take_along_axis(divergence, self.shown, axis=1).mean(axis=0).min())
+
+    def _log_probs(self, body: int) -> Floats:
+        """Log probabilities of the reference touches in every view, ``(V, M)``."""
+        if body not in self.kept:
+            scores = self.bodies.table[body].astype(np.float32) @ self.references.T * np.float32(self.bodies.scale)
+            self.kept[body] = scores - scipy.special.logsumexp(scores, axis=1, keepdims=True)
+        return self.kept[body]

@@ -1,0 +1,291 @@
+"""Many bodies in front of a sensor that reads any object: embedded, fitted, ready to be touched."""
+
+from __future__ import annotations
+
+import json
+import time
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy  # whose parts load at first use
+from numpy.typing import NDArray
+
+from activetouch.distributions import Uniform
+from activetouch.errors import BadMesh, MeshWarning
+from activetouch.mesh_source import MeshSource, mesh_labels
+from activetouch.named_scenes import SCENES
+from activetouch.perception.cached_arrays import cached
+from activetouch.perception.contacts.hypotheses import ContactHypotheses
+from activetouch.perception.contacts.imaging import Floats32
+from activetouch.perception.contacts.views import BodySet, ViewPlan, are_embedded, embedded_views
+from activetouch.perception.reader import TactileReader
+from activetouch.rotation_cells import nested
+from activetouch.scene import Scene, WorldObject
+from activetouch.scene_description import SURROUNDINGS, scene_fields
+from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
+from activetouch.solids.solid import Shape
+from belief.coarse_to_fine import CoarseToFine, Effort, Ints
+from belief.errors import InvalidArgument
+from belief.files import from_field, require_regular_file, to_field, write_text
+from belief.validation import Floats
+from experiments.parallel import default_jobs, run_tasks
+from planners.body_information import body_information, sampled_leaves
+
+ENDINGS = (".stl", ".obj", ".ply", ".off", ".glb", ".gltf", ".3mf", ".dae")
+SIZES = (0.97, 1.03)
+"""Smallest and largest size of an object, relative to its mesh."""
+_PRESSED, _TOUCHES = 48, 12  # objects to which a set is fitted, and touches of each
+_REFERENCES = 128
+_HYPOTHESES = 256  # for a decision
+_CHECKPOINTS = (1, 2, 4, 8, 12)
+_RELEVANT, _LEFT = 1e-5, 1e-4  # posterior of a cell that counts for the fit, and of bodies without one
+_MANY = 200  # bodies above which the coarsest cells are used for all
+_MILLISECONDS = 0.45  # of one core, for a view of a body
+
+
+@dataclass(frozen=True, eq=False)
+class MeshSetting:
+    """K bodies, the sensor that touches them, and what a belief about them needs.
+
+    Attributes:
+        scene: its shapes are the bodies.
+        reader: reads images.
+        bodies: embedded.
+        references: embeddings of touches that stand for all, ``(M, D)``.
+    """
+
+    scene: Scene
+    reader: TactileReader
+    bodies: BodySet
+    references: Floats32
+
+    @classmethod
+    def of(
+        cls,
+        solids: Mapping[str, Shape],
+        *,
+        sensor: str | Path = "gel",
+        plan: ViewPlan | None = None,
+        levels: Sequence[int] | None = None,
+        effort: Effort | None = None,
+        pressed: int = _PRESSED,
+        jobs: int | None = None,
+    ) -> MeshSetting:
+        """Embed bodies that are not in the cache yet, and fit temperature and drift to simulated touches.
+
+        Args:
+            solids: by label.
+            sensor: a shipped sensor with a reader of any object, or a folder of one.
+            plan: views of each body.
+            levels: of cells, coarse first; chosen by the number of bodies by default.
+            effort: how far beliefs are refined.
+            pressed: number of simulated objects that temperature and drift are fitted to.
+            jobs: number of processes; as many as processors by default.
+
+        Raises:
+            InvalidArgument: there are no bodies, or the sensor has no reader of any object.
+        """
+        if not solids:
+            raise InvalidArgument("there are no bodies: give at least one mesh")
+        scene, reader, plan = scene_of(solids, sensor), reader_of(sensor), ViewPlan() if plan is None else plan
+        embed_all(reader.hypotheses, scene, solids, plan, jobs)
+        by_number = (0, 1, 2) if len(solids) > _MANY else (1, 2)
+        chosen = by_number if levels is None else tuple(levels)
+        others = {"levels": chosen, "effort": Effort() if effort is None else effort}
+        bodies = BodySet.of(reader.hypotheses, scene, solids, plan, **others)
+        return _fitted(cls(scene, reader, bodies, np.zeros((1, bodies.table.shape[2]), np.float32)), pressed)
+
+    def touch(self, obj: WorldObject, pose: int, rng: np.random.Generator) -> Floats32:
+        """The embedding of a simulated touch, ``(D,)``."""
+        return self.reader.run(self.scene.press(obj, pose, rng).image[None])[0][0]
+
+    def update(self, belief: CoarseToFine, pose: int, embedding: Floats32) -> CoarseToFine:
+        """The belief after a touch."""
+        return belief.update(self.bodies.felt(pose, embedding))
+
+    def information(self, belief: CoarseToFine, target: int | None = None) -> Floats:
+        """Expected information of the next touch in every pose about the body, or about whether it is the target.
+
+        Returns:
+            [nats], ``(P,)``.
+        """
+        leaves, weights = sampled_leaves(belief, _HYPOTHESES)
+        ratios = self.bodies.log_ratios(leaves.level, leaves.body, leaves.cell, self.references)
+        ratios *= np.float32(self.bodies.scale / (1.0 + self.bodies.drift * len(belief.touches)))
+        return body_information(ratios, weights, leaves.body if target is None else (leaves.body == target).astype(int))
+
+
+def read_folder(folder: Path | Sequence[Path | str], scale: float | None = None) -> tuple[dict[str, Shape], list[str]]:
+    """The meshes of a folder and its subfolders, by label, and why others were left out.
+
+    Args:
+        folder: the folder, or mesh files one by one, as :func:`activetouch.read_meshes` takes them.
+        scale: metres per unit of files without a scale of their own.
+
+    Raises:
+        InvalidArgument: the folder has no mesh that can be read.
+        FileNotFoundError: there is no such folder or file.
+    """
+    if isinstance(folder, Path | str):
+        folder = Path(folder)
+        if not folder.is_dir():
+            raise FileNotFoundError(f"there is no folder {folder}; relative paths start from {Path.cwd()}")
+        files: Sequence[Path | str] = sorted(p for p in folder.rglob("*") if p.suffix.lower() in ENDINGS)
+        names = [str(p.relative_to(folder).with_suffix("")) for p in map(Path, files)]
+        stems = [Path(name).name for name in names]
+        labels = [stem if stems.count(stem) == 1 else name for stem, name in zip(stems, names, strict=True)]
+    else:
+        files, labels = list(folder), mesh_labels(*folder)
+    found: dict[str, Shape] = {}
+    refused = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MeshWarning)
+        for label, file in zip(labels, files, strict=True):
+            try:
+                found[label] = MeshSource.parse(file).read(scale)
+            except BadMesh as error:
+                refused.append(str(error))
+    if not found:
+        raise InvalidArgument(f"no mesh could be read from {folder}; files end in {', '.join(ENDINGS)}{refused[:1]}")
+    return found, refused
+
+
+def scene_of(solids: Mapping[str, Shape], sensor: str | Path = "gel") -> Scene:
+    """The scene of a sensor with other bodies, pressed from 26 directions, whose sizes vary by 3 %."""
+    own = SCENES[str(sensor)].scene if str(sensor) in SCENES else SCENES["gel"].scene
+    varied = replace(own.variation, size=Uniform(*SIZES))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MeshWarning)  # the caller is told of twins in another way
+        return replace(own, shapes=dict(solids), poses="directions26", variation=varied)
+
+
+def reader_of(sensor: str | Path) -> Any:
+    """The reader of any object of a sensor.
+
+    Raises:
+        InvalidArgument: it has none.
+    """
+    folder = MODELS / str(sensor) if (MODELS / str(sensor)).is_dir() else Path(sensor)
+    for name in (ANY_OBJECT_FILE, "reader.safetensors"):
+        if (folder / name).is_file():
+            reader = TactileReader.load(folder / name)
+            if isinstance(reader.hypotheses, ContactHypotheses):
+                return reader
+    raise InvalidArgument(f"the sensor {sensor} has no reader of any object; gel and coarse have one")
+
+
+def cost_words(number: int, plan: ViewPlan | None = None, embedding: int = 64, jobs: int | None = None) -> str:
+    """What so many bodies cost, before anything is computed."""
+    plan = ViewPlan() if plan is None else plan
+    num_views = plan.directions * plan.rolls
+    seconds = number * num_views * _MILLISECONDS / 1e3 / (default_jobs() if jobs is None else jobs)
+    size = num_views * embedding
+    words = f"{seconds / 60:.0f} min" if seconds > 100 else f"{seconds:.0f} s"
+    return (
+        f"{number} bodies: {words} to make {num_views} views of each, once; {number * size * 2 / 1e6:.0f} MB on disk, "
+        f"{number * size * 4 / 1e6:.0f} MB in memory"
+    )
+
+
+def embed_all(
+    reader: ContactHypotheses, scene: Scene, solids: Mapping[str, Shape], plan: ViewPlan, jobs: int | None = None
+) -> tuple[int, float]:
+    """Make the embeddings that are not in the cache, with a progress bar; their number, and the seconds they took."""
+    started = time.perf_counter()
+    missing = [solid for solid in solids.values() if not are_embedded(reader, scene, solid, plan)]
+    plain = replace(scene, shapes=SCENES["gel"].scene.shapes)  # a task needs the state of the sensor, not all bodies
+    tasks = [partial(_embed, reader, plain, solid, plan) for solid in missing]
+    if tasks:
+        jobs = 1 if len(tasks) == 1 else jobs
+        list(run_tasks(tasks, jobs, f"views of {len(tasks)} bodies"))
+    return len(tasks), time.perf_counter() - started
+
+
+def _embed(reader: ContactHypotheses, scene: Scene, solid: Shape, plan: ViewPlan) -> None:
+    embedded_views(reader, scene, solid, plan)
+
+
+def _fitted(setting: MeshSetting, pressed: int) -> MeshSetting:
+    """The setting with temperature, drift and references from simulated touches, or from the cache."""
+    bodies = setting.bodies
+    fields = {name: value for name, value in scene_fields(setting.scene).items() if name not in SURROUNDINGS}
+    plan = [bodies.plan.directions, bodies.plan.rolls, bodies.plan.width, pressed, *bodies.levels]
+    key = {"reader": setting.reader.digest, "scene": fields, "plan": plan, "version": version("activetouch")}
+
+    def read(path: Path) -> dict[str, Any]:
+        return json.loads(require_regular_file(path).read_text(encoding="utf-8"))
+
+    def write(path: Path, found: dict[str, Any]) -> None:
+        write_text(path, json.dumps(found))
+
+    found = cached(key, ".json", partial(_fit, setting, pressed), read, write)
+    fitted = replace(bodies, scale=float(found["scale"]), drift=float(found["drift"]))
+    return replace(setting, bodies=fitted, references=from_field(found["references"], "float16").astype(np.float32))
+
+
+class _Cells(NamedTuple):
+    """Cells with some posterior, of simulated objects after some touches, each such case one after the other.
+
+    Attributes:
+        starts: first cell of each case.
+        touches: of the case, for every cell.
+        is_true: whether a cell is of the true body.
+        prior: log prior of the cell.
+        sums: log likelihood.
+    """
+
+    starts: Ints
+    touches: Ints
+    is_true: NDArray[np.bool_]
+    prior: Floats
+    sums: Floats
+
+    def loss(self, log_temperature: float, drift: float) -> float:
+        """Mean negative log posterior of the true body; a little is left for the bodies without a cell."""
+        logs = self.prior + self.sums / (np.exp(log_temperature) * (1.0 + drift * (self.touches - 1)))
+        lengths = np.diff(self.starts, append=len(logs))
+        weights = np.exp(logs - np.maximum.reduceat(logs, self.starts).repeat(lengths))
+        right = np.add.reduceat(weights * self.is_true, self.starts) / np.add.reduceat(weights, self.starts)
+        return -float(np.log((1.0 - _LEFT) * right + _LEFT).mean())
+
+
+def _fit(setting: MeshSetting, pressed: int) -> dict[str, Any]:
+    """Temperature and drift with the lowest NLL of the body after 1 to 12 touches in random directions."""
+    rng, bodies, logs = np.random.default_rng(0xF17), setting.bodies, nested(setting.bodies.levels).log_shares
+    number = len(bodies.labels)
+    truths = rng.permutation(np.arange(max(number, pressed)) % number)[:pressed]
+    felt, cases = [], []
+    for truth in truths.tolist():
+        obj, belief = setting.scene.sample_object(truth, rng), bodies.start()
+        poses = rng.permutation(len(bodies.poses))[:_TOUCHES].tolist()
+        images = np.stack([setting.scene.press(obj, pose, rng).image for pose in poses])
+        felt.append(setting.reader.run(images)[0])
+        for count, (pose, embedding) in enumerate(zip(poses, felt[-1], strict=True), 1):
+            belief = setting.update(belief, pose, embedding)
+            if count in _CHECKPOINTS:
+                leaves = belief.leaves(_RELEVANT)
+                prior = np.zeros(len(leaves.body))
+                for level, shares in enumerate(logs):
+                    prior += np.where(leaves.level == level, shares[np.minimum(leaves.cell, len(shares) - 1)], 0.0)
+                sums = (leaves.log_weight - prior) * (1.0 + bodies.drift * (count - 1)) / bodies.scale
+                cases.append((np.full(len(prior), count), leaves.body == truth, prior, sums))
+    starts = np.cumsum([0, *(len(case[0]) for case in cases[:-1])])
+    cells = _Cells(starts, *(np.concatenate(part) for part in zip(*cases, strict=True)))
+    simplex = np.array([[0.0, 0.05], [0.3, 0.05], [0.0, 0.15]])
+    bounds, options = [(-1.5, 1.5), (0.0, 0.5)], {"xatol": 0.01, "fatol": 1e-4, "initial_simplex": simplex}
+
+    def loss(parameters: Floats) -> float:
+        return cells.loss(float(parameters[0]), float(parameters[1]))
+
+    settings: Any = {"method": "Nelder-Mead", "bounds": bounds, "options": options}
+    best = scipy.optimize.minimize(loss, simplex[0], **settings).x
+    every = np.concatenate(felt)
+    some = every[rng.permutation(len(every))[:_REFERENCES]]
+    found = {"scale": float(np.exp(-best[0])), "drift": float(best[1])}
+    return {**found, "references": to_field(some.astype(float), "float16")}
