@@ -6,19 +6,19 @@ import json
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
-from torch import Tensor
 from torch.utils.data import DataLoader, IterableDataset
 
+from activetouch.errors import ImpossibleRecipe
 from activetouch.perception.card import ClassifierCard
 from activetouch.perception.contacts.hypotheses import CONTACTS, EMBEDDING, ContactHypotheses
 from activetouch.perception.contacts.imaging import STATE_SIZE, Imaging
 from activetouch.perception.contacts.network import FEW_PIXELS, ContactNetwork, ContactReader, ImageNetwork, losses
-from activetouch.perception.contacts.touches import Batches
+from activetouch.perception.contacts.touches import Batch, Batches
 from activetouch.perception.export import exported
 from activetouch.perception.learner import Learner, falling
 from activetouch.perception.reader import INPUT, OUTPUTS, TactileReader
@@ -43,27 +43,34 @@ class ContactRecipe:
     Attributes:
         steps: batches in all.
         bodies: random bodies to learn from.
-        widths: channels of the convolutions.
+        widths: channels of the convolutions of h, which is computed for every hypothesis.
+        image_widths: channels of the convolutions of f.
         dense: width of the layers after them.
         embedding: numbers of an embedding.
         learning_rate: highest.
         warmup: steps until it is reached.
         groups, touches: bodies of a batch, and touches of each.
         worlds: of a batch.
+        late: share of the steps after which batches are late ones, see
+            :class:`~activetouch.perception.contacts.touches.Batches`.
+        others: of a late batch.
         bf16: whether the networks compute in half precision.
         seed: of all that is drawn.
     """
 
-    steps: int = 8000
-    bodies: int = 6000
-    widths: tuple[int, ...] = (16, 32, 32, 64, 64)
-    dense: int = 320
-    embedding: int = 64
+    steps: int = 7500
+    bodies: int = 16_000
+    widths: tuple[int, ...] = (16, 32, 32, 64, 96)
+    image_widths: tuple[int, ...] = (32, 32, 64, 64, 96)
+    dense: int = 384
+    embedding: int = 96
     learning_rate: float = 1.5e-3
     warmup: int = 200
-    groups: int = 16
+    groups: int = 32
     touches: int = 32
-    worlds: int = 4
+    worlds: int = 8
+    late: float = 0.8
+    others: int = 96
     bf16: bool = True
     seed: int = 0
 
@@ -75,7 +82,7 @@ class ContactRecipe:
             imaging: of the sensor.
             changes: fields that differ.
         """
-        return cls(**({"widths": (16, 32, 32)} if imaging.pixels <= FEW_PIXELS else {}) | changes)
+        return cls(**({"widths": (16, 32, 64)} if imaging.pixels <= FEW_PIXELS else {}) | changes)
 
     def rate(self, step: int) -> float:
         """Learning rate of a step: linear rise, then a cosine to almost zero."""
@@ -83,24 +90,19 @@ class ContactRecipe:
         return self.learning_rate * rise * (falling(min(1.0, step / self.steps)) + 0.003)
 
 
-class _Stream(IterableDataset[dict[str, Tensor]]):
+class _Stream(IterableDataset[Batch]):
     """The batches of a training from a step on, made in other processes."""
 
     def __init__(self, batches: Batches, first: int) -> None:
         self.batches, self.first = batches, first
 
-    def __iter__(self) -> Iterator[dict[str, Tensor]]:
+    def __iter__(self) -> Iterator[Batch]:
         worker = torch.utils.data.get_worker_info()
         number, every = (0, 1) if worker is None else (worker.id, worker.num_workers)
         step = self.first + number
         while True:
-            yield as_tensors(self.batches, step)
+            yield self.batches(step)
             step += every
-
-
-def as_tensors(batches: Batches, number: int) -> dict[str, Tensor]:
-    """A batch as tensors by name."""
-    return {name: torch.from_numpy(np.ascontiguousarray(part)) for name, part in batches(number)._asdict().items()}
 
 
 class ContactTrainer:
@@ -110,11 +112,14 @@ class ContactTrainer:
         imaging: of the sensor.
         recipe: of the training.
         folder: of ``state.safetensors`` and ``log.jsonl``.
-        device: ``cpu`` or ``cuda``.
-        workers: processes that make batches; 0 for none but this.
+        device: ``cpu`` or ``cuda``, where batches are made, too.
+        workers: processes that make batches on the CPU; 0 for none but this.
 
     Attributes:
         step: batches that were learned from.
+
+    Raises:
+        ImpossibleRecipe: the state in the folder is of a training with another recipe.
     """
 
     def __init__(
@@ -122,22 +127,25 @@ class ContactTrainer:
     ) -> None:
         self.imaging, self.recipe, self.folder, self.device = imaging, recipe, folder, device
         torch.manual_seed(recipe.seed)
-        network = ContactReader(recipe.widths, recipe.dense, recipe.embedding, imaging.pixels)
+        network = ContactReader(recipe.widths, recipe.image_widths, recipe.dense, recipe.embedding, imaging.pixels)
         self.network = network.to(device)
         self._learner = Learner(network, weight_decay=1e-3)
         folder.mkdir(parents=True, exist_ok=True)
         self.step, self._state = 0, folder / _STATE
         if self._state.exists():
             self._resume()
-        sizes = (recipe.groups, recipe.touches, recipe.worlds)
-        bodies = range(HELD_OUT, HELD_OUT + recipe.bodies)
-        stream = _Stream(Batches(imaging, bodies, *sizes, seed=recipe.seed), self.step)
+        drawn = partial(
+            Batches, imaging, groups=recipe.groups, touches=recipe.touches, worlds=recipe.worlds, device=device
+        )
+        bodies, late = range(HELD_OUT, HELD_OUT + recipe.bodies), recipe.late * recipe.steps
+        stream = _Stream(drawn(bodies, seed=recipe.seed, late=late, others=recipe.others), self.step)
+        workers = workers if device == "cpu" else 0
         ahead = 4 if workers else None
         self._stream = iter(DataLoader(stream, batch_size=None, num_workers=workers, prefetch_factor=ahead))
-        held_out = Batches(imaging, range(HELD_OUT), *sizes, seed=recipe.seed + 1)
-        self._checks = [self._on_device(as_tensors(held_out, number)) for number in range(CHECKS)]
+        held_out = drawn(range(HELD_OUT), seed=recipe.seed + 1)
+        self._checks = [held_out(number) for number in range(CHECKS)]
         self._bf16 = recipe.bf16 and imaging.pixels >= _SMALLEST_IN_HALF
-        self._started, self._sums = time.monotonic(), torch.zeros(3)
+        self._started, self._sums = time.monotonic(), torch.zeros(3, device=device)
 
     def run(self, learned: Callable[[int], None] = lambda step: None) -> Iterator[dict[str, float]]:
         """Train to the end of the recipe; a report, which is also logged, every hundred steps.
@@ -158,32 +166,39 @@ class ContactTrainer:
                 self._save()
 
     def _learn(self) -> None:
-        contrast, entropy, accuracy = losses(self.network, self._on_device(next(self._stream)), self._bf16)
+        contrast, entropy, accuracy = losses(self.network, next(self._stream), self.recipe.groups, self._bf16)
         self._learner.gradient(contrast + entropy)
         self._learner.step(self.recipe.rate(self.step))
-        self._sums += torch.stack([contrast.detach(), entropy.detach(), accuracy]).cpu()
+        self._sums += torch.stack([contrast.detach(), entropy.detach(), accuracy])
         self.step += 1
 
     def _report(self) -> dict[str, float]:
         with torch.inference_mode():
-            held_out = torch.stack([torch.stack(losses(self.network, check, self._bf16)) for check in self._checks])
+            groups = self.recipe.groups
+            found = [torch.stack(losses(self.network, check, groups, self._bf16)) for check in self._checks]
         number = self.step % _REPORTED or _REPORTED
-        found = {"step": self.step, "seconds": round(time.monotonic() - self._started, 1)}
-        for what, means in (("training", self._sums / number), ("held-out", held_out.mean(dim=0))):
-            found |= {f"{what} {name}": round(float(mean), 4) for name, mean in zip(_NAMES, means, strict=True)}
+        report = {"step": self.step, "seconds": round(time.monotonic() - self._started, 1)}
+        for what, means in (("training", self._sums / number), ("held-out", torch.stack(found).mean(dim=0))):
+            report |= {f"{what} {name}": round(float(mean), 4) for name, mean in zip(_NAMES, means, strict=True)}
         self._sums.zero_()
-        return found
+        return report
 
     def _save(self) -> None:
         write_tensors(self._state, self._learner.arrays(), {"step": self.step, "recipe": asdict(self.recipe)})
 
     def _resume(self) -> None:
         arrays, fields = read_tensors(self._state)
+        own, theirs = json.loads(json.dumps(asdict(self.recipe))), dict(fields["recipe"])
+        theirs["steps"] = own["steps"]  # more or fewer may follow
+        differing = [
+            f"{name} {theirs.get(name)} (not {value})" for name, value in own.items() if theirs.get(name) != value
+        ]
+        if differing:
+            raise ImpossibleRecipe(
+                f"{self._state} is of a training with {', '.join(differing)}; give its numbers, or another folder"
+            )
         self.step = int(fields["step"])
         self._learner.restore({name: torch.from_numpy(array) for name, array in arrays.items()}, self.step)
-
-    def _on_device(self, batch: dict[str, Tensor]) -> dict[str, Tensor]:
-        return {name: part.to(self.device) for name, part in batch.items()}
 
 
 def export(network: ContactReader, imaging: Imaging, scene: Scene, training: str) -> TactileReader:

@@ -238,11 +238,6 @@ def test_commands_for_a_sensor_make_it_for_that_scene(choice, contacts):
         (SceneChoice("coarse", poses="directions26"), MODELS / "hard", "Leave out --sensor"),
         (SceneChoice("many", poses="directions26"), MODELS / "many", "Add --sensor gel"),
         (replace(SCENES["many"], scene=SCENES["gel"].scene), MODELS / "hard", "Add --sensor gel"),
-        (
-            SceneChoice("hard", poses="directions26"),
-            MODELS / "hard",
-            "activetouch train --recipe contacts --scene hard",
-        ),
         (SceneChoice(renderer="gelsight"), GEL, "activetouch collect"),
     ],
 )

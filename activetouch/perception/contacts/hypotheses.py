@@ -41,8 +41,8 @@ _MOST_SCORES = 1 << 22  # of images and hypotheses at once, 32 MB
 _DECIMALS = 7
 FEWEST, MOST = 1024, 4096
 """Hypotheses of each shape, at least and at most, in a model of new objects."""
-CONTACTS_IN_ALL = 200_000
-"""Predicted contacts of all shapes in all poses, as many as fit: a minute and a half of one core."""
+CONTACTS_IN_ALL = 300_000
+"""Predicted contacts of all shapes in all poses, as many as fit: two to three minutes of one core."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +178,7 @@ def num_hypotheses(scene: Scene) -> int:
 
     >>> from activetouch import SCENES
     >>> [num_hypotheses(SCENES[name].scene) for name in ("gel", "many", "keyed")]
-    [4096, 2048, 1024]
+    [4096, 4096, 1024]
     """
     fitting = CONTACTS_IN_ALL / (len(scene.shapes) * len(scene.poses))
     return int(2 ** np.floor(np.log2(np.clip(fitting, FEWEST, MOST))))

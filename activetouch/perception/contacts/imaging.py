@@ -1,7 +1,7 @@
-"""What a pressure sensor makes of a surface that is pressed against it, and the contact that a hypothesis predicts.
+"""What images of a pressure sensor are made of, and the contact that a hypothesis predicts, as its network reads it.
 
-Both are arrays over many touches: height maps go in (:func:`activetouch.predicted_contacts`), and images, or the input
-of the network of contacts, come out. A :class:`SensorState` is the state of the sensor and of the press.
+A :class:`SensorState` is the state of the sensor and of the press. Height maps
+(:func:`activetouch.predicted_contacts`) become images in :mod:`activetouch.perception.contacts.images`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy  # whose parts load at first use
 from numpy.typing import NDArray
 
 from activetouch.pressing.height_maps import Window
@@ -35,7 +34,6 @@ LIMITS = {
 """Least and largest of the numbers of a :class:`SensorState` that a reader is trained with."""
 SAMPLES = 32
 """Points along the edge of a pad, at least, at which a surface is computed; at most as many pixels are read."""
-_BISECTIONS = 18
 
 
 class SensorState(NamedTuple):
@@ -155,48 +153,6 @@ class Imaging:
         dead = None if fields["dead"] is None else np.array(fields["dead"], bool)
         return cls(**{**fields, **ranges, "pad": Pad(**fields["pad"]), "dead": dead})
 
-    def images(
-        self, reached: Floats32, world: SensorState, rng: np.random.Generator
-    ) -> tuple[Floats32, NDArray[np.bool_]]:
-        """Images in [0, 1] of bodies that meet the pad, ``(n, pixels, pixels)``, and whether they hit it, ``(n,)``."""
-        number = len(reached)
-        highest = reached.max(axis=(1, 2))
-        hit = np.isfinite(highest)
-        gap = np.where(np.isfinite(reached), np.where(hit, highest, 0.0)[:, None, None] - reached, np.float32(1.0))
-        load = rng.uniform(*self.force, number) * world.force / (world.stiffness * self.pad.stiffness)
-        area = (2 * self.pad.half_width / self.samples) ** 2
-        pressed = _indentation(gap, (load / area).astype(np.float32), self.pad.max_depth)
-        seen = pressed * (world.stiffness / self.pad.max_depth)[:, None, None]
-        seen = _blurred(_shifted(seen, world.shift), world.blur)
-        seen *= (world.gain * rng.uniform(1 - self.gain, 1 + self.gain, number))[:, None, None].astype(np.float32)
-        seen = np.maximum(seen - world.hysteresis[:, None, None], 0.0)
-        return self._read(seen.astype(np.float32), world, rng), hit
-
-    def _read(self, seen: Floats32, world: SensorState, rng: np.random.Generator) -> Floats32:
-        """The mean reading of all taxels of a pixel: their noise is clipped at zero, which moves the mean."""
-        found = np.empty((len(seen), self.pixels, self.pixels), np.float32)
-        for wide in np.unique(world.wide):
-            some = world.wide == wide
-            taxels = self.taxels if wide == 0 else int(self.pixels / 2**wide)
-            found[some] = self._felt(seen[some], SensorState(*(part[some] for part in world)), taxels, rng)
-        return found
-
-    def _felt(self, seen: Floats32, world: SensorState, taxels: int, rng: np.random.Generator) -> Floats32:
-        """The same with one number of taxels."""
-        shown = min(taxels, self.samples)
-        values = _binned(seen, shown)
-        std = (self.noise * world.noise)[:, None, None].astype(np.float32)
-        if taxels <= self.samples:  # a taxel is at least a sample wide
-            noisy = np.clip(values + std * rng.standard_normal(values.shape, np.float32), 0.0, 1.0)
-        else:
-            mean, variance = _clipped_moments(values, std)
-            each = np.sqrt(variance * (self.samples / taxels) ** 2)
-            noisy = np.clip(mean + each * rng.standard_normal(values.shape, np.float32), 0.0, 1.0)
-        dead, stuck = (regridded(cells, shown) for cells in (world.dead, world.stuck))
-        own = 0.0 if self.dead is None else _binned(self.dead[None].astype(np.float32), shown)
-        noisy = noisy * (1 - np.minimum(dead + own, 1.0)) * (1 - stuck) + stuck
-        return _binned(noisy, self.pixels) if shown >= self.pixels else _enlarged(noisy, self.pixels)
-
 
 def encoded(reached: Floats32, inner: int) -> Floats32:
     """Predicted contacts as the network reads them: gaps behind the first contact, near and far, ``(n, 2, W, W)``.
@@ -221,53 +177,3 @@ def regridded(shares: Floats32, edge: int) -> Floats32:
     overlap = np.minimum(first + old, others + edge) - np.maximum(first, others)
     part = (np.maximum(overlap, 0) / old).astype(np.float32)
     return part @ shares @ part.T
-
-
-def _indentation(gap: Floats32, load: Floats32, deepest: float) -> Floats32:
-    """Indentation of every point whose sum over the points is ``load``, unless the layer bottoms out, by bisection."""
-    low, high = np.zeros(len(gap), np.float32), np.full(len(gap), deepest, np.float32)
-    flat = gap.reshape(len(gap), gap.shape[1] * gap.shape[2])
-    for _ in range(_BISECTIONS):
-        middle = (low + high) / 2
-        short = np.maximum(middle[:, None] - flat, 0.0).sum(axis=1) < load
-        low, high = np.where(short, middle, low), np.where(short, high, middle)
-    return np.maximum(low[:, None, None] - gap, 0.0)
-
-
-def _shifted(images: Floats32, shifts: Floats32) -> Floats32:
-    """Images displaced by whole points, with zeros where nothing is shown."""
-    by = np.rint(shifts * images.shape[-1]).astype(int)
-    found = images
-    for number in np.flatnonzero(by.any(axis=1)):
-        if found is images:
-            found = images.copy()
-        found[number] = scipy.ndimage.shift(images[number], by[number], order=0)
-    return found
-
-
-def _blurred(images: Floats32, blurs: Floats32) -> Floats32:
-    for number in np.flatnonzero(blurs):
-        images[number] = scipy.ndimage.gaussian_filter(
-            images[number], blurs[number] * images.shape[-1], mode="constant"
-        )
-    return images
-
-
-def _binned(images: Floats32, edge: int) -> Floats32:
-    n = images.shape[-1] // edge
-    return images if n == 1 else images.reshape(-1, edge, n, edge, n).mean(axis=(2, 4))
-
-
-def _enlarged(images: Floats32, edge: int) -> Floats32:
-    times = edge // images.shape[-1]
-    return images.repeat(times, axis=1).repeat(times, axis=2)
-
-
-def _clipped_moments(values: Floats32, std: Floats32) -> tuple[Floats32, Floats32]:
-    """Mean and variance of a normal variable that is clipped at zero."""
-    z = values / std
-    density = np.exp(-z * z / 2) / np.float32(np.sqrt(2 * np.pi))
-    below = scipy.special.ndtr(z)
-    mean = values * below + std * density
-    variance = (values * values + std * std) * below + values * std * density - mean * mean
-    return mean.astype(np.float32, copy=False), np.maximum(variance, np.float32(1e-8))

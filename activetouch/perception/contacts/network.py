@@ -6,11 +6,15 @@ Their product is log p(image | contact, world) / p(image), up to a constant of t
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor, nn
 
 from activetouch.perception.contacts.imaging import STATE_SIZE
+
+if TYPE_CHECKING:
+    from activetouch.perception.contacts.touches import Batch
 
 _CELLS = 4  # along the edge, over which the last convolution is averaged
 FEW_PIXELS = 8
@@ -21,21 +25,22 @@ class ContactReader(nn.Module):
     """f and h, trained together.
 
     Args:
-        widths: channels after each convolution; every other one halves the image. Images of few pixels are read by the
-            layers after the convolutions alone.
+        widths: channels after each convolution of h; every other one halves the image.
+        image_widths: the same of f. Images of few pixels are read by the layers after the convolutions alone.
         dense: width of the layers after them.
         embedding: numbers of an embedding.
         pixels: along the edge of an image.
     """
 
-    def __init__(self, widths: tuple[int, ...], dense: int, embedding: int, pixels: int = 32) -> None:
+    def __init__(
+        self, widths: tuple[int, ...], image_widths: tuple[int, ...], dense: int, embedding: int, pixels: int = 32
+    ) -> None:
         super().__init__()
         is_small = pixels <= FEW_PIXELS
-        self.images = nn.Flatten() if is_small else _convolutions(1, widths)
+        self.images = nn.Flatten() if is_small else _convolutions(1, image_widths)
         self.contacts = _convolutions(2, widths)
-        features = widths[-1] * _CELLS**2
-        self.of_image = _Head(pixels**2 if is_small else features, dense, embedding)
-        self.of_contact = _Head(features, dense, embedding)
+        self.of_image = _Head(pixels**2 if is_small else image_widths[-1] * _CELLS**2, dense, embedding)
+        self.of_contact = _Head(widths[-1] * _CELLS**2, dense, embedding)
         self.of_world = nn.Linear(STATE_SIZE + 1, dense)
         nn.init.zeros_(self.of_world.weight)
         self.embedding, self._scale = embedding, 4 / math.sqrt(embedding)
@@ -129,25 +134,26 @@ def _shares(edge: int, like: Tensor) -> Tensor:
     return found.to(like)
 
 
-def losses(network: ContactReader, batch: dict[str, Tensor], bf16: bool) -> tuple[Tensor, Tensor, Tensor]:
+def losses(network: ContactReader, batch: Batch, groups: int, bf16: bool) -> tuple[Tensor, Tensor, Tensor]:
     """Contrast and cross-entropy of the body [nats], and the accuracy of the body, means over the touches that hit.
 
     Args:
         network: f and h.
-        batch: the arrays of a :class:`Batch` by name.
+        batch: touches.
+        groups: bodies of the batch.
         bf16: whether the networks compute in half precision.
     """
-    images, world, bodies, hit = batch["images"], batch["world"], batch["bodies"], batch["hit"]
-    number, groups = len(images), int(bodies[-1]) + 1
-    with torch.autocast(images.device.type, torch.bfloat16, enabled=bf16):
-        seen = network.f(images)
-        hypotheses = network.h(batch["contacts"], batch["cells"], batch["codes"])
+    number = len(batch.images)
+    with torch.autocast(batch.images.device.type, torch.bfloat16, enabled=bf16):
+        seen = network.f(batch.images)
+        hypotheses = network.h(batch.contacts, batch.cells, batch.codes)
     scores = torch.einsum("bd,whd->bwh", seen, hypotheses)
-    rows = torch.arange(number, device=images.device)
-    own = scores[rows, world]  # (B, H), the hypotheses in the touch's own world
-    true = own.diagonal()
-    contrast = torch.logsumexp(scores.flatten(1), 1) - true - math.log(scores[0].numel())
-    others = own.masked_fill(torch.eye(number, dtype=torch.bool, device=own.device), -torch.inf)
-    logits = torch.logsumexp(others.reshape(number, groups, -1), 2)
-    entropy = nn.functional.cross_entropy(logits[hit], bodies[hit])
-    return contrast[hit].mean(), entropy, (logits.argmax(1) == bodies)[hit].float().mean()
+    own = scores[torch.arange(number, device=scores.device), batch.world]  # (B, H), in the touch's own world
+    contrast = torch.logsumexp(scores.flatten(1), 1) - own.diagonal() - math.log(scores[0].numel())
+    others = own.masked_fill(torch.eye(*own.shape, dtype=torch.bool, device=own.device), -torch.inf)
+    of_body = [part.reshape(number, groups, -1) for part in (others[:, :number], others[:, number:])]
+    logits = torch.logsumexp(torch.cat(of_body, dim=2), 2)
+    entropy = nn.functional.cross_entropy(logits, batch.bodies, reduction="none")
+    accurate = (logits.argmax(1) == batch.bodies).float()
+    share = batch.hit / batch.hit.sum()
+    return (contrast * share).sum(), (entropy * share).sum(), (accurate * share).sum()

@@ -6,18 +6,25 @@ predicts, and the width of the cell that the hypothesis stands for.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
+import torch
+from joblib import Parallel, delayed
 from numpy.typing import NDArray
+from torch import Tensor
 
 from activetouch.perception.contacts.bodies import random_body
-from activetouch.perception.contacts.imaging import BROKEN, LIMITS, Floats32, Imaging, SensorState, encoded
+from activetouch.perception.contacts.device_heights import DeviceBodies
+from activetouch.perception.contacts.images import encoded, images
+from activetouch.perception.contacts.imaging import BROKEN, LIMITS, Imaging, SensorState
 from activetouch.poses import hamilton_product, to_matrices
 from activetouch.pressing.height_maps import Window
 from activetouch.solids.raster import Surface, heights
+from activetouch.solids.solid import Floats
 
 _NOMINAL = 0.45  # share of nuisances that are as they should be
 _CELLS = (0.035, 0.35)  # narrowest and widest cell [rad]
@@ -27,25 +34,26 @@ _TOGETHER = (*((name,) for name in _FACTORS), ("blur", "hysteresis"), ("shift",)
 
 
 class Batch(NamedTuple):
-    """B touches of G bodies, of which touches i · B / G … belong to body i, in W worlds.
+    """B touches of G bodies, of which touches i · B / G … belong to body i, in W worlds, and H hypotheses.
 
     Attributes:
         images: ``(B, n, n)``.
         hit: whether the pad was hit, ``(B,)``.
-        contacts: encoded, of every touch's own hypothesis, ``(B, 2, m, m)``.
-        cells: width of the cells that the hypotheses stand for [rad], ``(B,)``.
+        contacts: encoded, of every touch's own hypothesis, then of others, of each body after another,
+            ``(H, 2, m, m)``.
+        cells: width of the cells that the hypotheses stand for [rad], ``(H,)``.
         world: of every touch, ``(B,)``, in 0 … W − 1.
         codes: of the worlds, ``(W, STATE_SIZE)``.
         bodies: ``(B,)``, in 0 … G − 1.
     """
 
-    images: Floats32
-    hit: NDArray[np.bool_]
-    contacts: Floats32
-    cells: Floats32
-    world: NDArray[np.int64]
-    codes: Floats32
-    bodies: NDArray[np.int64]
+    images: Tensor
+    hit: Tensor
+    contacts: Tensor
+    cells: Tensor
+    world: Tensor
+    codes: Tensor
+    bodies: Tensor
 
 
 @dataclass(frozen=True)
@@ -58,7 +66,11 @@ class Batches:
         groups: G.
         touches: of each body in a batch.
         worlds: W.
+        late: number of the first batch in which the sensor is as it should be in at least half of the worlds, instead
+            of one, and every body has hypotheses beside those of its touches, as in a table.
+        others: these, for each body.
         seed: of the stream.
+        device: where batches are made. On ``cuda``, the triangles of all bodies are kept there.
     """
 
     imaging: Imaging
@@ -66,49 +78,56 @@ class Batches:
     groups: int = 16
     touches: int = 32
     worlds: int = 8
+    late: float = math.inf
+    others: int = 0
     seed: int = 0
+    device: str = "cpu"
 
     def __call__(self, number: int) -> Batch:
         """Batch ``number``."""
         rng = np.random.default_rng([self.seed, number, len(self.bodies)])
         imaging, total = self.imaging, self.groups * self.touches
-        worlds = drawn_worlds(rng, self.worlds, _NOMINAL, imaging.coarser)
+        usual, others = (self.worlds // 2, self.others) if number >= self.late else (1, 0)
+        states = drawn_worlds(rng, self.worlds, _NOMINAL, imaging.coarser, usual)
         world = np.tile(np.arange(self.worlds), -(-total // self.worlds))[:total]
         narrow, broad = np.log(_CELLS)
         cells = np.exp(rng.uniform(narrow, broad, total))
         turns = _normalised(rng.normal(size=(total, 4)))
         sizes = rng.uniform(*imaging.sizes, total)
-        offsets = rng.uniform(-imaging.offset, imaging.offset, (total, 2))
+        places = rng.uniform(-imaging.offset, imaging.offset, (total, 2))
         near = _near(turns, cells, rng)
-        seen = np.empty((total, imaging.samples, imaging.samples), np.float32)
-        predicted = np.empty((total, *[imaging.wide_window.num_pixels] * 2), np.float32)
-        for group, body in enumerate(rng.choice(self.bodies, self.groups, replace=False)):
-            some = slice(group * self.touches, (group + 1) * self.touches)
-            surface = kept_body(int(body))
-            seen[some] = _maps(surface, turns[some], sizes[some], offsets[some], imaging.window)
-            nearby = sizes[some] * np.exp(rng.normal(size=self.touches) * 0.15 * cells[some])
-            predicted[some] = _maps(surface, near[some], nearby, np.zeros((self.touches, 2)), imaging.wide_window)
-        images, hit = imaging.images(seen, SensorState(*(part[world] for part in worlds)), rng)
-        return Batch(
-            images,
-            hit,
-            encoded(predicted, imaging.contact_pixels),
-            cells.astype(np.float32),
-            world,
-            worlds.code(),
-            np.repeat(np.arange(self.groups), self.touches),
-        )
+        nearby = sizes * np.exp(rng.normal(size=total) * 0.15 * cells)
+        chosen = rng.choice(len(self.bodies), self.groups, replace=False)
+        seen = self._maps(chosen, turns, sizes, places, imaging.window)
+        predicted = self._maps(chosen, near, nearby, np.zeros_like(places), imaging.wide_window)
+        random = torch.Generator(self.device).manual_seed(int(rng.integers(1 << 62)))
+        read, hit = images(imaging, seen, states, world, random)
+        if others:
+            more = self.groups * others
+            turns, sizes = _normalised(rng.normal(size=(more, 4))), rng.uniform(*imaging.sizes, more)
+            maps = self._maps(chosen, turns, sizes, np.zeros((more, 2)), imaging.wide_window)
+            predicted = torch.cat([predicted, maps])
+            cells = np.append(cells, np.exp(rng.uniform(narrow, broad, more)))
+        arrays = cells.astype(np.float32), world, states.code(), np.arange(self.groups).repeat(self.touches)
+        given = [torch.from_numpy(part).to(self.device) for part in arrays]
+        return Batch(read, hit, encoded(predicted, imaging.contact_pixels), *given)
 
+    def _maps(self, chosen: NDArray[np.int64], turns: Floats, sizes: Floats, places: Floats, window: Window) -> Tensor:
+        """Height maps over a window, those of each body after another."""
+        axes, pixel = to_matrices(turns) * sizes[:, None, None], window.edge / window.num_pixels
+        if self.device != "cpu":
+            bodies = chosen.repeat(len(turns) // len(chosen))
+            return self._on_device.heights(bodies, axes, places, pixel, window.num_pixels)
+        each = zip(chosen, np.split(axes, len(chosen)), np.split(places, len(chosen)), strict=True)
+        maps = [
+            heights(kept_body(self.bodies[body]), turned, placed, pixel, window.num_pixels, np.float32)
+            for body, turned, placed in each
+        ]
+        return torch.from_numpy(np.concatenate(maps))
 
-def _maps(
-    surface: Surface,
-    turns: NDArray[np.float64],
-    sizes: NDArray[np.float64],
-    places: NDArray[np.float64],
-    window: Window,
-) -> Floats32:
-    pixel = window.edge / window.num_pixels
-    return heights(surface, to_matrices(turns) * sizes[:, None, None], places, pixel, window.num_pixels, np.float32)
+    @cached_property
+    def _on_device(self) -> DeviceBodies:
+        return DeviceBodies(Parallel(n_jobs=-1)(delayed(random_body)(number) for number in self.bodies), self.device)
 
 
 @lru_cache(maxsize=8192)
@@ -117,10 +136,12 @@ def kept_body(number: int) -> Surface:
     return random_body(number)
 
 
-def drawn_worlds(rng: np.random.Generator, number: int, nominal: float, coarser: float = 0.0) -> SensorState:
-    """Random worlds, in which each nuisance is as it should be with probability ``nominal``, and all are in the first.
+def drawn_worlds(
+    rng: np.random.Generator, number: int, nominal: float, coarser: float = 0.0, usual: int = 1
+) -> SensorState:
+    """Random worlds, in which each nuisance is as it should be with probability ``nominal``.
 
-    The first world of a batch is nominal, because the sensor mostly is.
+    In the first ``usual`` worlds, all are, because the sensor mostly is.
     """
     broken = np.zeros((2, number, BROKEN, BROKEN), np.float32)
     for world in range(number):
@@ -139,20 +160,20 @@ def drawn_worlds(rng: np.random.Generator, number: int, nominal: float, coarser:
     is_strange = rng.uniform(size=(number, 7)) > nominal
     wide = rng.uniform(size=number) < coarser
     is_strange &= (~wide | (rng.uniform(size=number) < 0.5))[:, None]  # and often is as it should be otherwise
-    wide[0] = is_strange[0] = False
-    usual = SensorState.nominal(number)._asdict()
+    wide[:usual] = is_strange[:usual] = False
+    drawn = SensorState.nominal(number)._asdict()
     for column, names in enumerate(_TOGETHER):
         for name in names:
-            chosen = is_strange[:, column].reshape(number, *[1] * (usual[name].ndim - 1))
-            usual[name] = np.where(chosen, strange[name], usual[name]).astype(np.float32)
-    return SensorState(**usual)._replace(wide=wide.astype(np.float32))
+            chosen = is_strange[:, column].reshape(number, *[1] * (drawn[name].ndim - 1))
+            drawn[name] = np.where(chosen, strange[name], drawn[name]).astype(np.float32)
+    return SensorState(**drawn)._replace(wide=wide.astype(np.float32))
 
 
-def _normalised(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+def _normalised(vectors: Floats) -> Floats:
     return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
-def _near(turns: NDArray[np.float64], cells: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
+def _near(turns: Floats, cells: Floats, rng: np.random.Generator) -> Floats:
     """Orientations after small turns, whose standard deviation about each axis is the width of the cell."""
     small = rng.normal(size=(3, len(turns))) * (cells / 2)
     product = hamilton_product(turns.T, (np.ones(len(turns)), *small))

@@ -144,15 +144,19 @@ def test_a_state_is_always_a_number_within_the_limits(own, what):
         assert ((getattr(world, name) >= 0) & (getattr(world, name) <= 1)).all()
 
 
+@pytest.mark.torch
 @pytest.mark.parametrize("number", [1, 3, 7, 30, 37, 64, 128])
 def test_the_imaging_of_any_number_of_taxels_makes_images(number, rng):
     imaging = imaging_of(taxels(number))
     assert Imaging.from_fields(imaging.fields()) == imaging
     heights = rng.uniform(0.0, 0.001, (2, imaging.samples, imaging.samples)).astype(np.float32)
     heights[1] = -np.inf
-    world = sensor_state(imaging, taxels(number))
-    both = type(world)(*(np.repeat(part, 2, axis=0) for part in world))
-    images, hit = imaging.images(heights, both, rng)
-    assert images.shape == (2, imaging.pixels, imaging.pixels)
-    assert np.isfinite(images).all()
+    import torch
+
+    from activetouch.perception.contacts.images import images
+
+    state, random = sensor_state(imaging, taxels(number)), torch.Generator().manual_seed(0)
+    read, hit = images(imaging, torch.from_numpy(heights), state, np.zeros(2, int), random)
+    assert read.shape == (2, imaging.pixels, imaging.pixels)
+    assert torch.isfinite(read).all()
     assert hit.tolist() == [True, False]
