@@ -46,6 +46,8 @@ def warn_of_probs(values: NDArray[np.floating], name: str, instead: str) -> None
         values: ``(..., K)``.
         name: of the argument.
         instead: what to do with probabilities.
+
+    >>> warn_of_probs(np.array([[0.5, -0.5]]), "logits", "take logarithms")  # no probabilities: no warning
     """
     if _may_be_probs(values):
         told = f"{name} has no negative number and sums to one, as probabilities do; {instead}"
