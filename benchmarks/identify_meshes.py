@@ -92,11 +92,11 @@ def compared(shared: Shared[tuple[MeshSetting, Pictures]], number: int, truth: i
     rngs = [np.random.default_rng([7, number, 2, pose]) for pose in poses]
     felt = small(np.stack([setting.scene.press(obj, p, rng).image / 255 for p, rng in zip(poses, rngs, strict=True)]))
     ranks = []
-    for images in known:
-        squares = (images**2).sum(axis=2)
-        total, found = np.zeros(len(images)), []
+    for bank in known:
+        squares = (bank**2).sum(axis=2)
+        total, found = np.zeros(len(bank)), []
         for image in felt:
-            total += (squares - 2 * images @ image.astype(np.float32)).min(axis=1)
+            total += (squares - 2 * bank @ image.astype(np.float32)).min(axis=1)
             found.append(int((total < total[truth]).sum()))
         ranks.append(found)
     return ranks
