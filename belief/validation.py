@@ -40,12 +40,7 @@ def as_real(values: ArrayLike, name: str) -> NDArray[np.floating]:
 
 
 def warn_of_probs(values: NDArray[np.floating], name: str, instead: str) -> None:
-    """A UserWarning, at the caller of the caller's caller, about logarithms that look like probabilities.
-
-    Args:
-        values: ``(..., K)``.
-        name: of the argument.
-        instead: what to do with probabilities.
+    """A UserWarning, at the caller of the caller's caller, about logarithms ``(..., K)`` that look like probabilities.
 
     >>> warn_of_probs(np.array([[0.5, -0.5]]), "logits", "take logarithms")  # no probabilities: no warning
     """
