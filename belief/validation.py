@@ -45,8 +45,7 @@ def warn_of_probs(values: NDArray[np.floating], name: str, instead: str) -> None
     >>> warn_of_probs(np.array([[0.5, -0.5]]), "logits", "take logarithms")  # no probabilities: no warning
     """
     if _may_be_probs(values):
-        told = f"{name} has no negative number and sums to one, as probabilities do; {instead}"
-        warnings.warn(told, UserWarning, stacklevel=4)
+        warnings.warn(f"{name} has no negative number and sums to one, as probabilities do; {instead}", stacklevel=4)
 
 
 def as_logs(name: str, logs: ArrayLike | None, keyword: str, plain: ArrayLike | None) -> Floats:
