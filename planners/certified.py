@@ -96,6 +96,8 @@ class Certificate:
         stops: stops in the testing half, by number of touches as ``thresholds``.
         wrong: wrong ones among these.
         max_touches: as of :class:`Certified`.
+        abstain: false-alarm rate and promise of the conflict test (:class:`planners.abstaining.Abstaining`) with which
+            the decider was followed; None without the test.
         made_for: JSON types that name the world, the objects, the decider, the sensor and the rules.
     """
 
@@ -107,6 +109,7 @@ class Certificate:
     stops: tuple[int, ...]
     wrong: tuple[int, ...]
     max_touches: int
+    abstain: tuple[float, float] | None
     made_for: Mapping[str, Any] = field(repr=False)
 
     def __str__(self) -> str:
@@ -161,13 +164,17 @@ class Certificate:
                 raise ValueError(f"its schema is {schema!r}, not {SCHEMA!r}")
             limits = tuple(math.inf if limit is None else float(limit) for limit in given["thresholds"])
             counts = {name: tuple(int(number) for number in given[name]) for name in ("stops", "wrong")}
-            found = cls(**{**given, "thresholds": limits, **counts})
-            if not isinstance(found.made_for, dict) or not len(limits) == len(found.stops) == len(found.wrong) > 0:
+            tested = None if given["abstain"] is None else (float(given["abstain"][0]), float(given["abstain"][1]))
+            found = cls(**{**given, "thresholds": limits, **counts, "abstain": tested})
+            if (
+                not isinstance(found.made_for["targets"], list)
+                or not len(limits) == len(found.stops) == len(found.wrong) > 0
+            ):
                 raise ValueError("its fields do not fit each other")
             return found
         except FileNotFoundError:
             raise FileNotFoundError(f"there is no certificate {file}; make it with activetouch certify") from None
-        except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+        except (OSError, ValueError, TypeError, LookupError) as error:
             raise CorruptFile(f"{file} is no certificate: {error}") from error
 
 

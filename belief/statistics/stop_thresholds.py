@@ -173,6 +173,15 @@ def certified_thresholds(candidates: CandidateStops, risk: float, confidence: fl
     return CertifiedThresholds(tuple(chosen.tolist()), tuple(stops.tolist()), tuple(wrong.tolist()))
 
 
+def least_searches(risk: float, confidence: float) -> int:
+    """Number of searches from which :func:`certified_thresholds` certifies a stop, if all stop without an error.
+
+    >>> least_searches(0.05, 0.9), least_searches(0.01, 0.9)
+    (144, 736)
+    """
+    return 2 * math.ceil(math.log(_MARGIN * (1.0 - confidence)) / math.log1p(-risk))
+
+
 def _p_values(candidates: CandidateStops, thresholds: NDArray[np.float64], risk: float) -> NDArray[np.float64]:
     """p-value of "more than ``risk`` are wrong" by number of touches, ``(L,)``; 0 where no search stops by rule."""
     stops, wrong = candidates.counts(thresholds)
@@ -182,26 +191,27 @@ def _p_values(candidates: CandidateStops, thresholds: NDArray[np.float64], risk:
 
 def _num_levels(candidates: CandidateStops, risk: float, level: float) -> int:
     """How many numbers of touches are told apart: the last one, which pools the rest, must have enough stops."""
-    enough = 2.0 * math.log(_MARGIN * level) / math.log1p(-risk)  # twice what a test without errors needs
     touches = candidates.touches[candidates.stops([0.0])]
     at_least = np.cumsum(np.bincount(touches, minlength=1)[::-1])[::-1]
-    return max(int(np.count_nonzero(at_least >= enough)), 1)
+    return max(int(np.count_nonzero(at_least >= least_searches(risk, 1.0 - level))), 1)
 
 
 def _proposals(candidates: CandidateStops, risk: float, level: float, num_levels: int) -> Iterator[NDArray[np.float64]]:
-    """A sequence of thresholds, which stop ever earlier: the numbers of touches with the clearest results first."""
-    final, accepted = np.full(num_levels, math.inf), list[list[float]]()
+    """A sequence of thresholds: first a safe one for each number of touches, then lower ones, the clearest first."""
+    final, steps = np.full(num_levels, math.inf), list[tuple[float, int, float]]()
     for touches in range(num_levels):
-        accepted.append([])
-        trial = final.copy()
+        trial, passed = final.copy(), list[tuple[float, int, float]]()
         for threshold in _GRID:
             trial[touches] = threshold
-            if _p_values(candidates, trial, risk)[touches] <= _MARGIN * level:
-                accepted[touches].append(threshold)
-        if accepted[touches]:
-            final[touches] = accepted[touches][-1]
+            p_value = float(_p_values(candidates, trial, risk)[touches])
+            if p_value <= _MARGIN * level:
+                passed.append((p_value, touches, threshold))
+        if passed:
+            final[touches] = passed[-1][2]
+            steps += passed
+    safe = {step[1]: step for step in sorted(steps, reverse=True)}  # the smallest p-value of each
     proposed = np.full(num_levels, math.inf)
-    for touches in np.argsort(_p_values(candidates, final, risk), kind="stable"):
-        for threshold in accepted[touches]:
+    for _, touches, threshold in [*sorted(safe.values()), *sorted(steps)]:
+        if threshold < proposed[touches]:
             proposed[touches] = threshold
             yield proposed.copy()

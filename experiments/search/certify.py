@@ -2,30 +2,38 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Any, cast
 
 import numpy as np
+import tyro
 from numpy.typing import NDArray
 
-from activetouch import TactileSensor
-from activetouch.scene_description import scene_fields
-from belief.problem import SearchProblem
+from activetouch import Scene, TactileSensor
+from activetouch.named_scenes import NamedScene
+from belief.errors import ActiveTouchError
+from belief.files import in_file_name, require_writable_file
 from belief.seeding import keyed_rng
-from belief.statistics.stop_thresholds import CandidateStops
-from experiments.command_line.arguments import Within
-from experiments.parallel import Shared, run_tasks
-from experiments.search.fingerprint import digest_of, fingerprint
-from experiments.search.play import EPISODES_PER_BATCH, Searches, play_episodes, sensor_digest
+from belief.statistics.stop_thresholds import CandidateStops, certified_thresholds, least_searches
+from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, Within, check_arguments, check_value
+from experiments.parallel import Shared, default_jobs, run_tasks
+from experiments.search.certificate import made_for, with_unsure
+from experiments.search.comparison import prepared, scene_of
+from experiments.search.play import EPISODES_PER_BATCH, Searches, play_episodes
+from experiments.search.setting import Setting
 from planners import Decider, Episode
-from planners.certified import NEVER, WANTED, Certified
+from planners.certified import NEVER, WANTED, Certificate, Certified
 
-FILE = "certificate-{decider}-{risk}.json"
-"""Name of a certificate beside the sensor."""
 _SEEDS = 0xCE47 << 32  # added to the seed: no comparison plays the searches of a certificate
-Risk = Annotated[float, Within(0.0, 1.0, open_low=True, open_high=True)]
+Probability = Annotated[float, Within(0.0, 1.0, open_low=True, open_high=True)]
+
+Searched = Annotated[int, Within(2, 10**8)]
+
+
+class TooFewSearches(ActiveTouchError, ValueError):
+    """Calibration searches are too few, or err too often, to certify any stop."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +103,8 @@ def play_calibration(
     labels = list(searches.problem.shape_labels)
     searches = replace(searches, seed=searches.seed + _SEEDS)
     drawn = keyed_rng([searches.seed]).choice([labels.index(target) for target in targets], num_searches)
-    shared, tasks = Shared((searches, Certified(decider, NEVER, max_touches))), list[_Task]()
+    player: Decider = Certified(decider, NEVER, max_touches)
+    shared, tasks = Shared((searches, player)), list[_Task]()
     for target in np.unique(drawn).tolist():
         number = int(np.count_nonzero(drawn == target))
         for first in range(0, number, EPISODES_PER_BATCH):
@@ -105,41 +114,167 @@ def play_calibration(
         for number, row in zip(np.flatnonzero(drawn == target)[numbers], found, strict=True):
             rows[number] = row
     flat = [(number, *one) for number, row in enumerate(rows) for one in row[0]]
-    columns = [np.array([row[column] for row in flat]) for column in range(5)] if flat else [np.zeros(0)] * 5
+    columns: list[Any] = [np.array([row[column] for row in flat]) for column in range(5)] if flat else [np.zeros(0)] * 5
     candidates = CandidateStops(columns[0], columns[1], columns[2], columns[3], num_searches)
     return Calibration(candidates, columns[4].astype(int), np.array([row[1] for row in rows], int))
 
 
-def made_for(
-    sensor: TactileSensor,
-    problem: SearchProblem,
-    targets: Sequence[str],
-    name: str,
-    decider: Decider,
-    known: Mapping[str, object],
-) -> dict[str, Any]:
-    """What a certificate holds for, as JSON types.
+def certify(
+    scene: str | Scene | NamedScene = "gel",
+    decider: str = "information_gain",
+    *,
+    risk: float = 0.05,
+    confidence: float = 0.9,
+    searches: int = 2000,
+    seed: int = 0,
+    targets: Sequence[str] | str = (),
+    sensor: str | Path | TactileSensor | None = None,
+    out: str | Path | None = None,
+    num_objects: int | None = None,
+    touch_cost: float = 0.02,
+    abstain: float | None = None,
+    promise: float = 0.95,
+    max_touches: int = 6,
+    anyway: bool = False,
+    jobs: int | None = None,
+) -> Certificate:
+    """Bound the error of confirmed objects at every number of touches, by simulated calibration searches.
+
+    With probability ``confidence`` over the calibration searches, P(wrong | confirmed after k touches) ≤ ``risk`` for
+    every k, over searches of the same world for a target drawn uniformly from ``targets``
+    (:mod:`belief.statistics.stop_thresholds`, docs/certificate.md).
 
     Args:
-        sensor: with the scene.
-        problem: rules of the search, with the answer Unsure.
-        targets: labels of the shapes that are sought.
-        name: of the decider.
-        decider: the decider itself, with the conflict test if it has one.
-        known: objects that deciders hold and that the sensor determines, by name.
+        scene: name of a scene, or a scene object.
+        decider: its name, with settings, as ``compare --deciders`` takes it.
+        risk: α, in (0, 1).
+        confidence: of the promise, in (0, 1).
+        searches: number of calibration searches.
+        seed: of these; comparisons with the same seed play other searches.
+        targets: shapes to search for, each equally often, or one; all by default.
+        sensor: as of :func:`activetouch.compare`.
+        out: file to write; none by default.
+        num_objects: number of objects in a search; that of the scene by default.
+        touch_cost: cost λ of one touch, in units of a success.
+        abstain: false-alarm rate of the conflict test, if the decider is followed with it.
+        promise: with ``abstain``, the smallest stated confidence of an answer.
+        max_touches: of one object, after which it is not touched again for the certificate.
+        anyway: whether to accept a sensor that was made for another scene.
+        jobs: number of processes; all cores by default.
+
+    Returns:
+        The certificate, which prints as a table.
+
+    Raises:
+        BadArgument: an argument is invalid.
+        TooFewSearches: no stop can be certified from so many searches.
+        ActiveTouchError: as :func:`activetouch.compare`.
+
+    Example::
+
+        certificate = activetouch.certify("coarse", risk=0.05, searches=1000)
+        activetouch.compare("coarse", "information_gain", certificate=certificate)
     """
-    deciders = [fingerprint(decider, target, known) for target in targets]
-    world = {
-        "scene": scene_fields(sensor.scene),
-        "objects and rules": repr(problem),
-        "targets": list(targets),
-        "decider": name,
-        "settings, code or policies of the decider": digest_of(deciders),
-        "sensor (SHA-256)": sensor_digest(sensor),
-    }
-    return json.loads(json.dumps(world))
+    for name, value, kind in (
+        ("--risk", risk, Probability),
+        ("--confidence", confidence, Probability),
+        ("--searches", searches, Searched),
+        ("--max-touches", max_touches, Count),
+    ):
+        check_value(name, value, kind)
+    if not isinstance(decider, str):
+        raise BadArgument(f"a certificate is for a decider by name, such as 'information_gain', got {decider!r:.80}")
+    choice, named = scene_of(scene)
+    own = sensor if isinstance(sensor, TactileSensor) else None
+    setting = Setting(
+        choice,
+        sensor=None if sensor is None or own is not None else Path(cast("str | Path", sensor)),
+        num_objects=num_objects,
+        touch_cost=touch_cost,
+        abstain=abstain,
+        promise=promise,
+        anyway=anyway,
+    )
+    return _certified(setting, decider, targets, named, own, risk, confidence, searches, seed, max_touches, out, jobs)
 
 
-def with_unsure(problem: SearchProblem) -> SearchProblem:
-    """The rules of a search that stops by a certificate."""
-    return problem if problem.unsure_reward is not None else replace(problem, unsure_reward=0.0)
+def _certified(
+    setting: Setting,
+    decider: str,
+    targets: Sequence[str] | str,
+    named: NamedScene | None,
+    own: TactileSensor | None,
+    risk: float,
+    confidence: float,
+    num_searches: int,
+    seed: int,
+    max_touches: int,
+    out: str | Path | None,
+    jobs: int | None,
+) -> Certificate:
+    """The certificate of a setting, or of a scene or sensor object; see :func:`certify`."""
+    run = prepared(setting, decider, targets=targets, seed=seed, jobs=jobs, named=named, own_sensor=own)
+    if out is not None:
+        require_writable_file(Path(out))
+    player, searches = run.deciders[decider], replace(run.searches, problem=with_unsure(run.searches.problem))
+    played = play_calibration(searches, player, num_searches, run.targets, max_touches, jobs)
+    found = certified_thresholds(played.candidates, risk, confidence)
+    if not np.isfinite(found.thresholds).any():
+        stops, wrong = played.candidates.counts([0.0])
+        raise TooFewSearches(
+            f"{num_searches} searches certify no stop of {decider} at a risk of {risk:g} with confidence "
+            f"{confidence:g}: {wrong[0]} of its {stops[0]} confirmations are wrong, and at least "
+            f"{least_searches(risk, confidence)} without an error are needed; play more --searches, or accept more "
+            "--risk"
+        )
+    what = made_for(searches.sensor, searches.problem, run.targets, decider, player, run.known)
+    tested = None if setting.abstain is None else (setting.abstain, setting.promise)
+    numbers = found.thresholds, found.stops, found.wrong, max_touches
+    certificate = Certificate(decider, risk, confidence, num_searches, *numbers, abstain=tested, made_for=what)
+    if out is not None:
+        certificate.save(out)
+    return certificate
+
+
+@dataclass(frozen=True)
+class Certify:
+    """Bound the error of confirmed objects at every number of touches, by simulated calibration searches.
+
+    Writes a certificate beside the sensor, by which compare --certificate and sessions stop.
+
+    For example:
+
+        activetouch certify --scene coarse --decider information_gain --risk 0.05
+        activetouch certify --scene coarse --risk 0.01 --searches 4000 --out runs/coarse-0.01.json
+        activetouch compare --scene coarse --deciders information_gain --certificate runs/coarse-0.01.json
+    """
+
+    decider: str = "information_gain"
+    """The decider, with settings as in 'information_gain(confirm=0.97)'."""
+    risk: Probability = 0.05
+    """Largest probability that a confirmed object is wrong, at every number of touches."""
+    confidence: Probability = 0.9
+    """Probability, over the calibration searches, with which the promise holds."""
+    searches: Searched = 2000
+    """Number of calibration searches."""
+    seed: Seed = 0
+    """Seed of the calibration searches; comparisons with the same seed play others."""
+    targets: tuple[str, ...] = ()
+    """Shapes to search for, each equally often; all by default."""
+    max_touches: Count = 6
+    """Touches of one object, after which it is not touched again for the certificate."""
+    setting: tyro.conf.OmitArgPrefixes[Setting] = field(default_factory=Setting)
+    """Sensor and rules of all searches."""
+    out: Path | None = None
+    """File to write; by default certificate-DECIDER-RISK.json in the folder of the sensor."""
+    jobs: Jobs = field(default_factory=default_jobs)
+    """Number of processes; the result does not depend on it."""
+
+    def run(self) -> None:
+        """Play the calibration searches, print the certificate and write it; raises as :func:`certify`."""
+        name = f"certificate-{in_file_name(self.decider, '-')}-{self.risk:g}.json"
+        out = self.setting.sensor_folder / name if self.out is None else self.out
+        check_arguments(self)
+        told = self.risk, self.confidence, self.searches, self.seed, self.max_touches
+        print(_certified(self.setting, self.decider, self.targets, None, None, *told, out, self.jobs))
+        print(f"certificate: {out}")
