@@ -25,7 +25,7 @@ def test_a_certificate_is_written_and_says_what_it_is_for(made):
 
 def test_compare_plays_the_certified_decider_beside_its_own_and_refuses_another(made):
     found = activetouch.compare("coarse", "information_gain", episodes=1, certificate=made[0], jobs=1)
-    assert found.deciders == ("information_gain", "certified information_gain")
+    assert list(found.deciders) == ["information_gain", "certified information_gain"]
     for arguments in ({"deciders": "threshold"}, {"num_objects": 3}, {"targets": "cone"}, {"abstain": 0.02}):
         with pytest.raises(NotCertified, match=r"the certificate (is for|does not hold here)"):
             activetouch.compare("coarse", **({"deciders": "information_gain"} | arguments), certificate=made[1], jobs=1)
