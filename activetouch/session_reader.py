@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from activetouch.pressing.contact import Contact
+from activetouch.recorded.reader_file import digest_of
 from activetouch.rendering import read_out
 from activetouch.scene import Scene
 from activetouch.sensor import RecordedSensor, TactileSensor
@@ -125,9 +126,7 @@ class RecordedRowReader:
     @cached_property
     def identity(self) -> str:
         """Digest of all that it reads with."""
-        probe = self.sensor.recorded_reader
-        parts = [probe.label_names, probe.action_names, probe.chosen, probe.log_prior.tolist()]
-        return hashlib.sha256(f"{parts} {self.sensor.model.to_json()}".encode()).hexdigest()
+        return digest_of(self.sensor.recorded_reader)
 
     def read(self, image: ArrayLike, pose: int) -> tuple[NDArray[np.float64], Touch, None]:
         """The row of features ``(F,)`` as numbers, and the touch that it shows; see :meth:`RecordedSensor.read`."""

@@ -31,6 +31,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.errors import ImpossibleObservation
+from belief.nested_cells import NestedCells
 from belief.validation import Floats, require_count, require_number
 
 Ints = NDArray[np.int64]
@@ -51,39 +52,6 @@ class CellLikelihood(Protocol):
             bodies: ``(m,)``.
             parents: the cells of level - 1 that are divided, ``(m,)``; the parts of cell c are c F … c F + F - 1.
         """
-
-
-@dataclass(frozen=True, eq=False)
-class NestedCells:
-    """Cells of several levels, from coarse to fine.
-
-    Attributes:
-        shares: prior probability of each cell of each level, ``(N_l,)``. The parts of a cell share its probability.
-
-    Raises:
-        ValueError: a level is no multiple of the one before, or the parts of a cell do not have its probability.
-    """
-
-    shares: tuple[Floats, ...]
-
-    def __post_init__(self) -> None:
-        for coarse, fine in pairwise(self.shares):
-            if len(coarse) == 0 or len(fine) % len(coarse):
-                raise ValueError(f"{len(fine)} cells are no division of {len(coarse)} cells")
-            if not np.allclose(fine.reshape(len(coarse), -1).sum(axis=1), coarse, atol=1e-9):
-                raise ValueError("the parts of a cell must share its probability")
-        if not self.shares or not np.isclose(self.shares[0].sum(), 1.0) or min(map(np.min, self.shares)) <= 0.0:
-            raise ValueError("the cells of a level must have positive probabilities that sum to 1")
-
-    @cached_property
-    def log_shares(self) -> tuple[Floats, ...]:
-        """Logarithms of the shares."""
-        return tuple(np.log(each) for each in self.shares)
-
-    def parts(self, level: int, parents: Ints) -> Ints:
-        """The parts of cells of level - 1, ``(m, F)``."""
-        number = len(self.shares[level]) // len(self.shares[level - 1])
-        return parents[:, None] * number + np.arange(number)
 
 
 @dataclass(frozen=True)

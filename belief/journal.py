@@ -22,6 +22,7 @@ from __future__ import annotations
 import base64
 import math
 import os
+import weakref
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -48,6 +49,7 @@ class Journal:
     def __init__(self, path: Path, handle: int, num_lines: int, size: int) -> None:
         self.path = path
         self._handle, self._num_lines, self._size = handle, num_lines, size
+        self._close = weakref.finalize(self, os.close, handle)
 
     @classmethod
     def create(cls, path: Path, lines: Sequence[Mapping[str, Any]]) -> Journal:
@@ -98,25 +100,26 @@ class Journal:
             while done < len(content):
                 done += os.write(self._handle, content[done:])
             os.fsync(self._handle)
-        except OSError as error:
+        except BaseException as error:  # Ctrl-C too: the next line has this one's number
             with suppress(OSError):
                 os.ftruncate(self._handle, self._size)
-            raise cannot_write(self.path, error) from error
+            if isinstance(error, OSError):
+                raise cannot_write(self.path, error) from error
+            raise
         self._num_lines, self._size = self._num_lines + 1, self._size + len(content)
 
     def close(self) -> None:
-        """Let other processes open it."""
-        os.close(self._handle)
+        """Let others open it."""
+        self._close()
 
 
-def read_journal(path: Path) -> list[dict[str, Any]]:
+def read_journal(path: str | Path) -> list[dict[str, Any]]:
     """The lines of a journal, also of one that a process still writes; a line that is not finished is left out.
 
     Raises:
         CorruptFile: a line was changed, is missing, or is of something else; the message names it.
     """
-    require_regular_file(path)
-    return _parsed(path)[0]
+    return _parsed(require_regular_file(Path(path)))[0]
 
 
 def array_field(array: NDArray[Any]) -> dict[str, Any]:
@@ -194,7 +197,9 @@ def _locked(path: Path) -> int:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
         os.close(handle)
-        raise CannotWrite(f"{path} is in use: another process writes to it. Wait until that process ends") from error
+        raise CannotWrite(
+            f"{path} is in use: another process, or an open session of this one, writes to it; close that"
+        ) from error
     except OSError:  # the file system has no such locks
         pass
     return handle

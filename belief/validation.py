@@ -40,16 +40,12 @@ def as_real(values: ArrayLike, name: str) -> NDArray[np.floating]:
 
 
 def warn_of_probs(values: NDArray[np.floating], name: str, instead: str) -> None:
-    """A UserWarning, at the caller of the caller's caller, about logarithms that look like probabilities.
+    """A UserWarning, at the caller of the caller's caller, about logarithms ``(..., K)`` that look like probabilities.
 
-    Args:
-        values: ``(..., K)``.
-        name: of the argument.
-        instead: what to do with probabilities.
+    >>> warn_of_probs(np.array([[0.5, -0.5]]), "logits", "take logarithms")  # no probabilities: no warning
     """
     if _may_be_probs(values):
-        told = f"{name} has no negative number and sums to one, as probabilities do; {instead}"
-        warnings.warn(told, UserWarning, stacklevel=4)
+        warnings.warn(f"{name} has no negative number and sums to one, as probabilities do; {instead}", stacklevel=4)
 
 
 def as_logs(name: str, logs: ArrayLike | None, keyword: str, plain: ArrayLike | None) -> Floats:

@@ -19,9 +19,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import torch
 from mesh_files import ENDINGS, RADIUS, read
 
 from activetouch.errors import BadMesh
+from activetouch.perception.contacts.images import images
 from activetouch.perception.contacts.imaging import SensorState
 from activetouch.perception.contacts.views import ViewPlan
 from activetouch.pressing.height_maps import predicted_contacts
@@ -65,11 +67,13 @@ class Pictures(NamedTuple):
 def pictures(setting: MeshSetting, views: np.ndarray, recorded: int) -> Pictures:
     """Images without noise in some views, and of simulated touches in random orientations and poses."""
     imaging, rng = setting.reader.hypotheses.imaging, np.random.default_rng(11)
+    noiseless, random = replace(imaging, noise=1e-6), torch.Generator().manual_seed(11)
     made: list[list[np.ndarray]] = [[], []]
     for body, solid in enumerate(setting.scene.solids.values()):
         maps = predicted_contacts(solid, views, (0.0, 0.0), imaging.window, 1.0, np.float32)
-        images, _ = replace(imaging, noise=1e-6).images(maps, SensorState.nominal(len(maps)), rng)
-        made[0].append(small(images))
+        world = np.zeros(len(maps), int)
+        shown, _ = images(noiseless, torch.from_numpy(maps), SensorState.nominal(1), world, random)
+        made[0].append(small(shown.numpy()))
         objects = [setting.scene.sample_object(body, rng) for _ in range(recorded)]
         made[1].append(small(np.stack([setting.scene.press(obj, 0, rng).image / 255 for obj in objects])))
     return Pictures(*(np.stack(each).astype(np.float32) for each in made))
@@ -88,11 +92,11 @@ def compared(shared: Shared[tuple[MeshSetting, Pictures]], number: int, truth: i
     rngs = [np.random.default_rng([7, number, 2, pose]) for pose in poses]
     felt = small(np.stack([setting.scene.press(obj, p, rng).image / 255 for p, rng in zip(poses, rngs, strict=True)]))
     ranks = []
-    for images in known:
-        squares = (images**2).sum(axis=2)
-        total, found = np.zeros(len(images)), []
+    for bank in known:
+        squares = (bank**2).sum(axis=2)
+        total, found = np.zeros(len(bank)), []
         for image in felt:
-            total += (squares - 2 * images @ image.astype(np.float32)).min(axis=1)
+            total += (squares - 2 * bank @ image.astype(np.float32)).min(axis=1)
             found.append(int((total < total[truth]).sum()))
         ranks.append(found)
     return ranks

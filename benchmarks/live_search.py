@@ -1,6 +1,6 @@
 """Play searches by the loop, and over a pipe by a second process that is killed and resumed at every step.
 
-Run: python -m benchmarks.live_search         (three minutes on one core)
+Run: python -m benchmarks.live_search         (five minutes on one core)
 
 The robot presses the same simulated objects in both. At every step the second process gets SIGKILL, in one of two steps
 before the robot has read its answer: whether the touch was kept is then open, and the robot tells it again. The new

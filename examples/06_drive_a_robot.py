@@ -61,10 +61,10 @@ while (question := say(do="ask"))["action"] is not None:
             print(f", told twice: {say(**touch)['error']}", end="")
         if number == 4:  # the power fails
             live.kill()
+            live.communicate()
             live = start()
             print(f", killed, at step {say(do='state')['step']} again", end="")
     print()
 end = say(do="reveal", arrangement=objects)
-live.stdin.close()
-live.wait()
+live.communicate()
 print(f"{end['outcome']}, right: {end['success']}, {end['num_touches']} touches, log of {log.stat().st_size} bytes")

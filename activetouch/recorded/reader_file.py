@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
@@ -17,6 +19,7 @@ from activetouch.recorded.reader import Classifier, Fitted, RecordedReader
 from activetouch.recorded.support_vectors import SupportVectors
 from belief.calibration import PerPose
 from belief.errors import CorruptFile
+from belief.files import array_digest
 from belief.naming import checked_names
 
 RECORDED_READER = "activetouch-recorded-reader-1"
@@ -32,6 +35,18 @@ def write_recorded_reader(path: Path, reader: RecordedReader) -> None:
     Raises:
         CannotWrite: there is no room, or no permission.
     """
+    write_tensors(path, *_arrays_and_header(reader), RECORDED_READER)
+
+
+def digest_of(reader: RecordedReader) -> str:
+    """SHA-256 of all that a reader reads with."""
+    arrays, header = _arrays_and_header(reader)
+    text = json.dumps(header, sort_keys=True)
+    return hashlib.sha256(f"{array_digest(arrays)} {text}".encode()).hexdigest()
+
+
+def _arrays_and_header(reader: RecordedReader) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+    """What a file holds of a reader."""
     arrays: dict[str, NDArray[Any]] = {"log_prior": reader.log_prior}
     for action, fitted in enumerate(reader.classifiers):
         arrays |= {f"{action}.centre": fitted.centre, f"{action}.scale": fitted.scale}
@@ -46,7 +61,7 @@ def write_recorded_reader(path: Path, reader: RecordedReader) -> None:
         "action_names": list(reader.action_names),
         "feature_names": list(reader.feature_names),
     }
-    write_tensors(path, arrays, header, RECORDED_READER)
+    return arrays, header
 
 
 def read_recorded_reader(path: Path) -> RecordedReader:

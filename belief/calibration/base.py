@@ -103,7 +103,11 @@ class Calibration(ABC):
 
 
 def no_probs(logits: ArrayLike) -> Floats:
-    """Logits as float64, with a UserWarning at the caller's caller if they look like probabilities."""
+    """Logits as float64, with a UserWarning at the caller's caller if they look like probabilities.
+
+    >>> no_probs([[2, -1]])
+    array([[ 2., -1.]])
+    """
     found = as_real(logits, "logits")
     warn_of_probs(found, "logits", "take the logarithms of probabilities")
     return np.asarray(found, np.float64)

@@ -42,7 +42,7 @@ NAV: dict[str, list[str]] = {
         "scale.md",
         "contributing.md",
     ],
-    "Reference": ["commands.md", "columns.md", "scenes.md", "glossary.md"],
+    "Reference": ["commands.md", "session_log.md", "columns.md", "scenes.md", "glossary.md"],
     "Results": ["results.md", "reproduction.md", "tradeoff.md", "robustness.md", "benchmarks.md", "limits.md"],
 }
 """Pages under each tab; generated pages are added to them."""

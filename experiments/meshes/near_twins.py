@@ -13,8 +13,8 @@ from activetouch.solids.twins import find_twins
 from belief.validation import Floats
 from experiments.meshes.setting import MeshSetting
 
-ALIKE = 0.25
-"""Information of a touch [nats] below which two bodies are near twins: 12 touches then give odds of 20."""
+ALIKE = 0.8
+"""Information of a touch [nats] below which two bodies are near twins. Most others tell twice as much."""
 _PER_BODY, _MOST_PAIRS = 4, 1200  # pairs that are looked at closely
 _SIDES = 24  # views of the first body
 _LEVEL = 2  # of the rotations from one body to the other
@@ -28,8 +28,8 @@ class NearTwins:
     Attributes:
         first: label.
         second: label.
-        nats: expected information of a touch for the one that is touched against the other, both lying as alike as
-            they can; the smaller of the two ways.
+        nats: expected information of a first touch for the touched body against the other, which lies as alike as it
+            can, on a grid of 13° and by quarter turns; the smaller of the two ways.
         how: what is known of their geometry; empty if they are other bodies.
     """
 
@@ -80,9 +80,11 @@ class _Comparison:
 
     def __init__(self, setting: MeshSetting) -> None:
         self.bodies, self.references = setting.bodies, setting.references[:_SUBSET]
+        self.constants = setting.constants[:_SUBSET]
         orientations = self.bodies.plan.orientations
         self.sides = np.arange(0, len(orientations), max(1, len(orientations) // _SIDES))[:_SIDES]
-        seen, turns = orientations[self.sides].T[:, :, None], centres(_LEVEL).T[:, None]
+        quarters = np.roll(scipy.spatial.transform.Rotation.create_group("O").as_quat(), 1, axis=1)  # files share axes
+        seen, turns = orientations[self.sides].T[:, :, None], np.concatenate([quarters, centres(_LEVEL)]).T[:, None]
         shown = np.stack(hamilton_product(seen, turns), axis=-1).reshape(-1, 4)
         self.shown = nearest(shown, orientations).reshape(len(self.sides), -1)
         self.kept: dict[int, Floats] = {}
@@ -96,6 +98,7 @@ class _Comparison:
     def _log_probs(self, body: int) -> Floats:
         """Log probabilities of the reference touches in every view, ``(V, M)``."""
         if body not in self.kept:
-            scores = self.bodies.table[body].astype(np.float32) @ self.references.T * np.float32(self.bodies.scale)
+            scores = self.bodies.table[body].astype(np.float32) @ self.references.T - self.constants
+            scores *= np.float32(self.bodies.scale)
             self.kept[body] = scores - scipy.special.logsumexp(scores, axis=1, keepdims=True)
         return self.kept[body]

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import NDArray
+from scipy.special import logsumexp
 
 from activetouch.distributions import Uniform
 from activetouch.errors import BadMesh, MeshWarning
@@ -43,6 +44,7 @@ SIZES = (0.97, 1.03)
 _PRESSED, _TOUCHES = 48, 12  # objects to which a set is fitted, and touches of each
 _REFERENCES = 128
 _HYPOTHESES = 256  # for a decision
+_AVERAGED = 64  # bodies that the constants of references are averaged over
 _CHECKPOINTS = (1, 2, 4, 8, 12)
 _RELEVANT, _LEFT = 1e-5, 1e-4  # posterior of a cell that counts for the fit, and of bodies without one
 _MANY = 200  # bodies above which the coarsest cells are used for all
@@ -58,12 +60,14 @@ class MeshSetting:
         reader: reads images.
         bodies: embedded.
         references: embeddings of touches that stand for all, ``(M, D)``.
+        constants: of the references, by which their log likelihoods are too large, ``(M,)``.
     """
 
     scene: Scene
     reader: TactileReader
     bodies: BodySet
     references: Floats32
+    constants: Floats32
 
     @classmethod
     def of(
@@ -99,7 +103,8 @@ class MeshSetting:
         chosen = by_number if levels is None else tuple(levels)
         others = {"levels": chosen, "effort": Effort() if effort is None else effort}
         bodies = BodySet.of(reader.hypotheses, scene, solids, plan, **others)
-        return _fitted(cls(scene, reader, bodies, np.zeros((1, bodies.table.shape[2]), np.float32)), pressed)
+        none = np.zeros((1, bodies.table.shape[2]), np.float32), np.zeros(1, np.float32)
+        return _fitted(cls(scene, reader, bodies, *none), pressed)
 
     def touch(self, obj: WorldObject, pose: int, rng: np.random.Generator) -> Floats32:
         """The embedding of a simulated touch, ``(D,)``."""
@@ -117,6 +122,7 @@ class MeshSetting:
         """
         leaves, weights = sampled_leaves(belief, _HYPOTHESES)
         ratios = self.bodies.log_ratios(leaves.level, leaves.body, leaves.cell, self.references)
+        ratios -= self.constants
         ratios *= np.float32(self.bodies.scale / (1.0 + self.bodies.drift * len(belief.touches)))
         return body_information(ratios, weights, leaves.body if target is None else (leaves.body == target).astype(int))
 
@@ -226,7 +232,22 @@ def _fitted(setting: MeshSetting, pressed: int) -> MeshSetting:
 
     found = cached(key, ".json", partial(_fit, setting, pressed), read, write)
     fitted = replace(bodies, scale=float(found["scale"]), drift=float(found["drift"]))
-    return replace(setting, bodies=fitted, references=from_field(found["references"], "float16").astype(np.float32))
+    references = from_field(found["references"], "float16").astype(np.float32)
+    return replace(setting, bodies=fitted, references=references, constants=_constants(fitted, references))
+
+
+def _constants(bodies: BodySet, references: Floats32) -> Floats32:
+    """By how much each reference is too probable, with all bodies in all views together, ``(M,)``.
+
+    Log likelihood ratios have a constant of each image, which matters where images are compared with each other.
+    """
+    some = np.linspace(0, len(bodies.table) - 1, min(len(bodies.table), _AVERAGED)).astype(int)
+    parts = [
+        logsumexp(np.float32(bodies.scale) * (bodies.table[body].astype(np.float32) @ references.T), axis=0)
+        for body in some.tolist()
+    ]
+    number = len(some) * bodies.table.shape[1]
+    return np.asarray((logsumexp(parts, axis=0) - np.log(number)) / bodies.scale, np.float32)
 
 
 class _Cells(NamedTuple):

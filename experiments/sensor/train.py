@@ -212,12 +212,17 @@ def train_any_object(
 
     Returns:
         The reader, which has been written to ``out``.
+
+    Raises:
+        BadArgument: the device is ``"cuda"``, and torch finds none.
     """
     import torch
 
     from activetouch.perception.contact_training import ContactRecipe, ContactTrainer, export
     from activetouch.perception.contacts.sensor_state import imaging_of
 
+    if device == "cuda" and not torch.cuda.is_available():
+        raise BadArgument(f"--device cuda: torch {torch.__version__} finds no GPU; leave it out to train on the CPU")
     torch.set_num_threads(max(1, jobs - 1))
     imaging, changes = imaging_of(scene), {"steps": steps, "seed": seed}
     recipe = ContactRecipe.of(imaging, **{name: value for name, value in changes.items() if value is not None})

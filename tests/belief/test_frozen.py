@@ -31,6 +31,7 @@ from belief.observation_model.outcome_mixture import OutcomeMixture
 from belief.observation_model.variance_components import Components
 from belief.observation_model.views import SharedMixture, Views
 from belief.out_of_distribution import MahalanobisScore
+from belief.problem import Elsewhere
 from belief.synthetic import random_model
 from belief.touch_batch import TouchBatch
 from belief.usual_misfit import UsualMisfit
@@ -52,6 +53,7 @@ def embedding():
 HOLDERS = {
     "Belief": (lambda a: Belief(LABELS, a), [np.log([0.25, 0.75])]),
     "Touch": (lambda a, b: Touch(0, a, b), [ROWS[0], np.ones(3, np.float32)]),
+    "Elsewhere": (lambda a: Elsewhere((1.0, 0.5), a), [np.ones((2, 3, 4), np.float32)]),
     "TouchBatch": (TouchBatch, [np.zeros((1, 4), np.int64), ROWS[None], np.ones((1, 4, 3))]),
     "TouchBatch of touches": (lambda a: TouchBatch.of([[Touch(0, row) for row in a]]), [ROWS]),
     "LabelledTouches": (lambda a, b: LabelledTouches.of([Touch(0, row) for row in a], b, None), [ROWS, TRUTH]),

@@ -29,6 +29,7 @@ from belief.coarse_to_fine import CoarseToFine, Effort, Ints
 from belief.validation import Floats, require_number
 
 _AT_ONCE = 128  # contacts
+_BODIES = 50  # at a time
 _DECIMALS = 7
 _IN_SINGLE = 1 << 28  # numbers; larger tables stay in half precision
 
@@ -165,8 +166,12 @@ class BodySet:
 
     def coarsest(self, touch: Felt) -> Floats32:
         """See :class:`belief.coarse_to_fine.CellLikelihood`."""
-        shown = self.table[:, self._shown(0, touch.pose)].astype(np.float32, copy=False)
-        return shown @ touch.embedding
+        shown = self._shown(0, touch.pose)
+        found = np.empty((len(self.table), len(shown)), np.float32)
+        for first in range(0, len(found), _BODIES):  # whose embeddings stay in the processor's cache
+            some = slice(first, first + _BODIES)
+            found[some] = self.table[some].take(shown, axis=1).astype(np.float32, copy=False) @ touch.embedding
+        return found
 
     def parts(self, touches: Sequence[Felt], level: int, bodies: Ints, parents: Ints) -> Floats32:
         """See :class:`belief.coarse_to_fine.CellLikelihood`."""

@@ -61,7 +61,6 @@ def test_what_several_processes_need_is_computed_once_before(meshes, monkeypatch
 @pytest.mark.parametrize(
     ("scene", "advice"),
     [
-        ("hard", "train --recipe contacts --scene hard"),
         ("many", "Add --sensor gel"),
         ("paper", "Make a sensor for this scene"),
         ("keyed", "Add --sensor gel"),

@@ -7,16 +7,22 @@ import subprocess
 import sys
 import threading
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from activetouch import TactileSensor, TouchWorld
 from activetouch.errors import BadRecording
+from activetouch.named_scenes import SCENES
+from activetouch.perception.hypothesis_table import HypothesisTable
+from activetouch.perception.reader import TactileReader
 from activetouch.recorded import read_recorded
+from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
 from activetouch.session_reader import SensorReader
-from belief import Probe
+from belief import Probe, Touch
 from belief.errors import InvalidArgument
+from belief.observation_model import RigidBodyModel
 from belief.seeding import arrangement_rng, touch_rng
 from belief.synthetic import sample_arrangement
 from experiments.command_line.arguments import BadArgument
@@ -293,3 +299,26 @@ def test_a_place_that_is_a_pose_is_that_pose_and_others_are_evidence_of_one_rigi
         elsewhere.tell(image=image, pose={"quaternion": near.tolist(), "aim": [0.001, 0.0]})
     with pytest.raises(BadRecording, match="not revealed"):
         read_recorded(tmp_path / "log", "session")
+
+
+def test_a_reader_of_any_object_embeds_hypotheses_at_any_place():
+    scene = SCENES["coarse"].scene
+    reader = TactileReader.load(MODELS / "coarse" / ANY_OBJECT_FILE).bound_to(scene)
+    table, width = HypothesisTable(reader, scene), reader.card.embedding
+    references, logits = np.ones((6, 1, width)), np.zeros((6, 1, 4))
+    model = RigidBodyModel(scene.shape_labels, 16, 1.0, references, logits, hypotheses=table)
+    there = SensorReader(TactileSensor(scene, reader, model))
+    quaternion, aim = np.array([0.5, 0.5, 0.5, -0.5]), np.array([0.002, -0.001])
+    pose, elsewhere = there.at({"quaternion": quaternion.tolist(), "aim": aim.tolist()})
+    listed = replace(scene, poses={"here": quaternion}, aims={"here": (0.002, -0.001)})
+    expected = reader.hypotheses.embedded(listed, scene.hypotheses(16), 0)
+    assert elsewhere.place == (*quaternion, *aim)
+    assert elsewhere.hypotheses.tobytes() == expected.tobytes()
+    assert there.at({"place": [*scene.rotations["y45"], 0.0, 0.0]}) == (scene.pose_labels.index("y45"), None)
+    touch = Touch(pose, features=np.ones(width, np.float32), elsewhere=elsewhere)
+    once = model.start().update(touch)
+    scores = (expected @ np.ones(width)).astype(float)
+    np.testing.assert_allclose(once.log_weights, scores - scores.max(), atol=1e-4)
+    assert once.update(touch).num_touches == 2
+    with pytest.raises(InvalidArgument, match="none of the poses"):
+        model.log_likelihood([touch])

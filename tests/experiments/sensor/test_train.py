@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from activetouch import SCENES
 from activetouch.data.dataset import read_split
 from activetouch.errors import ImpossibleRecipe
 from activetouch.perception.card import CLASSIFIER_FILE
@@ -20,7 +21,7 @@ from experiments.scene_choice import SceneChoice
 from experiments.sensor.calibrate import best_order
 from experiments.sensor.collect import Collect
 from experiments.sensor.scores import accuracy_of_objects
-from experiments.sensor.train import Changes, Train
+from experiments.sensor.train import Changes, Train, train_any_object
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch]
 
@@ -105,3 +106,12 @@ def test_the_best_order_begins_with_the_pose_that_tells_most(rng):
     every = log_posteriors(model, rounds.first(3))[np.arange(40), shapes]
     assert losses[2] == pytest.approx(-every.mean())
     assert sorted(order) == [0, 1, 2]
+
+
+def test_a_gpu_that_is_not_there_is_refused_before_anything_is_written(tmp_path, monkeypatch):
+    import torch
+
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    with pytest.raises(BadArgument, match="finds no GPU"):
+        train_any_object(SCENES["gel"].scene, tmp_path / "out", device="cuda")
+    assert not (tmp_path / "out").exists()
