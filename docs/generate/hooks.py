@@ -28,6 +28,7 @@ NAV: dict[str, list[str]] = {
         "perception.md",
         "likelihood.md",
         "calibration.md",
+        "certificate.md",
         "planners.md",
         "where_to_touch.md",
         "architecture.md",

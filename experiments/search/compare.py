@@ -62,6 +62,8 @@ class Compare:
     """Seed of the whole comparison."""
     setting: tyro.conf.OmitArgPrefixes[Setting] = field(default_factory=Setting)
     """Sensor and rules of all searches."""
+    certificate: Path | None = None
+    """File from activetouch certify: its decider also plays stopping by it."""
     out: Path | None = None
     """Folder of the run; by default runs/compare for the scene gel, runs/compare-SCENE for any other."""
     jobs: Jobs = field(default_factory=default_jobs)
@@ -93,7 +95,9 @@ class Compare:
             setting = Setting.from_dict(given["setting"], Trust(path, everything=True))  # run() checks what it names
             searches = {name: given[name] for name in ("reference", "episodes", "seed")}
             deciders, targets = tuple(given["deciders"]), tuple(given["targets"])
+            signed = None if (name := given.get("certificate")) is None else Path(name)
             found = cls(deciders, targets=targets, setting=setting, out=file.parent, config=path, **searches)
+            found = replace(found, certificate=signed)
             require_types(found)
             return found
         except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
@@ -152,6 +156,7 @@ class Compare:
             out=self.folder,
             reference=self.reference,
             jobs=self.jobs,
+            certificate=self.certificate,
         )
         run.play(part, self.jobs)
         return run

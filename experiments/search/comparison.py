@@ -23,6 +23,7 @@ from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, c
 from experiments.command_line.console import plain_console
 from experiments.parallel import Shared, run_tasks
 from experiments.scene_choice import SceneChoice, as_named
+from experiments.search.certificate import certified_players, opened, with_unsure
 from experiments.search.fingerprint import files_digest
 from experiments.search.play import Searches, sensor_digest
 from experiments.search.run import Run
@@ -34,6 +35,7 @@ from experiments.search.verdict import short_names, verdict_sentences
 from experiments.sensor_choice import require_policies
 from planners import Decider, make_decider
 from planners.abstaining import Abstaining
+from planners.certified import Certificate
 from planners.registry import DECIDERS, find_decider
 
 DEFAULT_DECIDERS = ("information_gain", "point_based", "threshold", "random_confirm")
@@ -126,6 +128,7 @@ def compare(
     abstain: float | None = None,
     promise: float = 0.95,
     unsure_reward: float = 0.0,
+    certificate: str | Path | Certificate | None = None,
     anyway: bool = False,
     jobs: int | None = None,
 ) -> Comparison:
@@ -151,6 +154,8 @@ def compare(
             default.
         promise: with ``abstain``, the smallest stated confidence of an answer.
         unsure_reward: with ``abstain``, the reward of "I do not know".
+        certificate: from :func:`activetouch.certify`, or its file; its decider also plays stopping by it, as
+            "certified NAME", and searches can end with "I do not know".
         anyway: whether to accept a sensor that was made for another scene.
         jobs: number of processes; all cores by default.
 
@@ -161,6 +166,7 @@ def compare(
         BadArgument: An argument is invalid.
         UnknownName: A name does not exist.
         WrongScene: The sensor was made for another scene.
+        NotCertified: The certificate was made for something else.
         RunMismatch: The folder holds another run.
 
     Example::
@@ -169,7 +175,7 @@ def compare(
         print(comparison)
         comparison.save("runs/cone")
     """
-    choice, named = _scene(scene)
+    choice, named = scene_of(scene)
     setting = Setting(
         choice,
         sensor=None if sensor is None or isinstance(sensor, TactileSensor) else Path(sensor),
@@ -191,6 +197,7 @@ def compare(
         jobs=jobs,
         named=named,
         own_sensor=sensor if isinstance(sensor, TactileSensor) else None,
+        certificate=certificate,
     )
     run.play(jobs=jobs)
     found = compared(run, reference)
@@ -199,7 +206,7 @@ def compare(
     return found
 
 
-def _scene(scene: str | Scene | NamedScene) -> tuple[SceneChoice, NamedScene | None]:
+def scene_of(scene: str | Scene | NamedScene) -> tuple[SceneChoice, NamedScene | None]:
     """A scene by its name, or as an object that has none."""
     if isinstance(scene, str):
         return SceneChoice(scene), None
@@ -223,6 +230,7 @@ def prepared(
     jobs: int | None = None,
     named: NamedScene | None = None,
     own_sensor: TactileSensor | None = None,
+    certificate: str | Path | Certificate | None = None,
 ) -> Run:
     """Check all that a comparison is given, before anything is played or written; arguments as :func:`compare`.
 
@@ -237,6 +245,7 @@ def prepared(
         jobs: number of processes.
         named: a scene object in place of the setting's scene.
         own_sensor: a sensor object in place of the setting's sensor.
+        certificate: by which its decider also plays.
 
     Raises:
         ActiveTouchError: as :func:`compare`.
@@ -253,6 +262,8 @@ def prepared(
         raise UnknownName("reference among --deciders", reference, list(players))
     scene = setting.choice.named if named is None else named
     problem = setting.problem_in(scene)
+    signed = None if certificate is None else opened(certificate)
+    problem = problem if signed is None else with_unsure(problem)
     chosen = list(dict.fromkeys((targets,) if isinstance(targets, str) else targets)) or list(problem.shape_labels)
     for target in chosen:
         if target not in problem.shape_labels:
@@ -276,6 +287,9 @@ def prepared(
     }
     if setting.abstain is not None:
         made = {name: Abstaining(decider, setting.abstain, setting.promise) for name, decider in made.items()}
+    known = {"observation model": sensor.model, "outcome table": table}
+    if signed is not None:
+        made |= certified_players(signed, players, made, sensor, problem, chosen, known)
     arguments = {
         "deciders": list(players),
         "reference": reference,
@@ -283,9 +297,9 @@ def prepared(
         "episodes": episodes,
         "seed": seed,
         "setting": setting.to_dict() if named is None and own_sensor is None else None,
+        **({"certificate": str(certificate)} if isinstance(certificate, str | Path) else {}),
     }
     searches = Searches(sensor, problem, seed, setting.choice.scene, digest)
-    known = {"observation model": sensor.model, "outcome table": table}
     return Run(searches, made, chosen, episodes, RunFolder(out), arguments, known)
 
 

@@ -18,7 +18,10 @@ from belief.problem import SearchProblem
 from belief.seeding import arrangement_rng
 from belief.synthetic import sample_arrangement
 from experiments.scene_choice import as_named
+from experiments.search.certificate import made_for, opened, with_unsure
 from planners import Decider, Episode, Session, make_decider, search
+from planners.abstaining import Abstaining
+from planners.certified import Certificate, NotCertified
 
 _TOUCHES_PER_OBJECT = 12
 
@@ -49,15 +52,22 @@ def session_with(
     composition: Composition | Counts | str | None = None,
     touch_cost: float = 0.02,
     log: str | Path | None = None,
+    certificate: str | Path | Certificate | None = None,
     **settings: Any,
 ) -> Session:
     """A session of a sensor; see :meth:`activetouch.TactileSensor.session`.
 
     Raises:
-        InvalidArgument: the log is of another search.
+        InvalidArgument: the log is of another search; or ``abstain`` is given beside a certificate.
+        NotCertified: the certificate was made for something else.
     """
     problem = problem_of(sensor, num_objects, composition, touch_cost)
     shape, key, chosen = _played(sensor, problem, target, decider, seed)
+    if certificate is not None:
+        if settings.get("abstain") is not None:
+            raise InvalidArgument("the certificate says whether the decider may abstain: leave out abstain=")
+        settings["abstain"], problem = False, with_unsure(problem)
+        chosen = _certified(sensor, problem, problem.shape_labels[shape], decider, opened(certificate))
     reader = session_reader(sensor)
     is_abstaining = settings.get("abstain")
     is_abstaining = settings.get("arrangement") is None if is_abstaining is None else is_abstaining
@@ -76,6 +86,22 @@ def session_with(
         what = next(f"{one}, not {other}" for one, other in zip(before, now, strict=True) if one != other)
         raise InvalidArgument(f"{log} is the log of another search: its {what}")
     return found
+
+
+def _certified(
+    sensor: TactileSensor, problem: SearchProblem, target: str, decider: str | Decider, certificate: Certificate
+) -> Decider:
+    """A decider that stops by a certificate, with the conflict test that it was made with."""
+    if isinstance(sensor, RecordedSensor) or decider != certificate.decider:
+        raise NotCertified(f"the certificate is for the decider {certificate.decider!r} of a sensor with a scene")
+    targets = [label for label in problem.shape_labels if label in certificate.made_for["targets"]]
+    if target not in targets:
+        raise NotCertified(f"the certificate is for the targets {', '.join(targets)}, not {target}")
+    table, tested = sensor.model.outcome_table(), certificate.abstain
+    made = make_decider(certificate.decider, table, sensor.model)
+    made = made if tested is None else Abstaining(made, *tested)
+    known = {"observation model": sensor.model, "outcome table": table}
+    return certificate.wrap(made, made_for(sensor, problem, targets, certificate.decider, made, known))
 
 
 def problem_of(

@@ -1,0 +1,92 @@
+"""What a certificate of stops holds for, and deciders that stop by one."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from activetouch import TactileSensor
+from activetouch.scene_description import scene_fields
+from belief.problem import SearchProblem
+from experiments.search.fingerprint import digest_of, fingerprint
+from experiments.search.play import sensor_digest
+from planners import Decider
+from planners.certified import Certificate, NotCertified
+
+
+def made_for(
+    sensor: TactileSensor,
+    problem: SearchProblem,
+    targets: Sequence[str],
+    name: str,
+    decider: Decider,
+    known: Mapping[str, object],
+) -> dict[str, Any]:
+    """What a certificate holds for, as JSON types.
+
+    Args:
+        sensor: with the scene.
+        problem: rules of the search, with the answer Unsure.
+        targets: labels of the shapes that are sought.
+        name: of the decider.
+        decider: the decider itself, with the conflict test if it has one.
+        known: objects that deciders hold and that the sensor determines, by name.
+    """
+    targets = [label for label in problem.shape_labels if label in targets]
+    deciders = [fingerprint(decider, target, known) for target in targets]
+    world = {
+        "scene": scene_fields(sensor.scene),
+        "objects and rules": repr(problem),
+        "targets": targets,
+        "decider": name,
+        "settings, code or policies of the decider": digest_of(deciders),
+        "sensor (SHA-256)": sensor_digest(sensor),
+    }
+    return json.loads(json.dumps(world))
+
+
+def with_unsure(problem: SearchProblem) -> SearchProblem:
+    """The rules of a search that stops by a certificate."""
+    return problem if problem.unsure_reward is not None else replace(problem, unsure_reward=0.0)
+
+
+def opened(certificate: str | Path | Certificate) -> Certificate:
+    """A certificate, or that of a file; raises as :meth:`planners.certified.Certificate.load`."""
+    return certificate if isinstance(certificate, Certificate) else Certificate.load(certificate)
+
+
+def certified_players(
+    certificate: Certificate,
+    players: Mapping[str, Decider | str],
+    made: Mapping[str, Decider],
+    sensor: TactileSensor,
+    problem: SearchProblem,
+    targets: Sequence[str],
+    known: Mapping[str, object],
+) -> dict[str, Decider]:
+    """The deciders of a comparison that a certificate was made for, stopping by it, as "certified NAME".
+
+    Args:
+        certificate: the certificate.
+        players: deciders or their names on the command line, by name in the report.
+        made: the deciders, by name in the report.
+        sensor: as of :func:`made_for`, and so the others.
+        problem: rules of the search.
+        targets: labels of the shapes that are sought.
+        known: objects that deciders hold.
+
+    Raises:
+        NotCertified: none of the deciders has the name in the certificate, or it was made for something else.
+    """
+    names = [name for name, player in players.items() if player == certificate.decider]
+    if not names:
+        raise NotCertified(f"the certificate is for --deciders {certificate.decider!r}, got {', '.join(players)}")
+    return {
+        f"certified {name}": certificate.wrap(
+            made[name], made_for(sensor, problem, targets, certificate.decider, made[name], known)
+        )
+        for name in names
+    }

@@ -1,0 +1,280 @@
+"""``activetouch certify``: bound the error of confirmed objects at every number of touches, by calibration searches."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Any, cast
+
+import numpy as np
+import tyro
+from numpy.typing import NDArray
+
+from activetouch import Scene, TactileSensor
+from activetouch.named_scenes import NamedScene
+from belief.errors import ActiveTouchError
+from belief.files import in_file_name, require_writable_file
+from belief.seeding import keyed_rng
+from belief.statistics.stop_thresholds import CandidateStops, certified_thresholds, least_searches
+from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, Within, check_arguments, check_value
+from experiments.parallel import Shared, default_jobs, run_tasks
+from experiments.search.certificate import made_for, with_unsure
+from experiments.search.comparison import prepared, scene_of
+from experiments.search.play import EPISODES_PER_BATCH, Searches, play_episodes
+from experiments.search.setting import Setting
+from planners import Decider, Episode
+from planners.certified import NEVER, WANTED, Certificate, Certified
+
+_SEEDS = 0xCE47 << 32  # added to the seed: no comparison plays the searches of a certificate
+Probability = Annotated[float, Within(0.0, 1.0, open_low=True, open_high=True)]
+
+Searched = Annotated[int, Within(2, 10**8)]
+
+
+class TooFewSearches(ActiveTouchError, ValueError):
+    """Calibration searches are too few, or err too often, to certify any stop."""
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """Searches that confirm nothing, from which those with any certificate can be read.
+
+    Attributes:
+        candidates: moments at which an object could have been confirmed, M of N searches.
+        spent: touches of the whole search before each, ``(M,)``.
+        num_touches: of each whole search, ``(N,)``.
+    """
+
+    candidates: CandidateStops
+    spent: NDArray[np.int64]
+    num_touches: NDArray[np.int64]
+
+    def touches_with(self, thresholds: Sequence[float]) -> NDArray[np.int64]:
+        """Touches of each search that stops by these thresholds, ``(N,)``; ``[0.0]`` is the decider alone."""
+        stops, touches = self.candidates.stops(thresholds), self.num_touches.copy()
+        touches[self.candidates.searches[stops]] = self.spent[stops]
+        return touches
+
+
+@dataclass(frozen=True)
+class _Task:
+    shared: Shared[tuple[Searches, Decider]]
+    target: int
+    numbers: range
+
+    def __call__(self) -> tuple[int, range, list[tuple[list[tuple[int, float, bool, int]], int]]]:
+        searches, decider = self.shared.value
+        episodes, _ = play_episodes(searches, decider, self.target, self.numbers)
+        return self.target, self.numbers, [_candidates(episode) for episode in episodes]
+
+
+def _candidates(episode: Episode) -> tuple[list[tuple[int, float, bool, int]], int]:
+    """Touches of the object, stated probability, error and touches of the search at each candidate; of the search."""
+    found, spent, on_object = [], 0, dict[int, int]()
+    for step in episode.steps:
+        index, scores = step.object_index, step.decision.scores
+        if WANTED in scores:
+            wrong = episode.arrangement[index] != episode.target
+            found.append((on_object.get(index, 0), scores[WANTED], wrong, spent))
+        spent += step.touch is not None
+        on_object[index] = on_object.get(index, 0) + (step.touch is not None)
+    return found, spent
+
+
+def play_calibration(
+    searches: Searches,
+    decider: Decider,
+    num_searches: int,
+    targets: Sequence[str],
+    max_touches: int,
+    jobs: int | None = None,
+) -> Calibration:
+    """Play searches that confirm nothing, each with a target drawn uniformly, so that they are independent and alike.
+
+    Args:
+        searches: what determines them; the problem has the answer Unsure.
+        decider: whose confirmations are listed.
+        num_searches: N.
+        targets: labels of the shapes that are sought.
+        max_touches: of one object, after which the search ends.
+        jobs: number of processes; all cores by default.
+    """
+    labels = list(searches.problem.shape_labels)
+    searches = replace(searches, seed=searches.seed + _SEEDS)
+    drawn = keyed_rng([searches.seed]).choice([labels.index(target) for target in targets], num_searches)
+    player: Decider = Certified(decider, NEVER, max_touches)
+    shared, tasks = Shared((searches, player)), list[_Task]()
+    for target in np.unique(drawn).tolist():
+        number = int(np.count_nonzero(drawn == target))
+        for first in range(0, number, EPISODES_PER_BATCH):
+            tasks.append(_Task(shared, target, range(first, min(first + EPISODES_PER_BATCH, number))))
+    rows: list[tuple[list[tuple[int, float, bool, int]], int]] = [([], 0)] * num_searches
+    for target, numbers, found in run_tasks(tasks, jobs, "calibrating"):
+        for number, row in zip(np.flatnonzero(drawn == target)[numbers], found, strict=True):
+            rows[number] = row
+    flat = [(number, *one) for number, row in enumerate(rows) for one in row[0]]
+    columns: list[Any] = [np.array([row[column] for row in flat]) for column in range(5)] if flat else [np.zeros(0)] * 5
+    candidates = CandidateStops(columns[0], columns[1], columns[2], columns[3], num_searches)
+    return Calibration(candidates, columns[4].astype(int), np.array([row[1] for row in rows], int))
+
+
+def certify(
+    scene: str | Scene | NamedScene = "gel",
+    decider: str = "information_gain",
+    *,
+    risk: float = 0.05,
+    confidence: float = 0.9,
+    searches: int = 2000,
+    seed: int = 0,
+    targets: Sequence[str] | str = (),
+    sensor: str | Path | TactileSensor | None = None,
+    out: str | Path | None = None,
+    num_objects: int | None = None,
+    touch_cost: float = 0.02,
+    abstain: float | None = None,
+    promise: float = 0.95,
+    max_touches: int = 6,
+    anyway: bool = False,
+    jobs: int | None = None,
+) -> Certificate:
+    """Bound the error of confirmed objects at every number of touches, by simulated calibration searches.
+
+    With probability ``confidence`` over the calibration searches, P(wrong | confirmed after k touches) ≤ ``risk`` for
+    every k, over searches of the same world for a target drawn uniformly from ``targets``
+    (:mod:`belief.statistics.stop_thresholds`, docs/certificate.md).
+
+    Args:
+        scene: name of a scene, or a scene object.
+        decider: its name, with settings, as ``compare --deciders`` takes it.
+        risk: α, in (0, 1).
+        confidence: of the promise, in (0, 1).
+        searches: number of calibration searches.
+        seed: of these; comparisons with the same seed play other searches.
+        targets: shapes to search for, each equally often, or one; all by default.
+        sensor: as of :func:`activetouch.compare`.
+        out: file to write; none by default.
+        num_objects: number of objects in a search; that of the scene by default.
+        touch_cost: cost λ of one touch, in units of a success.
+        abstain: false-alarm rate of the conflict test, if the decider is followed with it.
+        promise: with ``abstain``, the smallest stated confidence of an answer.
+        max_touches: of one object, after which it is not touched again for the certificate.
+        anyway: whether to accept a sensor that was made for another scene.
+        jobs: number of processes; all cores by default.
+
+    Returns:
+        The certificate, which prints as a table.
+
+    Raises:
+        BadArgument: an argument is invalid.
+        TooFewSearches: no stop can be certified from so many searches.
+        ActiveTouchError: as :func:`activetouch.compare`.
+
+    Example::
+
+        certificate = activetouch.certify("coarse", risk=0.05, searches=1000)
+        activetouch.compare("coarse", "information_gain", certificate=certificate)
+    """
+    for name, value, kind in (
+        ("--risk", risk, Probability),
+        ("--confidence", confidence, Probability),
+        ("--searches", searches, Searched),
+        ("--max-touches", max_touches, Count),
+    ):
+        check_value(name, value, kind)
+    if not isinstance(decider, str):
+        raise BadArgument(f"a certificate is for a decider by name, such as 'information_gain', got {decider!r:.80}")
+    choice, named = scene_of(scene)
+    own = sensor if isinstance(sensor, TactileSensor) else None
+    setting = Setting(
+        choice,
+        sensor=None if sensor is None or own is not None else Path(cast("str | Path", sensor)),
+        num_objects=num_objects,
+        touch_cost=touch_cost,
+        abstain=abstain,
+        promise=promise,
+        anyway=anyway,
+    )
+    return _certified(setting, decider, targets, named, own, risk, confidence, searches, seed, max_touches, out, jobs)
+
+
+def _certified(
+    setting: Setting,
+    decider: str,
+    targets: Sequence[str] | str,
+    named: NamedScene | None,
+    own: TactileSensor | None,
+    risk: float,
+    confidence: float,
+    num_searches: int,
+    seed: int,
+    max_touches: int,
+    out: str | Path | None,
+    jobs: int | None,
+) -> Certificate:
+    """The certificate of a setting, or of a scene or sensor object; see :func:`certify`."""
+    run = prepared(setting, decider, targets=targets, seed=seed, jobs=jobs, named=named, own_sensor=own)
+    if out is not None:
+        require_writable_file(Path(out))
+    player, searches = run.deciders[decider], replace(run.searches, problem=with_unsure(run.searches.problem))
+    played = play_calibration(searches, player, num_searches, run.targets, max_touches, jobs)
+    found = certified_thresholds(played.candidates, risk, confidence)
+    if not np.isfinite(found.thresholds).any():
+        stops, wrong = played.candidates.counts([0.0])
+        raise TooFewSearches(
+            f"{num_searches} searches certify no stop of {decider} at a risk of {risk:g} with confidence "
+            f"{confidence:g}: {wrong[0]} of its {stops[0]} confirmations are wrong, and at least "
+            f"{least_searches(risk, confidence)} without an error are needed; play more --searches, or accept more "
+            "--risk"
+        )
+    what = made_for(searches.sensor, searches.problem, run.targets, decider, player, run.known)
+    tested = None if setting.abstain is None else (setting.abstain, setting.promise)
+    numbers = found.thresholds, found.stops, found.wrong, max_touches
+    certificate = Certificate(decider, risk, confidence, num_searches, *numbers, abstain=tested, made_for=what)
+    if out is not None:
+        certificate.save(out)
+    return certificate
+
+
+@dataclass(frozen=True)
+class Certify:
+    """Bound the error of confirmed objects at every number of touches, by simulated calibration searches.
+
+    Writes a certificate beside the sensor, by which compare --certificate and sessions stop.
+
+    For example:
+
+        activetouch certify --scene coarse --decider information_gain --risk 0.05
+        activetouch certify --scene coarse --risk 0.01 --searches 4000 --out runs/coarse-0.01.json
+        activetouch compare --scene coarse --deciders information_gain --certificate runs/coarse-0.01.json
+    """
+
+    decider: str = "information_gain"
+    """The decider, with settings as in 'information_gain(confirm=0.97)'."""
+    risk: Probability = 0.05
+    """Largest probability that a confirmed object is wrong, at every number of touches."""
+    confidence: Probability = 0.9
+    """Probability, over the calibration searches, with which the promise holds."""
+    searches: Searched = 2000
+    """Number of calibration searches."""
+    seed: Seed = 0
+    """Seed of the calibration searches; comparisons with the same seed play others."""
+    targets: tuple[str, ...] = ()
+    """Shapes to search for, each equally often; all by default."""
+    max_touches: Count = 6
+    """Touches of one object, after which it is not touched again for the certificate."""
+    setting: tyro.conf.OmitArgPrefixes[Setting] = field(default_factory=Setting)
+    """Sensor and rules of all searches."""
+    out: Path | None = None
+    """File to write; by default certificate-DECIDER-RISK.json in the folder of the sensor."""
+    jobs: Jobs = field(default_factory=default_jobs)
+    """Number of processes; the result does not depend on it."""
+
+    def run(self) -> None:
+        """Play the calibration searches, print the certificate and write it; raises as :func:`certify`."""
+        name = f"certificate-{in_file_name(self.decider, '-')}-{self.risk:g}.json"
+        out = self.setting.sensor_folder / name if self.out is None else self.out
+        check_arguments(self)
+        told = self.risk, self.confidence, self.searches, self.seed, self.max_touches
+        print(_certified(self.setting, self.decider, self.targets, None, None, *told, out, self.jobs))
+        print(f"certificate: {out}")

@@ -1,0 +1,78 @@
+import numpy as np
+import pytest
+
+from belief.statistics.stop_thresholds import CandidateStops, certified_thresholds, least_searches
+
+
+def simulated(rng, number, honesty):
+    """Searches with one to three candidates; the object is right with the power ``honesty[k]`` of what is stated."""
+    touches = np.tile([1, 2, 3], (number, 1))
+    probs = rng.uniform(0.7, 1.0, touches.shape)
+    wrong = rng.random(touches.shape) > probs ** np.asarray(honesty)
+    rows, columns = np.nonzero(touches > rng.integers(3, size=(number, 1)))
+    return CandidateStops(rows, *(array[rows, columns] for array in (touches, probs, wrong)), number)
+
+
+def test_promises_hold_as_often_as_stated_and_nearly_use_up_what_is_allowed():
+    """The world is a large set of searches, so that true errors are known; calibration searches are drawn from it."""
+    rng = np.random.default_rng(0)
+    world, risk = simulated(rng, 30_000, (1.0, 2.0, 0.5)), 0.1
+    broken, errors, stopped = 0, [], []
+    for _ in range(60):
+        made = certified_thresholds(world.of(rng.integers(30_000, size=3000)), risk, confidence=0.8)
+        stops, wrong = world.counts(made.thresholds)
+        broken += bool((wrong > risk * stops).any())
+        errors.append(wrong.sum() / max(stops.sum(), 1))
+        stopped.append(stops.sum() / 30_000)
+    assert broken <= 20  # of 60; at most a share of 0.2 breaks the promise, so more have a probability below 0.01
+    assert 0.05 < np.mean(errors) < risk
+    assert np.median(stopped) > 0.6
+
+
+def test_an_overconfident_number_of_touches_is_closed_and_the_others_stay_open():
+    made = certified_thresholds(simulated(np.random.default_rng(1), 6000, (1.0, 40.0, 1.0)), 0.1)
+    assert np.isfinite(made.thresholds[1])
+    assert made.thresholds[2] == np.inf
+    assert np.isfinite(made.thresholds[3])
+    assert made.stops[0] == made.stops[2] == 0
+
+
+def test_a_search_stops_at_its_first_candidate_above_the_threshold_of_its_touches():
+    found = CandidateStops([0, 0, 0, 2], [1, 2, 9, 9], [0.9, 0.8, 0.7, 1.0], [True, False, True, False], 3)
+    assert found.stops([0.0]).tolist() == [0, 3]
+    assert found.stops([0.0, 0.95, 0.8, np.inf]).tolist() == [1]
+    assert [counts.tolist() for counts in found.counts([0.0, 0.95, 0.9])] == [[0, 0, 1], [0, 0, 0]]
+    again = found.of(np.array([2, 0, 1, 2]))
+    assert (again.num_searches, again.searches.tolist()) == (4, [0, 1, 1, 1, 3])
+    assert again.probs.tolist() == [1.0, 0.9, 0.8, 0.7, 1.0]
+
+
+def test_too_few_searches_or_none_with_a_candidate_certify_nothing():
+    empty = CandidateStops([], [], [], [], 10_000)
+    assert certified_thresholds(empty, 0.05).thresholds == (np.inf,)
+    few = least_searches(0.05, 0.9) - 2
+    assert np.isinf(certified_thresholds(simulated(np.random.default_rng(0), few, (0, 0, 0)), 0.05).thresholds).all()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"probs": [0.5, np.nan]},
+        {"probs": [0.5, 1.5]},
+        {"touches": [1, -1]},
+        {"touches": [1, 0.5]},
+        {"searches": [1, 0]},
+        {"searches": [0, 5]},
+        {"is_wrong": [False]},
+    ],
+)
+def test_candidates_that_are_none_are_refused(change):
+    given = {"searches": [0, 1], "touches": [1, 2], "probs": [0.5, 0.5], "is_wrong": [False, True], "num_searches": 2}
+    with pytest.raises(ValueError, match="must"):
+        CandidateStops(**(given | change))
+
+
+@pytest.mark.parametrize("numbers", [(0.0, 0.9), (1.0, 0.9), (np.nan, 0.9), (0.05, 1.0)])
+def test_a_risk_or_confidence_that_is_no_probability_is_refused(numbers):
+    with pytest.raises(ValueError, match="must"):
+        certified_thresholds(CandidateStops([], [], [], [], 10), *numbers)

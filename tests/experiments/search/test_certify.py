@@ -1,0 +1,56 @@
+import numpy as np
+import pytest
+
+import activetouch
+from activetouch import TactileSensor
+from belief.errors import InvalidArgument
+from experiments.command_line.arguments import BadArgument
+from experiments.search.certify import Certify, TooFewSearches
+from planners.certified import Certificate, NotCertified
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    path = tmp_path_factory.mktemp("certificate") / "coarse.json"
+    return path, activetouch.certify("coarse", risk=0.2, searches=40, max_touches=2, out=path, jobs=1)
+
+
+def test_a_certificate_is_written_and_says_what_it_is_for(made):
+    path, certificate = made
+    assert Certificate.load(path) == certificate
+    assert "P(wrong | confirmed after k touches) ≤ 0.2" in str(certificate)
+    assert certificate.made_for["targets"] == ["sphere", "cube", "cylinder", "cone"]
+    assert sum(certificate.stops) >= 11  # without an error, 11 show that at most 0.2 are wrong
+
+
+def test_compare_plays_the_certified_decider_beside_its_own_and_refuses_another(made):
+    found = activetouch.compare("coarse", "information_gain", episodes=1, certificate=made[0], jobs=1)
+    assert list(found.deciders) == ["information_gain", "certified information_gain"]
+    for arguments in ({"deciders": "threshold"}, {"num_objects": 3}, {"targets": "cone"}, {"abstain": 0.02}):
+        with pytest.raises(NotCertified, match=r"the certificate (is for|does not hold here)"):
+            activetouch.compare("coarse", **({"deciders": "information_gain"} | arguments), certificate=made[1], jobs=1)
+    with pytest.raises(NotCertified, match=r"the scene: other .*renderer"):
+        activetouch.compare("gel", "information_gain", certificate=made[1], jobs=1)
+
+
+def test_a_session_stops_by_the_certificate_and_refuses_another_search(made):
+    sensor = TactileSensor.shipped("coarse")
+    session = sensor.session("cone", seed=3, certificate=made[0])
+    assert session.problem.unsure_reward == 0.0
+    image = np.zeros(sensor.scene.image_shape, np.uint8)
+    while session.outcome is None:
+        session.ask()
+        session.tell(image=image) if session.ask().__class__.__name__ == "Probe" else session.tell()
+    for arguments in ({"decider": "threshold"}, {"num_objects": 3}, {"touch_cost": 0.1}):
+        with pytest.raises(NotCertified, match=r"the certificate (is for|does not hold here)"):
+            sensor.session("cone", certificate=made[1], **arguments)
+    with pytest.raises(InvalidArgument, match="leave out abstain"):
+        sensor.session("cone", certificate=made[1], abstain=True)
+
+
+def test_what_cannot_be_certified_is_refused(tmp_path):
+    with pytest.raises(TooFewSearches, match="--searches"):
+        Certify(risk=0.01, searches=4, max_touches=1, out=tmp_path / "a.json", jobs=1).run()
+    assert not (tmp_path / "a.json").exists()
+    with pytest.raises(BadArgument, match="--risk"):
+        activetouch.certify("coarse", risk=0.0)
