@@ -15,7 +15,7 @@ import numpy as np
 
 from activetouch import TactileSensor
 from activetouch.sensor import RecordedSensor
-from belief.errors import InvalidArgument, UnknownName
+from belief.errors import InvalidArgument
 from belief.journal import array_from
 from belief.problem import Probe, Touch
 from belief.validation import as_real
@@ -71,7 +71,7 @@ class Conversation:
     def _answer(self, given: dict[str, Any]) -> dict[str, Any]:
         do = given.get("do")
         if not isinstance(do, str) or do not in self._requests:
-            raise UnknownName("request", f"{do!r:.40}", list(self._requests))
+            raise BadLine(f'"do" must be one of {", ".join(self._requests)}; got {do!r:.40}')
         handle, known = self._requests[do]
         if unknown := sorted(set(given) - known - {"do", "id"}):
             raise BadLine(
