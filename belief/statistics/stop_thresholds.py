@@ -66,6 +66,9 @@ class CandidateStops:
 
     Raises:
         ValueError: arrays of other shapes than said, or a value out of its range.
+
+    >>> CandidateStops([0, 0, 2], [1, 2, 1], [0.8, 0.9, 0.7], [True, False, False], 3).between(1, 3).probs.tolist()
+    [0.7]
     """
 
     searches: NDArray[np.int64]

@@ -16,7 +16,7 @@ from tests.experiments.command_line.test_arguments import _NEEDED
 
 fcntl = pytest.importorskip("fcntl")
 SHARED = {"compare", "collect"}  # several processes fill one folder; the first decides what it holds
-IN_ONE_FILE = {"touch", "fidelity", "replay", "export"}
+IN_ONE_FILE = {"touch", "replay", "export", "certify"}
 WRITERS = [
     name
     for name, kind in commands().items()
