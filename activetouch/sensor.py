@@ -148,7 +148,7 @@ class TactileSensor:
     @property
     def shape_labels(self) -> tuple[str, ...]:
         """What it can tell apart."""
-        return self.scene.shape_labels
+        return tuple(self.model.shape_labels)
 
     @property
     def pose_labels(self) -> tuple[str, ...]:
@@ -347,11 +347,6 @@ class RecordedSensor(TactileSensor):
         columns = [reader.label_names.index(label) for label in self.model.shape_labels]
         ratios = reader.ratios(reader.checked(images, len(actions)), actions)[:, columns]
         return [Touch(*touch) for touch in zip(actions.tolist(), ratios, strict=True)]
-
-    @property
-    def shape_labels(self) -> tuple[str, ...]:
-        """What it can tell apart."""
-        return self.model.shape_labels
 
     @property
     def pose_labels(self) -> tuple[str, ...]:

@@ -68,25 +68,45 @@ def ends_claims(function: Callable[P, T]) -> Callable[P, T]:
     return with_claims
 
 
-def _locked(folder: Path) -> int | None:
-    """A handle of a folder that is locked until the handle is closed; None where a folder has no locks."""
+def lock(handle: int, in_use: str) -> bool:
+    """Lock an open file or folder until its handle is closed; False where there are no such locks.
+
+    Args:
+        handle: of the operating system.
+        in_use: what to say if another handle has the lock.
+
+    Raises:
+        CannotWrite: another handle has the lock; this one was closed.
+
+    >>> import tempfile
+    >>> with tempfile.TemporaryFile() as file:
+    ...     _ = lock(file.fileno(), "in use")
+    """
     try:
         import fcntl
     except ImportError:  # Windows
-        return None
-    try:
-        handle = os.open(folder, os.O_RDONLY)
-    except OSError:  # a folder that may be written and not be listed
-        return None
+        return False
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
         os.close(handle)
-        raise CannotWrite(
-            f"{folder} is in use: another process writes its results there. Wait until that process ends, or choose "
-            "another --out"
-        ) from error
-    except OSError:  # the file system has no such locks
+        raise CannotWrite(in_use) from error
+    except OSError:  # the file system has none
+        return False
+    return True
+
+
+def _locked(folder: Path) -> int | None:
+    """A handle of a folder that is locked until the handle is closed; None where a folder has no locks."""
+    try:
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError:  # a folder that may be written and not be listed, and any folder on Windows
+        return None
+    told = (
+        f"{folder} is in use: another process writes its results there. Wait until that process ends, or choose "
+        "another --out"
+    )
+    if not lock(handle, told):
         os.close(handle)
         return None
     if folder.is_dir() and os.path.samestat(os.fstat(handle), folder.stat()):

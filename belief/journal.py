@@ -31,6 +31,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from belief.claims import lock
 from belief.errors import CannotWrite, CorruptFile
 from belief.files import atomic_path, cannot_write, require_regular_file, sealed_json, unsealed_json
 
@@ -189,17 +190,5 @@ def _locked(path: Path) -> int:
         handle = os.open(path, os.O_WRONLY | os.O_APPEND)
     except OSError as error:
         raise cannot_write(path, error) from error
-    try:
-        import fcntl
-    except ImportError:  # Windows
-        return handle
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        os.close(handle)
-        raise CannotWrite(
-            f"{path} is in use: another process, or an open session of this one, writes to it; close that"
-        ) from error
-    except OSError:  # the file system has no such locks
-        pass
+    lock(handle, f"{path} is in use: another process, or an open session of this one, writes to it; close that")
     return handle
