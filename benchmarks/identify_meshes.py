@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from mesh_files import ENDINGS, RADIUS, read
+from mesh_files import RADIUS, read
 
 from activetouch.errors import BadMesh
 from activetouch.perception.contacts.images import images
@@ -29,6 +29,7 @@ from activetouch.perception.contacts.views import ViewPlan
 from activetouch.pressing.height_maps import predicted_contacts
 from activetouch.rotation_cells import views
 from activetouch.solids.mesh import Mesh
+from activetouch.solids.mesh_file import ENDINGS
 from belief.coarse_to_fine import Effort
 from belief.statistics import wilson_interval
 from experiments.meshes.naming import RULES, Naming, name_object

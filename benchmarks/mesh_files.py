@@ -19,8 +19,8 @@ import numpy as np
 
 from activetouch.errors import BadMesh
 from activetouch.shapes import Mesh
+from activetouch.solids.mesh_file import ENDINGS
 
-ENDINGS = (".stl", ".obj", ".ply", ".off", ".glb", ".gltf", ".3mf", ".dae")
 RADIUS = 0.024  # m
 KINDS = {
     "several surfaces": r"separate surfaces",

@@ -13,7 +13,8 @@ from activetouch.solids.mesh_reduction import LARGEST_ERROR, reduced
 from activetouch.solids.solid import Floats, Ints
 from belief.files import require_regular_file
 
-_ENDINGS = (".stl", ".obj", ".ply", ".off", ".glb", ".gltf", ".3mf", ".dae")
+ENDINGS = (".stl", ".obj", ".ply", ".off", ".glb", ".gltf", ".3mf", ".dae")
+"""Of the files that can be read."""
 _MOST_PAIRS = 10_000_000
 _REDUCED = 20_000  # triangles that a reduction aims at
 _SAME_POINT = 1e-8  # distance [m]; STL repeats corners in every triangle, with seven digits
@@ -38,8 +39,8 @@ def read_surface(
     kind = path.suffix.lower()
     if not path.exists():
         raise FileNotFoundError(f"there is no mesh file {path}; relative paths start from {Path.cwd()}")
-    if kind not in _ENDINGS:
-        raise BadMesh(f"{path}: meshes are read from {', '.join(_ENDINGS)} files")
+    if kind not in ENDINGS:
+        raise BadMesh(f"{path}: meshes are read from {', '.join(ENDINGS)} files")
     require_regular_file(path, BadMesh)
     try:
         if (size := path.stat().st_size) > MOST_BYTES:

@@ -2,31 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-import tyro
 from scipy.special import logsumexp, softmax
 
 from activetouch.solids.solid import Shape
-from belief.claims import claim_folder, ends_claims
+from belief.claims import ends_claims
 from belief.coarse_to_fine import CoarseToFine
 from belief.errors import InvalidArgument, UnknownName
 from belief.naming import index_of
 from belief.statistics import wilson_interval
 from belief.validation import Floats, require_count
-from experiments.command_line.arguments import Count, Jobs, Positive, Seed, Share, check_arguments
-from experiments.command_line.console import plain_console
-from experiments.meshes.identify import read_and_tell, tell_twins
+from experiments.command_line.arguments import Count
 from experiments.meshes.naming import Rule, fixed_order, still_possible
 from experiments.meshes.near_twins import NearTwins, near_twins
-from experiments.meshes.setting import MeshSetting, read_folder
-from experiments.parallel import Shared, default_jobs, run_tasks
-from experiments.reporting.page import Section, write_page
+from experiments.meshes.result import MeshOptions, MeshResult, solids_of
+from experiments.meshes.setting import MeshSetting
+from experiments.parallel import Shared, run_tasks
+from experiments.reporting.page import Section
 from experiments.reporting.tables import Table
 
 _EACH = 16  # touches of an object, at most
@@ -56,20 +54,17 @@ class Search:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class Found(MeshResult):
     """Searches for one body. It prints as its table.
 
     Attributes:
-        setting: bodies and sensor.
         target: label of the body that is sought.
         searches: of it.
-        twins: bodies that feel nearly alike.
     """
 
-    setting: MeshSetting
     target: str
     searches: Sequence[Search]
-    twins: Sequence[NearTwins]
+    _kind = "searches"
 
     def rows(self) -> list[dict[str, Any]]:
         """One row for each search: the objects, where the target was, the answer, its probability, and touches."""
@@ -105,23 +100,14 @@ class Found:
         cells = [tuple(row[name] for name in names) for row in rows]
         return Table(f"searches for {self.target}", columns, cells, note, "searches")
 
-    def __str__(self) -> str:
-        return "\n\n".join([*map(str, self.twins), self.table().markdown()])
+    @property
+    def _question(self) -> str:
+        return f"Where is {self.target}?"
 
-    def save(self, folder: Path | str) -> Path:
-        """Write ``report.html``, with the bodies that were still possible after each touch, and ``searches.csv``.
-
-        Raises:
-            CannotWrite: the disk is full, or the folder is not writable.
-        """
+    def _pictures(self) -> list[Section]:
         from experiments.meshes.figures import touch_pictures
 
-        folder = Path(folder)
-        folder.mkdir(parents=True, exist_ok=True)
-        table = self.table()
-        table.write_csv(folder / "searches.csv")
-        alike = [f"{twin}." for twin in self.twins] or ["No two bodies feel nearly alike."]
-        sections = [Section("Searches", [], [table]), Section("Bodies that feel alike", alike)]
+        sections = []
         for number, one in enumerate(self.searches[:3], 1):
             words = [
                 f"object {place + 1}, side {self.setting.scene.pose_labels[pose]}; the target is probably "
@@ -131,8 +117,7 @@ class Found:
             end = f"The answer is {self._place(one.answer, one)}; the truth is {self._place(one.truth, one)}."
             pictures = touch_pictures(self.setting, f"search{number}", words, one.possible)
             sections.append(Section(f"Search {number}", [end], [], pictures))
-        write_page(folder / "report.html", f"Where is {self.target}?", sections)
-        return folder / "report.html"
+        return sections
 
 
 def find(
@@ -146,6 +131,7 @@ def find(
     seed: int = 0,
     scale: float | None = None,
     jobs: int | None = None,
+    begun: Callable[[Sequence[NearTwins]], None] | None = None,
     **setting: Any,
 ) -> Found:
     """Search for a body among simulated objects of other bodies; it may be absent.
@@ -160,17 +146,25 @@ def find(
         seed: of objects and touches.
         scale: metres per unit of mesh files without a scale of their own.
         jobs: number of processes; as many as processors by default.
+        begun: called before the first touch, with the bodies that feel nearly alike.
         setting: further arguments of :meth:`MeshSetting.of`.
 
     Raises:
         UnknownName: there is no such body.
         InvalidArgument: there are not more bodies than objects, or no mesh can be read.
     """
-    solids = dict(bodies) if isinstance(bodies, Mapping) else read_folder(bodies, scale)[0]
+    solids = solids_of(bodies, scale)
     sought = target_index(tuple(solids), target, num_objects)
     made = MeshSetting.of(solids, jobs=jobs, **setting)
-    searches = search_all(made, sought, num_objects, num_searches, rule, threshold, seed, jobs)
-    return Found(made, made.bodies.labels[sought], searches, near_twins(made))
+    twins = near_twins(made)
+    if begun is not None:
+        begun(twins)
+    shared = Shared(made)
+    tasks = [
+        partial(_search_one, shared, sought, num_objects, rule, threshold, [seed, number])
+        for number in range(num_searches)
+    ]
+    return Found(made, twins, made.bodies.labels[sought], list(run_tasks(tasks, jobs, "searches")))
 
 
 def target_index(labels: Sequence[str], target: str, num_objects: int) -> int:
@@ -189,25 +183,6 @@ def target_index(labels: Sequence[str], target: str, num_objects: int) -> int:
         return index_of("body", tuple(labels), target)
     except UnknownName:
         return index_of("body", tuple(labels), str(Path(target).with_suffix("")))
-
-
-def search_all(
-    setting: MeshSetting,
-    target: int,
-    num_objects: int,
-    num_searches: int,
-    rule: Rule,
-    threshold: float,
-    seed: int,
-    jobs: int | None,
-) -> list[Search]:
-    """Searches, several processes at a time; see :func:`find`."""
-    shared = Shared(setting)
-    tasks = [
-        partial(_search_one, shared, target, num_objects, rule, threshold, [seed, number])
-        for number in range(num_searches)
-    ]
-    return list(run_tasks(tasks, jobs, "searches"))
 
 
 def _search_one(
@@ -264,8 +239,8 @@ def _log_odds(belief: CoarseToFine, target: int) -> float:
     return float(evidence[target] - (logsumexp(others) - np.log(len(others))))
 
 
-@dataclass(frozen=True)
-class Find:
+@dataclass(frozen=True, kw_only=True)
+class Find(MeshOptions):
     """Find the object of one mesh among objects of other meshes by touch, in simulation: nothing is trained.
 
     The target may be absent. The first run makes views of each body, which are kept; the next starts at once.
@@ -276,41 +251,17 @@ class Find:
         activetouch find scans --target mug --objects 6 --out runs/mug
     """
 
-    folder: Annotated[Path, tyro.conf.Positional]
-    """Folder of mesh files, of what the objects may be; subfolders too."""
     target: str
     """Label of the body that is sought, or the name of its file."""
     objects: Count = 4
     """Objects in front of the sensor."""
     searches: Count = 20
     """Number of searches."""
-    rule: Rule = "information gain"
-    """How the next direction is chosen."""
-    threshold: Share = 0.95
-    """Probability of the answer at which to stop."""
-    scale: Positive | None = None
-    """Metres per unit of files that do not say it, such as 0.001."""
-    sensor: str = "gel"
-    """Sensor with a reader of any object, or a folder of one."""
-    seed: Seed = 0
-    """Seed of objects and touches."""
-    jobs: Jobs = field(default_factory=default_jobs)
-    """Number of processes."""
     out: Path = Path("runs/find")
     """Folder for the report."""
 
     @ends_claims
     def run(self) -> None:
         """Read, make views, search, report."""
-        check_arguments(self)
-        claim_folder(self.out)
-        solids = read_and_tell(self.folder, self.scale, self.jobs)
-        sought = target_index(tuple(solids), self.target, self.objects)
-        setting = MeshSetting.of(solids, sensor=self.sensor, jobs=self.jobs)
-        twins = tell_twins(setting)
-        searches = search_all(
-            setting, sought, self.objects, self.searches, self.rule, self.threshold, self.seed, self.jobs
-        )
-        found, console = Found(setting, setting.bodies.labels[sought], searches, twins), plain_console()
-        console.print(found.table().rich())
-        console.print(f"wrote {found.save(self.out)}")
+        found = find(self.read(), self.target, num_objects=self.objects, num_searches=self.searches, **self.common)
+        self.report(found)

@@ -30,6 +30,7 @@ from activetouch.rotation_cells import nested
 from activetouch.scene import Scene, WorldObject
 from activetouch.scene_description import SURROUNDINGS, scene_fields
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
+from activetouch.solids.mesh_file import ENDINGS
 from activetouch.solids.solid import Shape
 from belief.coarse_to_fine import CoarseToFine, Effort, Ints
 from belief.errors import InvalidArgument
@@ -38,7 +39,6 @@ from belief.validation import Floats
 from experiments.parallel import default_jobs, run_tasks
 from planners.body_information import body_information, sampled_leaves
 
-ENDINGS = (".stl", ".obj", ".ply", ".off", ".glb", ".gltf", ".3mf", ".dae")
 SIZES = (0.97, 1.03)
 """Smallest and largest size of an object, relative to its mesh."""
 _PRESSED, _TOUCHES = 48, 12  # objects to which a set is fitted, and touches of each
@@ -183,11 +183,14 @@ def reader_of(sensor: str | Path) -> Any:
             reader = TactileReader.load(folder / name)
             if isinstance(reader.hypotheses, ContactHypotheses):
                 return reader
-    raise InvalidArgument(f"the sensor {sensor} has no reader of any object; gel and coarse have one")
+    known = ", ".join(sorted(path.parent.name for path in MODELS.glob(f"*/{ANY_OBJECT_FILE}")))
+    raise InvalidArgument(
+        f"the sensor {sensor} has no reader of any object; of those that ship, these have one: {known}"
+    )
 
 
-def cost_words(number: int, plan: ViewPlan | None = None, embedding: int = 64, jobs: int | None = None) -> str:
-    """What so many bodies cost, before anything is computed."""
+def cost_words(number: int, embedding: int, plan: ViewPlan | None = None, jobs: int | None = None) -> str:
+    """What so many bodies cost with embeddings of so many numbers, before anything is computed."""
     plan = ViewPlan() if plan is None else plan
     num_views = plan.directions * plan.rolls
     seconds = number * num_views * _MILLISECONDS / 1e3 / (default_jobs() if jobs is None else jobs)

@@ -150,6 +150,6 @@ def test_a_fixed_order_meets_each_direction_once():
 
 
 def test_costs_are_told_in_words():
-    assert "1000 bodies" in cost_words(1000, jobs=2)
+    assert "1000 bodies" in cost_words(1000, 96, jobs=2)
     assert {"find", "identify"} <= set(REGISTRY)
     assert scene_of({"cube": Box((0.01, 0.01, 0.01))}).variation.size.support == (0.97, 1.03)
