@@ -15,8 +15,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from activetouch.hand import require_no_hand
 from activetouch.perception.card import READER, ClassifierCard, card_from
 from activetouch.perception.contacts.hypotheses import ContactHypotheses
+from activetouch.perception.grasp_hypotheses import GraspHypotheses
 from activetouch.perception.hypothesis_embedding import Floats32, HypothesisEmbedding
 from activetouch.perception.sealed_tensors import read_tensors, write_tensors
 from activetouch.perception.sessions import session_of
@@ -93,12 +95,15 @@ class TactileReader:
         network: an ONNX graph.
         hypotheses: embeds hypotheses; None where the network gives logits of the shapes.
         threads: of the network; one by default, so that processes share the cores and sums keep their order.
+        fingers: m of the hand whose grasps it reads: images ``(N, H, m · W)`` hold those of the fingers side by side,
+            and what it gives for a grasp is that of its fingers, one after another.
     """
 
     card: ClassifierCard
     network: bytes
     hypotheses: Hypotheses | None = None
     threads: int = 1
+    fingers: int = 1
 
     def read(self, images: NDArray[np.uint8], batch_size: int = 64) -> Reading:
         """Logits, features and embeddings of images.
@@ -122,6 +127,13 @@ class TactileReader:
         Arguments and errors are those of :meth:`read`.
         """
         require_stack(images)
+        if self.fingers > 1:
+            if images.shape[2] != self.fingers * images.shape[1]:
+                raise ValueError(f"images of {self.fingers} fingers must be side by side, got {images.shape[1:]}")
+            single = np.concatenate(np.split(images, self.fingers, axis=2))
+            read = (np.split(part, self.fingers) for part in replace(self, fingers=1).run(single, batch_size))
+            embeddings, features = (np.concatenate(parts, axis=1) for parts in read)
+            return embeddings, features
         images = resized(images, self.card.image_shape)
         parts = [
             self._session.run(OUTPUTS, {INPUT: np.ascontiguousarray(images[first : first + batch_size])})
@@ -131,11 +143,21 @@ class TactileReader:
         return embeddings, features
 
     def bound_to(self, scene: Scene) -> TactileReader:
-        """A reader of any object for the objects of a scene; another reader stays as it is."""
-        if self.card.imaging is None or self.hypotheses is None:
+        """A reader of any object for the objects of a scene, or any reader for the hand of a scene.
+
+        Raises:
+            WrongScene: the scene has a hand, and the reader does not know orientations.
+        """
+        if self.hypotheses is None:
+            require_no_hand(scene, "a reader that tells shapes only")
             return self
-        card = replace(self.card, shape_labels=scene.shape_labels, pose_labels=scene.pose_labels)
-        return replace(self, card=card, hypotheses=self.hypotheses.bound_to(scene))
+        bound = self
+        if self.card.imaging is not None:
+            card = replace(self.card, shape_labels=scene.shape_labels, pose_labels=scene.pose_labels)
+            bound = replace(self, card=card, hypotheses=self.hypotheses.bound_to(scene))
+        if scene.hand is None:
+            return bound
+        return replace(bound, hypotheses=GraspHypotheses(self.hypotheses, scene), fingers=len(scene.hand))
 
     @cached_property
     def digest(self) -> str:

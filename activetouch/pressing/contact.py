@@ -77,6 +77,12 @@ def elastic_contact(pad: Pad, gap: Floats, force: float, stiffness: float = 1.0,
     return Contact(pad, gap, force, indentation, (stiffness * pad.stiffness) * indentation, trace)
 
 
+def missed(pad: Pad) -> Contact:
+    """The contact of a pad that meets nothing."""
+    zeros = np.zeros((pad.num_taxels, pad.num_taxels))
+    return Contact(pad, np.full_like(zeros, np.inf), 0.0, zeros, zeros)
+
+
 @cache
 def _keep_freed_memory() -> None:
     """Let the C library of Linux keep the memory that presses need.
