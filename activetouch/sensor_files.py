@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from activetouch.errors import LabelMismatch, NoIndependentModel, WrongScene
+from activetouch.hand import require_no_hand
 from activetouch.perception.card import read_card
 from activetouch.perception.contacts.imaging import Imaging
 from activetouch.perception.contacts.sensor_state import differs_from_training, fields_read
@@ -158,6 +159,8 @@ def files_for(folder: Path, scene: Scene, anyway: bool = False, independent: boo
     fitted = None if is_made_here else fitted_model(folder, independent)
     card, here = read_card(path), scene_fields(scene)
     card.require_labels(scene.shape_labels, scene.pose_labels)
+    if not card.knows_orientations:
+        require_no_hand(scene, f"the reader in {folder}")
     made_for = [("the reader", card.in_poses_of(here))]
     made_for += [] if fitted is None else [("the observation model", fitted.scene)]
     if card.imaging is not None:

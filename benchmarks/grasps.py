@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch import SCENES, Scene, TactileSensor, TouchWorld
+from activetouch.distributions import Uniform
 from activetouch.hand import Hand, single_fingers
 from activetouch.named_scenes import NamedScene
 from belief.bayes import update
@@ -116,10 +117,14 @@ def main() -> None:
     parser.add_argument("--objects", type=int, default=400)
     parser.add_argument("--searches", type=int, default=400, help="0 for none")
     parser.add_argument("--stated", type=float, default=0.95)
+    parser.add_argument("--offset", type=float, help="largest offset of a body in the palm, each way [m]")
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     name, stated, seed, number = arguments.scene, arguments.stated, arguments.seed, arguments.objects
     named = SCENES[name]
+    if arguments.offset is not None:
+        vary = replace(named.scene.variation, offset=Uniform(-arguments.offset, arguments.offset))
+        named = replace(named, scene=replace(named.scene, variation=vary))
     sensors = {m: TactileSensor.shipped(name, named.scene.with_hand(Hand.around(m))) for m in arguments.fingers}
     rows: list[tuple[str, TactileSensor, list[tuple[int, ...]]]] = []
     num_poses = len(named.scene.poses)

@@ -97,7 +97,9 @@ class ClassifierCard:
         if self.scene is None or not self.knows_orientations or "poses" not in scene:
             return self.scene
         if self.imaging is None:
-            taken = ("poses", "hand", "press_model") if "hand" in scene else ("poses",)
+            taken = ["poses", *({"hand"} & scene.keys())]
+            is_as_closing = self.scene.get("press_model", {}).get("class") == "Dynamic"  # its imprints are quasistatic
+            taken += ["press_model"] if "hand" in scene and is_as_closing else []
             return {**self.scene, **{name: scene[name] for name in taken}}
         own = {name: value for name, value in self.scene.items() if name not in OBJECTS}
         return own | {name: scene[name] for name in OBJECTS if name in scene}
