@@ -27,13 +27,12 @@ import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
 
 from activetouch.errors import WrongScene
-from activetouch.poses import multiply, require_unit, to_matrix, turn
+from activetouch.poses import Quaternion, multiply, require_unit, to_matrix, turn
 from belief.errors import InvalidArgument, UnknownName
 from belief.naming import few
 
 if TYPE_CHECKING:
     from activetouch.placement import Placement
-    from activetouch.scene import Scene
 
 _UNBALANCED = 0.02  # of the forces of all fingers together
 _SAME_PLACE = 1e-3  # rad
@@ -138,6 +137,23 @@ class Hand:
             found.append(replace(in_palm, orientation=multiply(back, in_palm.orientation), offset=offset))
         return found
 
+    def single(
+        self, poses: Mapping[str, Quaternion], aims: Mapping[str, tuple[float, float]]
+    ) -> list[tuple[dict[str, Quaternion], dict[str, tuple[float, float]]]]:
+        """Of each finger, the poses and aims with which a single pad meets what the finger does.
+
+        Args:
+            poses: of the palm.
+            aims: of the palm, see :class:`activetouch.Scene`.
+        """
+        found = []
+        for finger in self.fingers:
+            back = np.array(finger) * (1.0, -1.0, -1.0, -1.0)
+            turned = {label: multiply(back, rotation) for label, rotation in poses.items()}
+            moved = {label: to_matrix(back)[1:, 1:] @ aim for label, aim in aims.items()}
+            found.append((turned, {label: (float(y), float(z)) for label, (y, z) in moved.items()}))
+        return found
+
 
 HANDS: Mapping[str, Callable[[], Hand]] = MappingProxyType(
     {"one_finger": Hand.one_finger, "parallel": Hand.parallel, "three_finger": Hand.three_finger}
@@ -161,27 +177,11 @@ def hand_named(hand: Hand | str) -> Hand:
     return hand
 
 
-def single_fingers(scene: Scene) -> tuple[Scene, ...]:
-    """For each finger of a scene's hand, the scene of its pad alone; the scene itself where it has no hand.
-
-    A pose there turns a body to the finger as the pose of the hand does.
-    """
-    if scene.hand is None:
-        return (scene,)
-    found = []
-    for finger in scene.hand.fingers:
-        back = np.array(finger) * (1.0, -1.0, -1.0, -1.0)
-        poses = {label: multiply(back, rotation) for label, rotation in scene.rotations.items()}
-        aims = {label: tuple(to_matrix(back)[1:, 1:] @ aim) for label, aim in scene.aims.items()}
-        found.append(replace(scene, hand=None, poses=poses, aims=aims))
-    return tuple(found)
-
-
-def require_no_hand(scene: Scene, what: str) -> None:
-    """Check that a scene has no hand.
+def require_no_hand(hand: Hand | None, what: str) -> None:
+    """Check that there is no hand.
 
     Raises:
-        WrongScene: it has one.
+        WrongScene: there is one.
     """
-    if scene.hand is not None:
-        raise WrongScene(f"{what} takes single touches, and the scene has a hand of {len(scene.hand)}; leave it out")
+    if hand is not None:
+        raise WrongScene(f"{what} takes single touches, and the scene has a hand of {len(hand)}; leave it out")

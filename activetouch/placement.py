@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import isfinite
-from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.poses import Quaternion, require_unit
 from activetouch.solids.solid import Shape
-
-if TYPE_CHECKING:
-    from activetouch.pressing.contact import Contact
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,23 +73,3 @@ class Placement:
             f"{self.shape} at scale {self.scale:.3g} in orientation {np.round(self.orientation, 4).tolist()}, "
             f"offset {np.asarray(self.offset).tolist()} m"
         )
-
-
-class PressedObject(NamedTuple):
-    """Result of one press, or of one grasp of a hand with m fingers.
-
-    Attributes:
-        contact: the physics; of a grasp, that of its first finger.
-        image: the sensor's image, ``(n, n)`` or ``(n, n, 3)`` uint8; of a grasp ``(n, m · n)``, fingers side by side.
-        num_unsettled: presses before it that did not settle.
-        placement: where the object was; of a grasp, in front of a finger that is not turned.
-        ideal: the image before the sensor's faults, in [0, 1].
-        contacts: of all fingers; the force of one that misses is 0.
-    """
-
-    contact: Contact
-    image: NDArray[np.uint8]
-    num_unsettled: int
-    placement: Placement
-    ideal: NDArray[np.floating]
-    contacts: tuple[Contact, ...]

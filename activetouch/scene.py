@@ -31,9 +31,9 @@ from activetouch.hand import Hand, hand_named
 from activetouch.hypotheses import Bodies, member_shares, sizes
 from activetouch.mesh_source import MeshSource
 from activetouch.orientations import Presentation, Tumbled
-from activetouch.placement import Placement, PressedObject, WorldObject
+from activetouch.placement import Placement, WorldObject
 from activetouch.poses import POSE_SETS, POSES, Quaternion, checked_aims, require_unit
-from activetouch.pressing.contact import Contact, missed
+from activetouch.pressing.contact import Contact, PressedObject, missed
 from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Press, Quasistatic
@@ -209,6 +209,12 @@ class Scene:
         """Of one image, ``(H, W)`` or ``(H, W, 3)``; with a hand of m fingers, W is that of m pads."""
         height, width, *channels = self.image(missed(self.pad)).shape
         return height, width * (1 if self.hand is None else len(self.hand)), *channels
+
+    @property
+    def fingers(self) -> tuple[Scene, ...]:
+        """Of each finger of the hand, the scene of its pad alone, in whose poses it meets the same; or this scene."""
+        each = [] if self.hand is None else self.hand.single(self.rotations, self.aims)
+        return tuple(replace(self, hand=None, poses=poses, aims=aims) for poses, aims in each) or (self,)
 
     def with_hand(self, hand: Hand | str) -> Scene:
         """The scene with a hand, or one of :data:`activetouch.hand.HANDS` by name, whose fingers close quasistatically.

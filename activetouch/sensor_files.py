@@ -160,7 +160,7 @@ def files_for(folder: Path, scene: Scene, anyway: bool = False, independent: boo
     card, here = read_card(path), scene_fields(scene)
     card.require_labels(scene.shape_labels, scene.pose_labels)
     if not card.knows_orientations:
-        require_no_hand(scene, f"the reader in {folder}")
+        require_no_hand(scene.hand, f"the reader in {folder}")
     made_for = [("the reader", card.in_poses_of(here))]
     made_for += [] if fitted is None else [("the observation model", fitted.scene)]
     if card.imaging is not None:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from activetouch import SCENES, Scene, TactileSensor, TouchWorld
 from activetouch.distributions import Uniform
-from activetouch.hand import Hand, single_fingers
+from activetouch.hand import Hand
 from activetouch.named_scenes import NamedScene
 from belief.bayes import update
 from belief.problem import SearchProblem
@@ -131,9 +131,7 @@ def main() -> None:
     for m, sensor in sensors.items():
         rows.append((f"{m} fingers", sensor, [(pose,) for pose in range(num_poses)]))
         if m > 1:
-            places = {
-                f"{p} {i}": r for i, one in enumerate(single_fingers(sensor.scene)) for p, r in one.rotations.items()
-            }
+            places = {f"{p} {i}": r for i, one in enumerate(sensor.scene.fingers) for p, r in one.rotations.items()}
             pad = TactileSensor.shipped(name, replace(sensor.scene, hand=Hand.one_finger(), poses=places))
             rows.append(
                 (f"{m} single touches", pad, [tuple(range(p, m * num_poses, num_poses)) for p in range(num_poses)])

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from activetouch.hand import require_no_hand
 from activetouch.perception.card import READER, ClassifierCard, card_from
-from activetouch.perception.contacts.hypotheses import ContactHypotheses
-from activetouch.perception.grasp_hypotheses import GraspHypotheses
+from activetouch.perception.contacts.hypotheses import ContactHypotheses, mean_ratios, taking_turns
 from activetouch.perception.hypothesis_embedding import Floats32, HypothesisEmbedding
 from activetouch.perception.sealed_tensors import read_tensors, write_tensors
 from activetouch.perception.sessions import session_of
@@ -87,6 +86,42 @@ class Hypotheses(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
+class GraspHypotheses:
+    """Embeds hypotheses for grasps: the embedding of a grasp is those of its fingers, one after another.
+
+    The product of two of them is the sum of the fingers' log ratios: given the body, how it lies and its size, what
+    fingers feel is taken as independent.
+
+    Attributes:
+        single: embeds them for single touches, in any orientation.
+        scene: with the hand.
+    """
+
+    single: Hypotheses
+    scene: Scene
+
+    def bound_to(self, scene: Scene) -> GraspHypotheses:
+        """The same for the objects and the hand of another scene."""
+        return GraspHypotheses(self.single.bound_to(scene), scene)
+
+    def embedded(self, scene: Scene, bodies: Bodies, pose: int) -> Floats32:
+        """See :class:`activetouch.perception.reader.Hypotheses`; with m fingers ``(K, N, m · D)``."""
+        return np.concatenate([self.single.embedded(one, bodies, pose) for one in scene.fingers], axis=2)
+
+    def shape_logits(self, embeddings: Floats32) -> NDArray[np.float64]:
+        """See :class:`activetouch.perception.reader.Hypotheses`; the mean is over all poses."""
+        return mean_ratios(embeddings, self._fixed)
+
+    @cached_property
+    def _fixed(self) -> Floats32:
+        return taking_turns(self, self.scene)
+
+    def tensors(self) -> dict[str, NDArray[Any]]:
+        """The arrays by name, as a file has them: those for single touches."""
+        return self.single.tensors()
+
+
+@dataclass(frozen=True, eq=False)
 class TactileReader:
     """A trained network, ready to read touches.
 
@@ -149,7 +184,7 @@ class TactileReader:
             WrongScene: the scene has a hand, and the reader does not know orientations.
         """
         if self.hypotheses is None:
-            require_no_hand(scene, "a reader that tells shapes only")
+            require_no_hand(scene.hand, "a reader that tells shapes only")
             return self
         bound = self
         if self.card.imaging is not None:

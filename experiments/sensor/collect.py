@@ -117,7 +117,7 @@ def record(
         WrongScene: the scene has a hand.
         NotReproduced: a lost shard of a complete collection came out with other bytes than it had.
     """
-    require_no_hand(scene, "a collection")
+    require_no_hand(scene.hand, "a collection")
     # A killed run leaves temporary files of atomic_path behind; those that appear later are another process's.
     litter = [path for pattern in _TEMPORARY for path in folder.glob(pattern)]
     manifest = write_manifest(folder, scene, plan, choice)

@@ -8,7 +8,7 @@ import pytest
 from activetouch import SCENES, Quasistatic, TactileSensor
 from activetouch.distributions import Constant
 from activetouch.errors import NoIndependentModel, WrongScene
-from activetouch.hand import HANDS, Hand, single_fingers
+from activetouch.hand import HANDS, Hand
 from activetouch.orientations import Inexact, Resampled
 from activetouch.perception import preparation
 from activetouch.perception.contacts import hypotheses as contact_hypotheses
@@ -55,7 +55,7 @@ def test_one_finger_is_read_as_a_touch_to_the_last_bit(path):
 @pytest.mark.parametrize("name", HANDS)
 def test_a_grasp_shows_what_single_pads_feel_there(name):
     scene = replace(EXACT, aims={"z45": (0.002, -0.001)}).with_hand(name)
-    fingers = single_fingers(scene)
+    fingers = scene.fingers
     images = [grasped(one).image for one in fingers]
     assert np.array_equal(grasped(scene).image, np.hstack(images))
     assert scene.image_shape == grasped(scene).image.shape == (4, 4 * len(fingers))
@@ -68,7 +68,7 @@ def test_the_score_of_a_grasp_is_the_sum_of_its_fingers(path):
     scores = HypothesisTable(reader, scene)(6, [1])[0] @ reader.run(image[None])[0][0]
     expected = sum(
         HypothesisTable(alone, one)(6, [1])[0] @ alone.run(part[None])[0][0]
-        for one, part in zip(single_fingers(scene), np.split(image, 3, axis=1), strict=True)
+        for one, part in zip(scene.fingers, np.split(image, 3, axis=1), strict=True)
     )
     assert scores == pytest.approx(expected, rel=1e-3, abs=1e-3)
 
