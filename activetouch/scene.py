@@ -15,7 +15,7 @@ The default is the leanest world in which the search makes sense: a pad and one 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from math import isfinite
 from numbers import Real
@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import NamedTuple, cast
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from activetouch.distributions import Variation
 from activetouch.errors import BadMesh, UnstablePress
@@ -301,6 +301,15 @@ class Scene:
         They cover the orientations and sizes of objects evenly.
         """
         return Bodies(self.presentation.rests(num), sizes(self.variation.size, num), member_shares(num))
+
+    def with_pose(self, quaternion: ArrayLike, aim: ArrayLike) -> Scene:
+        """The scene with one more pose, the last: a quaternion (w, x, y, z), and an aim along y and z [m]."""
+        label = "elsewhere"
+        while label in self.poses:
+            label += "_"
+        rows, columns = np.asarray(aim, float).tolist()
+        aims = {**self.aims, label: (rows, columns)}
+        return replace(self, poses={**self.rotations, label: np.asarray(quaternion, float)}, aims=aims)
 
     def place(self, obj: WorldObject, pose: Name, rng: np.random.Generator) -> Placement:
         """Put an object in front of the pad, in a pose, by its label or index."""
