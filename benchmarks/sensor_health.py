@@ -1,7 +1,7 @@
 """A sensor in worlds that nobody told it about: its own reader, and one that finds out what is the matter.
 
     python -m benchmarks.sensor_health coarse --jobs 2
-    python -m benchmarks.sensor_health gel "noise × 3" "noise × 1.5 + stiffness × 0.7" --sessions 50
+    python -m benchmarks.sensor_health many "noise × 3" "noise × 1.5 + stiffness × 0.7" --sensor gel --sessions 50
 
 A session touches twelve objects one after the other, each in different poses, at most six times, until a shape is
 stated with 0.95. Worlds are conditions of ``robustness``, or several joined by +; all that apply by default. Three
@@ -19,12 +19,18 @@ import argparse
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from activetouch import SCENES, Scene, TactileSensor
-from activetouch.sensor_files import MODELS
+from activetouch.perception.contacts.hypotheses import num_hypotheses
+from activetouch.perception.contacts.sensor_state import sensor_state
+from activetouch.perception.contacts.sensor_worlds import EmbeddedWorlds, changed_worlds
+from activetouch.perception.hypothesis_table import HypothesisTable
+from activetouch.perception.reader import TactileReader
+from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
 from belief import SceneBelief, SearchProblem
 from belief.statistics import wilson_interval
 from experiments.parallel import Shared, run_tasks
@@ -87,6 +93,14 @@ def played(shared: Shared[Mapping[str, TactileSensor]], world: str, scene: Scene
     return Session(world, stops, likeliest)
 
 
+def embed(folder: Path, scene: Scene, pose: int) -> None:
+    """Put what sensors need in one pose into the cache."""
+    reader = TactileReader.load(folder / ANY_OBJECT_FILE).bound_to(scene)
+    HypothesisTable(reader, scene).in_pose(num_hypotheses(scene), pose)
+    imaging = reader.hypotheses.imaging
+    EmbeddedWorlds(reader.hypotheses, scene, changed_worlds(sensor_state(imaging, scene))).in_pose(pose)
+
+
 def changed(name: str, world: str) -> Scene:
     """A scene in a world, whose parts are joined by +; raises DoesNotApply."""
     scene = SCENES[name].scene
@@ -122,19 +136,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scene")
     parser.add_argument("worlds", nargs="*")
+    parser.add_argument("--sensor", default=None, help="a shipped one with a reader of any object")
     parser.add_argument("--sessions", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=2)
     given = parser.parse_args()
-    described, folder = SCENES[given.scene].scene, MODELS / given.scene
-    states = {"as described": False, "unknown": True}
-    sensors = {"own": TactileSensor.load(folder, described)}
+    described, folder = SCENES[given.scene].scene, MODELS / (given.sensor or given.scene)
+    list(run_tasks([partial(embed, folder, described, p) for p in range(len(described.poses))], given.jobs, "poses"))
     plain = TactileSensor.load(folder, described, unknown_state=True)
-    for name, is_unknown in states.items():
-        model = plain.model if is_unknown else plain.model.nominal
-        sensors[name] = TactileSensor(described, plain.reader, model, with_logits=False)
+    sensors = {"own": TactileSensor.load(MODELS / given.scene, described), "unknown": plain}
+    sensors["as described"] = TactileSensor(described, plain.reader, plain.model.nominal, with_logits=False)
     for pose in range(len(described.poses)):
-        plain.model.worlds.in_pose(pose)  # made once, before there are other processes
+        plain.model.worlds.in_pose(pose)  # from the cache, before there are other processes
     scenes: dict[str, Scene] = {}
     usual = [world for world in CONDITIONS if not world.startswith(_SLOW)]
     for world in [USUAL, *(given.worlds or usual)]:

@@ -17,7 +17,7 @@ from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
-from belief.observation_model.sensor_health import SensorHealthModel, spread_prior
+from belief.observation_model import SensorHealthModel, spread_prior
 from numpy.typing import NDArray
 
 from activetouch.hypotheses import Bodies
