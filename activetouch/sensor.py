@@ -139,7 +139,7 @@ class TactileSensor:
         if unknown_state:
             from activetouch.perception.contacts.sensor_worlds import sensor_health  # which others do not need
 
-            model = sensor_health(model, reader.hypotheses, scene)
+            model = sensor_health(model, reader, scene)
         return cls(scene, reader, model, shift=shift)
 
     @classmethod

@@ -9,8 +9,8 @@ sensors feel the same touches: ``own``, the shipped one; ``as described``, its r
 the scene describes; ``unknown``, the same with its state inferred over the session. A stop is withheld, as by an
 abstaining decider, where the e-value of the conflict test is 3.5 or more.
 
-Prints, for each: the stops, what they state, the share that is right with its 95 % Wilson interval, touches of an object,
-the share withheld; and what the last holds most probable after its last object, with the number of sessions.
+Prints, for each: the stops, what they state, the share that is right with its 95 % Wilson interval, touches of an
+object, the share withheld; and what the last holds most probable after its last object, with the number of sessions.
 """
 
 from __future__ import annotations
@@ -79,11 +79,11 @@ def played(shared: Shared[Mapping[str, TactileSensor]], world: str, scene: Scene
         images = np.stack([scene.press(obj, int(pose), rng).image for pose in poses])
         for name, sensor in sensors.items():
             belief = SceneBelief(problem, sensor.model, log_bets=bets[name])
-            for number, touch in enumerate(sensor.read(images, poses.tolist()), 1):
+            for touch in sensor.read(images, poses.tolist()):
                 probs = belief.update(0, [touch]).probs
                 if probs.max() >= STATED:
                     break
-            view = belief.view()
+            view, number = belief.view(), len(belief.touches(0))
             is_stop, is_withheld = probs.max() >= STATED, view.log_conflict >= SUSPICION
             stated = float(probs.max()) if is_stop else 0.0
             stops[name].append(Stop(stated, int(probs.argmax()) == shape, number, bool(is_stop and is_withheld)))

@@ -17,23 +17,26 @@ from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
-from belief.observation_model import SensorHealthModel, spread_prior
 from numpy.typing import NDArray
 
 from activetouch.hypotheses import Bodies
 from activetouch.perception.contacts.hypotheses import ContactHypotheses
 from activetouch.perception.contacts.imaging import BROKEN, LIMITS, SensorState
 from activetouch.perception.contacts.sensor_state import sensor_state
+from activetouch.perception.reader import TactileReader
 from activetouch.scene import Scene
+from belief.errors import InvalidArgument
 from belief.frozen import frozen
-from belief.observation_model.rigid_body import RigidBodyModel
+from belief.observation_model import SensorHealthModel, spread_prior
+from belief.observation_model.model import ArrayModel
+from belief.observation_model.rigid_body import joint_model
 
 HYPOTHESES = 512
 """Of each shape, in a changed world."""
 _NOISES, _STIFFNESSES, _FORCES = (1.0, 1.6, 2.5), (1.0, 0.4, 0.65, 1.5), (1.0, 0.3, 0.55, 1.3)
 _ALONE = {"noise": (3.6,), "gain": (0.8, 1.2), "blur": (0.02, 0.05), "hysteresis": (0.04, 0.09)}
 _SHIFTS = 0.035, 0.075  # parts of the edge of the image
-_SHARES = 0.012, 0.03, 0.06, 0.11  # of all taxels
+_SHARES = 0.012, 0.03, 0.06, 0.11, 0.2  # of all taxels
 
 
 class Worlds(NamedTuple):
@@ -128,14 +131,20 @@ class EmbeddedWorlds:
         return self.scene.hypotheses(self.number)
 
 
-def sensor_health(model: RigidBodyModel, reader: ContactHypotheses, scene: Scene) -> SensorHealthModel:
+def sensor_health(model: ArrayModel, reader: TactileReader, scene: Scene) -> SensorHealthModel:
     """The observation model of a sensor in an unknown state.
 
     Args:
         model: of the sensor in the state that its scene describes.
         reader: of any object, which embeds hypotheses in other states.
         scene: of the sensor.
+
+    Raises:
+        InvalidArgument: the reader, or the model, is of another kind.
     """
-    worlds = changed_worlds(sensor_state(reader.imaging, scene))
-    embedded = EmbeddedWorlds(reader, scene, worlds)
-    return SensorHealthModel(model, embedded, worlds.labels, spread_prior(len(worlds.labels)))
+    described, hypotheses = joint_model(model), reader.hypotheses
+    if described is None or not isinstance(hypotheses, ContactHypotheses):
+        raise InvalidArgument("the state of a sensor is inferred with a reader of any object and its joint model only")
+    worlds = changed_worlds(sensor_state(hypotheses.imaging, scene))
+    embedded = EmbeddedWorlds(hypotheses, scene, worlds)
+    return SensorHealthModel(described, embedded, worlds.labels, spread_prior(len(worlds.labels)))
