@@ -91,9 +91,10 @@ class SensorReader:
         model, hypotheses, card = joint_model(self.sensor.model), self.sensor.reader.hypotheses, self.sensor.reader.card
         if model is None or hypotheses is None or not (card.imaging is not None or card.knows_aims or not away.min()):
             raise InvalidArgument(
-                "only a sensor whose reader knows predicted contacts, and whose belief is about one rigid body, takes "
-                f"touches that are in none of its poses {scene.pose_labels}; the nearest is "
-                f"{scene.pose_labels[nearest]!r}, {np.degrees(angles[nearest]):.1f}° away"
+                "only a sensor whose belief is about one rigid body takes touches that are in none of its poses "
+                f"{scene.pose_labels}, and only a reader of predicted contacts, or one trained with aims, takes other "
+                f"aims; the nearest is {scene.pose_labels[nearest]!r}, {np.degrees(angles[nearest]):.1f}° and "
+                f"{1e3 * np.linalg.norm(scene.aim_offsets[nearest] - aim):.2f} mm away"
             )
         there = scene.with_pose(quaternion, aim)
         embedded = hypotheses.embedded(there, scene.hypotheses(model.num_hypotheses), len(scene.poses))
@@ -129,7 +130,9 @@ class RecordedRowReader:
 
     def read(self, image: ArrayLike, pose: int) -> tuple[NDArray[np.float64], Touch, None]:
         """The row of features ``(F,)`` as numbers, and the touch that it shows; see :meth:`RecordedSensor.read`."""
-        row = np.asarray(image, np.float64)
+        row, size = np.asarray(image, np.float64), self.sensor.recorded_reader.num_features
+        if row.shape != (size,):
+            raise InvalidArgument(f"image must be a row of {size} features of the recordings, got {row.shape}")
         return row, self.sensor.read(row[None], [pose])[0], None
 
     def at(self, place: Mapping[str, Any]) -> tuple[int, None]:
