@@ -39,7 +39,14 @@ from experiments.robustness.conditions import CONDITIONS, DoesNotApply
 STATED, SUSPICION = 0.95, np.log(3.5)
 OBJECTS, TOUCHES = 12, 6
 USUAL = "usual"
-_SLOW = "press ", "objects ", "all "  # conditions that are not about the sensor
+_OTHERS = "press ", "objects ", "all "  # conditions that are not about the sensor
+_PAIRS = (
+    "noise × 1.5 + stiffness × 0.7",
+    "noise × 2 + 6 % stuck at full scale",
+    "noise × 2 + shifted by 3 % of the edge",
+    "stiffness × 0.4 + force 0.5 to 1.5 N",
+    "hysteresis 5 % + 5 % more dead",
+)
 
 
 class Stop(NamedTuple):
@@ -149,7 +156,7 @@ def main() -> None:
     for pose in range(len(described.poses)):
         plain.model.worlds.in_pose(pose)  # from the cache, before there are other processes
     scenes: dict[str, Scene] = {}
-    usual = [world for world in CONDITIONS if not world.startswith(_SLOW)]
+    usual = [*(world for world in CONDITIONS if not world.startswith(_OTHERS)), *_PAIRS]
     for world in [USUAL, *(given.worlds or usual)]:
         try:
             scenes[world] = changed(given.scene, world)
