@@ -46,7 +46,8 @@ def bodies(folder: Path, number: int, jobs: int = 1) -> dict[str, Mesh]:
     """As many bodies of a folder, evenly chosen, scaled to one size."""
     files = sorted(path for path in folder.rglob("*") if path.suffix.lower() in ENDINGS)
     chosen = [files[i] for i in np.unique(np.linspace(0, len(files) - 1, number).round().astype(int))]
-    found = run_tasks([partial(body, path, str(path.relative_to(folder).with_suffix(""))) for path in chosen], jobs)
+    tasks = [partial(body, path, str(path.relative_to(folder).with_suffix(""))) for path in chosen]
+    found = list(run_tasks(tasks, jobs, "bodies"))
     return {mesh.name: mesh for mesh in found if mesh is not None}
 
 
