@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from activetouch.pressing.contact import Contact
+from activetouch.pressing.contact import missed
 from activetouch.recorded.reader_file import digest_of
 from activetouch.rendering import read_out
 from activetouch.scene import Scene
@@ -69,7 +69,7 @@ class SensorReader:
         of_taxels = differs if differs.ndim == 2 else differs.max(axis=2)
         number = int((of_taxels > limit).sum())
         number = max(number, int(differs.sum() > limit_of_sum))
-        return number * (2.0 * self.sensor.scene.pad.half_width) ** 2 / (image.shape[0] * image.shape[1])
+        return number * (2.0 * self.sensor.scene.pad.half_width) ** 2 / image.shape[0] ** 2
 
     def at(self, place: Mapping[str, Any]) -> tuple[int, Elsewhere | None]:
         """The pose of a place; if it is none of the poses, the nearest one, and the hypotheses embedded there.
@@ -92,9 +92,10 @@ class SensorReader:
         model, hypotheses, card = joint_model(self.sensor.model), self.sensor.reader.hypotheses, self.sensor.reader.card
         if model is None or hypotheses is None or not (card.imaging is not None or card.knows_aims or not away.min()):
             raise InvalidArgument(
-                "only a sensor whose reader knows predicted contacts, and whose belief is about one rigid body, takes "
-                f"touches that are in none of its poses {scene.pose_labels}; the nearest is "
-                f"{scene.pose_labels[nearest]!r}, {np.degrees(angles[nearest]):.1f}° away"
+                "only a sensor whose belief is about one rigid body takes touches that are in none of its poses "
+                f"{scene.pose_labels}, and only a reader of predicted contacts, or one trained with aims, takes other "
+                f"aims; the nearest is {scene.pose_labels[nearest]!r}, {np.degrees(angles[nearest]):.1f}° and "
+                f"{1e3 * np.linalg.norm(scene.aim_offsets[nearest] - aim):.2f} mm away"
             )
         there = with_pose(scene, quaternion, aim)
         embedded = hypotheses.embedded(there, scene.hypotheses(model.num_hypotheses), len(scene.poses))
@@ -104,9 +105,9 @@ class SensorReader:
     def _blank(self) -> tuple[NDArray[np.float64], float, float]:
         """The mean image of no contact; how much a taxel, and all together, differ from it in 2 of 100 such images."""
         scene, rng = self.sensor.scene, np.random.default_rng(0)
-        zeros = np.zeros((scene.pad.num_taxels, scene.pad.num_taxels))
-        ideal = scene.image(Contact(scene.pad, np.full_like(zeros, np.inf), 0.0, zeros, zeros))
-        images = np.stack([read_out(ideal, scene.faults, rng) for _ in range(_BLANKS)]).astype(np.float64)
+        ideal, number = scene.image(missed(scene.pad)), 1 if scene.hand is None else len(scene.hand)
+        readings = [read_out(ideal, scene.faults, rng) for _ in range(_BLANKS * number)]
+        images = np.stack([np.hstack(readings[i::_BLANKS]) for i in range(_BLANKS)]).astype(np.float64)
         nothing = images.mean(axis=0)
         differs = np.abs(images - nothing).reshape(_BLANKS, -1)
         limit = max(_FAINT, float(np.quantile(differs.max(axis=1), _USUAL)))
@@ -130,7 +131,9 @@ class RecordedRowReader:
 
     def read(self, image: ArrayLike, pose: int) -> tuple[NDArray[np.float64], Touch, None]:
         """The row of features ``(F,)`` as numbers, and the touch that it shows; see :meth:`RecordedSensor.read`."""
-        row = np.asarray(image, np.float64)
+        row, size = np.asarray(image, np.float64), self.sensor.recorded_reader.num_features
+        if row.shape != (size,):
+            raise InvalidArgument(f"image must be a row of {size} features of the recordings, got {row.shape}")
         return row, self.sensor.read(row[None], [pose])[0], None
 
     def at(self, place: Mapping[str, Any]) -> tuple[int, None]:

@@ -189,9 +189,9 @@ class SearchProblem:
             object.__setattr__(self, "touch_limit", max(48, 4 * int(self.num_objects)))
         require_count("touch_limit", self.touch_limit)
         if isinstance(self.composition, Counts) and sum(self.composition.of(self.shape_labels)) < self.num_objects:
-            raise ValueError(f"{self.num_objects} objects cannot come from a bag of {self.composition.total}")
+            raise InvalidArgument(f"{self.num_objects} objects cannot come from a bag of {self.composition.total}")
         if self.composition is Composition.DISTINCT and self.num_objects > self.num_shapes:
-            raise ValueError(
+            raise InvalidArgument(
                 f"{self.num_objects} objects cannot all differ in shape when there are only {self.num_shapes} "
                 f"shapes ({', '.join(self.shape_labels)}); use the composition 'independent'"
             )

@@ -18,6 +18,8 @@ from belief.history import TouchHistory
 from belief.naming import Name
 from belief.observation_model.evidence import ObjectEvidence, start
 from belief.observation_model.model import ObservationModel
+from belief.observation_model.sensor_health import SensorEvidence, SensorHealthModel
+from belief.observation_model.sensor_worlds import SensorHealth
 from belief.problem import SearchProblem, Touch
 from belief.scene_view import UNKNOWN, ReadableScene, SceneView
 from belief.validation import Floats, as_logs
@@ -84,7 +86,11 @@ class SceneBelief(ReadableScene):
         self._log_likelihoods = np.zeros((problem.num_objects, problem.num_shapes))
         self._touches = [TouchHistory() for _ in range(problem.num_objects)]
         self._evidence = [start(model)] * problem.num_objects
-        self._earlier_bets = continued_bets(log_bets, self._evidence[0].log_bets)
+        self._sensor = model if isinstance(model, SensorHealthModel) else None
+        like = self._evidence[0].log_bets if self._sensor is None else self._sensor.health().log_bets
+        self._earlier_bets = continued_bets(log_bets, like)
+        self._health = None if self._sensor is None else self._sensor.health(self._earlier_bets)
+        self._touched: dict[int, SensorEvidence] = {}  # of the objects, in the order of their first touches
         self._known = np.full(problem.num_objects, UNKNOWN)
         self._on_table = np.ones(problem.num_objects, np.bool_)
         self._log_marginals = self._compute(self._log_likelihoods, self._known)
@@ -129,11 +135,15 @@ class SceneBelief(ReadableScene):
         """
         if not self._on_table[self._object(object_index)]:
             raise ValueError(f"object {object_index} is no longer on the table and cannot be touched")
-        new, evidence = tuple(touches), self._evidence[object_index]
-        for touch in new:
-            evidence = evidence.update(touch)
+        new, evidence, health, touched = tuple(touches), self._evidence[object_index], self._health, self._touched
         log_likelihoods = self._log_likelihoods.copy()
-        log_likelihoods[object_index] = evidence.log_likelihood
+        if self._sensor is None:
+            for touch in new:
+                evidence = evidence.update(touch)
+            log_likelihoods[object_index] = evidence.log_likelihood
+        elif new:
+            log_likelihoods, touched, health = self._coupled(self._sensor, object_index, new)
+            evidence = touched[object_index]
         try:
             log_marginals = self._compute(log_likelihoods, self._known)
         except ImpossibleObservation as error:
@@ -142,7 +152,9 @@ class SceneBelief(ReadableScene):
                 f"touching object {object_index} in poses {poses}, {self.belief(object_index)}: {error}"
             ) from error
         self._log_likelihoods, self._log_marginals = log_likelihoods, log_marginals
-        self._evidence[object_index] = evidence
+        self._evidence[object_index], self._health, self._touched = evidence, health, touched
+        for index, one in touched.items():
+            self._evidence[index] = one
         self._touches[object_index] = self._touches[object_index].extended(new)
         return self.belief(object_index)
 
@@ -182,6 +194,24 @@ class SceneBelief(ReadableScene):
         if shape is not None:
             self.known(object_index, shape)
         self._on_table[self._object(object_index)] = False
+
+    def _coupled(
+        self, sensor: SensorHealthModel, object_index: int, touches: tuple[Touch, ...]
+    ) -> tuple[Floats, dict[int, SensorEvidence], SensorHealth]:
+        """Log-likelihoods of all objects after new touches of one, which also tell about the sensor of all."""
+        assert self._health is not None, "set with the sensor"
+        found, new = dict(self._touched), {object_index: touches}
+        evidence = found[object_index] if object_index in found else sensor.start_in(self._health.awake)
+        found[object_index] = evidence.updated(touches)
+        likely, health = sensor.over_objects(list(found.values()), self._earlier_bets)
+        asleep = [] if health.is_clear else [index for index, one in found.items() if one.has_sleepers]
+        for index in asleep:
+            found[index] = sensor.start().updated((*self._touches[index], *new.get(index, ())))
+        if asleep:
+            likely, health = sensor.over_objects(list(found.values()), self._earlier_bets)
+        log_likelihoods = self._log_likelihoods.copy()
+        log_likelihoods[list(found)] = likely
+        return log_likelihoods, found, health
 
     def _compute(self, log_likelihoods: Floats, known: np.ndarray) -> Floats:
         """Log marginals of every object, ``(N, K)``."""

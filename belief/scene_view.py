@@ -14,6 +14,7 @@ from belief.frozen import frozen
 from belief.history import TouchHistory
 from belief.naming import Name, index_of
 from belief.observation_model.evidence import ObjectEvidence
+from belief.observation_model.sensor_worlds import SensorHealth
 from belief.validation import Floats, require_index
 
 UNKNOWN = -1
@@ -40,6 +41,7 @@ class ReadableScene:
     _touches: Sequence[TouchHistory]
     _evidence: Sequence[ObjectEvidence]
     _earlier_bets: Floats
+    _health: SensorHealth | None
 
     @property
     def num_objects(self) -> int:
@@ -91,21 +93,32 @@ class ReadableScene:
         return 1.0 - prob_shape_absent(self._log_likelihoods[unknown], bag, target, self._on_table[unknown])
 
     @property
+    def sensor_health(self) -> SensorHealth | None:
+        """What the session knows about its sensor after all touches; None for a model with one world of the sensor."""
+        return self._health
+
+    @property
     def log_conflict(self) -> float:
         """Natural log of the e-value against "all touches so far come from the world that the model knows".
+
+        For a model with several worlds of the sensor, the Bayes factor of none of them
+        (:attr:`belief.observation_model.SensorHealth.log_conflict`).
 
         It counts the touches of earlier searches too, if their :attr:`log_bets` were given. In that world it ever
         exceeds log(1/α) with probability at most α, up to the dependence between touches that :mod:`belief.conflict`
         describes. It is 0.0 for models without a test.
         """
-        return log_conflict([self.log_bets])
+        return log_conflict([self.log_bets]) if self._health is None else self._health.log_conflict
 
     @property
     def log_bets(self) -> Floats:
         """Log wealth of every strategy of the conflict test after all touches, ``(J,)``; 0.0 without a test.
 
-        Give it to the next search with the same robot and sensor, so that its test continues this one.
+        Give it to the next search with the same robot and sensor, so that its test continues this one. For a model with
+        several worlds of the sensor, what is known about them.
         """
+        if self._health is not None:
+            return self._health.log_bets
         bets = (evidence.log_bets for evidence in self._evidence if evidence.log_bets is not None)
         return np.asarray(sum(bets, start=self._earlier_bets))
 

@@ -174,14 +174,13 @@ class Session:
         if self._asked is None:
             raise InvalidArgument(f"the search has ended: {self.outcome}. undo() takes back what was told last")
         answer = Answer(touch, image, missed, pose, force, area)
-        told = self._listener.told(answer, self._asked, self._rng.bit_generator.state)
+        told = self._listener.told(answer, self._asked, self._rng.bit_generator.state, self.object_index)
         if told.kind != "done" and not self._progress.may_touch:
             raise InvalidArgument(f"the touch limit of the search, {self.problem.touch_limit}, allows no more touches")
-        index = self.object_index
         self._apply(told)
         if self._journal is not None:
             try:
-                self._journal.append(told_fields(told, index, self.problem))
+                self._journal.append(told_fields(told, self.problem))
             except BaseException:
                 self._restore(self._events)
                 raise
@@ -301,9 +300,9 @@ class Session:
             events, truth = events_from(lines, session.problem, reader)
             session._restore(events)
             session.arrangement = session.arrangement if truth is None else session._shapes(truth)
-        except OtherModel:
+        except OtherModel as error:
             journal.close()
-            raise
+            raise OtherModel(f"{path}: {error}") from None
         except (LookupError, TypeError, ValueError, AttributeError) as error:
             journal.close()
             raise CorruptFile(f"{path} is no log of a session: {error}") from error

@@ -12,10 +12,10 @@ from belief.errors import InvalidArgument
 from belief.journal import array_field, array_from
 from belief.naming import index_of
 from belief.observation_model.model import ObservationModel
-from belief.problem import Probe, Reject, SearchProblem, Touch
+from belief.problem import Probe, SearchProblem, Touch
 from planners.decider import Decision
 from planners.episode import ACTION_NAMES, ACTIONS
-from planners.told import ImageReader, Told, standing_of
+from planners.told import ImageReader, Told
 
 SCHEMA = "activetouch session 1"
 """First field of the first line; the number grows when a reader of older logs could be misled."""
@@ -25,12 +25,12 @@ class OtherModel(InvalidArgument):
     """A log was made with another observation model or reader; its beliefs would not be the same."""
 
 
-def told_fields(told: Told, object_index: int, problem: SearchProblem) -> dict[str, Any]:
+def told_fields(told: Told, problem: SearchProblem) -> dict[str, Any]:
     """A line of the log."""
     action, touch, poses = told.asked.action, told.touch, problem.pose_labels
     line: dict[str, Any] = {
         "told": told.kind,
-        "object": object_index,
+        "object": told.object_index,
         "time": told.time,
         "asked": {"pose": poses[action.pose]} if isinstance(action, Probe) else ACTION_NAMES[type(action)],
         "scores": dict(told.asked.scores),
@@ -69,20 +69,13 @@ def told_from(line: Mapping[str, Any], problem: SearchProblem, reader: ImageRead
         raise ValueError("a touch needs a pose, and an action that is no touch has none")
     numbers = {name: float(line[name]) for name in ("force", "area") if name in line}
     decision = Decision(action, scores)
-    return Told(decision, line["rng"], touch, kind == "miss", arrays["image"], time=float(line["time"]), **numbers)
+    at = int(line["object"])
+    return Told(decision, line["rng"], at, touch, kind == "miss", arrays["image"], time=float(line["time"]), **numbers)
 
 
 def event_lines(events: Sequence[Told | None], problem: SearchProblem) -> list[dict[str, Any]]:
-    """The lines of all events of a session; see :func:`planners.told.standing_of`."""
-    lines: list[dict[str, Any]] = []
-    for number, event in enumerate(events):
-        if event is None:
-            lines.append({"told": "undo", "time": time.time()})
-        else:
-            standing, _ = standing_of(events[:number])
-            rejected = sum(told.kind == "done" and isinstance(told.asked.action, Reject) for told in standing)
-            lines.append(told_fields(event, rejected, problem))
-    return lines
+    """The lines of all events of a session; None takes back the last that stands."""
+    return [{"told": "undo", "time": time.time()} if told is None else told_fields(told, problem) for told in events]
 
 
 def events_from(
@@ -149,4 +142,6 @@ def require_same(header: Mapping[str, Any], model: ObservationModel, reader: Ima
         raise ValueError(f"its schema is {schema!r:.60}, not {SCHEMA!r}")
     for what, digest in digests(model, reader).items():
         if header[what] is not None and header[what] != digest:
-            raise OtherModel(f"the session began with another {what.removesuffix('_sha256')} than this one")
+            raise OtherModel(
+                f"the session began with another {what.removesuffix('_sha256')} than this one; give its own sensor"
+            )

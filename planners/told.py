@@ -47,6 +47,7 @@ class Told:
     Attributes:
         asked: the decision that asked.
         rng: state of the decider's generator after it.
+        object_index: the object that was the current one.
         touch: what was felt; None for a miss without evidence, and for an action that is no touch.
         is_miss: whether there was no contact.
         image: that the touch was read from, or None.
@@ -57,6 +58,7 @@ class Told:
 
     asked: Decision
     rng: Mapping[str, Any]
+    object_index: int
     touch: Touch | None = None
     is_miss: bool = False
     image: NDArray[Any] | None = None
@@ -112,12 +114,12 @@ class Listener:
         _not_negative("least_force", self.least_force)
         _not_negative("least_area", self.least_area)
 
-    def told(self, answer: Answer, asked: Decision, rng: Mapping[str, Any]) -> Told:
+    def told(self, answer: Answer, asked: Decision, rng: Mapping[str, Any], object_index: int) -> Told:
         """What an answer means; see :meth:`planners.session.Session.tell` for errors."""
         action, touch, image = asked.action, answer.touch, answer.image
         wanted = action.pose if isinstance(action, Probe) else None
         if answer.is_plain and wanted is None:
-            return Told(asked, rng, time=time.time())
+            return Told(asked, rng, object_index, time=time.time())
         if (touch is not None) + (image is not None) + bool(answer.missed) != 1:
             raise InvalidArgument(
                 f"asked was {self.in_words(action)}; a touch is told by one of tell(touch), tell(image=…) and "
@@ -142,7 +144,7 @@ class Listener:
             touch = None if of_miss is None else of_miss(pose)
         elif touch is not None and (touch.pose != pose or touch.elsewhere is not elsewhere):
             touch = replace(touch, pose=pose, elsewhere=elsewhere)
-        return Told(asked, rng, touch, is_miss, image, force, area, time.time())
+        return Told(asked, rng, object_index, touch, is_miss, image, force, area, time.time())
 
     def _place(self, pose: Any) -> tuple[int, Elsewhere | None]:
         if not isinstance(pose, Mapping):

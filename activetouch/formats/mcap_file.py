@@ -6,7 +6,6 @@ there is a layout. The image lies beside them as bytes, so that reading it back 
 
 from __future__ import annotations
 
-import base64
 import json
 from fractions import Fraction
 from pathlib import Path
@@ -19,6 +18,7 @@ from activetouch.extras import require_extra
 from activetouch.formats.session_touches import SessionTouches, TaxelLayout
 from activetouch.recorded.bounded import MOST_BYTES, MOST_TOUCHES
 from belief.files import atomic_path, require_regular_file
+from belief.journal import array_field, array_from
 
 _SCHEMAS: dict[str, dict[str, Any]] = {
     "/layout": {"positions": "array", "newtons_per_unit": "number"},
@@ -71,7 +71,6 @@ def write_mcap(path: str | Path, touches: SessionTouches) -> None:
             message = {"positions": layout.positions.tolist(), "newtons_per_unit": layout.newtons_per_unit}
             add("/layout", float(touches.times[0]), message)
         for i, image in enumerate(touches.images):
-            little = np.ascontiguousarray(image, image.dtype.newbyteorder("<"))
             message = {
                 "time": float(touches.times[i]),
                 "session": int(touches.sessions[i]),
@@ -81,11 +80,7 @@ def write_mcap(path: str | Path, touches: SessionTouches) -> None:
                 "pose": touches.pose_labels[touches.poses[i]],
                 "force": None if np.isnan(touches.forces[i]) else float(touches.forces[i]),
                 "newtons": None if newtons is None else newtons[i].tolist(),
-                "image": {
-                    "dtype": image.dtype.name,
-                    "shape": image.shape,
-                    "base64": base64.b64encode(little.tobytes()).decode(),
-                },
+                "image": array_field(image),
             }
             add("/touch", float(touches.times[i]), message, i)
         writer.finish()  # type: ignore[no-untyped-call]
@@ -137,8 +132,8 @@ def _touches(rows: list[dict[str, Any]], pose_labels: list[str], layout: TaxelLa
     labels = pose_labels or sorted(set(poses))
     sessions = [row.get("session", 0) for row in rows]
     targets = {session: row.get("target", "an object") for session, row in zip(sessions, rows, strict=True)}
-    images = np.stack([_image(row) for row in rows])
     is_exact = "image" in rows[0]
+    images = np.stack([array_from(row["image"]) if is_exact else np.array(row["newtons"], np.float64) for row in rows])
     return SessionTouches(
         images,
         np.array([row["time"] for row in rows]),
@@ -151,13 +146,3 @@ def _touches(rows: list[dict[str, Any]], pose_labels: list[str], layout: TaxelLa
         forces=np.array([np.nan if row.get("force") is None else row["force"] for row in rows]),
         layout=layout if is_exact or layout is None else TaxelLayout(layout.positions, 1.0),
     )
-
-
-def _image(row: dict[str, Any]) -> Any:
-    if "image" not in row:
-        return np.array(row["newtons"], np.float64)
-    dtype = np.dtype(row["image"]["dtype"])
-    if dtype.kind not in "uf":
-        raise ValueError(f"images of {dtype} are not read")
-    content = base64.b64decode(row["image"]["base64"], validate=True)
-    return np.frombuffer(content, dtype.newbyteorder("<")).reshape(row["image"]["shape"]).astype(dtype)

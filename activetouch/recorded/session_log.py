@@ -106,8 +106,8 @@ def read_session_logs(path: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
             actions.append(touch.pose)
             sessions.append(number * header["problem"]["num_objects"] + touch.object_index)
     if poses is None or not rows:
-        why = f"the true shapes of {unknown} touches were not revealed" if unknown else "there are no touches"
-        raise BadRecording(f"{path} holds no recordings: {why}; a session tells them by session.reveal(…)")
+        why = f"the true shapes of {unknown} touches were not revealed: session.reveal(…), or the request reveal, does"
+        raise BadRecording(f"{path} holds no recordings: {why if unknown else 'there are no touches in logs'}")
     columns = {"object": np.array(names), "action": np.array(actions), "session": np.array(sessions)}
     recorded = touches_of_columns(np.stack(rows), columns, str(path), action_names=poses)
     left_out = (f"{unknown} touches are left out: nobody revealed what was touched",) if unknown else ()

@@ -18,19 +18,24 @@ from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.plda import PLDAModel
 from belief.observation_model.registry import read_observation_model, read_origin
 from belief.observation_model.rigid_body import FittedRigidBody, RigidBodyModel
+from belief.observation_model.sensor_health import SensorHealthModel
+from belief.observation_model.sensor_worlds import FixedWorlds, spread_prior
 
 __all__ = [
     "ArrayModel",
     "ConfusionModel",
     "FittedRigidBody",
     "FixedHypotheses",
+    "FixedWorlds",
     "GaussianModel",
     "ObservationModel",
     "OutcomeTable",
     "PLDAModel",
     "RatioModel",
     "RigidBodyModel",
+    "SensorHealthModel",
     "check_observation_model",
     "read_observation_model",
     "read_origin",
+    "spread_prior",
 ]

@@ -110,13 +110,9 @@ class EmbeddedHypotheses:
         """
         if table.shape[1:] != self.shape[2:] or len(table) > self.shape[1]:
             raise ValueError(f"hypotheses must be {self.shape[1:]} (shapes, N, D), got {table.shape}")
-        return (self.scaled(embeddings) @ table.reshape(-1, table.shape[-1]).T).reshape(-1, *table.shape[:2])
-
-    def scaled(self, embeddings: Floats) -> Floats32:
-        """Embeddings by temperature in single precision, limited to numbers whose products do not overflow."""
-        with np.errstate(over="ignore"):
-            scaled = np.asarray(embeddings, np.float64) / self.temperature
-        return np.clip(scaled, -_LARGEST, _LARGEST).astype(np.float32)
+        return (scaled(embeddings, self.temperature) @ table.reshape(-1, table.shape[-1]).T).reshape(
+            -1, *table.shape[:2]
+        )
 
     def in_pose(self, pose: int) -> Floats32:
         """The embedded hypotheses of one pose, ``(K, N, D)``; where poses share references, embedded at first use."""
@@ -156,6 +152,13 @@ class EmbeddedHypotheses:
     @cached_property
     def _by_pose(self) -> EmbedsByPose | None:
         return self.embed if self.groups and isinstance(self.embed, EmbedsByPose) else None
+
+
+def scaled(embeddings: Floats, temperature: float) -> Floats32:
+    """Embeddings by temperature in single precision, limited to numbers whose products do not overflow."""
+    with np.errstate(over="ignore"):
+        by_temperature = np.asarray(embeddings, np.float64) / temperature
+    return np.clip(by_temperature, -_LARGEST, _LARGEST).astype(np.float32)
 
 
 def require_table(table: Floats32, shape: tuple[int, ...]) -> None:

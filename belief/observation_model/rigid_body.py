@@ -117,11 +117,10 @@ class FittedRigidBody(ArrayModel):
     def with_hypotheses(self, embed: Embeds, num_hypotheses: int | None = None) -> RigidBodyModel:
         """The model with these hypotheses, which are embedded at first use.
 
-        With another number of hypotheses it has no conflict test.
-
         Args:
             embed: embeds hypotheses.
-            num_hypotheses: N, of each shape; as many as the model was fitted with by default.
+            num_hypotheses: N, of each shape; as many as the model was fitted with by default. With another number it
+                has no conflict test.
         """
         fitted = {field.name: getattr(self, field.name) for field in fields(FittedRigidBody)}
         if num_hypotheses not in (None, self.num_hypotheses):
@@ -385,13 +384,14 @@ class RigidBodyModel(FittedRigidBody):
 
 
 def joint_model(model: ObservationModel) -> RigidBodyModel | None:
-    """The model itself, if it is about one rigid body in an unknown orientation and size; otherwise None.
+    """The model, or its nominal one, if it is about one rigid body in an unknown orientation and size; otherwise None.
 
     >>> from belief.synthetic import random_model
     >>> joint_model(random_model(np.random.default_rng(0))) is None
     True
     """
-    return model if isinstance(model, RigidBodyModel) else None
+    nominal = getattr(model, "nominal", model)
+    return nominal if isinstance(nominal, RigidBodyModel) else None
 
 
 def _in_half(array: Floats) -> Floats:

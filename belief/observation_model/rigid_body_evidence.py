@@ -34,6 +34,8 @@ from belief.problem import Touch
 from belief.validation import Floats, require_count
 
 Floats32 = NDArray[np.float32]
+SumsByPlace = Mapping[int | tuple[float, ...], tuple[int, Floats]]
+"""Number of touches in every pose, or other place, and the sum of their scores, ``(..., K, N)``."""
 
 
 class Hypotheses(Protocol):
@@ -102,14 +104,16 @@ class RigidBodyEvidence:
         in_pose: for every pose, and every other place, in which the object was touched, the number of touches and the
             sum of their scores, ``(K, N)`` up to a constant; empty where the model discounts neither repeats nor drift.
         conflict: test that they come from the world that the model was fitted to; None if the model has none.
+        constant: what both logarithms are less by.
     """
 
     model: Hypotheses
     log_weights: Floats
     log_likelihood: Floats
     num_touches: int = 0
-    in_pose: Mapping[int | tuple[float, ...], tuple[int, Floats]] = field(default_factory=dict)
+    in_pose: SumsByPlace = field(default_factory=dict)
     conflict: ObjectConflict | None = None
+    constant: float = 0.0
 
     def update(self, touch: Touch) -> RigidBodyEvidence:
         """The evidence with one more touch; costs K N D multiplications.
@@ -117,24 +121,18 @@ class RigidBodyEvidence:
         Raises:
             ValueError: the touch does not fit the model, or brings no embedding.
         """
-        embedding, correlation, drift = self.model.embedding_of(touch), self.model.correlation, self.model.drift
-        pose = int(touch.pose) if touch.elsewhere is None else touch.elsewhere.place
+        embedding = self.model.embedding_of(touch)
         scores = self.model.scores_of(touch, embedding)
-        log_weights, log_likelihood, largest = _relative(self.log_weights + scores)
-        in_pose, conflict = self.in_pose, self.conflict
+        log_weights, log_likelihood, largest = relative(self.log_weights + scores)
+        constant, conflict = self.constant + float(largest), self.conflict
         if conflict is not None:
             surprise = misfit(scores, self.log_likelihood, log_likelihood + largest)
             conflict = conflict.update(embedding[0], float(surprise), float(largest_posterior(self.log_likelihood)))
-        if correlation or drift:
-            number, before = in_pose.get(pose, (0, 0.0))
-            total = np.add(before, scores, dtype=np.float64) if number else scores
-            in_pose = {**in_pose, pose: (number + 1, _read_only(total))}
-            if number or drift:
-                shares = effective_touches([n for n, _ in in_pose.values()], correlation)
-                shares = shares * drift_share(shares.sum(), drift)
-                together = sum(m / n * some for m, (n, some) in zip(shares, in_pose.values(), strict=True))
-                log_weights, log_likelihood, _ = _relative(together)
-        return RigidBodyEvidence(self.model, log_weights, log_likelihood, self.num_touches + 1, in_pose, conflict)
+        in_pose, discounted = with_touch(self.in_pose, touch, scores, self.model.correlation, self.model.drift)
+        if discounted is not None:
+            log_weights, log_likelihood, constant = relative(discounted)
+        number = self.num_touches + 1
+        return RigidBodyEvidence(self.model, log_weights, log_likelihood, number, in_pose, conflict, float(constant))
 
     @property
     def log_bets(self) -> Floats | None:
@@ -188,23 +186,52 @@ class RigidBodyEvidence:
 
 
 def joint_evidence(evidence: ObjectEvidence) -> RigidBodyEvidence | None:
-    """The evidence itself, if it is about one rigid body; otherwise None.
+    """The evidence, or its nominal one, if it is about one rigid body; otherwise None.
 
     >>> from belief.synthetic import random_model
     >>> joint_evidence(random_model(np.random.default_rng(0)).start()) is None
     True
     """
-    return evidence if isinstance(evidence, RigidBodyEvidence) else None
+    nominal = getattr(evidence, "nominal", evidence)
+    return nominal if isinstance(nominal, RigidBodyEvidence) else None
 
 
-def _relative(log_weights: Floats) -> tuple[Floats, Floats, float]:
-    """Log weights ``(K, N)`` and log mean weights of shapes ``(K,)`` less the largest log weight, and this one.
+def relative(log_weights: Floats) -> tuple[Floats, Floats, float]:
+    """Log weights ``(..., K, N)`` and log mean weights ``(..., K)`` less the largest log weight, and this one.
 
     Overwrites the log weights and makes them read-only.
     """
     largest = log_weights.max()
     log_weights -= largest
     return _read_only(log_weights), _read_only(log_means(log_weights)), largest
+
+
+def with_touch(
+    sums: SumsByPlace, touch: Touch, scores: NDArray[Any], correlation: float, drift: float
+) -> tuple[SumsByPlace, Floats | None]:
+    """The sums of scores in every place with one more touch, and the sum of all touches where some are discounted.
+
+    Args:
+        sums: number of touches and sum of their scores in every place.
+        touch: whose place counts.
+        scores: of the touch, ``(..., K, N)``.
+        correlation: ρ in [0, 1] of repeats in one place.
+        drift: κ in [0, 1] of touches in different places.
+
+    Returns:
+        The new sums; and log weights ``(..., K, N)``, or None where every touch counts in full.
+    """
+    if not (correlation or drift):
+        return sums, None
+    place = int(touch.pose) if touch.elsewhere is None else touch.elsewhere.place
+    number, before = sums.get(place, (0, 0.0))
+    total = np.add(before, scores, dtype=np.float64) if number else scores
+    sums = {**sums, place: (number + 1, _read_only(total))}
+    if not (number or drift):
+        return sums, None
+    shares = effective_touches([n for n, _ in sums.values()], correlation)
+    shares = shares * drift_share(shares.sum(), drift)
+    return sums, sum(m / n * one for m, (n, one) in zip(shares, sums.values(), strict=True))
 
 
 def _read_only(array: NDArray[Kind]) -> NDArray[Kind]:

@@ -64,7 +64,8 @@ class Live:
     least_area: NotNegative | None = None
     """A contact whose area is not larger is no contact [m²]."""
     log: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """File for all that is told; a search that it holds goes on. By default a new one in runs/live."""
+    """File for all that is told; a search that it holds goes on, and keeps its own limits.
+    By default a new one in runs/live."""
     serve: str | None = None
     """HOST:PORT to listen on, instead of standard input; port 0 takes a free one."""
     open_to_network: bool = False
@@ -91,7 +92,7 @@ class Live:
             least_force=self.least_force,
             least_area=self.least_area,
         )
-        print(f"log: {log}", file=sys.stderr)
+        print(f"log: {log}" + f", goes on at step {session.step}" * bool(session.step), file=sys.stderr)
         conversation = Conversation(session, sensor)
         try:
             if address is None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ from experiments.search.certificate import made_for, opened, with_unsure
 from planners import Decider, Episode, Session, make_decider, search
 from planners.abstaining import Abstaining
 from planners.certified import Certificate, NotCertified
+from planners.session_log import problem_fields
 
 _TOUCHES_PER_OBJECT = 12
 
@@ -80,11 +80,14 @@ def session_with(
         begun.save(log)
         return begun
     found = Session.load(log, model=sensor.model, decider=chosen, reader=reader)
-    before, now = ((replace(s.problem, unsure_reward=None), s.target, s.seed) for s in (found, begun))
-    if before != now:
-        found.close()
-        what = next(f"{one}, not {other}" for one, other in zip(before, now, strict=True) if one != other)
-        raise InvalidArgument(f"{log} is the log of another search: its {what}")
+    before, now = (
+        {"target": s.problem.shape_labels[s.target], **problem_fields(s.problem), "seed": s.seed, "unsure_reward": None}
+        for s in (found, begun)
+    )
+    for name, value in before.items():
+        if value != now[name]:
+            found.close()
+            raise InvalidArgument(f"{log} is the log of another search: its {name} is {value!r}, not {now[name]!r}")
     return found
 
 

@@ -18,11 +18,13 @@ from belief.observation_model import (
     ConfusionModel,
     FittedRigidBody,
     FixedHypotheses,
+    FixedWorlds,
     GaussianModel,
     OutcomeTable,
     PLDAModel,
     RatioModel,
     RigidBodyModel,
+    SensorHealthModel,
 )
 from belief.observation_model.action_kernel import ActionKernelModel
 from belief.observation_model.calibration_data import LabelledTouches
@@ -41,6 +43,7 @@ from planners.solve import TouchProblem
 LABELS = ("ball", "cube")
 ROWS = np.array([[2.0, 0.0], [0.0, 1.0], [1.0, 0.0], [0.5, 3.0]])
 TRUTH = np.array([0, 1, 0, 1])
+ONE = np.ones((1, 5, 4))
 TABLE = np.array([[[0.9, 0.1], [0.2, 0.8]]])
 IDENTITY = np.eye(1)
 
@@ -87,6 +90,16 @@ HOLDERS = {
     "RigidBodyModel": (
         lambda a, b, c: RigidBodyModel(LABELS, 3, 1.0, b, c, hypotheses=FixedHypotheses(a)),
         [np.ones((1, 2, 3, 4), np.float32), np.ones((1, 5, 4)), np.ones((1, 5, 2))],
+    ),
+    "FixedWorlds": (FixedWorlds, [np.ones((1, 2, 2, 3, 4), np.float32)]),
+    "SensorHealthModel": (
+        lambda a, b: SensorHealthModel(
+            RigidBodyModel(LABELS, 3, 1.0, ONE, ONE[..., :2], hypotheses=FixedHypotheses(np.ones((1, 2, 3, 4)))),
+            FixedWorlds(a),
+            ("soft",),
+            b,
+        ),
+        [np.ones((1, 1, 2, 3, 4), np.float32), np.array([0.8, 0.1, 0.1])],
     ),
     "MahalanobisScore": (lambda a, b: MahalanobisScore(a, b, 0.5), [ROWS, np.eye(2)]),
     "RiskCoverage": (lambda a, b: RiskCoverage(a, b, 0.1, (0.0, 0.2)), [np.array([0.5, 1.0]), np.array([0.0, 0.2])]),

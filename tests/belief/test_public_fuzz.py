@@ -209,6 +209,11 @@ CALLS = {
         ).log_likelihood([Touch(0, np.zeros(3))] * 3),
     ),
     "FixedHypotheses": lambda a: observation_model.FixedHypotheses(a[None, None])(4),
+    "FixedWorlds": lambda a: observation_model.FixedWorlds(a[None, None, None]).in_pose(0),
+    "SensorHealthModel": lambda a: observation_model.SensorHealthModel(
+        one_body(a), observation_model.FixedWorlds(np.stack([a] * 3)[None, None]), ("soft",), a[0, :3]
+    ),
+    "spread_prior": lambda a: observation_model.spread_prior(2, *a[0, :2]),
     "FittedRigidBody": lambda a: one_body(a).outcome_table(2).probs,
     "RigidBodyModel": lambda a: (
         one_body(a).log_likelihood([Touch(0, features=row) for row in a]),

@@ -322,3 +322,17 @@ def test_a_reader_of_any_object_embeds_hypotheses_at_any_place():
     assert once.update(touch).num_touches == 2
     with pytest.raises(InvalidArgument, match="none of the poses"):
         model.log_likelihood([touch])
+
+
+def test_a_log_of_another_search_is_refused_with_what_differs(tmp_path):
+    log = tmp_path / "log.jsonl"
+    session_with(sensor(), "cone", "fixed_poses", 7, log=log).close()
+    for changed, message in (
+        ({"target": "cube"}, "its target is 'cone', not 'cube'"),
+        ({"num_objects": 3}, "its num_objects is 4, not 3"),
+    ):
+        with pytest.raises(InvalidArgument, match=message):
+            session_with(sensor(), **{"target": "cone", "decider": "fixed_poses", "seed": 7, "log": log, **changed})
+    with pytest.raises(InvalidArgument, match="5 objects cannot all differ"):
+        session_with(sensor(), "cone", "fixed_poses", 7, 5)
+    session_with(sensor(), "cone", "fixed_poses", 7, log=log).close()

@@ -1,0 +1,309 @@
+r"""The health of the sensor as a latent of the session: what is the matter with it is inferred along with the shapes.
+
+    p(o_1.. of all objects | k, w) = ∏_objects j  mean_i ∏_t p(o_t | k_j, R_i, s_i, pose_t, w_j)
+
+A *world* w of the sensor is a way in which it may differ from its description: stiffer, noisier, with a stuck taxel.
+The components of the mixture are the sensor as described, W worlds, and one that knows nothing: under it every touch of
+every shape has the log ratio zero. They compare directly, because all ratios log p(o | c, w) / p(o) share p(o).
+
+The component stays from object to object, except that before each object it is drawn anew from the prior with a small
+probability (``forgetting``): sensors change. So the posterior over components is that of a hidden Markov chain over
+objects, in the order of their first touches, and each object is believed with what all others tell about the sensor.
+What one object tells about it counts all shapes alike.
+
+In a long session, worlds that are out of the question are not asked about every object (:class:`SensorHealth`).
+
+The touches of three objects, two in each, whose embeddings have the wrong sign:
+
+>>> from belief.observation_model import FixedHypotheses, FixedWorlds, spread_prior
+>>> table = np.array([[[[2.0, 0.0]], [[0.0, 2.0]]]], np.float32)                        # one pose, two shapes
+>>> one = np.ones((1, 1, 2))
+>>> nominal = RigidBodyModel(("mug", "cup"), 1, 1.0, one, one, hypotheses=FixedHypotheses(table))
+>>> model = SensorHealthModel(nominal, FixedWorlds(-table[:, None]), ("wrong sign",), spread_prior(1))
+>>> evidence, cup = [], Touch(0, features=np.array([0.0, -3.0]))
+>>> for _ in range(3):
+...     evidence.append(model.start().update(cup).update(cup))
+>>> log_likelihoods, health = model.over_objects(evidence, np.zeros(4))
+>>> print(health)
+wrong sign 1.00
+>>> log_likelihoods.argmax(axis=1).tolist(), int(evidence[0].nominal.log_likelihood.argmax())
+([1, 1, 1], 0)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from belief.frozen import frozen
+from belief.naming import checked_names
+from belief.observation_model.embedded_hypotheses import require_table, scaled
+from belief.observation_model.log_weights import log_means
+from belief.observation_model.model import ArrayModel, Reads
+from belief.observation_model.outcome_mixture import OutcomeMixture
+from belief.observation_model.outcome_table import OutcomeTable
+from belief.observation_model.rigid_body import FittedRigidBody, RigidBodyModel
+from belief.observation_model.rigid_body_evidence import (
+    Diagnostics,
+    RigidBodyEvidence,
+    SumsByPlace,
+    relative,
+    with_touch,
+)
+from belief.observation_model.sensor_worlds import AS_DESCRIBED, SURE, UNKNOWN, EmbedsWorlds, SensorHealth
+from belief.observation_model.views import SharedMixture
+from belief.problem import Touch
+from belief.touch_batch import TouchBatch
+from belief.validation import SUM_TOLERANCE, Floats, renormalised, require_number
+
+_LEAST = -1e4  # log of a posterior by its prior: an impossible world may come back
+
+
+@dataclass(frozen=True, eq=False)
+class SensorHealthModel(ArrayModel):
+    """The joint model of one rigid body, with the world of the sensor as a latent that all objects of a session share.
+
+    :class:`~belief.scene_belief.SceneBelief` couples the objects. One object alone is believed with the prior of the
+    worlds. Samples, tables and predicted outcomes, and what is filed, are those of the nominal model.
+
+    Attributes:
+        nominal: the sensor as described; its conflict test is not used.
+        worlds: embeds the hypotheses in W other worlds, pose by pose, at first use.
+        world_labels: their names, W; none is allowed.
+        prior: of the components: nominal, worlds, unknown, ``(1 + W + 1,)``; see :func:`spread_prior`.
+        forgetting: probability that the component is drawn anew before an object, in [0, 1].
+
+    Raises:
+        ValueError: names that are not different; a prior that is no distribution over the components, or gives all to
+            the unknown one; a forgetting out of range.
+    """
+
+    name: ClassVar[str] = FittedRigidBody.name
+    reads: ClassVar[Reads] = "embeddings"
+    nominal: RigidBodyModel
+    worlds: EmbedsWorlds
+    world_labels: tuple[str, ...]
+    prior: Floats
+    forgetting: float = 0.02
+
+    def __post_init__(self) -> None:
+        self.to_floats("prior")
+        labels = checked_names("labels of the sensor's worlds", (AS_DESCRIBED, *self.world_labels, UNKNOWN))
+        prior = self.prior
+        if prior.shape != (len(labels),) or not (prior >= 0.0).all() or abs(prior.sum() - 1.0) > SUM_TOLERANCE:
+            raise ValueError(f"prior must be {len(labels)} probabilities (nominal, worlds, unknown), got {prior}")
+        if not prior[:-1].any():
+            raise ValueError("prior gives everything to the unknown world, in which no touch tells anything")
+        require_number("forgetting", self.forgetting, 0.0, 1.0)
+        object.__setattr__(self, "shape_labels", self.nominal.shape_labels)
+        object.__setattr__(self, "world_labels", labels[1:-1])
+        object.__setattr__(self, "prior", renormalised(prior))
+        self.freeze()
+
+    @cached_property
+    def log_prior(self) -> Floats:
+        """Of the components, ``(C,)``."""
+        with np.errstate(divide="ignore"):
+            return frozen(np.log(self.prior))
+
+    def start(self) -> SensorEvidence:
+        """See :class:`ArrayModel`: every world is asked."""
+        return self.start_in(np.arange(len(self.world_labels)))
+
+    def start_in(self, awake: NDArray[np.int64]) -> SensorEvidence:
+        """The evidence before the first touch of an object about which only some worlds are asked."""
+        nothing = np.zeros((len(awake), len(self.shape_labels), 1))
+        return SensorEvidence(self, replace(self.nominal.start(), conflict=None), frozen(awake), frozen(nothing))
+
+    def scores_of(self, touch: Touch, embedding: Floats, awake: NDArray[np.int64]) -> NDArray[np.float32]:
+        """Log ratio of a touch under the hypotheses of some worlds, ``(A, K, N')``.
+
+        Raises:
+            ValueError: the embedded hypotheses do not fit the model, or are not finite.
+        """
+        place: int | tuple[float, ...] = int(touch.pose) if touch.elsewhere is None else touch.elsewhere.place
+        found = self.worlds.in_pose(place) if isinstance(place, int) else self.worlds.in_place(place)
+        wanted = len(self.world_labels), len(self.shape_labels), self.nominal.references.shape[-1]
+        if found.ndim != 4 or (*found.shape[:2], found.shape[3]) != wanted or not found.shape[2]:
+            raise ValueError(
+                f"hypotheses of other worlds must be (W, K, N', D) = {(*wanted[:2], 'N', wanted[2])}, "
+                f"got {found.shape} in {place}"
+            )
+        if place not in self._checked:
+            require_table(found, found.shape)
+            self._checked.add(place)
+        one = scaled(embedding, self.nominal.temperature)[0]
+        scores = np.empty((len(awake), *found.shape[1:3]), np.float32)
+        for row, world in enumerate(awake.tolist()):
+            table = found[world].reshape(-1, len(one))
+            scores[row] = (np.asarray(table, np.float32) @ one).reshape(scores.shape[1:])
+        return scores
+
+    @cached_property
+    def _checked(self) -> set[int | tuple[float, ...]]:
+        return set()
+
+    def health(self, log_bets: ArrayLike = 0.0) -> SensorHealth:
+        """What a session knows that has had this evidence (:attr:`SensorHealth.log_bets`), or none."""
+        given = np.zeros(len(self.prior) + 1) + np.asarray(log_bets, np.float64)
+        return self._health(given[:-1], int(given[-1]))
+
+    def _health(self, log_ratios: Floats, num_touches: int, is_clear: bool = True) -> SensorHealth:
+        log_ratios = np.maximum(log_ratios - np.logaddexp.reduce(self.log_prior + log_ratios), _LEAST)
+        labels = (AS_DESCRIBED, *self.world_labels, UNKNOWN)
+        return SensorHealth(labels, self.log_prior, frozen(log_ratios), num_touches, is_clear)
+
+    def over_objects(self, evidence: Sequence[SensorEvidence], log_bets: ArrayLike) -> tuple[Floats, SensorHealth]:
+        """Log likelihoods of the shapes of n objects that were touched, each given all others, and the sensor's health.
+
+        Args:
+            evidence: about each object, in the order of their first touches.
+            log_bets: of the session before them (:attr:`SensorHealth.log_bets`), or zeros.
+
+        Returns:
+            ``(n, K)``, each row up to a constant; and the health after the last object.
+        """
+        health, tells = self.health(log_bets), [one.log_bets for one in evidence]
+        before = []
+        for told in tells:
+            before.append(self._forgetful(health.log_ratios))
+            health = self._health(before[-1] + told, health.num_touches)
+        after, found, least = np.zeros(len(self.prior)), np.zeros((len(tells), len(self.shape_labels))), 0.0
+        for place in range(len(tells))[::-1]:
+            log_probs = self.log_prior + before[place] + after
+            log_probs = log_probs - np.logaddexp.reduce(log_probs)
+            found[place] = np.logaddexp.reduce(log_probs[:, None] + evidence[place].log_ratios, axis=0)
+            log_probs = log_probs + tells[place]
+            least = min(least, float(log_probs.max() - np.logaddexp.reduce(log_probs)))
+            after = self._forgetful(after + tells[place])
+            after = after - after.max()
+        total = health.num_touches + sum(one.num_touches for one in evidence)
+        return found, self._health(health.log_ratios, total, is_clear=least >= SURE)
+
+    def _forgetful(self, log_ratios: Floats) -> Floats:
+        """Log ratios after a redraw from the prior with the probability of forgetting, ``(C,)``."""
+        kept, drawn = self._log_forgetting
+        return np.logaddexp(kept + log_ratios, drawn + np.logaddexp.reduce(self.log_prior + log_ratios))
+
+    @cached_property
+    def _log_forgetting(self) -> tuple[float, float]:
+        with np.errstate(divide="ignore"):
+            return float(np.log1p(-self.forgetting)), float(np.log(self.forgetting))
+
+    @property
+    def num_poses(self) -> int:
+        """See :class:`ArrayModel`."""
+        return self.nominal.num_poses
+
+    def _log_likelihoods(self, batch: TouchBatch) -> Floats:
+        return np.stack([self.start().updated(batch.sequence(row)).log_likelihood for row in range(len(batch))])
+
+    def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
+        return self.nominal._sample(shape, poses, rng)
+
+    def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
+        return self.nominal._tabulate(num_outcomes, rng)
+
+    def to_fields(self) -> dict[str, Any]:
+        """See :class:`ArrayModel`: the file is that of the nominal model; the reader brings the worlds."""
+        return self.nominal.to_fields()
+
+    @classmethod
+    def from_fields(cls, shape_labels: tuple[str, ...], fields: Mapping[str, Any]) -> FittedRigidBody:
+        """See :class:`ArrayModel`: the nominal model."""
+        return FittedRigidBody.from_fields(shape_labels, fields)
+
+
+@dataclass(frozen=True, eq=False)
+class SensorEvidence:
+    """The evidence about one object under every component. A frozen value; an update makes a new one.
+
+    Attributes:
+        model: whose hypotheses they are.
+        nominal: the evidence if the sensor is as described.
+        awake: indices of the A worlds that are asked.
+        log_weights: log p(all touches | world, hypothesis) up to one constant, ``(A, K, N')``.
+        constant: that the log weights are less by.
+        sums: of the scores in every place, as in :class:`RigidBodyEvidence`.
+    """
+
+    model: SensorHealthModel
+    nominal: RigidBodyEvidence
+    awake: NDArray[np.int64]
+    log_weights: Floats
+    constant: float = 0.0
+    sums: SumsByPlace = field(default_factory=dict)
+
+    @property
+    def num_touches(self) -> int:
+        """See :class:`~belief.observation_model.evidence.ObjectEvidence`."""
+        return self.nominal.num_touches
+
+    @property
+    def has_sleepers(self) -> bool:
+        """Whether some worlds were not asked."""
+        return len(self.awake) < len(self.model.world_labels)
+
+    def updated(self, touches: Iterable[Touch]) -> SensorEvidence:
+        """The evidence with more touches, one after the other."""
+        found = self
+        for touch in touches:
+            found = found.update(touch)
+        return found
+
+    def update(self, touch: Touch) -> SensorEvidence:
+        """The evidence with one more touch; costs (K N + A K N') D multiplications.
+
+        Raises:
+            ValueError: the touch does not fit the model, or brings no embedding.
+        """
+        nominal = self.nominal.update(touch)
+        if not len(self.awake):
+            return replace(self, nominal=nominal)
+        scores = self.model.scores_of(touch, self.model.nominal.embedding_of(touch), self.awake)
+        rates = self.model.nominal.correlation, self.model.nominal.drift
+        sums, discounted = with_touch(self.sums, touch, scores, *rates)
+        constant, total = (self.constant, self.log_weights + scores) if discounted is None else (0.0, discounted)
+        log_weights, log_likelihoods, largest = relative(total)
+        found = SensorEvidence(self.model, nominal, self.awake, log_weights, constant + float(largest), sums)
+        found.__dict__["_log_means"] = log_likelihoods  # of these log weights
+        return found
+
+    @cached_property
+    def _log_means(self) -> Floats:
+        return log_means(self.log_weights)
+
+    @cached_property
+    def log_ratios(self) -> Floats:
+        """Log p(all touches | component, shape) by p(touches), up to one constant, ``(C, K)``; -inf if asleep."""
+        found = np.full((len(self.model.prior), len(self.model.shape_labels)), -np.inf)
+        found[0] = self.nominal.log_likelihood
+        found[1 + self.awake] = self._log_means + (self.constant - self.nominal.constant)
+        found[-1] = -self.nominal.constant
+        return frozen(found)
+
+    @cached_property
+    def log_bets(self) -> Floats:
+        """Log p(all touches | component), where all shapes count alike, up to one constant, ``(C,)``."""
+        return frozen(np.logaddexp.reduce(self.log_ratios, axis=1) - np.log(len(self.model.shape_labels)))
+
+    @cached_property
+    def log_likelihood(self) -> Floats:
+        """See :class:`~belief.observation_model.evidence.ObjectEvidence`: with the prior of the components."""
+        if not self.num_touches:
+            return self.nominal.log_likelihood
+        return frozen(np.logaddexp.reduce(self.model.log_prior[:, None] + self.log_ratios, axis=0))
+
+    def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> OutcomeMixture | SharedMixture:
+        """See :class:`~belief.observation_model.evidence.ObjectEvidence`: if the sensor is as described."""
+        return self.nominal.outcome_mixture(num_outcomes, num_hypotheses)
+
+    @property
+    def diagnostics(self) -> Diagnostics:
+        """How well the nominal hypotheses cover what was felt."""
+        return self.nominal.diagnostics
