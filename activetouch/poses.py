@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from belief.errors import InvalidArgument
+from belief.errors import InvalidArgument, UnknownName
 
 Quaternion = NDArray[np.float64]
 
@@ -153,3 +153,20 @@ def aimed(
     """
     places = {f"{pose} ({y * 1e3:+.3g},{z * 1e3:+.3g}) mm": (pose, (y, z)) for pose in poses for y, z in offsets}
     return {label: poses[pose] for label, (pose, _) in places.items()}, {name: aim for name, (_, aim) in places.items()}
+
+
+def checked_aims(
+    given: Mapping[str, tuple[float, float]], poses: Mapping[str, Quaternion]
+) -> dict[str, tuple[float, float]]:
+    """The aims that differ from zero, in the order of the poses.
+
+    Raises:
+        UnknownName: an aim is of a pose that the scene does not have.
+        InvalidArgument: an aim is not two finite numbers.
+    """
+    for label, aim in given.items():
+        if label not in poses:
+            raise UnknownName("pose", label, list(poses))
+        if np.shape(aim) != (2,) or not np.isfinite(aim).all():
+            raise InvalidArgument(f"the aim of the pose {label!r} must be two finite numbers [m], got {aim!r}")
+    return {label: (float(given[label][0]), float(given[label][1])) for label in poses if any(given.get(label, ()))}

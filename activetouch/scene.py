@@ -20,19 +20,20 @@ from enum import StrEnum
 from math import isfinite
 from numbers import Real
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from activetouch.distributions import Variation
 from activetouch.errors import BadMesh, UnstablePress
+from activetouch.hand import Hand, hand_named
 from activetouch.hypotheses import Bodies, member_shares, sizes
 from activetouch.mesh_source import MeshSource
 from activetouch.orientations import Presentation, Tumbled
 from activetouch.placement import Placement, WorldObject
-from activetouch.poses import POSE_SETS, POSES, Quaternion, require_unit
-from activetouch.pressing.contact import Contact
+from activetouch.poses import POSE_SETS, POSES, Quaternion, checked_aims, require_unit
+from activetouch.pressing.contact import Contact, PressedObject, missed
 from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Press, Quasistatic
@@ -63,24 +64,6 @@ class Symmetry(StrEnum):
     ROTATIONS_AND_MIRROR = "rotations and mirror"
 
 
-class PressedObject(NamedTuple):
-    """Result of one press.
-
-    Attributes:
-        contact: the physics.
-        image: the sensor's image, ``(n, n)`` or ``(n, n, 3)`` uint8.
-        num_unsettled: presses before it that did not settle.
-        placement: where the object was.
-        ideal: the image before the sensor's faults, in [0, 1].
-    """
-
-    contact: Contact
-    image: NDArray[np.uint8]
-    num_unsettled: int
-    placement: Placement
-    ideal: NDArray[np.floating]
-
-
 @dataclass(frozen=True)
 class Scene:
     """Everything that decides what touches look like.
@@ -103,6 +86,7 @@ class Scene:
         aims: where a pose brings the object's centre, from the approach axis along y and z [m], by label of the pose;
             to the axis where nothing is said. The offset of the variation is added. :func:`activetouch.poses.aimed`
             makes poses and aims.
+        hand: whose pads close on the object in each pose, by :class:`Quasistatic`; None for the pad alone.
 
     Warns:
         MeshWarning: two meshes are alike, see :func:`activetouch.solids.twins.find_twins`; once a process.
@@ -120,6 +104,7 @@ class Scene:
     finger: bool = False
     parking: bool = False
     aims: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    hand: Hand | None = None
 
     def __post_init__(self) -> None:
         if not self.shapes or not self.poses:
@@ -131,7 +116,7 @@ class Scene:
         object.__setattr__(self, "poses", dict(self.rotations))  # plain, so that a scene can be sent to another process
         for label, rotation in self.rotations.items():
             require_unit(f"the pose {label!r}", rotation)
-        object.__setattr__(self, "aims", _aims(self.aims, self.rotations))
+        object.__setattr__(self, "aims", checked_aims(self.aims, self.rotations))
         solids = {k: MeshSource.parse(v).read() if isinstance(v, Path | str) else v for k, v in self.shapes.items()}
         object.__setattr__(self, "shapes", solids)
         for label, solid in self.solids.items():
@@ -155,6 +140,10 @@ class Scene:
             given = getattr(self, name)
             if isinstance(given, type) or not callable(getattr(given, method, None)):
                 raise InvalidArgument(f"{name} must be an object such as {works}, got {given!r}")
+        if self.hand is not None:
+            object.__setattr__(self, "hand", hand_named(self.hand))
+            if not isinstance(self.press_model, Quasistatic):
+                raise InvalidArgument(f"a hand closes by Quasistatic(), not {self.press_model!r}; use with_hand")
         if not (isinstance(self.height, Real) and isfinite(self.height)):
             raise InvalidArgument(f"height must be a finite number [m], got {self.height!r}")
         if getattr(self.press_model, "moves", False):  # in a MuJoCo model, which is kept by its shape
@@ -217,9 +206,23 @@ class Scene:
 
     @property
     def image_shape(self) -> tuple[int, ...]:
-        """Of one image, ``(H, W)`` or ``(H, W, 3)``: that of an object which misses the pad."""
-        nothing = np.zeros((self.pad.num_taxels, self.pad.num_taxels))
-        return self.image(Contact(self.pad, np.full_like(nothing, np.inf), 0.0, nothing, nothing)).shape
+        """Of one image, ``(H, W)`` or ``(H, W, 3)``; with a hand of m fingers, W is that of m pads."""
+        height, width, *channels = self.image(missed(self.pad)).shape
+        return height, width * (1 if self.hand is None else len(self.hand)), *channels
+
+    @property
+    def fingers(self) -> tuple[Scene, ...]:
+        """Of each finger of the hand, the scene of its pad alone, in whose poses it meets the same; or this scene."""
+        each = [] if self.hand is None else self.hand.single(self.rotations, self.aims)
+        return tuple(replace(self, hand=None, poses=poses, aims=aims) for poses, aims in each) or (self,)
+
+    def with_hand(self, hand: Hand | str) -> Scene:
+        """The scene with a hand, or one of :data:`activetouch.hand.HANDS` by name, whose fingers close quasistatically.
+
+        Raises:
+            UnknownName: there is no hand of this name.
+        """
+        return replace(self, hand=hand_named(hand), press_model=Quasistatic())
 
     def image(self, contact: Contact) -> NDArray[np.floating]:
         """The ideal image of a contact.
@@ -238,7 +241,7 @@ class Scene:
         be its own mirror image, as a user's mesh.
         """
         parts: tuple[Presentation | TactileRenderer | Fault, ...] = (self.presentation, self.renderer, *self.faults)
-        if not all(part.isotropic for part in parts):
+        if self.hand is not None or not all(part.isotropic for part in parts):
             return Symmetry.NONE
         low, high = self.variation.offset.support
         if low != -high or self.aims:
@@ -353,18 +356,34 @@ class Scene:
             InvalidArgument: ``attempts`` is no integer ≥ 1.
         """
         require_count("attempts", attempts)
+        force_rng = rng if force_rng is None else force_rng
+        if self.hand is not None:
+            return self._grasp(self.hand, self.place(obj, pose, rng), rng, force_rng)
         for num_unsettled in range(attempts):
             placement = self.place(obj, pose, rng)
             try:
-                contact = self.contact(placement, rng if force_rng is None else force_rng)
+                contact = self.contact(placement, force_rng)
             except UnstablePress as error:
                 last = error
                 continue
             ideal = self.image(contact)
-            return PressedObject(contact, read_out(ideal, self.faults, rng), num_unsettled, placement, ideal)
+            image = read_out(ideal, self.faults, rng)
+            return PressedObject(contact, image, num_unsettled, placement, ideal, (contact,))
         if attempts == 1:
             raise last
         raise UnstablePress(f"none of {attempts} presses for one touch settled; the last one: {last}") from last
+
+    def _grasp(
+        self, hand: Hand, placement: Placement, rng: np.random.Generator, force_rng: np.random.Generator
+    ) -> PressedObject:
+        """Close all fingers on a body in the palm: their images, side by side."""
+        depth = self.variation.offset.sample(rng) if len(hand) > 1 else 0.0
+        met, force = hand.placements(placement, depth), self.variation.force.sample(force_rng)
+        each = zip(met, hand.forces * force, strict=True)
+        contacts = tuple(self.press_model.press(self.setup, some, float(part)) for some, part in each)
+        ideals = [self.image(contact) for contact in contacts]
+        image = np.concatenate([read_out(ideal, self.faults, rng) for ideal in ideals], axis=1)
+        return PressedObject(contacts[0], image, 0, placement, np.concatenate(ideals, axis=1), contacts)
 
 
 def _require_hash(label: str, solid: Shape) -> None:
@@ -380,18 +399,3 @@ def _require_hash(label: str, solid: Shape) -> None:
             f"the shape {label!r} has no hash ({error}), and a press in MuJoCo finds its model by it; make "
             f"{type(solid).__name__} a frozen dataclass of numbers and tuples"
         ) from error
-
-
-def _aims(given: Mapping[str, tuple[float, float]], poses: Mapping[str, Quaternion]) -> dict[str, tuple[float, float]]:
-    """The aims that differ from zero, in the order of the poses.
-
-    Raises:
-        UnknownName: an aim is of a pose that the scene does not have.
-        InvalidArgument: an aim is not two finite numbers.
-    """
-    for label, aim in given.items():
-        if label not in poses:
-            raise UnknownName("pose", label, list(poses))
-        if np.shape(aim) != (2,) or not np.isfinite(aim).all():
-            raise InvalidArgument(f"the aim of the pose {label!r} must be two finite numbers [m], got {aim!r}")
-    return {label: (float(given[label][0]), float(given[label][1])) for label in poses if any(given.get(label, ()))}

@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 
 SHIFTS = frozenset({"press_model", "faults", "variation", "presentation", "families"})
 """Fields of a scene whose change is a known shift of the same sensor."""
-OBJECTS = ("shapes", "families", "poses", "aims", "presentation")
-"""Fields of a scene that are about its objects, not about its sensor."""
+OBJECTS = ("shapes", "families", "poses", "aims", "presentation", "hand")
+"""Fields of a scene that are about its objects and how they are met, not about its sensor."""
 SURROUNDINGS = frozenset({"height", "finger", "parking", "robot"})
 """Fields of a scene that do not change touches; files say that there is no robot, as earlier versions could model."""
 _DECIMALS = 8  # of arrays; further decimals differ between processors
@@ -71,11 +71,11 @@ def scene_fields(scene: Scene) -> dict[str, Any]:
 
     Arrays are rounded to eight decimals; meshes are replaced by digests. A user's class comes with the digest of its
     source code, so that an edited renderer makes another scene; an object with a ``__repr__`` of its own, and no
-    dataclass, is described by that text alone. A scene without aims has no such field. A family is described by its
-    nominal solid among the shapes, and by the distributions of its parameters in the field ``families``, if there are
-    any.
+    dataclass, is described by that text alone. A scene without aims or a hand has no such field. A family is
+    described by its nominal solid among the shapes, and by the distributions of its parameters in the field
+    ``families``, if there are any.
     """
-    names = [field.name for field in fields(scene) if field.name != "aims" or scene.aims]
+    names = [field.name for field in fields(scene) if field.name not in ("aims", "hand") or getattr(scene, field.name)]
     found = {name: _described(scene.solids if name == "shapes" else getattr(scene, name)) for name in names}
     families = getattr(scene, "families", {})
     parts = {f"{label}.{name}": given for label, family in families.items() for name, given in family.parameters}

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from activetouch.errors import LabelMismatch, NoIndependentModel, WrongScene
+from activetouch.hand import require_no_hand
 from activetouch.perception.card import read_card
 from activetouch.perception.contacts.imaging import Imaging
 from activetouch.perception.contacts.sensor_state import differs_from_training, fields_read
@@ -155,9 +156,14 @@ def files_for(
         WrongScene: it was made for a scene that differs by more than a known shift.
     """
     path = reader_file(folder, scene, independent, unknown_state)
-    fitted = None if path.name == ANY_OBJECT_FILE else fitted_model(folder, independent)
+    if scene.hand is not None and independent:
+        raise NoIndependentModel("the fingers of a hand touch one body; the independent model reads single touches")
+    is_made_here = path.name == ANY_OBJECT_FILE or scene.hand is not None
+    fitted = None if is_made_here else fitted_model(folder, independent)
     card, here = read_card(path), scene_fields(scene)
     card.require_labels(scene.shape_labels, scene.pose_labels)
+    if not card.knows_orientations:
+        require_no_hand(scene.hand, f"the reader in {folder}")
     made_for = [("the reader", card.in_poses_of(here))]
     made_for += [] if fitted is None else [("the observation model", fitted.scene)]
     if card.imaging is not None:
@@ -206,7 +212,8 @@ def reader_file(folder: Path, scene: Scene, independent: bool = False, unknown_s
         if not path.exists():
             raise CorruptFile(f"{path} is missing; without it, the other files in {folder} are no sensor")
     fitted_to, here = fitted_model(folder, independent).scene, scene_fields(scene)
-    if fitted_to is None or any(fitted_to.get(part) != here.get(part) for part in OBJECTS if part != "presentation"):
+    own_objects = [part for part in OBJECTS if part not in ("presentation", "hand")]
+    if fitted_to is None or any(fitted_to.get(part) != here.get(part) for part in own_objects):
         return _joint(other, independent)
     return other if not independent and differs_from_training(read_card(other).imaging, scene) else own
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from activetouch.pressing.contact import Contact
+from activetouch.pressing.contact import missed
 from activetouch.recorded.reader_file import digest_of
 from activetouch.rendering import read_out
 from activetouch.sensor import RecordedSensor, TactileSensor
@@ -68,7 +68,7 @@ class SensorReader:
         of_taxels = differs if differs.ndim == 2 else differs.max(axis=2)
         number = int((of_taxels > limit).sum())
         number = max(number, int(differs.sum() > limit_of_sum))
-        return number * (2.0 * self.sensor.scene.pad.half_width) ** 2 / (image.shape[0] * image.shape[1])
+        return number * (2.0 * self.sensor.scene.pad.half_width) ** 2 / image.shape[0] ** 2
 
     def at(self, place: Mapping[str, Any]) -> tuple[int, Elsewhere | None]:
         """The pose of a place; if it is none of the poses, the nearest one, and the hypotheses embedded there.
@@ -104,9 +104,9 @@ class SensorReader:
     def _blank(self) -> tuple[NDArray[np.float64], float, float]:
         """The mean image of no contact; how much a taxel, and all together, differ from it in 2 of 100 such images."""
         scene, rng = self.sensor.scene, np.random.default_rng(0)
-        zeros = np.zeros((scene.pad.num_taxels, scene.pad.num_taxels))
-        ideal = scene.image(Contact(scene.pad, np.full_like(zeros, np.inf), 0.0, zeros, zeros))
-        images = np.stack([read_out(ideal, scene.faults, rng) for _ in range(_BLANKS)]).astype(np.float64)
+        ideal, number = scene.image(missed(scene.pad)), 1 if scene.hand is None else len(scene.hand)
+        readings = [read_out(ideal, scene.faults, rng) for _ in range(_BLANKS * number)]
+        images = np.stack([np.hstack(readings[i::_BLANKS]) for i in range(_BLANKS)]).astype(np.float64)
         nothing = images.mean(axis=0)
         differs = np.abs(images - nothing).reshape(_BLANKS, -1)
         limit = max(_FAINT, float(np.quantile(differs.max(axis=1), _USUAL)))

@@ -19,6 +19,7 @@ import tyro
 from activetouch import Dynamic, Quasistatic, Scene
 from activetouch.distributions import Constant, Uniform
 from activetouch.errors import DuplicateShape
+from activetouch.hand import HANDS, hand_named
 from activetouch.mesh_source import read_meshes
 from activetouch.named_scenes import SCENES, NamedScene
 from activetouch.orientations import Inexact, Presentation, Resampled, Tumbled, Upright
@@ -47,6 +48,7 @@ PRESENTATIONS: Mapping[str, Presentation] = {
 }
 
 
+HandName: TypeAlias = Literal[tuple(HANDS)]  # type: ignore[valid-type]
 FidelityName: TypeAlias = Literal[tuple(FIDELITIES)]  # type: ignore[valid-type]
 PresentationName: TypeAlias = Literal[tuple(PRESENTATIONS)]  # type: ignore[valid-type]
 _LARGEST_INPUT = 64  # image edge of a classifier for a user's scene [pixels]
@@ -189,6 +191,8 @@ class SceneChoice:
     """Leave out the scene's own shapes; the sizes of the meshes do not vary."""
     family: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """Factors on the sizes of all objects, size=0.9..1.1, or on a shape's proportions, cylinder:half_length=0.5..2."""
+    hand: HandName | None = None
+    """Hand whose pads close on the object, quasistatically: a grasp counts as one touch."""
 
     @cached_property
     def named(self) -> NamedScene:
@@ -228,6 +232,10 @@ class SceneChoice:
             changes["shapes"], sizes = with_families(changes.get("shapes", named.scene.shapes), self.family)
         if sizes is not None or self.only:
             changes["variation"] = replace(named.scene.variation, size=Constant(1.0) if sizes is None else sizes)
+        if self.hand is not None:
+            if self.fidelity not in (None, "quasistatic"):
+                raise InvalidArgument(f"--hand closes quasistatically; leave out --fidelity {self.fidelity}")
+            changes |= {"hand": hand_named(self.hand), "press_model": Quasistatic()}
         scene = replace(named.scene, **changes)
         num_objects = min(named.num_objects, len(scene.shapes)) if self.only else named.num_objects
         return replace(named, scene=scene, num_objects=num_objects)

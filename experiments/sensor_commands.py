@@ -57,6 +57,7 @@ def choice_name(choice: SceneChoice) -> str:
         "only" if choice.only else None,
         *mesh_labels(*choice.meshes),
         *choice.family,
+        choice.hand,
     ]
     return in_file_names("-".join([choice.scene, *(change for change in changes if change)]))
 

@@ -91,12 +91,16 @@ class ClassifierCard:
     def in_poses_of(self, scene: Mapping[str, Any]) -> Mapping[str, Any] | None:
         """The fields of its scene, with the poses of another one if it knows orientations.
 
-        A reader of any object takes the shapes, aims and presentation of the other scene, too.
+        It then takes the other one's hand, which closes quasistatically, too; a reader of any object also its shapes,
+        aims and presentation.
         """
         if self.scene is None or not self.knows_orientations or "poses" not in scene:
             return self.scene
         if self.imaging is None:
-            return {**self.scene, "poses": scene["poses"]}
+            taken = ["poses", *({"hand"} & scene.keys())]
+            is_as_closing = self.scene.get("press_model", {}).get("class") == "Dynamic"  # its imprints are quasistatic
+            taken += ["press_model"] if "hand" in scene and is_as_closing else []
+            return {**self.scene, **{name: scene[name] for name in taken}}
         own = {name: value for name, value in self.scene.items() if name not in OBJECTS}
         return own | {name: scene[name] for name in OBJECTS if name in scene}
 

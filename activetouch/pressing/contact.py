@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +61,26 @@ class Contact:
         return (self.pad.taxel_centres[1:] @ self.pressure.ravel()) / total
 
 
+class PressedObject(NamedTuple):
+    """Result of one press, or of one grasp of a hand with m fingers.
+
+    Attributes:
+        contact: the physics; of a grasp, that of its first finger.
+        image: the sensor's image, ``(n, n)`` or ``(n, n, 3)`` uint8; of a grasp ``(n, m · n)``, fingers side by side.
+        num_unsettled: presses before it that did not settle.
+        placement: where the object was; of a grasp, in front of a finger that is not turned.
+        ideal: the image before the sensor's faults, in [0, 1].
+        contacts: of all fingers; the force of one that misses is 0.
+    """
+
+    contact: Contact
+    image: NDArray[np.uint8]
+    num_unsettled: int
+    placement: Placement
+    ideal: NDArray[np.floating]
+    contacts: tuple[Contact, ...]
+
+
 def elastic_contact(pad: Pad, gap: Floats, force: float, stiffness: float = 1.0, trace: Trace | None = None) -> Contact:
     """The contact of a rigid surface with the pad's elastic foundation under a given force (decision 0003).
 
@@ -75,6 +95,12 @@ def elastic_contact(pad: Pad, gap: Floats, force: float, stiffness: float = 1.0,
     indentation = pad.indentation(gap, force / stiffness) - gap
     np.maximum(indentation, 0.0, out=indentation)
     return Contact(pad, gap, force, indentation, (stiffness * pad.stiffness) * indentation, trace)
+
+
+def missed(pad: Pad) -> Contact:
+    """The contact of a pad that meets nothing."""
+    zeros = np.zeros((pad.num_taxels, pad.num_taxels))
+    return Contact(pad, np.full_like(zeros, np.inf), 0.0, zeros, zeros)
 
 
 @cache

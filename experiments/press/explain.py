@@ -89,6 +89,12 @@ def explain(
     elif compare and len(scene.shapes) > 1:
         likeness = alike(scene, jobs=jobs)
     remarks.append(_cost_words(scene, presses))
+    if scene.hand is not None and len(scene.hand) > 1:
+        remarks.append(
+            f"A grasp gives {len(scene.hand)} images at the cost of one touch. Its fingers share the force and the "
+            "object's offset in the palm, drawn anew at each grasp; the belief takes both as each finger's own. A "
+            "finger that misses gives an image of no contact, which is read as any other."
+        )
     remarks += _bottoming_words(scene, np.random.default_rng(0))
     if likeness and (partly := [label for label, (ever, _) in likeness.reach.items() if ever < _WIDE]):
         remarks.append(f"No touch meets all of {', '.join(partly)}: aim beside the axis (activetouch.poses.aimed).")
@@ -210,13 +216,15 @@ def _cost_words(scene: Scene, num_presses: int) -> str:
     presses, images = [], []
     for number, each in enumerate(pressed):
         started = time.perf_counter()
-        contact = scene.press(each, number % len(scene.poses), rng).contact
+        contacts = scene.press(each, number % len(scene.poses), rng).contacts
         ended = time.perf_counter()
-        read_out(scene.image(contact), scene.faults, rng)  # again, to measure its time
+        for contact in contacts:
+            read_out(scene.image(contact), scene.faults, rng)  # again, to measure its time
         images.append(time.perf_counter() - ended)
         presses.append(ended - started - images[-1])
     press, image = 1e3 * float(np.median(presses)), 1e3 * float(np.median(images))
-    return f"A press takes {press:.2f} ms on one core, and its image {image:.2f} ms."
+    what = "press" if scene.hand is None else "grasp"
+    return f"A {what} takes {press:.2f} ms on one core, and its image {image:.2f} ms."
 
 
 def _belief_words(scene: Scene, folder: Path | None) -> str:

@@ -38,6 +38,8 @@ def inventory(named: NamedScene) -> list[Item]:
         Item(pad.num_taxels**2, "points of the pad", f"one ray each, {spacing:.2f} mm apart"),
         Item(len(scene.faults), "faults of the sensor", ", ".join(type(fault).__name__ for fault in scene.faults)),
     ]
+    if scene.hand is not None:
+        items.append(Item(len(scene.hand), "fingers", "close on the object together; one grasp counts as one touch"))
     model = scene.press_model.compiled(scene.setup, next(iter(scene.solids.values())))
     if model is not None:
         items += [*_surfaces(scene), *_rigid_bodies(model)]

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from rich.progress import track
 
 from activetouch.errors import WrongPress
+from activetouch.hand import require_no_hand
 from activetouch.placement import Placement
 from activetouch.pressing.trace import write_csv
 from activetouch.rendering import RENDERERS
@@ -131,6 +132,7 @@ class TouchCommand:
         check_arguments(self)
         if self.all + self.view + (self.csv is not None) > 1:
             raise BadArgument("--all, --view and --csv are different outputs; give one of them")
+        require_no_hand(self.choice.named.scene.hand, "activetouch touch")
         if self.csv is not None:
             claim_folder(self.csv)
             write_presses(self.choice.named.scene, self.seed, self.csv)

@@ -13,6 +13,7 @@ import tyro
 from activetouch import Scene
 from activetouch.data.dataset import CollectionPlan, num_redrawn, read_shard, record_shard, shard_path
 from activetouch.data.manifest import Manifest, read_manifest, seal, write_manifest
+from activetouch.hand import require_no_hand
 from activetouch.scene_description import in_words, scene_differences, scene_fields
 from belief.errors import ActiveTouchError
 from experiments.command_line.arguments import Jobs, check_arguments
@@ -113,8 +114,10 @@ def record(
         LabelMismatch: the folder holds another collection, or a shard names what the collection does not have.
         CorruptFile: a shard is damaged, foreign, or was changed after it was recorded.
         UnstablePress: no object of a shape can be pressed in all poses.
+        WrongScene: the scene has a hand.
         NotReproduced: a lost shard of a complete collection came out with other bytes than it had.
     """
+    require_no_hand(scene.hand, "a collection")
     # A killed run leaves temporary files of atomic_path behind; those that appear later are another process's.
     litter = [path for pattern in _TEMPORARY for path in folder.glob(pattern)]
     manifest = write_manifest(folder, scene, plan, choice)

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -134,24 +134,14 @@ class ContactHypotheses:
         Raises:
             ValueError: it is not bound to a scene.
         """
-        num_shapes, number, width = self._fixed.shape
-        fixed = self._fixed.reshape(-1, width).T
-        found = np.empty((len(embeddings), num_shapes))
-        at_once = max(1, _MOST_SCORES // fixed.shape[1])
-        for first in range(0, len(embeddings), at_once):
-            some = slice(first, first + at_once)
-            scores = (embeddings[some] @ fixed).astype(float)
-            found[some] = logsumexp(scores.reshape(-1, num_shapes, number), axis=2)
-        return found - np.log(number)
+        return mean_ratios(embeddings, self._fixed)
 
     @cached_property
     def _fixed(self) -> Floats32:
         """Hypotheses of each shape that take turns in the poses, ``(K, M, D)``."""
         if self.scene is None:
             raise ValueError("this reader reads any object and is about none yet; bound_to(scene) says which there are")
-        bodies, num_poses = self.scene.hypotheses(num_hypotheses(self.scene)), len(self.scene.poses)
-        parts = [self.embedded(self.scene, bodies, pose)[:, pose::num_poses] for pose in range(num_poses)]
-        return np.concatenate(parts, axis=1)
+        return taking_turns(self, self.scene)
 
     @cached_property
     def digest(self) -> str:
@@ -187,6 +177,35 @@ class ContactHypotheses:
             raise ValueError(f"its imaging is {imaging!r:.200}: {error}") from error
 
 
+class _Embeds(Protocol):
+    def embedded(self, scene: Scene, bodies: Bodies, pose: int) -> Floats32: ...
+
+
+def taking_turns(hypotheses: _Embeds, scene: Scene) -> Floats32:
+    """Embedded hypotheses of each shape of a scene that take turns in its poses, ``(K, N, D)``."""
+    bodies, num_poses = scene.hypotheses(num_hypotheses(scene)), len(scene.poses)
+    parts = [hypotheses.embedded(scene, bodies, pose)[:, pose::num_poses] for pose in range(num_poses)]
+    return np.concatenate(parts, axis=1)
+
+
+def mean_ratios(embeddings: Floats32, hypotheses: Floats32) -> NDArray[np.float64]:
+    """Log of the mean ratio of images under the hypotheses of each shape, ``(n, K)``.
+
+    Args:
+        embeddings: of images, ``(n, D)``.
+        hypotheses: embedded, ``(K, N, D)``.
+    """
+    num_shapes, number, width = hypotheses.shape
+    fixed = hypotheses.reshape(-1, width).T
+    found = np.empty((len(embeddings), num_shapes))
+    at_once = max(1, _MOST_SCORES // fixed.shape[1])
+    for first in range(0, len(embeddings), at_once):
+        some = slice(first, first + at_once)
+        scores = (embeddings[some] @ fixed).astype(float)
+        found[some] = logsumexp(scores.reshape(-1, num_shapes, number), axis=2)
+    return found - np.log(number)
+
+
 def num_hypotheses(scene: Scene) -> int:
     """How many hypotheses of each shape a model of new objects has: a power of two.
 
@@ -194,7 +213,8 @@ def num_hypotheses(scene: Scene) -> int:
     >>> [num_hypotheses(SCENES[name].scene) for name in ("gel", "many", "keyed")]
     [4096, 4096, 1024]
     """
-    fitting = CONTACTS_IN_ALL / (len(scene.shapes) * len(scene.poses))
+    fingers = 1 if scene.hand is None else len(scene.hand)
+    fitting = CONTACTS_IN_ALL / (len(scene.shapes) * len(scene.poses) * fingers)
     return int(2 ** np.floor(np.log2(np.clip(fitting, FEWEST, MOST))))
 
 
