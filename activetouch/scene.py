@@ -310,9 +310,8 @@ class Scene:
         label = "elsewhere"
         while label in self.poses:
             label += "_"
-        rows, columns = np.asarray(aim, float).tolist()
-        aims = {**self.aims, label: (rows, columns)}
-        return replace(self, poses={**self.rotations, label: np.asarray(quaternion, float)}, aims=aims)
+        poses = {**self.rotations, label: np.asarray(quaternion, float)}
+        return replace(self, poses=poses, aims={**self.aims, label: tuple(np.asarray(aim, float).tolist())})
 
     def place(self, obj: WorldObject, pose: Name, rng: np.random.Generator) -> Placement:
         """Put an object in front of the pad, in a pose, by its label or index."""

@@ -144,7 +144,9 @@ def sensor_health(model: ArrayModel, reader: TactileReader, scene: Scene) -> Sen
     """
     described, hypotheses = joint_model(model), reader.hypotheses
     if described is None or not isinstance(hypotheses, ContactHypotheses):
-        raise InvalidArgument("the state of a sensor is inferred with a reader of any object and its joint model only")
+        raise InvalidArgument(
+            "the state of a sensor is inferred with a reader of any object, its joint model, and no hand"
+        )
     worlds = changed_worlds(sensor_state(hypotheses.imaging, scene))
     embedded = EmbeddedWorlds(hypotheses, scene, worlds)
     return SensorHealthModel(described, embedded, worlds.labels, spread_prior(len(worlds.labels)))
