@@ -22,6 +22,7 @@ from activetouch.session_reader import SensorReader
 from activetouch.shapes import Sphere
 from belief.errors import InvalidArgument, UnknownName
 from belief.problem import Touch
+from experiments.search.one_search import problem_of
 from experiments.sensor.collect import record
 
 COARSE = replace(SCENES["coarse"].scene, press_model=Quasistatic())
@@ -177,3 +178,7 @@ def test_a_session_tells_a_grasp_from_no_contact(sensor):
     assert reader.area(image) > reader.area(blank) > reader.area(np.zeros_like(image)) == 0.0
     pose, elsewhere = reader.at({"quaternion": turn("z", 0.3).tolist()})
     assert (pose, elsewhere.hypotheses.shape) == (0, (4, 64, 128))
+
+
+def test_a_hand_searches_by_the_rules_of_the_named_scene(sensor):
+    assert problem_of(sensor) == problem_of(replace(sensor, scene=SCENES["coarse"].scene))
