@@ -1,6 +1,7 @@
 """Hands: what fingers meet, what a grasp looks like, and how it is read."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -180,5 +181,9 @@ def test_a_session_tells_a_grasp_from_no_contact(sensor):
     assert (pose, elsewhere.hypotheses.shape) == (0, (4, 64, 128))
 
 
-def test_a_hand_searches_by_the_rules_of_the_named_scene(sensor):
-    assert problem_of(sensor) == problem_of(replace(sensor, scene=SCENES["coarse"].scene))
+def test_a_hand_searches_by_the_rules_of_the_named_scene():
+    scene = SCENES["hard"].scene
+    labels = {"shape_labels": scene.shape_labels, "pose_labels": scene.pose_labels}
+    alone, held = (SimpleNamespace(**labels, scene=one) for one in (scene, scene.with_hand("parallel")))
+    assert problem_of(held) == problem_of(alone)
+    assert problem_of(held).num_objects == 8
