@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import textwrap
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -22,6 +23,7 @@ from experiments.command_line.arguments import (
 from experiments.command_line.console import plain_console
 from experiments.command_line.trust import Trust
 from experiments.parallel import default_jobs
+from experiments.reporting.tables import Table
 from experiments.scene_choice import in_file_names
 from experiments.search.comparison import DEFAULT_DECIDERS, Comparison, compared, prepared
 from experiments.search.run import Run, merge
@@ -49,6 +51,7 @@ class Compare:
         activetouch compare --config runs/compare/run.json --seed 1 --out runs/again
         activetouch compare --scene coarse --part 1/2 --out runs/a    (and --part 2/2 --out runs/b elsewhere, then)
         activetouch compare --merge runs/a runs/b --out runs/both
+        activetouch compare --results mine.csv theirs.csv --control unperturbed.csv
     """
 
     deciders: Annotated[tuple[str, ...], tyro.conf.arg(help=_DECIDERS_HELP)] = DEFAULT_DECIDERS
@@ -72,6 +75,10 @@ class Compare:
     """Play only part i of n, such as 2/8, and write no report."""
     merge: tuple[Path, ...] = ()
     """Folders of the parts: combine them in --out, and compare what they hold."""
+    results: tuple[Path, ...] = ()
+    """Play nothing; compare these: CSV files with seed, task, success (and length), or LeRobot's eval_info.json."""
+    control: tuple[Path, ...] = ()
+    """With --results: file of the same episodes without what is tested, to subtract; one for all, or one for each."""
     config: Path | None = None
     """run.json of an earlier run, whose arguments become the defaults."""
     trust: bool = False
@@ -117,6 +124,9 @@ class Compare:
         Raises:
             FileNamesCode: a file names code, and ``trust`` is not set.
         """
+        if self.results or self.control:
+            self._compare_results()
+            return
         if self.merge:
             self._merged().run()
             return
@@ -133,10 +143,15 @@ class Compare:
         comparison = self.play()
         page = comparison.save(self.folder)
         spoken = comparison.renamed(short_names(comparison.deciders)[0])
-        console.print(terminal_table(spoken, console.width).rich())
-        for sentence in comparison.verdict():
-            console.print(textwrap.fill(sentence, 78))
-        console.print(f"report: {page}", soft_wrap=True)
+        _say([terminal_table(spoken, console.width)], comparison.verdict(), page)
+
+    def _compare_results(self) -> None:
+        """Compare files of results; nothing is played."""
+        from experiments.search.results import compare_results
+
+        found = compare_results(self.results, self.reference, self.control, self.seed)
+        page = found.save(Path("runs/results") if self.out is None else self.out)
+        _say([replace(table, note="") for table in found.tables() if table.rows], found.verdict(), page)
 
     def play(self) -> Comparison:
         """Play the missing searches and return the comparison, without a report.
@@ -179,3 +194,13 @@ class Compare:
         if found is None or not 1 <= int(found[1]) <= int(found[2]):
             raise BadArgument(f"--part must be i/n with 1 ≤ i ≤ n, such as 2/8; got {self.part!r}")
         return int(found[1]) - 1, int(found[2])
+
+
+def _say(tables: Sequence[Table], verdict: Sequence[str], page: Path) -> None:
+    """Print tables, sentences, and where the report is."""
+    console = plain_console()
+    for table in tables:
+        console.print(table.rich())
+    for sentence in verdict:
+        console.print(textwrap.fill(sentence, 78))
+    console.print(f"report: {page}", soft_wrap=True)
