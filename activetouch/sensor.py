@@ -137,7 +137,7 @@ class TactileSensor:
         if reader.hypotheses is not None:
             model = model.with_hypotheses(HypothesisTable(reader, scene))
         if unknown_state:
-            from activetouch.perception.contacts.sensor_worlds import sensor_health  # which others do not need
+            from activetouch.perception.sensor_worlds import sensor_health  # which others do not need
 
             model = sensor_health(model, reader, scene)
         return cls(scene, reader, model, shift=shift)

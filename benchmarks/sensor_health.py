@@ -27,9 +27,9 @@ import numpy as np
 from activetouch import SCENES, Scene, TactileSensor
 from activetouch.perception.contacts.hypotheses import num_hypotheses
 from activetouch.perception.contacts.sensor_state import sensor_state
-from activetouch.perception.contacts.sensor_worlds import EmbeddedWorlds, changed_worlds
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
+from activetouch.perception.sensor_worlds import EmbeddedWorlds, changed_worlds
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
 from belief import SceneBelief, SearchProblem
 from belief.statistics import wilson_interval

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from activetouch import SCENES, TactileSensor
-from activetouch.perception import preparation
-from activetouch.perception.contacts import sensor_worlds
+from activetouch.perception import preparation, sensor_worlds
 from activetouch.perception.contacts.imaging import LIMITS, SensorState
-from activetouch.perception.contacts.sensor_worlds import changed_worlds
+from activetouch.perception.sensor_worlds import changed_worlds
 from activetouch.rendering import StuckTaxels
 from activetouch.sensor_files import MODELS
 from belief import SceneBelief, SearchProblem
