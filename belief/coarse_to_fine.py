@@ -125,6 +125,7 @@ class CoarseToFine:
         scale: by which sums of log likelihoods are multiplied after n touches: scale / (1 + drift (n - 1)).
         drift: see ``scale``.
         touches: so far.
+        correction: log factors on the evidence of the bodies, from a closer look at some, ``(K,)``.
     """
 
     log_prior: Floats
@@ -134,6 +135,7 @@ class CoarseToFine:
     scale: float
     drift: float
     touches: tuple[Any, ...]
+    correction: Floats
     _sums: Floats = field(repr=False)
     _offsets: Floats = field(repr=False)
     _families: tuple[_Families, ...] = field(repr=False)
@@ -175,7 +177,8 @@ class CoarseToFine:
             for coarse, fine in pairwise(cells.shares)
         )
         effort = Effort() if effort is None else effort
-        return cls(prior, cells, likelihood, effort, scale, drift, (), np.zeros(shape), np.zeros(shape), none)
+        zeros = np.zeros(len(prior)), np.zeros(shape), np.zeros(shape)
+        return cls(prior, cells, likelihood, effort, scale, drift, (), *zeros, none)
 
     def update(self, touch: Any) -> CoarseToFine:
         """The belief after one more touch, refined as far as the effort says.
@@ -194,6 +197,25 @@ class CoarseToFine:
         if not np.isfinite(belief._log_total):
             raise ImpossibleObservation(f"no body explains touch number {len(touches)} together with those before it")
         return belief._less()._refined()
+
+    def corrected(self, bodies: Ints, log_evidence: Floats) -> CoarseToFine:
+        """The belief after a closer look at some bodies: it decides between them, and their sum stays.
+
+        Touches that follow are weighed as before, and the correction stays until the next one.
+
+        Args:
+            bodies: that were looked at, ``(n,)``.
+            log_evidence: of all touches given each of them, up to a constant, ``(n,)``.
+
+        Raises:
+            ValueError: evidence is NaN or plus infinity, or that of all is minus infinity.
+        """
+        looked = self.log_prior[bodies] + np.asarray(log_evidence, float)
+        if not np.isfinite(looked.max(initial=-np.inf)):
+            raise ValueError(f"evidence must be finite for one body and nowhere NaN, got {log_evidence!r:.200}")
+        correction, now = self.correction.copy(), self._log_bodies[bodies]
+        correction[bodies] += looked - _log_sum(looked) + _log_sum(now) - now
+        return replace(self, correction=correction)
 
     @property
     def log_evidence(self) -> Floats:
@@ -251,10 +273,11 @@ class CoarseToFine:
     def _weights(self) -> list[Floats]:
         """Log weights of all cells in memory, split or not, of each level: ``(K, N_0)``, ``(m_1, F)`` and so on."""
         logs, share = self.cells.log_shares, self._share
-        found = [self.log_prior[:, None] + logs[0] + share * self._sums + self._offsets]
+        prior = self.log_prior + self.correction
+        found = [prior[:, None] + logs[0] + share * self._sums + self._offsets]
         for level, each in enumerate(self._families, 1):
-            prior = self.log_prior[each.body][:, None] + logs[level][self.cells.parts(level, each.parent)]
-            found.append(prior + share * each.sums + each.offsets)
+            prior_of = prior[each.body][:, None] + logs[level][self.cells.parts(level, each.parent)]
+            found.append(prior_of + share * each.sums + each.offsets)
         return found
 
     @cached_property

@@ -23,6 +23,7 @@ import torch
 from mesh_files import RADIUS, read
 
 from activetouch.errors import BadMesh
+from activetouch.perception.contacts.close_look import CloseLook
 from activetouch.perception.contacts.images import images
 from activetouch.perception.contacts.imaging import SensorState
 from activetouch.perception.contacts.views import ViewPlan
@@ -41,21 +42,25 @@ COUNTS = (1, 2, 4, 6, 8, 12, 16)
 THRESHOLDS = (0.9, 0.95)
 
 
-def bodies(folder: Path, number: int) -> dict[str, Mesh]:
+def bodies(folder: Path, number: int, jobs: int = 1) -> dict[str, Mesh]:
     """As many bodies of a folder, evenly chosen, scaled to one size."""
     files = sorted(path for path in folder.rglob("*") if path.suffix.lower() in ENDINGS)
-    found: dict[str, Mesh] = {}
-    for path in [files[i] for i in np.unique(np.linspace(0, len(files) - 1, number).round().astype(int))]:
-        try:
-            mesh, _ = read(path)
-        except BadMesh:
-            continue
-        name = str(path.relative_to(folder).with_suffix(""))
-        factor = RADIUS / mesh.bounding_radius
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            found[name] = Mesh(name, mesh.vertices * factor, mesh.faces)
-    return found
+    chosen = [files[i] for i in np.unique(np.linspace(0, len(files) - 1, number).round().astype(int))]
+    tasks = [partial(body, path, str(path.relative_to(folder).with_suffix(""))) for path in chosen]
+    found = list(run_tasks(tasks, jobs, "bodies"))
+    return {mesh.name: mesh for mesh in found if mesh is not None}
+
+
+def body(path: Path, name: str) -> Mesh | None:
+    """The body of a file, scaled; None if it cannot be read."""
+    try:
+        mesh, _ = read(path)
+    except BadMesh:
+        return None
+    factor = RADIUS / mesh.bounding_radius
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return Mesh(name, mesh.vertices * factor, mesh.faces)
 
 
 class Pictures(NamedTuple):
@@ -141,9 +146,12 @@ def report(rule: str, found: list[Naming]) -> None:
                 f"[{low:.3f}, {high:.3f}], stated {said:.3f}; touches {spent.mean():.2f} ± {half:.2f} "
                 f"(those that never reach it count as {logs.shape[1]})"
             )
-    deciding, updating = np.mean([one.seconds for one in found], axis=0) * 1e3
+    deciding, updating, looking = np.mean([one.seconds for one in found], axis=0) * 1e3
     rest = np.mean([one.unresolved[-1] for one in found])
-    print(f"  a decision {deciding:.1f} ms, an update {updating:.1f} ms, unresolved in the end {rest:.3f}")
+    print(
+        f"  decision {deciding:.1f} ms, update {updating:.1f} ms, closer looks {looking:.0f} ms, means of a touch, "
+        f"unresolved in the end {rest:.3f}"
+    )
 
 
 def main() -> None:
@@ -157,16 +165,18 @@ def main() -> None:
     parser.add_argument("--width", type=float, default=0.25)
     parser.add_argument("--levels", type=int, nargs="+")
     parser.add_argument("--splits", type=int, default=1024)
+    parser.add_argument("--looked", type=int, default=CloseLook().bodies, help="bodies looked at closely; 0 for none")
     parser.add_argument("--rules", nargs="+", default=RULES, choices=RULES)
     parser.add_argument("--compared", type=int, default=0, help="searches that images are compared in")
     parser.add_argument("--jobs", type=int, default=2)
     args = parser.parse_args()
     started = time.perf_counter()
-    solids = bodies(args.folder, args.meshes)
+    solids = bodies(args.folder, args.meshes, args.jobs)
     print(f"{len(solids)} bodies read in {time.perf_counter() - started:.0f} s")
     started, plan = time.perf_counter(), ViewPlan(args.directions, args.rolls, args.width)
     effort = Effort(splits=args.splits, kept=4 * args.splits)
-    setting = MeshSetting.of(solids, plan=plan, levels=args.levels, effort=effort, jobs=args.jobs)
+    look = CloseLook(args.looked)
+    setting = MeshSetting.of(solids, plan=plan, levels=args.levels, effort=effort, look=look, jobs=args.jobs)
     model = setting.bodies
     print(
         f"embedded and fitted in {time.perf_counter() - started:.0f} s: {model.table.nbytes / 1e6:.0f} MB in memory, "

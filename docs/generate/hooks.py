@@ -31,6 +31,7 @@ NAV: dict[str, list[str]] = {
         "certificate.md",
         "planners.md",
         "where_to_touch.md",
+        "grasps.md",
         "architecture.md",
     ],
     "How-to": [

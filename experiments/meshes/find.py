@@ -219,7 +219,7 @@ def search(
             gains[used[place]] = -np.inf
             pose = int(gains.argmax())
         embedding = setting.touch(objects[place], pose, np.random.default_rng([*seed, 1, place, pose]))
-        beliefs[place] = setting.update(beliefs[place], pose, embedding)
+        beliefs[place] = setting.looked(setting.update(beliefs[place], pose, embedding))
         used[place].append(pose)
         probs = softmax([*(_log_odds(belief, target) for belief in beliefs), 0.0])
         touches.append((place, pose))

@@ -34,7 +34,7 @@ class Naming:
         possible: after each touch, the most probable bodies: index, probability, and how it lies most probably, a unit
             quaternion ``wxyz``.
         unresolved: share of the posterior in cells that are not of the finest level, after each touch.
-        seconds: for the decisions and for the updates, means of a touch.
+        seconds: for the decisions, the updates and the closer looks, means of a touch.
     """
 
     truth: int
@@ -42,7 +42,7 @@ class Naming:
     log_probs: Floats
     possible: tuple[tuple[tuple[int, float, Floats], ...], ...]
     unresolved: tuple[float, ...]
-    seconds: tuple[float, float]
+    seconds: tuple[float, float, float]
 
     @property
     def named(self) -> int:
@@ -100,7 +100,7 @@ def name_object(
     if rule == "spread":
         order = fixed_order(setting)
     belief, poses = setting.bodies.start(), list[int]()
-    logs, possible, unresolved, deciding, updating = [], [], [], 0.0, 0.0
+    logs, possible, unresolved, deciding, updating, looking = [], [], [], 0.0, 0.0, 0.0
     while len(poses) < min(max_touches, num_poses):
         started = perf_counter()
         pose = order[len(poses)]
@@ -112,14 +112,17 @@ def name_object(
         embedding = setting.touch(obj, pose, np.random.default_rng([*seed, 2, pose]))
         started = perf_counter()
         belief = setting.update(belief, pose, embedding)
-        logs.append(belief.log_probs.astype(np.float32))
         updating += perf_counter() - started
+        started = perf_counter()
+        belief = setting.looked(belief)
+        logs.append(belief.log_probs.astype(np.float32))
+        looking += perf_counter() - started
         poses.append(pose)
         unresolved.append(belief.unresolved)
         possible.append(still_possible(setting, belief))
         if np.exp(logs[-1].max()) >= threshold < 1.0:
             break
-    seconds = deciding / len(poses), updating / len(poses)
+    seconds = deciding / len(poses), updating / len(poses), looking / len(poses)
     return Naming(obj.shape_index, tuple(poses), np.stack(logs), tuple(possible), tuple(unresolved), seconds)
 
 

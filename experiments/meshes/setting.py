@@ -6,8 +6,8 @@ import json
 import time
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,6 +22,7 @@ from activetouch.errors import BadMesh, MeshWarning
 from activetouch.mesh_source import MeshSource, mesh_labels
 from activetouch.named_scenes import SCENES
 from activetouch.perception.cached_arrays import cached
+from activetouch.perception.contacts.close_look import CloseContacts, CloseLook
 from activetouch.perception.contacts.hypotheses import ContactHypotheses
 from activetouch.perception.contacts.imaging import Floats32
 from activetouch.perception.contacts.views import BodySet, ViewPlan, are_embedded, embedded_views
@@ -61,6 +62,7 @@ class MeshSetting:
         bodies: embedded.
         references: embeddings of touches that stand for all, ``(M, D)``.
         constants: of the references, by which their log likelihoods are too large, ``(M,)``.
+        look: how closely bodies that are still possible are looked at.
     """
 
     scene: Scene
@@ -68,6 +70,7 @@ class MeshSetting:
     bodies: BodySet
     references: Floats32
     constants: Floats32
+    look: CloseLook = field(default_factory=CloseLook)
 
     @classmethod
     def of(
@@ -78,6 +81,7 @@ class MeshSetting:
         plan: ViewPlan | None = None,
         levels: Sequence[int] | None = None,
         effort: Effort | None = None,
+        look: CloseLook | None = None,
         pressed: int = _PRESSED,
         jobs: int | None = None,
     ) -> MeshSetting:
@@ -89,6 +93,7 @@ class MeshSetting:
             plan: views of each body.
             levels: of cells, coarse first; chosen by the number of bodies by default.
             effort: how far beliefs are refined.
+            look: how closely the bodies that are still possible are looked at.
             pressed: number of simulated objects that temperature and drift are fitted to.
             jobs: number of processes; as many as processors by default.
 
@@ -104,7 +109,7 @@ class MeshSetting:
         others = {"levels": chosen, "effort": Effort() if effort is None else effort}
         bodies = BodySet.of(reader.hypotheses, scene, solids, plan, **others)
         none = np.zeros((1, bodies.table.shape[2]), np.float32), np.zeros(1, np.float32)
-        return _fitted(cls(scene, reader, bodies, *none), pressed)
+        return _fitted(cls(scene, reader, bodies, *none, CloseLook() if look is None else look), pressed)
 
     def touch(self, obj: WorldObject, pose: int, rng: np.random.Generator) -> Floats32:
         """The embedding of a simulated touch, ``(D,)``."""
@@ -113,6 +118,16 @@ class MeshSetting:
     def update(self, belief: CoarseToFine, pose: int, embedding: Floats32) -> CoarseToFine:
         """The belief after a touch."""
         return belief.update(self.bodies.felt(pose, embedding))
+
+    def looked(self, belief: CoarseToFine) -> CoarseToFine:
+        """The belief after a closer look at the bodies that are still possible, where that may decide anything."""
+        return self._close.checked(belief)
+
+    @cached_property
+    def _close(self) -> CloseContacts:
+        hypotheses = self.reader.hypotheses
+        assert isinstance(hypotheses, ContactHypotheses), "reader_of gives no other"
+        return CloseContacts.of(hypotheses, self.scene, self.bodies, self.look)
 
     def information(self, belief: CoarseToFine, target: int | None = None) -> Floats:
         """Expected information of the next touch in every pose about the body, or about whether it is the target.

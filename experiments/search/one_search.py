@@ -118,8 +118,9 @@ def problem_of(
         usual, per_object = min(4, len(sensor.shape_labels)), _TOUCHES_PER_OBJECT
         among: Composition | Counts = Composition.DISTINCT
     else:
-        scene = sensor.scene
-        named = next((known for known in SCENES.values() if known.scene == scene), None) or as_named(scene)
+        scene, hand = sensor.scene, sensor.scene.hand
+        known = [some for some in SCENES.values() if scene in (some.scene, hand and some.scene.with_hand(hand))]
+        named = known[0] if known else as_named(scene)
         usual, among, per_object = named.num_objects, named.composition, named.touches_per_object
     number = usual if num_objects is None else num_objects
     return SearchProblem(

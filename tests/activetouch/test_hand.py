@@ -1,6 +1,7 @@
 """Hands: what fingers meet, what a grasp looks like, and how it is read."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from activetouch.session_reader import SensorReader
 from activetouch.shapes import Sphere
 from belief.errors import InvalidArgument, UnknownName
 from belief.problem import Touch
+from experiments.search.one_search import problem_of
 from experiments.sensor.collect import record
 
 COARSE = replace(SCENES["coarse"].scene, press_model=Quasistatic())
@@ -177,3 +179,11 @@ def test_a_session_tells_a_grasp_from_no_contact(sensor):
     assert reader.area(image) > reader.area(blank) > reader.area(np.zeros_like(image)) == 0.0
     pose, elsewhere = reader.at({"quaternion": turn("z", 0.3).tolist()})
     assert (pose, elsewhere.hypotheses.shape) == (0, (4, 64, 128))
+
+
+def test_a_hand_searches_by_the_rules_of_the_named_scene():
+    scene = SCENES["hard"].scene
+    labels = {"shape_labels": scene.shape_labels, "pose_labels": scene.pose_labels}
+    alone, held = (SimpleNamespace(**labels, scene=one) for one in (scene, scene.with_hand("parallel")))
+    assert problem_of(held) == problem_of(alone)
+    assert problem_of(held).num_objects == 8

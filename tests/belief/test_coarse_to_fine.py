@@ -129,3 +129,22 @@ def test_huge_evidence_neither_overflows_nor_underflows():
     touch = np.full((BODIES, FINEST), -1e300)
     touch[5, 9] = 0.0
     np.testing.assert_allclose(CoarseToFine.start(np.zeros(BODIES), CELLS, Table()).update(touch).probs[5], 1.0)
+
+
+def test_a_closer_look_decides_between_some_bodies_and_leaves_their_sum():
+    touches = touches_of(np.random.default_rng(7), (3, 50), 3, 0.7)
+    belief = updated(touches, Effort())
+    few, closer = np.array([3, 8, 11]), np.log([0.7, 0.3, 1e-9]) - 900.0
+    looked = belief.corrected(few, closer)
+    sum_of_few = belief.probs[few].sum()
+    np.testing.assert_allclose(looked.probs[few], sum_of_few * np.array([0.7, 0.3, 1e-9]), rtol=1e-6)
+    others = np.delete(np.arange(BODIES), few)
+    np.testing.assert_allclose(looked.probs[others], belief.probs[others])
+    np.testing.assert_allclose(looked.corrected(few, closer).probs, looked.probs)
+    both = looked.update(touches[0]).probs, belief.update(touches[0]).probs
+    change = [np.log(after[3] / after[8]) for after in (*both, looked.probs, belief.probs)]
+    assert change[0] - change[1] == pytest.approx(change[2] - change[3], abs=1e-6)  # it stays
+    assert abs(both[0].sum() - 1.0) < 1e-9
+    for wrong in ([np.nan, 0.0, 0.0], [-np.inf] * 3, [np.inf, 0.0, 0.0]):
+        with pytest.raises(ValueError, match="evidence"):
+            belief.corrected(few, np.array(wrong))

@@ -104,12 +104,14 @@ class Felt:
     Attributes:
         pose: its index.
         embedding: of its image, ``(D,)``.
+        exact: log likelihoods given contacts that were predicted for this touch, by hypothesis.
     """
 
     pose: int
     embedding: Floats32
     _scores: Floats32 = field(repr=False)
     _known: NDArray[np.bool_] = field(repr=False)
+    exact: dict[tuple[Any, ...], float] = field(default_factory=dict, repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,10 +181,16 @@ class BodySet:
         total = np.zeros(cells.shape, np.float32)
         for touch in touches:
             for body in wanted[~touch._known[wanted]].tolist():
-                touch._scores[body] = self.table[body].astype(np.float32, copy=False) @ touch.embedding
-            touch._known[wanted] = True
+                self.view_scores(body, touch)
             total += touch._scores[bodies[:, None], self._shown(level, touch.pose)[cells]]
         return total
+
+    def view_scores(self, body: int, touch: Felt) -> Floats32:
+        """Log likelihoods of a touch given each view of a body, ``(V,)``."""
+        if not touch._known[body]:
+            touch._scores[body] = self.table[body].astype(np.float32, copy=False) @ touch.embedding
+            touch._known[body] = True
+        return touch._scores[body]
 
     def log_ratios(self, level: Ints, bodies: Ints, cells: Ints, references: Floats32) -> Floats32:
         """Log ratios of reference touches in every pose for some hypotheses, ``(P, n, M)``.
@@ -203,10 +211,14 @@ class BodySet:
 
     def _shown(self, place: int, pose: int) -> NDArray[np.int32]:
         """The view that each cell of a level shows in a pose."""
-        if (place, pose) not in self._kept:
-            shown = turned(self.poses[pose], centres(self.levels[place]))
-            self._kept[place, pose] = nearest(shown, self.plan.orientations).astype(np.int32)
-        return self._kept[place, pose]
+        return self.shown(self.levels[place], pose)
+
+    def shown(self, level: int, pose: int) -> NDArray[np.int32]:
+        """The view that each cell of :func:`activetouch.rotation_cells.centres` shows in a pose, ``(N,)``."""
+        if (level, pose) not in self._kept:
+            shown = turned(self.poses[pose], centres(level))
+            self._kept[level, pose] = nearest(shown, self.plan.orientations).astype(np.int32)
+        return self._kept[level, pose]
 
     @cached_property
     def _kept(self) -> dict[tuple[int, int], NDArray[np.int32]]:

@@ -1,12 +1,14 @@
 """Find and identify among meshes: the belief is that of all cells, views are right, reports are written."""
 
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.special import logsumexp
 
 from activetouch.named_scenes import SCENES
+from activetouch.perception.contacts.close_look import CloseLook
 from activetouch.perception.contacts.views import BodySet, ViewPlan, are_embedded, embedded_views
 from activetouch.poses import POSE_SETS, to_matrices, turned
 from activetouch.pressing.height_maps import predicted_contacts
@@ -153,3 +155,28 @@ def test_costs_are_told_in_words():
     assert "1000 bodies" in cost_words(1000, 96, jobs=2)
     assert {"find", "identify"} <= set(REGISTRY)
     assert scene_of({"cube": Box((0.01, 0.01, 0.01))}).variation.size.support == (0.97, 1.03)
+
+
+def test_a_closer_look_finds_how_an_object_lies_and_what_it_is_among_bodies_that_are_nearly_alike():
+    solids = {f"{side}": box(0.014, side / 1000, 0.018) for side in (7, 9, 11)}
+    setting = MeshSetting.of(solids, plan=PLAN, pressed=3, jobs=1)
+    rng, look = np.random.default_rng(2), CloseLook()
+    obj, belief = setting.scene.sample_object(1, rng), setting.bodies.start()
+    for pose in (0, 4, 9, 13, 17, 22):
+        belief = setting.update(belief, pose, setting.touch(obj, pose, rng))
+    found = setting._close.log_evidence(np.arange(3), belief.touches)
+    rest, exact = np.array(obj.orientation), 0.0
+    for touch in belief.touches:
+        turn, window = turned(POSES[touch.pose], rest[None]), setting.reader.hypotheses.imaging.wide_window
+        maps = predicted_contacts(list(solids.values())[1], turn, (0.0, 0.0), window, obj.scale, np.float32)
+        embedded = setting.reader.hypotheses.embed(maps, look.widths[-1], np.zeros((1, 41), np.float32))
+        exact += float(embedded[0] @ touch.embedding)
+    share = look.scale / (1.0 + look.drift * 5)
+    assert found[1] > share * exact - np.log(len(centres(4)) * 3) - 5.0
+    assert found.argmax() == 1
+    looked = setting.looked(belief)
+    assert looked.probs[1] > belief.probs[1]
+    unchanged = replace(setting, look=CloseLook(bodies=0)).looked(belief)
+    np.testing.assert_array_equal(unchanged.probs, belief.probs)
+    with pytest.raises(InvalidArgument, match="divided"):
+        CloseLook(divided=0)

@@ -1,0 +1,166 @@
+"""A closer look at the few bodies that are still possible: their evidence from contacts that are predicted exactly.
+
+Views are coarse: up to 12° from what a hypothesis shows. Of few bodies it takes seconds to predict the contact of every
+touch itself. The likeliest cells of each body (by its views, the best of each wide cell) are weighed so, and the best
+of these are divided twice, down to 3°, and into sizes. Bodies that have fallen far behind are not looked at further.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+
+from activetouch.perception.contacts.hypotheses import ContactHypotheses
+from activetouch.perception.contacts.imaging import Floats32
+from activetouch.perception.contacts.sensor_state import sensor_state
+from activetouch.perception.contacts.views import BodySet, Felt
+from activetouch.poses import turned
+from activetouch.pressing.height_maps import predicted_contacts
+from activetouch.rotation_cells import centres, nested
+from activetouch.scene import Scene
+from activetouch.solids.solid import Shape
+from belief.coarse_to_fine import CoarseToFine, Ints
+from belief.validation import Floats, require_count, require_number
+
+_AT_ONCE = 256  # contacts
+_PROPOSED = (1, 2)  # levels: of the wide cells, and of their parts of which the best is proposed
+_PARTS = 8  # of a cell
+
+
+@dataclass(frozen=True)
+class CloseLook:
+    """How closely the bodies that are still possible are looked at: the dial of accuracy against seconds of a check.
+
+    Attributes:
+        bodies: that are looked at, at most; 0 never looks.
+        least: posterior of a body that is looked at.
+        share: of the posterior that these bodies must have together; before that, a look is too early.
+        touches: before which it is too early, too: an object may lie in more ways than are weighed.
+        enough: posterior of a body after a look above which there is no other look.
+        proposed: cells of a body that are weighed.
+        divided: the best cells that are divided, at each of two levels.
+        sizes: of a body, relative to its mesh, equally probable; the middle one first.
+        behind: log evidence by which a body is behind the best when it is looked at no further.
+        widths: of the orientations that a cell of each of three levels stands for, which the network of contacts is
+            told [rad].
+        scale, drift: of log likelihoods, see :class:`belief.coarse_to_fine.CoarseToFine`.
+    """
+
+    bodies: int = 6
+    least: float = 0.002
+    share: float = 0.8
+    touches: int = 4
+    enough: float = 0.995
+    proposed: int = 12
+    divided: int = 4
+    sizes: tuple[float, ...] = (1.0, 0.98, 1.02)
+    behind: float = 12.0
+    widths: tuple[float, float, float] = (0.12, 0.06, 0.035)
+    scale: float = 0.8
+    drift: float = 0.02
+
+    def __post_init__(self) -> None:
+        require_count("bodies", self.bodies, 0)
+        for name in ("least", "share", "enough"):
+            require_number(name, getattr(self, name), 0.0, 1.0)
+        for name in ("proposed", "divided"):
+            require_count(name, getattr(self, name))
+
+
+@dataclass(frozen=True, eq=False)
+class CloseContacts:
+    """Weighs few bodies by exactly predicted contacts.
+
+    Attributes:
+        reader: embeds contacts.
+        code: of the state of the sensor, ``(1, STATE_SIZE)``.
+        solids: the bodies.
+        bodies: their views.
+        look: how closely.
+    """
+
+    reader: ContactHypotheses
+    code: Floats32
+    solids: tuple[Shape, ...]
+    bodies: BodySet
+    look: CloseLook
+
+    @classmethod
+    def of(cls, reader: ContactHypotheses, scene: Scene, bodies: BodySet, look: CloseLook) -> CloseContacts:
+        """For the bodies of a scene, in the state of its sensor."""
+        return cls(reader, sensor_state(reader.imaging, scene).code(), tuple(scene.solids.values()), bodies, look)
+
+    def checked(self, belief: CoarseToFine) -> CoarseToFine:
+        """The belief with the evidence of the bodies that are still possible made again; the others keep theirs."""
+        look, probs = self.look, belief.probs
+        few = np.argsort(-probs)[: look.bodies]
+        few = few[probs[few] >= look.least]
+        is_early = len(belief.touches) < look.touches or probs[few].sum() < look.share
+        if is_early or len(few) < 2 or (belief.correction.any() and probs.max() > look.enough):
+            return belief
+        return belief.corrected(few, self.log_evidence(few, belief.touches))
+
+    def log_evidence(self, few: Ints, touches: Sequence[Felt]) -> Floats:
+        """Of some bodies, ``(n,)``, each in its likeliest cells.
+
+        Args:
+            few: indices of the bodies, ``(n,)``.
+            touches: all touches of the object.
+        """
+        look = self.look
+        share = look.scale / (1.0 + look.drift * (len(touches) - 1))
+        shares = [np.log(nested((level,)).shares[0]) for level in range(2, 5)]
+        leaves: list[list[float]] = [[] for _ in few]  # log weights of the cells that are not divided
+        cells = [self._proposed(body, touches) for body in few.tolist()]
+        sizes = [np.ones(len(each)) for each in cells]
+        found = np.full(len(few), -np.inf)
+        alive = list(range(len(few)))
+        for step in range(3):
+            for place in alive:
+                body, mine, size = int(few[place]), cells[place], sizes[place]
+                logs = shares[step][mine] + share * self._scores(body, step, mine, size, touches)
+                if step == 2:
+                    logs -= np.log(len(look.sizes))
+                elif step == 1:
+                    best = np.argsort(-logs)[: look.divided]
+                    others = np.array(look.sizes[1:]).repeat(len(best))
+                    again = np.tile(mine[best], len(look.sizes) - 1)
+                    resized = shares[1][again] + share * self._scores(body, 1, again, others, touches)
+                    logs, mine = np.concatenate([logs, resized]) - np.log(len(look.sizes)), np.append(mine, again)
+                    size = np.append(size, others)
+                found[place] = logsumexp([*leaves[place], *logs])
+                if step < 2:
+                    best = np.argsort(-logs)[: look.divided]
+                    leaves[place] += np.delete(logs, best).tolist()
+                    cells[place] = (mine[best][:, None] * _PARTS + np.arange(_PARTS)).ravel()
+                    sizes[place] = size[best].repeat(_PARTS)
+            alive = [place for place in alive if found[place] > found.max() - look.behind]
+        return found
+
+    def _proposed(self, body: int, touches: Sequence[Felt]) -> Ints:
+        """The likeliest cells by the views of a body: the best one of each wide cell."""
+        total = sum(self.bodies.view_scores(body, touch)[self.bodies.shown(2, touch.pose)] for touch in touches)
+        wide = np.reshape(total, (-1, _PARTS))
+        best = np.argsort(-wide.max(axis=1))[: self.look.proposed]
+        return best * _PARTS + wide[best].argmax(axis=1)
+
+    def _scores(self, body: int, step: int, cells: Ints, sizes: Floats, touches: Sequence[Felt]) -> Floats:
+        """Log likelihoods of all touches together in some cells, ``(n,)``; what a touch was weighed for is kept."""
+        keys = [(body, step, *key) for key in zip(cells.tolist(), sizes.tolist(), strict=True)]
+        wanted = [(touch, place) for touch in touches for place, key in enumerate(keys) if key not in touch.exact]
+        rests, width = centres(2 + step), self.look.widths[step]
+        for first in range(0, len(wanted), _AT_ONCE):
+            some = wanted[first : first + _AT_ONCE]
+            places = np.array([place for _, place in some])
+            turns = np.concatenate(
+                [turned(self.bodies.poses[touch.pose], rests[cells[place]][None]) for touch, place in some]
+            )
+            window = self.reader.imaging.wide_window
+            maps = predicted_contacts(self.solids[body], turns, (0.0, 0.0), window, sizes[places], np.float32)
+            embedded = self.reader.embed(maps, width, self.code)
+            for (touch, place), one in zip(some, embedded, strict=True):
+                touch.exact[keys[place]] = float(one @ touch.embedding)
+        return np.array([sum(touch.exact[key] for touch in touches) for key in keys])
