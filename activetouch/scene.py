@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from activetouch.distributions import Variation
 from activetouch.errors import BadMesh, UnstablePress
@@ -304,6 +304,14 @@ class Scene:
         They cover the orientations and sizes of objects evenly.
         """
         return Bodies(self.presentation.rests(num), sizes(self.variation.size, num), member_shares(num))
+
+    def with_pose(self, quaternion: ArrayLike, aim: ArrayLike) -> Scene:
+        """The scene with one more pose, the last: a quaternion (w, x, y, z), and an aim along y and z [m]."""
+        label = "elsewhere"
+        while label in self.poses:
+            label += "_"
+        poses = {**self.rotations, label: np.asarray(quaternion, float)}
+        return replace(self, poses=poses, aims={**self.aims, label: tuple(np.asarray(aim, float).tolist())})
 
     def place(self, obj: WorldObject, pose: Name, rng: np.random.Generator) -> Placement:
         """Put an object in front of the pad, in a pose, by its label or index."""

@@ -78,12 +78,22 @@ class TactileSensor:
     @overload
     @classmethod
     def load(
-        cls, folder: str | Path, scene: Scene, anyway: bool = False, independent: bool = False
+        cls,
+        folder: str | Path,
+        scene: Scene,
+        anyway: bool = False,
+        independent: bool = False,
+        unknown_state: bool = False,
     ) -> TactileSensor: ...
 
     @classmethod
     def load(
-        cls, folder: str | Path, scene: Scene | None = None, anyway: bool = False, independent: bool = False
+        cls,
+        folder: str | Path,
+        scene: Scene | None = None,
+        anyway: bool = False,
+        independent: bool = False,
+        unknown_state: bool = False,
     ) -> TactileSensor:
         """The sensor whose reader and observation model lie in a folder.
 
@@ -95,6 +105,8 @@ class TactileSensor:
             scene: in which to use it; none for a :class:`RecordedSensor`, which no scene simulates.
             anyway: whether to use it, without a warning, in a scene that it was not made for.
             independent: whether to use its model that takes touches as independent given the shape.
+            unknown_state: whether the state of the sensor is inferred from its touches: forces, stiffness, noise,
+                broken taxels, a shifted or blurred image, hysteresis. Its reader of any object then reads all scenes.
 
         Raises:
             CorruptFile: one of the files is damaged or missing.
@@ -108,7 +120,7 @@ class TactileSensor:
             return RecordedSensor.read_folder(folder)
         if not isinstance(scene, Scene):
             raise InvalidArgument(f"the scene must be a Scene, such as SCENES['coarse'].scene; got {scene!r:.80}")
-        path, fitted, shift = files_for(folder, scene, anyway, independent)
+        path, fitted, shift = files_for(folder, scene, anyway, independent, unknown_state)
         reader = TactileReader.load(path).bound_to(scene)
         if fitted is None or (reader.card.imaging is not None and not is_of_objects(fitted.scene, scene)):
             from activetouch.perception.preparation import prepared  # which sensors of known objects do not need
@@ -124,6 +136,10 @@ class TactileSensor:
             )
         if reader.hypotheses is not None:
             model = model.with_hypotheses(HypothesisTable(reader, scene))
+        if unknown_state:
+            from activetouch.perception.sensor_worlds import sensor_health  # which others do not need
+
+            model = sensor_health(model, reader, scene)
         return cls(scene, reader, model, shift=shift)
 
     @classmethod

@@ -12,7 +12,7 @@ from activetouch.perception.card import read_card
 from activetouch.perception.contacts.imaging import Imaging
 from activetouch.perception.contacts.sensor_state import differs_from_training, fields_read
 from activetouch.scene_description import OBJECTS, require_scene, scene_fields
-from belief.errors import CorruptFile
+from belief.errors import CorruptFile, InvalidArgument
 from belief.files import require_regular_file, write_text
 from belief.observation_model.registry import read_observation_model, read_origin
 
@@ -137,7 +137,9 @@ class SensorFiles(NamedTuple):
     shift: tuple[str, ...]
 
 
-def files_for(folder: Path, scene: Scene, anyway: bool = False, independent: bool = False) -> SensorFiles:
+def files_for(
+    folder: Path, scene: Scene, anyway: bool = False, independent: bool = False, unknown_state: bool = False
+) -> SensorFiles:
     """The files of the sensor in a folder for a scene, and how the scene differs from theirs.
 
     Args:
@@ -145,6 +147,7 @@ def files_for(folder: Path, scene: Scene, anyway: bool = False, independent: boo
         scene: in which they are to be used.
         anyway: whether to use them whatever the differences are, as long as the network can read the images at all.
         independent: whether the model that takes touches as independent given the shape is to be used.
+        unknown_state: see :func:`reader_file`.
 
     Raises:
         CorruptFile: one of the files is damaged or missing.
@@ -152,7 +155,7 @@ def files_for(folder: Path, scene: Scene, anyway: bool = False, independent: boo
         LabelMismatch: it was made for other shapes or poses than the scene's.
         WrongScene: it was made for a scene that differs by more than a known shift.
     """
-    path = reader_file(folder, scene, independent)
+    path = reader_file(folder, scene, independent, unknown_state)
     if scene.hand is not None and independent:
         raise NoIndependentModel("the fingers of a hand touch one body; the independent model reads single touches")
     is_made_here = path.name == ANY_OBJECT_FILE or scene.hand is not None
@@ -173,7 +176,7 @@ def files_for(folder: Path, scene: Scene, anyway: bool = False, independent: boo
     return SensorFiles(path, fitted, tuple(dict.fromkeys(sum(found, ()))))
 
 
-def reader_file(folder: Path, scene: Scene, independent: bool = False) -> Path:
+def reader_file(folder: Path, scene: Scene, independent: bool = False, unknown_state: bool = False) -> Path:
     """The file of the reader that a sensor reads a scene with.
 
     Beside the reader of its own objects, a sensor may have one of any object. It reads other shapes and poses, and the
@@ -185,14 +188,21 @@ def reader_file(folder: Path, scene: Scene, independent: bool = False) -> Path:
         scene: in which it is used.
         independent: whether touches are to be taken as independent given the shape, which the reader of any object
             cannot; the reader of the own objects then reads them in any state of the sensor.
+        unknown_state: whether the state of the sensor is to be inferred, which only the reader of any object can.
 
     Raises:
         CorruptFile: a file is damaged.
+        InvalidArgument: the sensor has no reader of any object, but its state is to be inferred.
         NoIndependentModel: only the reader of any object reads this scene, and touches are to be taken as independent.
         WrongScene: the sensor is of recorded touches.
     """
     require_simulated(folder)
     own, other = folder / READER_FILE, folder / ANY_OBJECT_FILE
+    if unknown_state:
+        found = other if other.exists() else own
+        if read_card(found).imaging is None:
+            raise InvalidArgument(f"{folder} has no reader of any object, which alone knows states of the sensor")
+        return _joint(found, independent)
     if not other.exists():
         return own
     model = observation_file(folder, independent)

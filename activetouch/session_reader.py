@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 from activetouch.pressing.contact import missed
 from activetouch.recorded.reader_file import digest_of
 from activetouch.rendering import read_out
-from activetouch.scene import Scene
 from activetouch.sensor import RecordedSensor, TactileSensor
 from belief.errors import InvalidArgument
 from belief.observation_model.rigid_body import joint_model
@@ -97,7 +96,7 @@ class SensorReader:
                 f"aims; the nearest is {scene.pose_labels[nearest]!r}, {np.degrees(angles[nearest]):.1f}° and "
                 f"{1e3 * np.linalg.norm(scene.aim_offsets[nearest] - aim):.2f} mm away"
             )
-        there = with_pose(scene, quaternion, aim)
+        there = scene.with_pose(quaternion, aim)
         embedded = hypotheses.embedded(there, scene.hypotheses(model.num_hypotheses), len(scene.poses))
         return nearest, Elsewhere((*quaternion.tolist(), *aim.tolist()), embedded)
 
@@ -170,15 +169,6 @@ def checked_image(image: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.uint8]
     if not ((given >= 0) & (given <= 255)).all() or (given != np.floor(given)).any():
         raise InvalidArgument(f"an image must be {shape} whole numbers from 0 to 255; it holds others")
     return given.astype(np.uint8)
-
-
-def with_pose(scene: Scene, quaternion: NDArray[np.float64], aim: NDArray[np.float64]) -> Scene:
-    """The scene with one more pose, the last."""
-    label = "elsewhere"
-    while label in scene.poses:
-        label += "_"
-    poses = {**scene.rotations, label: quaternion}
-    return replace(scene, poses=poses, aims={**scene.aims, label: (float(aim[0]), float(aim[1]))})
 
 
 def _numbers_of(place: Mapping[str, Any]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -96,7 +96,11 @@ def sensor_folder(given: Path | None, scene: str) -> Path:
 
 
 def open_sensor(
-    folder: Path | None, choice: SceneChoice | NamedScene, anyway: bool = False, independent: bool = False
+    folder: Path | None,
+    choice: SceneChoice | NamedScene,
+    anyway: bool = False,
+    independent: bool = False,
+    unknown_state: bool = False,
 ) -> TactileSensor:
     """Load a sensor, which checks that it fits the scene; print an accepted difference to stderr.
 
@@ -105,6 +109,7 @@ def open_sensor(
         choice: the scene, by name or as an object.
         anyway: whether to accept a sensor of any scene.
         independent: whether to use its model that takes touches as independent given the shape.
+        unknown_state: whether the state of the sensor is inferred from its touches.
 
     Raises:
         NoSensor: The folder holds no sensor.
@@ -125,7 +130,7 @@ def open_sensor(
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SceneShift)  # printed below, also where it is accepted
-            sensor = TactileSensor.load(chosen, scene, anyway, independent)
+            sensor = TactileSensor.load(chosen, scene, anyway, independent, unknown_state)
     except (LabelMismatch, WrongScene) as error:
         advice = _anyway(chosen, scene, independent)
         raise type(error)(f"{error}. {_remedy(choice, name, scene)}{advice}") from error

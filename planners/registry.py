@@ -31,6 +31,8 @@ from planners.value_of_information import ValueOfInformation
 
 PREFIX = "sb3:"
 """What the name of a decider that follows a saved policy of Stable-Baselines3 starts with."""
+POLICY = "policy:"
+"""What the name of a decider starts with that plays a function from an observation to an action."""
 ENTRY_POINTS = "activetouch.deciders"
 """Entry-point group of deciders in installed packages."""
 
@@ -201,6 +203,11 @@ def find_decider(name: str) -> tuple[Any, Reference]:
     """
     if name.startswith(PREFIX):
         return _loaded("planners.sb3_policy:SB3Policy"), Reference(name, {"path": name.removeprefix(PREFIX)}, True)
+    if name.startswith(POLICY):
+        named = Reference.parse(name.removeprefix(POLICY))
+        return _loaded("planners.function_policy:FunctionPolicy"), Reference(
+            name, {"act": named.name, **named.settings}, True
+        )
     found, reference = find("decider", name, DECIDERS, ENTRY_POINTS)
     if given := [setting for setting in reference.settings if setting in _GIVEN]:
         raise BadReference(f"{name}: {given[0]} is no setting; it is passed to every decider")
@@ -213,7 +220,7 @@ def trained_state(name: str) -> str | None:
     >>> trained_state("ppo_confident(confirm=0.9)"), trained_state("threshold")
     ('paper', None)
     """
-    if name.startswith(PREFIX):
+    if name.startswith((PREFIX, POLICY)):
         return None
     return TRAINED.get(Reference.parse(name).name)
 
@@ -229,7 +236,8 @@ def make_decider(
 
     Args:
         name: a key of :data:`DECIDERS`, an entry point, or ``module:attribute``; optionally with settings in brackets,
-            such as ``information_gain(confirm=0.97)``; or ``sb3:PATH``, a policy that Stable-Baselines3 saved.
+            such as ``information_gain(confirm=0.97)``; ``sb3:PATH``, a policy that Stable-Baselines3 saved; or
+            ``policy:module:attribute``, a function from an observation to an action.
         table: p(outcome | pose, shape) of single touches.
         model: the observation model, which some deciders need.
         policies: folder of trained policies, which some deciders need.

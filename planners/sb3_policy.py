@@ -18,11 +18,11 @@ import numpy as np
 
 from belief.errors import MissingPackage
 from belief.files import require_regular_file
-from belief.policy_state import ENCODINGS, TOUCH_LIMIT
-from belief.problem import Confirm, Probe, Reject
+from belief.policy_state import TOUCH_LIMIT
 from belief.validation import require_count
 from planners.decider import Decision, InformationState
-from planners.ppo import BadPolicy, MissingPolicy, situation_of
+from planners.function_policy import decision, observation
+from planners.ppo import BadPolicy, MissingPolicy
 
 _LEAST = {"paper": 0.0, "posterior": -1.0}  # of an observation; the posterior of a whole search is as long as "paper"
 _MOST_SETTINGS = 1 << 26  # of the settings in a file [bytes]
@@ -48,18 +48,9 @@ class SB3Policy:
 
     def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.Decider`."""
-        problem, scores = info.problem, {"target_prob": info.target_prob}
         model, state, sees_target = self._loaded(info)
-        situation = situation_of(info.history, info.belief.log_probs, problem.num_poses, self.touch_limit)
-        seen = ENCODINGS[state](situation, info.target)[0]
-        if sees_target:
-            seen = np.append(seen, np.arange(problem.num_shapes) == info.target)
-        action = int(model.predict(seen.astype(np.float32), deterministic=True)[0])
-        if action < problem.num_poses:
-            if len(info.history) < self.touch_limit:
-                return Decision(Probe(action), scores)
-            action = problem.num_poses + (info.target_prob < 0.5)
-        return Decision(Confirm() if action == problem.num_poses else Reject(), scores)
+        seen = observation(info, state, sees_target, self.touch_limit)
+        return decision(info, int(model.predict(seen, deterministic=True)[0]), self.touch_limit)
 
     def files(self, target: str) -> tuple[Path, ...]:
         """The file that searches for this target follow.

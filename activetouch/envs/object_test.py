@@ -70,7 +70,7 @@ class ObjectTestEnv(TouchEnv):
       episode draws its own (decision 0024).
     - `touches=None`: another source of touches, a :class:`activetouch.envs.touch_source.Touches`.
     - `state="paper"`: or `"posterior"` or `"gains"`, the observation.
-    - `render_mode=None`: or `"rgb_array"`.
+    - `render_mode=None`: or `"rgb_array"`, or `"human"`, a window that follows the episode.
 
     ## Version History
     * v0: first version

@@ -213,9 +213,11 @@ def export(network: ContactReader, imaging: Imaging, scene: Scene, training: str
     network = network.cpu().float().eval()
     pixels, wide = imaging.pixels, imaging.wide_window.num_pixels
     images = torch.zeros((2, pixels, pixels), dtype=torch.uint8)
-    contacts = (torch.zeros(2, 2, wide, wide), torch.full((2,), 0.1), torch.zeros(1, STATE_SIZE))
+    contacts = (torch.zeros(2, 2, wide, wide), torch.full((2,), 0.1), torch.zeros(2, STATE_SIZE))
     graph = exported(ImageNetwork(network), (images,), ({0: "batch"},), (INPUT,), OUTPUTS)
-    others = exported(ContactNetwork(network), contacts, ({0: "number"}, {0: "number"}, {}), CONTACTS, (EMBEDDING,))
+    others = exported(
+        ContactNetwork(network), contacts, ({0: "number"}, {0: "number"}, {0: "worlds"}), CONTACTS, (EMBEDDING,)
+    )
     card = ClassifierCard(
         "contacts",
         pixels,

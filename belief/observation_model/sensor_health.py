@@ -139,27 +139,28 @@ class SensorHealthModel(ArrayModel):
             self._checked.add(place)
         one = scaled(embedding, self.nominal.temperature)[0]
         scores = np.empty((len(awake), *found.shape[1:3]), np.float32)
+        room = np.empty_like(found[0], np.int32)
         for row, world in enumerate(awake.tolist()):
-            table = found[world].reshape(-1, len(one))
-            scores[row] = (np.asarray(table, np.float32) @ one).reshape(scores.shape[1:])
+            scores[row] = (_single(found[world], room).reshape(-1, len(one)) @ one).reshape(scores.shape[1:])
         return scores
 
     @cached_property
     def _checked(self) -> set[int | tuple[float, ...]]:
         return set()
 
-    def health(self, log_bets: ArrayLike = 0.0) -> SensorHealth:
+    def health(self, log_bets: ArrayLike = 0.0, is_clear: bool = True) -> SensorHealth:
         """What a session knows that has had this evidence (:attr:`SensorHealth.log_bets`), or none."""
         given = np.zeros(len(self.prior) + 1) + np.asarray(log_bets, np.float64)
-        return self._health(given[:-1], int(given[-1]))
-
-    def _health(self, log_ratios: Floats, num_touches: int, is_clear: bool = True) -> SensorHealth:
-        log_ratios = np.maximum(log_ratios - np.logaddexp.reduce(self.log_prior + log_ratios), _LEAST)
+        log_ratios = given[:-1]
+        for _ in range(2):  # the second time, large numbers are gone that hid the prior
+            log_ratios = np.maximum(log_ratios - np.logaddexp.reduce(self.log_prior + log_ratios), _LEAST)
         labels = (AS_DESCRIBED, *self.world_labels, UNKNOWN)
-        return SensorHealth(labels, self.log_prior, frozen(log_ratios), num_touches, is_clear)
+        return SensorHealth(labels, self.log_prior, frozen(log_ratios), int(given[-1]), is_clear)
 
     def over_objects(self, evidence: Sequence[SensorEvidence], log_bets: ArrayLike) -> tuple[Floats, SensorHealth]:
         """Log likelihoods of the shapes of n objects that were touched, each given all others, and the sensor's health.
+
+        The forward and backward recursions of a hidden Markov chain.
 
         Args:
             evidence: about each object, in the order of their first touches.
@@ -168,27 +169,27 @@ class SensorHealthModel(ArrayModel):
         Returns:
             ``(n, K)``, each row up to a constant; and the health after the last object.
         """
-        health, tells = self.health(log_bets), [one.log_bets for one in evidence]
-        before = []
-        for told in tells:
-            before.append(self._forgetful(health.log_ratios))
-            health = self._health(before[-1] + told, health.num_touches)
-        after, found, least = np.zeros(len(self.prior)), np.zeros((len(tells), len(self.shape_labels))), 0.0
-        for place in range(len(tells))[::-1]:
-            log_probs = self.log_prior + before[place] + after
-            log_probs = log_probs - np.logaddexp.reduce(log_probs)
-            found[place] = np.logaddexp.reduce(log_probs[:, None] + evidence[place].log_ratios, axis=0)
-            log_probs = log_probs + tells[place]
-            least = min(least, float(log_probs.max() - np.logaddexp.reduce(log_probs)))
-            after = self._forgetful(after + tells[place])
+        earlier, told = self.health(log_bets), [one.log_bets for one in evidence]
+        known, before = earlier.log_ratios, []
+        for tells in told:
+            before.append(self._forgetful(known))
+            known = before[-1] + tells
+        after, found, is_clear = np.zeros(len(self.prior)), np.empty((len(told), len(self.shape_labels))), True
+        for place in range(len(told))[::-1]:
+            weights = self.log_prior + before[place] + after
+            weights = weights - weights.max()
+            found[place] = np.logaddexp.reduce(weights[:, None] + evidence[place].log_ratios, axis=0)
+            weights = weights + told[place]
+            is_clear &= bool(np.exp(weights - weights.max()).sum() * SURE <= 1.0)
+            after = self._forgetful(after + told[place])
             after = after - after.max()
-        total = health.num_touches + sum(one.num_touches for one in evidence)
-        return found, self._health(health.log_ratios, total, is_clear=least >= SURE)
+        total = earlier.num_touches + sum(one.num_touches for one in evidence)
+        return found, self.health(np.append(known, total), is_clear)
 
     def _forgetful(self, log_ratios: Floats) -> Floats:
         """Log ratios after a redraw from the prior with the probability of forgetting, ``(C,)``."""
         kept, drawn = self._log_forgetting
-        return np.logaddexp(kept + log_ratios, drawn + np.logaddexp.reduce(self.log_prior + log_ratios))
+        return np.asarray(np.logaddexp(kept + log_ratios, drawn + np.logaddexp.reduce(self.log_prior + log_ratios)))
 
     @cached_property
     def _log_forgetting(self) -> tuple[float, float]:
@@ -307,3 +308,14 @@ class SensorEvidence:
     def diagnostics(self) -> Diagnostics:
         """How well the nominal hypotheses cover what was felt."""
         return self.nominal.diagnostics
+
+
+def _single(array: NDArray[np.floating], room: NDArray[np.int32]) -> NDArray[np.float32]:
+    """Finite numbers in single precision; those in half precision are converted in the given room, which is faster."""
+    if array.dtype != np.float16:
+        return np.asarray(array, np.float32)
+    np.left_shift(array.view(np.int16), 13, out=room, dtype=np.int32)
+    room &= ~0x70000000  # the sign stays, its copies go
+    found = room.view(np.float32)
+    found *= np.float32(2.0**112)  # the exponents are less by 112
+    return found

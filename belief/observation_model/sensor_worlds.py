@@ -18,10 +18,11 @@ from belief.validation import Floats, require_number
 
 AS_DESCRIBED, UNKNOWN = "as described", "unknown"
 """Labels of the first and the last component."""
+SURE = 0.9
+"""Posterior of the likeliest component below which all are awake."""
 _TRIED = 24  # touches of a session before worlds may sleep
 _NEGLIGIBLE = np.log(1e-6)  # log posterior of a world that may sleep
-SURE = np.log(0.99)
-"""Log posterior of the likeliest component below which all are awake."""
+_IN_TURN = 4  # objects, at one of which one world is asked at random
 
 
 class EmbedsWorlds(Protocol):
@@ -92,16 +93,16 @@ def spread_prior(num_worlds: int, nominal: float = 0.9, unknown: float = 0.005) 
 class SensorHealth:
     """What a session knows about its sensor: the posterior over components after all its touches. A frozen value.
 
-    Once a session has 24 touches and one component has a posterior of 0.99, worlds with a posterior below 1e-6 *sleep*:
-    they count as impossible for the next object, and forgetting brings them back when they are asked again. That is for
-    all of them as soon as no component has 0.99, and in turn for one of them at each object.
+    Once a session has 24 touches and one component has a posterior of 0.9, worlds with a posterior below 1e-6 *sleep*:
+    they count as impossible for the next object, and forgetting brings them back when they are asked again. That is all
+    of them as soon as no component has 0.9 at an object, and one of them, drawn at random, at every fourth object.
 
     Attributes:
         labels: of the components.
         log_prior: of the components, ``(C,)``.
         log_ratios: log of posterior by prior after the last object, ``(C,)``.
         num_touches: of the session.
-        is_clear: whether one component has at least 0.99 at every object of the search.
+        is_clear: whether one component has at least 0.9 at every object of the search.
     """
 
     labels: tuple[str, ...]
@@ -128,14 +129,13 @@ class SensorHealth:
 
     @property
     def awake(self) -> NDArray[np.int64]:
-        """Indices of the worlds that the next object is asked about."""
+        """Indices of the worlds that the next object is asked about, ``(A,)``."""
         log_probs = self.log_prior + self.log_ratios
         number = len(log_probs) - 2
-        if self.num_touches < _TRIED or log_probs.max() < SURE:
+        if self.num_touches < _TRIED or log_probs.max() < np.log(SURE):
             return np.arange(number)
-        asked = log_probs[1:-1] >= _NEGLIGIBLE
-        asked[self.num_touches % max(number, 1) : self.num_touches % max(number, 1) + 1] = True
-        return np.flatnonzero(asked)
+        drawn = int(np.random.default_rng(self.num_touches).integers(max(1, _IN_TURN * number)))
+        return np.union1d(np.flatnonzero(log_probs[1:-1] >= _NEGLIGIBLE), [drawn] if drawn < number else []).astype(int)
 
     def __str__(self) -> str:
         """The likeliest components that together have 0.95, at most four."""

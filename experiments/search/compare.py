@@ -34,8 +34,8 @@ from experiments.sensor_commands import command
 from planners.registry import DECIDERS
 
 _DECIDERS_HELP = (
-    f"Deciders, with settings as in 'information_gain(confirm=0.97)', module:attribute, or sb3:model.zip of "
-    f"Stable-Baselines3: {', '.join(DECIDERS)}."
+    f"Deciders, with settings as in 'information_gain(confirm=0.97)', module:attribute, sb3:model.zip of "
+    f"Stable-Baselines3, or policy:module:attribute, a function from observation to action: {', '.join(DECIDERS)}."
 )
 
 

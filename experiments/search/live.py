@@ -72,6 +72,9 @@ class Live:
     """Listen on an address that other machines reach; there is no password."""
     anyway: bool = False
     """Accept a sensor that was made for another scene."""
+    unknown_state: bool = False
+    """Infer from the touches what is the matter with the sensor: forces, stiffness, noise, broken taxels, a shifted
+    image. Needs a reader of any object."""
 
     def run(self) -> None:
         """Answer requests until the input ends."""
@@ -112,7 +115,7 @@ class Live:
         of_scene = "" if given is None or given.exists() else str(given).removesuffix(INDEPENDENT_SUFFIX)
         if of_scene in SCENES and choice.scene == SceneChoice.scene:
             choice = replace(choice, scene=of_scene)
-        return open_sensor(given, choice, self.anyway)
+        return open_sensor(given, choice, self.anyway, unknown_state=self.unknown_state)
 
 
 class Server(socketserver.ThreadingTCPServer):

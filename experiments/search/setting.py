@@ -44,6 +44,9 @@ class Setting:
     default."""
     observation_model: Literal["independent"] | None = None
     """independent: touches of an object are independent given its shape, not of one rigid body."""
+    unknown_state: bool = False
+    """Infer from the touches what is the matter with the sensor: forces, stiffness, noise, broken taxels, a shifted
+    image. Needs a reader of any object."""
     touch_cost: NotNegative = 0.02
     """Cost λ of one touch, in units of a success."""
     abstain: Annotated[float, Within(0.0, 1.0, open_low=True, open_high=True)] | None = None
@@ -96,7 +99,7 @@ class Setting:
     def sensor_files(self, scene: Scene) -> list[Path]:
         """The files that determine what the sensor reads in a scene; of a reader of any object, that alone."""
         independent = self.observation_model == "independent"
-        reader = reader_file(self.sensor_folder, scene, independent)
+        reader = reader_file(self.sensor_folder, scene, independent, self.unknown_state)
         return [
             reader,
             *([] if reader.name == ANY_OBJECT_FILE else [observation_file(self.sensor_folder, independent)]),
@@ -112,7 +115,8 @@ class Setting:
             ActiveTouchError: as :func:`experiments.sensor_choice.open_sensor`.
         """
         scene = self.choice if named is None else named
-        return open_sensor(self.sensor, scene, self.anyway, self.observation_model == "independent")
+        independent = self.observation_model == "independent"
+        return open_sensor(self.sensor, scene, self.anyway, independent, self.unknown_state)
 
     @property
     def problem(self) -> SearchProblem:

@@ -65,8 +65,18 @@ class ContactHypotheses:
 
     def embedded(self, scene: Scene, bodies: Bodies, pose: int) -> Floats32:
         """See :class:`activetouch.perception.reader.Hypotheses`."""
-        rotation = scene.rotations[scene.pose_labels[pose]]
-        cell, code = cell_of(len(bodies.rests)), sensor_state(self.imaging, scene).code()
+        return self.embedded_in(scene, bodies, pose, sensor_state(self.imaging, scene).code())[0]
+
+    def embedded_in(self, scene: Scene, bodies: Bodies, pose: int, codes: Floats32) -> Floats32:
+        """Embedded hypotheses in one pose, for W states of the sensor, ``(W, K, N, D)``.
+
+        Args:
+            scene: whose objects they are of.
+            bodies: how these lie, and their sizes.
+            pose: index.
+            codes: of the states, ``(W, STATE_SIZE)``.
+        """
+        rotation, cell = scene.rotations[scene.pose_labels[pose]], cell_of(len(bodies.rests))
         window, aim = self.imaging.wide_window, scene.aim_offsets[pose]
 
         def embed_solid(solid: Shape, chosen: Bodies) -> Floats32:
@@ -74,8 +84,8 @@ class ContactHypotheses:
             for first in range(0, len(turns), _AT_ONCE):
                 some = slice(first, first + _AT_ONCE)
                 maps = predicted_contacts(solid, turns[some], aim, window, chosen.sizes[some], np.float32)
-                found.append(self.embed(maps, cell, code))
-            return np.concatenate(found)
+                found.append(self.embed_in(maps, cell, codes))
+            return np.concatenate(found, axis=1)
 
         def embed_shape(label: str) -> Floats32:
             solids, members = scene.bodies(label, bodies.shares)
@@ -83,9 +93,9 @@ class ContactHypotheses:
                 return embed_solid(solids[0], bodies)
             rows = [np.flatnonzero(members == member) for member in range(len(solids))]
             parts = [embed_solid(solid, bodies.take(some)) for solid, some in zip(solids, rows, strict=True)]
-            return np.concatenate(parts)[np.argsort(np.concatenate(rows))]
+            return np.concatenate(parts, axis=1)[:, np.argsort(np.concatenate(rows))]
 
-        state = [(np.round(part, _DECIMALS) + 0.0).tolist() for part in (cell, code, aim, rotation)]
+        state = [(np.round(part, _DECIMALS) + 0.0).tolist() for part in (cell, codes, aim, rotation)]
         places = array_digest({name: part.round(_DECIMALS) + 0.0 for name, part in bodies._asdict().items()})
         fields = scene_fields(scene)
         shapes, ranges = (dict(fields.get(name, {}).get("entries", ())) for name in ("shapes", "families"))
@@ -95,7 +105,7 @@ class ContactHypotheses:
             cached_array(key | {"shape": [shapes[label], families[label]]}, partial(embed_shape, label))
             for label in scene.shape_labels
         ]
-        return np.stack(found)
+        return np.stack(found, axis=1)
 
     def embed(self, maps: Floats32, cell: float, code: Floats32) -> Floats32:
         """Embeddings of height maps in one world.
@@ -108,9 +118,13 @@ class ContactHypotheses:
         Returns:
             ``(H, D)``.
         """
+        return self.embed_in(maps, cell, code)[0]
+
+    def embed_in(self, maps: Floats32, cell: float, codes: Floats32) -> Floats32:
+        """:meth:`embed` in W worlds of the codes ``(W, STATE_SIZE)``: ``(W, H, D)``."""
         contacts = encoded(maps, self.imaging.contact_pixels)
         cells = np.full(len(maps), cell, np.float32)
-        given = dict(zip(CONTACTS, (contacts, cells, code.astype(np.float32)), strict=True))
+        given = dict(zip(CONTACTS, (contacts, cells, codes.astype(np.float32)), strict=True))
         found: Floats32 = self._session.run([EMBEDDING], given)[0]
         return found
 

@@ -82,15 +82,15 @@ class ImageNetwork(nn.Module):
 
 
 class ContactNetwork(nn.Module):
-    """The network of contacts in one world."""
+    """The network of contacts in several worlds."""
 
     def __init__(self, network: ContactReader) -> None:
         super().__init__()
         self.network = network
 
     def forward(self, contacts: Tensor, cells: Tensor, code: Tensor) -> Tensor:
-        """Embeddings ``(H, D)`` of contacts ``(H, 2, m, m)`` with cells ``(H,)``, in a world ``(1, STATE_SIZE)``."""
-        return self.network.h(contacts, cells, code)[0]
+        """See :meth:`ContactReader.h`."""
+        return self.network.h(contacts, cells, code)
 
 
 class _Head(nn.Module):

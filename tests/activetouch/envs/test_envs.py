@@ -6,6 +6,7 @@ import warnings
 from dataclasses import replace
 
 import gymnasium
+import matplotlib
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
@@ -13,7 +14,7 @@ from gymnasium.wrappers import FlattenObservation
 from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
 
 from activetouch import TactileSensor, TouchWorld
-from activetouch.envs import IDS
+from activetouch.envs import IDS, picture
 from activetouch.envs.base import BadAction, BadOption
 from activetouch.envs.object_search import ObjectSearchEnv
 from activetouch.envs.object_test import ObjectTestEnv
@@ -285,13 +286,54 @@ def test_a_frame_shows_touch_and_belief(coarse):
         assert (frame[:, 240 * panel : 240 * (panel + 1)] != blank[:, 240 * panel : 240 * (panel + 1)]).any()
 
 
+def test_a_window_follows_the_episode(sampled, monkeypatch):
+    matplotlib.use("agg")
+    shown = []
+    monkeypatch.setattr(
+        picture.Window, "show", lambda self, frame, show=picture.Window.show: shown.append(frame) or show(self, frame)
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        env = gymnasium.make("activetouch/ObjectTest-v0", touches=sampled, target="shape_0", render_mode="human")
+        env.reset(seed=0)
+        env.step(0)
+        assert env.render() is None
+        env.close()
+    assert len(shown) == 3
+    assert (shown[1] != shown[0]).any()
+    assert (shown[2] == shown[1]).all()
+    assert not matplotlib.pyplot.get_fignums()
+
+
+@pytest.mark.parametrize("mode", list(gymnasium.vector.AutoresetMode))
+def test_every_way_to_restart_episodes_and_the_wrappers_that_need_the_next_step_work(mode, sampled):
+    envs = gymnasium.make_vec(
+        "activetouch/ObjectTest-v0",
+        num_envs=2,
+        touches=sampled,
+        target="shape_1",
+        vector_kwargs={"autoreset_mode": mode},
+    )
+    if mode is gymnasium.vector.AutoresetMode.NEXT_STEP:  # others are refused by these
+        envs = gymnasium.wrappers.vector.NormalizeObservation(gymnasium.wrappers.vector.RecordEpisodeStatistics(envs))
+    envs.reset(seed=0)
+    _, _, ended, _, _ = envs.step(np.array([sampled.model.outcome_table().num_poses, 0]))
+    assert ended.tolist() == [True, False]
+    if mode is gymnasium.vector.AutoresetMode.DISABLED:
+        envs.reset(options={"reset_mask": np.array([True, False])})
+    _, rewards, ended, _, _ = envs.step(np.zeros(2, np.int64))
+    assert not ended.any()
+    assert rewards.tolist() == [0.0 if mode is gymnasium.vector.AutoresetMode.NEXT_STEP else -0.02, -0.02]
+    envs.close()
+
+
 def test_what_cannot_be_is_refused_by_name(sampled):
     with pytest.raises(UnknownName, match="cone"):
         ObjectTestEnv(touches=sampled, target="cone")
     with pytest.raises(UnknownName, match="unknown sensor 'gell'"):
         ObjectTestEnv(scene="gell")
     with pytest.raises(UnknownName, match="render mode"):
-        ObjectTestEnv(touches=sampled, target="shape_0", render_mode="human")
+        ObjectTestEnv(touches=sampled, target="shape_0", render_mode="ansi")
     for wrong in (1.0, 0.0, np.nan, (0.5, 0.4), (0.5, 1.0), (0.1, 0.2, 0.3)):
         with pytest.raises(ValueError, match="target_prob"):
             ObjectTestEnv(touches=sampled, target="shape_0", target_prob=wrong)

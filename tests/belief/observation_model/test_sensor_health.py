@@ -201,7 +201,13 @@ def test_it_is_filed_as_the_nominal_model_and_pickled_with_its_worlds(rng):
     assert joint_model(model) is model.nominal
     scene = scene_of(model, 1)
     scene.update(0, touches)
-    np.testing.assert_array_equal(scene.log_likelihoods()[0], model.log_likelihood(touches))
+    np.testing.assert_allclose(np.ptp(scene.log_likelihoods()[0] - model.log_likelihood(touches)), 0.0, atol=1e-9)
+    half = FixedWorlds(model.worlds.table.astype(np.float16))
+    single = FixedWorlds(half.table.astype(np.float32))
+    halved, exact = (
+        SensorHealthModel(model.nominal, some, WORLDS, model.prior).log_likelihood(touches) for some in (half, single)
+    )
+    assert halved.tolist() == exact.tolist()
     view = pickle.loads(pickle.dumps(scene.view()))
     assert view.sensor_health.probs.tolist() == scene.sensor_health.probs.tolist()
 

@@ -1,0 +1,152 @@
+"""What may be wrong with a sensor: states that a session weighs against the one that its scene describes.
+
+Each world is the state of the sensor that the scene describes, with something changed: other forces, another stiffness,
+more noise, and all of these together; an image that is blurred or shifted; hysteresis; broken taxels. A reader of any
+object was trained with all of them, and reads in each.
+
+>>> worlds = changed_worlds(SensorState.nominal(1))
+>>> worlds.labels[:2], len(worlds.labels) == len(worlds.states.noise)
+(('noise × 1.6', 'noise × 2.5'), True)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import product
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activetouch.hypotheses import Bodies
+from activetouch.perception.contacts.hypotheses import ContactHypotheses
+from activetouch.perception.contacts.imaging import BROKEN, LIMITS, SensorState
+from activetouch.perception.contacts.sensor_state import sensor_state
+from activetouch.perception.reader import TactileReader
+from activetouch.scene import Scene
+from belief.errors import InvalidArgument
+from belief.frozen import frozen
+from belief.observation_model import SensorHealthModel, spread_prior
+from belief.observation_model.model import ArrayModel
+from belief.observation_model.rigid_body import joint_model
+
+HYPOTHESES = 512
+"""Of each shape, in a changed world."""
+_NOISES, _STIFFNESSES, _FORCES = (1.0, 1.6, 2.5), (1.0, 0.4, 0.65, 1.5), (1.0, 0.3, 0.55, 1.3)
+_ALONE = {"noise": (3.6,), "gain": (0.8, 1.2), "blur": (0.02, 0.05), "hysteresis": (0.04, 0.09)}
+_SHIFTS = 0.035, 0.075  # parts of the edge of the image
+_SHARES = 0.012, 0.03, 0.06, 0.11, 0.2  # of all taxels
+
+
+class Worlds(NamedTuple):
+    """States of a sensor.
+
+    Attributes:
+        labels: in words.
+        states: of the sensor, arrays of as many.
+    """
+
+    labels: tuple[str, ...]
+    states: SensorState
+
+
+def changed_worlds(usual: SensorState) -> Worlds:
+    """What may be wrong with a sensor.
+
+    Args:
+        usual: its described state, arrays of one.
+    """
+    found: list[tuple[str, dict[str, Any]]] = []
+    for stiffness, force, noise in product(_STIFFNESSES, _FORCES, _NOISES):
+        factors = {"noise": noise, "stiffness": stiffness, "force": force}
+        changed = {name: factor for name, factor in factors.items() if factor != 1.0}
+        if changed:
+            found.append((", ".join(f"{name} × {factor:g}" for name, factor in changed.items()), changed))
+    for name, values in _ALONE.items():
+        sign = "× " if name in ("noise", "gain") else ""
+        found += [(f"{name} {sign}{value:g}", {name: value}) for value in values]
+    around = [(rows, columns) for rows, columns in product((-1, 0, 1), repeat=2) if rows or columns]
+    for part, (rows, columns) in product(_SHIFTS, around):
+        found.append((f"shift ({rows * part:+g}, {columns * part:+g})", {"shift": (rows * part, columns * part)}))
+    for name, (row, column) in product(("stuck", "dead"), np.ndindex(BROKEN, BROKEN)):
+        cells = np.zeros((BROKEN, BROKEN))
+        cells[row, column] = 1.0
+        found.append((f"{name} taxels in row {row + 1}, column {column + 1} of {BROKEN}", {name: cells}))
+    for name, share in product(("stuck", "dead"), _SHARES):
+        found.append((f"{share:.1%} of the taxels {name}", {name: np.full((BROKEN, BROKEN), share)}))
+    states = [_with(usual, changed) for _, changed in found]
+    return Worlds(tuple(label for label, _ in found), SensorState(*map(np.concatenate, zip(*states, strict=True))))
+
+
+def _with(usual: SensorState, changed: dict[str, Any]) -> SensorState:
+    """A state with something changed, within what readers are trained with."""
+    found = usual._asdict()
+    for name, value in changed.items():
+        before = found[name]
+        if name in ("noise", "stiffness", "force", "gain"):
+            new = before * value
+        elif name in ("stuck", "dead"):
+            new = np.maximum(before, value)
+        else:
+            new = before + np.asarray(value)
+        found[name] = np.clip(new, *LIMITS.get(name, (0.0, 1.0))).astype(np.float32)
+    return SensorState(**found)
+
+
+@dataclass(frozen=True, eq=False)
+class EmbeddedWorlds:
+    """Hypotheses of a scene's objects, embedded in changed worlds: by pose, at first use.
+
+    Attributes:
+        reader: embeds them.
+        scene: whose objects and poses they are.
+        worlds: states of the sensor.
+        number: hypotheses of each shape.
+    """
+
+    reader: ContactHypotheses
+    scene: Scene
+    worlds: Worlds
+    number: int = HYPOTHESES
+    _kept: dict[int | tuple[float, ...], NDArray[np.float16]] = field(default_factory=dict, repr=False)
+
+    def in_pose(self, pose: int) -> NDArray[np.float16]:
+        """See :class:`belief.observation_model.sensor_health.EmbedsWorlds`; read-only, kept."""
+        return self._embedded(pose, self.scene, pose)
+
+    def in_place(self, place: tuple[float, ...]) -> NDArray[np.float16]:
+        """The same for a quaternion and an aim (:meth:`activetouch.session_reader.SensorReader.at`)."""
+        there = self.scene.with_pose(np.array(place[:4]), np.array(place[4:]))
+        return self._embedded(place, there, len(self.scene.poses))
+
+    def _embedded(self, key: int | tuple[float, ...], scene: Scene, pose: int) -> NDArray[np.float16]:
+        if key not in self._kept:
+            found = self.reader.embedded_in(scene, self._bodies, pose, self.worlds.states.code())
+            self._kept[key] = frozen(found.astype(np.float16))
+        return self._kept[key]
+
+    @cached_property
+    def _bodies(self) -> Bodies:
+        return self.scene.hypotheses(self.number)
+
+
+def sensor_health(model: ArrayModel, reader: TactileReader, scene: Scene) -> SensorHealthModel:
+    """The observation model of a sensor in an unknown state.
+
+    Args:
+        model: of the sensor in the state that its scene describes.
+        reader: of any object, which embeds hypotheses in other states.
+        scene: of the sensor.
+
+    Raises:
+        InvalidArgument: the reader, or the model, is of another kind.
+    """
+    described, hypotheses = joint_model(model), reader.hypotheses
+    if described is None or not isinstance(hypotheses, ContactHypotheses):
+        raise InvalidArgument(
+            "the state of a sensor is inferred with a reader of any object, its joint model, and no hand"
+        )
+    worlds = changed_worlds(sensor_state(hypotheses.imaging, scene))
+    embedded = EmbeddedWorlds(hypotheses, scene, worlds)
+    return SensorHealthModel(described, embedded, worlds.labels, spread_prior(len(worlds.labels)))

@@ -1,0 +1,73 @@
+"""A sensor that finds out what is the matter with it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from activetouch import SCENES, TactileSensor
+from activetouch.perception import preparation, sensor_worlds
+from activetouch.perception.contacts.imaging import LIMITS, SensorState
+from activetouch.perception.sensor_worlds import changed_worlds
+from activetouch.rendering import StuckTaxels
+from activetouch.sensor_files import MODELS
+from belief import SceneBelief, SearchProblem
+from belief.errors import InvalidArgument
+
+
+@pytest.fixture
+def few_worlds(few_hypotheses, monkeypatch):
+    """As described, or with stuck taxels in one of the sixteen cells."""
+    whole = changed_worlds
+
+    def some(usual):
+        found = whole(usual)
+        rows = [i for i, label in enumerate(found.labels) if label.startswith("stuck taxels")]
+        labels = tuple(found.labels[i] for i in rows)
+        return sensor_worlds.Worlds(labels, SensorState(*(part[rows] for part in found.states)))
+
+    monkeypatch.setattr(sensor_worlds, "changed_worlds", some)
+    monkeypatch.setattr(preparation, "_TOUCHES", 288)
+
+
+def test_every_world_differs_from_what_is_described_and_is_within_what_readers_know():
+    for usual in (
+        SensorState.nominal(1),
+        SensorState.nominal(1)._replace(noise=np.array([4.0]), shift=np.full((1, 2), 0.1)),
+    ):
+        worlds = changed_worlds(usual)
+        codes = worlds.states.code()
+        assert len(set(worlds.labels)) == len(worlds.labels) == len(codes)
+        if usual.noise == 1.0:
+            assert len(np.unique(codes, axis=0)) == len(codes)
+            assert np.abs(codes).max(axis=1).min() > 0.01
+        for name, (low, high) in LIMITS.items():
+            part = getattr(worlds.states, name)
+            np.testing.assert_array_equal(part, np.clip(part, np.float32(low), np.float32(high)), name)
+
+
+def test_a_stuck_taxel_is_found_and_named(few_worlds):
+    described = SCENES["coarse"].scene
+    scene = replace(described, faults=(*described.faults, StuckTaxels(1 / 16)))
+    sensor = TactileSensor.load(MODELS / "coarse", described, unknown_state=True)
+    problem = SearchProblem(scene.shape_labels, scene.pose_labels, num_objects=1, composition="independent")
+    rng, bets, found = np.random.default_rng(1), 0.0, 0
+    for number in range(6):
+        obj = scene.sample_object(number % 4, rng)
+        belief = SceneBelief(problem, sensor.model, log_bets=bets)
+        images = np.stack([scene.press(obj, pose, rng).image for pose in range(4)])
+        found += int(belief.update(0, sensor.read(images, range(4))).probs.argmax()) == number % 4
+        bets = belief.view().log_bets
+    stuck = np.zeros((4, 4), bool)
+    for fault in scene.faults:
+        if isinstance(fault, StuckTaxels):
+            stuck = fault(np.zeros((4, 4)), rng) == 1.0
+    row, column = np.argwhere(stuck)[0] + 1
+    health = belief.view().sensor_health
+    assert health.labels[int(health.probs.argmax())] == f"stuck taxels in row {row}, column {column} of 4"
+    assert found >= 4
+
+
+def test_a_sensor_without_a_reader_of_any_object_says_so():
+    with pytest.raises(InvalidArgument, match="no reader of any object"):
+        TactileSensor.load(MODELS / "paper", SCENES["paper"].scene, unknown_state=True)
