@@ -183,6 +183,9 @@ def main() -> None:
         f"cells of levels {model.levels}, temperature {1 / model.scale:.2f}, drift {model.drift:.3f}"
     )
     truths = np.random.default_rng(3).permutation(np.arange(args.searches) % len(solids))
+    if "fixed" in args.rules:
+        started = time.perf_counter()
+        print(f"best fixed order {setting.best_order[:8]} in {time.perf_counter() - started:.0f} s")
     shared, rules = Shared(setting), tuple(args.rules)
     tasks = [partial(searched, shared, rules, n, int(truth), args.touches) for n, truth in enumerate(truths)]
     found = list(run_tasks(tasks, args.jobs, "searches"))

@@ -19,7 +19,7 @@ from belief.naming import index_of
 from belief.statistics import wilson_interval
 from belief.validation import Floats, require_count
 from experiments.command_line.arguments import Count
-from experiments.meshes.naming import Rule, fixed_order, still_possible
+from experiments.meshes.naming import Rule, still_possible
 from experiments.meshes.near_twins import NearTwins, near_twins
 from experiments.meshes.result import MeshOptions, MeshResult, solids_of
 from experiments.meshes.setting import MeshSetting
@@ -204,7 +204,7 @@ def search(
     log_prior = np.full(number, np.log(num_objects / (num_objects + 1) / (number - 1)))
     log_prior[target] = -np.log(num_objects + 1)
     beliefs = [setting.bodies.start(log_prior)] * num_objects
-    order = fixed_order(setting) if rule == "spread" else rng.permutation(num_poses).tolist()
+    order = setting.best_order if rule == "fixed" else rng.permutation(num_poses).tolist()
     used: list[list[int]] = [[] for _ in objects]
     touches, places, possible = [], [], []
     probs = np.full(num_objects + 1, 1 / (num_objects + 1))

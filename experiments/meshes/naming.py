@@ -9,16 +9,15 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from activetouch.poses import to_matrices
 from activetouch.rotation_cells import centres
 from activetouch.scene import WorldObject
 from belief.coarse_to_fine import CoarseToFine
 from belief.validation import Floats
 from experiments.meshes.setting import MeshSetting
 
-Rule: TypeAlias = Literal["information gain", "random", "spread"]
-RULES: tuple[Rule, ...] = ("information gain", "random", "spread")
-"""How the next direction is chosen; ``spread`` is a fixed order, each direction far from those before it."""
+Rule: TypeAlias = Literal["information gain", "random", "fixed"]
+RULES: tuple[Rule, ...] = ("information gain", "random", "fixed")
+"""How the next direction is chosen; ``fixed`` is one order for all objects: :attr:`MeshSetting.best_order`."""
 
 _SHOWN, _PROBABLE = 5, 0.01  # bodies that are still possible: at most, and their least probability
 
@@ -60,21 +59,6 @@ class Naming:
         return int(reached[0]) + 1 if len(reached) else None
 
 
-def spread_order(directions: Floats) -> list[int]:
-    """Poses one by one, each as far as possible from those before it, opposite sides counting as near.
-
-    Args:
-        directions: that the pad comes from, unit vectors, ``(P, 3)``.
-    """
-    near = np.abs(directions @ directions.T)
-    order = [0]
-    while len(order) < len(directions):
-        closeness = np.sort(near[:, order], axis=1)[:, ::-1]
-        closeness[order] = np.inf
-        order.append(int(np.lexsort(closeness.T[::-1])[0]))
-    return order
-
-
 def name_object(
     setting: MeshSetting,
     obj: WorldObject,
@@ -97,8 +81,8 @@ def name_object(
     """
     num_poses = len(setting.scene.poses)
     order = np.random.default_rng([*seed, 1]).permutation(num_poses).tolist()
-    if rule == "spread":
-        order = fixed_order(setting)
+    if rule == "fixed":
+        order = setting.best_order
     belief, poses = setting.bodies.start(), list[int]()
     logs, possible, unresolved, deciding, updating, looking = [], [], [], 0.0, 0.0, 0.0
     while len(poses) < min(max_touches, num_poses):
@@ -138,9 +122,3 @@ def still_possible(setting: MeshSetting, belief: CoarseToFine) -> tuple[tuple[in
         rests = centres(setting.bodies.levels[leaves.level[best]])
         found.append((body, float(probs[body]), rests[leaves.cell[best]]))
     return tuple(found)
-
-
-def fixed_order(setting: MeshSetting) -> list[int]:
-    """The order of rule ``spread``."""
-    turns = to_matrices(np.array(list(setting.scene.rotations.values())))
-    return spread_order(-turns[:, 0])  # the side of the object that faces the pad, which is at -x

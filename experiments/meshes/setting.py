@@ -44,6 +44,7 @@ SIZES = (0.97, 1.03)
 """Smallest and largest size of an object, relative to its mesh."""
 _PRESSED, _TOUCHES = 48, 12  # objects to which a set is fitted, and touches of each
 _REFERENCES = 128
+_AVERAGED_ORDER = 16  # objects that the fixed order is best for
 _HYPOTHESES = 256  # for a decision
 _AVERAGED = 64  # bodies that the constants of references are averaged over
 _CHECKPOINTS = (1, 2, 4, 8, 12)
@@ -128,6 +129,26 @@ class MeshSetting:
         hypotheses = self.reader.hypotheses
         assert isinstance(hypotheses, ContactHypotheses), "reader_of gives no other"
         return CloseContacts.of(hypotheses, self.scene, self.bodies, self.look)
+
+    @cached_property
+    def best_order(self) -> list[int]:
+        """The order of poses that tells most without regard to what is felt.
+
+        Greedy: each pose is the one with the largest expected information, averaged over simulated objects that were
+        touched in those before it.
+        """
+        rng, order = np.random.default_rng(0x0BD), list[int]()
+        shapes = rng.integers(len(self.bodies.labels), size=_AVERAGED_ORDER).tolist()
+        objects = [self.scene.sample_object(shape, rng) for shape in shapes]
+        beliefs = [self.bodies.start()] * len(objects)
+        while len(order) < len(self.scene.poses):
+            gains = np.sum([self.information(belief) for belief in beliefs], axis=0)
+            gains[order] = -np.inf
+            pose = int(gains.argmax())
+            order.append(pose)
+            felt = [self.touch(obj, pose, rng) for obj in objects]
+            beliefs = [self.update(belief, pose, touch) for belief, touch in zip(beliefs, felt, strict=True)]
+        return order
 
     def information(self, belief: CoarseToFine, target: int | None = None) -> Floats:
         """Expected information of the next touch in every pose about the body, or about whether it is the target.

@@ -19,7 +19,7 @@ from belief.errors import InvalidArgument, UnknownName
 from experiments.cli import REGISTRY
 from experiments.meshes.find import find
 from experiments.meshes.identify import identify
-from experiments.meshes.naming import spread_order
+from experiments.meshes.naming import name_object
 from experiments.meshes.near_twins import near_twins
 from experiments.meshes.setting import MeshSetting, cost_words, read_folder, reader_of, scene_of
 
@@ -145,10 +145,13 @@ def test_what_cannot_be_sought_is_refused(folder):
         MeshSetting.of({})
 
 
-def test_a_fixed_order_meets_each_direction_once():
-    order = spread_order(np.eye(3)[[0, 0, 1, 2]] * [[1], [-1], [1], [1]])
-    assert sorted(order) == [0, 1, 2, 3]
-    assert order[-1] == 1  # opposite to the first
+def test_the_fixed_order_meets_each_direction_once_and_is_followed():
+    bodies = {"cube": box(0.012, 0.012, 0.012), "bar": box(0.024, 0.012, 0.012)}
+    setting = MeshSetting.of(bodies, plan=PLAN, levels=(0,), pressed=4, jobs=1)
+    order = setting.best_order
+    assert sorted(order) == list(range(26))
+    obj = setting.scene.sample_object("bar", np.random.default_rng(0))
+    assert list(name_object(setting, obj, "fixed", [1], max_touches=3).poses) == order[:3]
 
 
 def test_costs_are_told_in_words():
