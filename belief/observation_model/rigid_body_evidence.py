@@ -200,6 +200,10 @@ def relative(log_weights: Floats) -> tuple[Floats, Floats, float]:
     """Log weights ``(..., K, N)`` and log mean weights ``(..., K)`` less the largest log weight, and this one.
 
     Overwrites the log weights and makes them read-only.
+
+    >>> weights, means, largest = relative(np.array([[3.0, 3.0], [1.0, 1.0]]))
+    >>> weights.tolist(), means.tolist(), float(largest)
+    ([[0.0, 0.0], [-2.0, -2.0]], [0.0, -2.0], 3.0)
     """
     largest = log_weights.max()
     log_weights -= largest
@@ -220,6 +224,11 @@ def with_touch(
 
     Returns:
         The new sums; and log weights ``(..., K, N)``, or None where every touch counts in full.
+
+    >>> score, once = np.ones((1, 1)), Touch(0, features=np.zeros(2))
+    >>> sums, alone = with_touch({}, once, score, correlation=1.0, drift=0.0)
+    >>> alone is None, with_touch(sums, once, score, correlation=1.0, drift=0.0)[1].tolist()   # a repeat tells nothing
+    (True, [[1.0]])
     """
     if not (correlation or drift):
         return sums, None

@@ -20,7 +20,8 @@ The touches of three objects, two in each, whose embeddings have the wrong sign:
 >>> one = np.ones((1, 1, 2))
 >>> nominal = RigidBodyModel(("mug", "cup"), 1, 1.0, one, one, hypotheses=FixedHypotheses(table))
 >>> model = SensorHealthModel(nominal, FixedWorlds(-table[:, None]), ("wrong sign",), spread_prior(1))
->>> evidence, cup = [], Touch(0, features=np.array([0.0, -3.0]))
+>>> evidence: list[SensorEvidence] = []
+>>> cup = Touch(0, features=np.array([0.0, -3.0]))
 >>> for _ in range(3):
 ...     evidence.append(model.start().update(cup).update(cup))
 >>> log_likelihoods, health = model.over_objects(evidence, np.zeros(4))

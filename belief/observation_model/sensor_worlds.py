@@ -48,6 +48,9 @@ class FixedWorlds(FrozenArrays):
 
     Raises:
         ValueError: it has other dimensions, or numbers that are not real, not finite or too large.
+
+    >>> FixedWorlds(np.zeros((6, 80, 4, 512, 96), np.float16)).in_pose(5).shape
+    (80, 4, 512, 96)
     """
 
     table: NDArray[np.floating]

@@ -36,10 +36,13 @@ from belief.observation_model import (
     ConfusionModel,
     FittedRigidBody,
     FixedHypotheses,
+    FixedWorlds,
     OutcomeTable,
     RigidBodyModel,
+    SensorHealthModel,
     read_observation_model,
     read_origin,
+    spread_prior,
 )
 from belief.observation_model.registry import fits
 from belief.observation_model.selection import choose_observation_model
@@ -212,6 +215,14 @@ def _rigid_body(size: float = 1.0, temperature: float = 1.0) -> RigidBodyModel:
         return fitted.with_hypotheses(FixedHypotheses((table * size).astype(np.float32)))
 
 
+def _of_worlds(size: float, prior: NDArray[np.float64] | None = None) -> SensorHealthModel:
+    """:func:`_rigid_body`, and one world in which all signs are wrong."""
+    nominal = _rigid_body()
+    with np.errstate(invalid="ignore"):
+        worlds = FixedWorlds((-nominal.table[:, None] * size).astype(np.float32))
+    return SensorHealthModel(nominal, worlds, ("wrong sign",), spread_prior(1) if prior is None else prior)
+
+
 def _of_rigid_bodies() -> list[Case]:
     def logs(feature: float, **changes: float) -> NDArray[np.float64]:
         touch = Touch(0, features=np.array([feature, feature / 2]))
@@ -220,7 +231,35 @@ def _of_rigid_bodies() -> list[Case]:
     first = such_that(
         "certainly the first shape", lambda logs: bool(np.isfinite(logs).all() and logs[0] > logs[1] + 50)
     )
+    first_of_worlds = such_that(
+        "the first shape in the described world", lambda logs: bool(np.isfinite(logs).all() and logs[0] > logs[1] + 1)
+    )
+
+    def in_worlds(feature: float) -> NDArray[np.float64]:
+        return _of_worlds(1.0).start().update(Touch(0, features=np.array([feature, feature / 2]))).log_likelihood
+
     return [
+        answers("SensorHealthModel", "features of 1e300", lambda: in_worlds(1e300), first_of_worlds),
+        answers("SensorHealthModel", "features of 1e-300", lambda: in_worlds(1e-300), equal_to([0.0, 0.0])),
+        *refusals(
+            "SensorHealthModel",
+            ValueError,
+            {
+                "features of NaN": (lambda: in_worlds(math.nan), "finite features"),
+                "worlds of infinity": (lambda: _of_worlds(math.inf), "must be finite"),
+                "a prior that gives all to the unknown": (
+                    lambda: _of_worlds(1.0, np.array([0.0, 0.0, 1.0])),
+                    "gives everything to the unknown",
+                ),
+                "a prior of NaN": (lambda: _of_worlds(1.0, np.full(3, math.nan)), "not finite"),
+            },
+        ),
+        *refusals(
+            "FixedWorlds", ValueError, {"four dimensions": (lambda: FixedWorlds(np.zeros((1,) * 4)), "must be .P")}
+        ),
+        *refusals(
+            "spread_prior", ValueError, {"more than one": (lambda: spread_prior(2, 0.9, 0.2), "nominal . unknown")}
+        ),
         answers("RigidBodyModel", "features of 1e300", lambda: logs(1e300, size=1e6), first),
         answers("RigidBodyModel", "a temperature of 1e-308", lambda: logs(1.0, temperature=1e-308), first),
         answers("RigidBodyModel", "features of 1e-300", lambda: logs(1e-300), equal_to([0.0, 0.0])),
