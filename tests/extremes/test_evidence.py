@@ -258,7 +258,7 @@ def _of_rigid_bodies() -> list[Case]:
             "FixedWorlds", ValueError, {"four dimensions": (lambda: FixedWorlds(np.zeros((1,) * 4)), "must be .P")}
         ),
         *refusals(
-            "spread_prior", ValueError, {"more than one": (lambda: spread_prior(2, 0.9, 0.2), "nominal . unknown")}
+            "spread_prior", ValueError, {"more than one": (lambda: spread_prior(2, 0.9, 0.2), "unknown must be")}
         ),
         answers("RigidBodyModel", "features of 1e300", lambda: logs(1e300, size=1e6), first),
         answers("RigidBodyModel", "a temperature of 1e-308", lambda: logs(1.0, temperature=1e-308), first),
