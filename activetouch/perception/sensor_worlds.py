@@ -11,7 +11,7 @@ object was trained with all of them, and reads in each.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 from typing import Any, NamedTuple
@@ -109,7 +109,6 @@ class EmbeddedWorlds:
     scene: Scene
     worlds: Worlds
     number: int = HYPOTHESES
-    _kept: dict[int | tuple[float, ...], NDArray[np.float16]] = field(default_factory=dict, repr=False)
 
     def in_pose(self, pose: int) -> NDArray[np.float16]:
         """See :class:`belief.observation_model.sensor_health.EmbedsWorlds`; read-only, kept."""
@@ -127,8 +126,18 @@ class EmbeddedWorlds:
         return self._kept[key]
 
     @cached_property
+    def _kept(self) -> dict[int | tuple[float, ...], NDArray[np.float16]]:
+        return {}
+
+    @cached_property
     def _bodies(self) -> Bodies:
         return self.scene.hypotheses(self.number)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What another process is sent: no tables, which it finds in the cache, where they are put first."""
+        for pose in range(len(self.scene.poses)):
+            self.in_pose(pose)
+        return {name: value for name, value in vars(self).items() if name != "_kept"}
 
 
 def sensor_health(model: ArrayModel, reader: TactileReader, scene: Scene) -> SensorHealthModel:

@@ -14,6 +14,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -262,6 +263,10 @@ class ResultsComparison:
             Rows of policy, task, difference before, and difference after with its 95 % bootstrap interval; none unless
             every policy has a control of its own.
         """
+        return self._beyond_controls
+
+    @cached_property
+    def _beyond_controls(self) -> list[tuple[str, str, float, Interval]]:
         if len(set(self._control.values())) < 2:
             return []
         rng, rows = np.random.default_rng(self._seed), []

@@ -1,5 +1,6 @@
 """A sensor that finds out what is the matter with it."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -71,3 +72,11 @@ def test_a_stuck_taxel_is_found_and_named(few_worlds):
 def test_a_sensor_without_a_reader_of_any_object_says_so():
     with pytest.raises(InvalidArgument, match="no reader of any object"):
         TactileSensor.load(MODELS / "paper", SCENES["paper"].scene, unknown_state=True)
+
+
+def test_another_process_is_sent_no_tables_and_has_the_same(few_worlds):
+    scene = SCENES["coarse"].scene
+    worlds = TactileSensor.load(MODELS / "coarse", scene, unknown_state=True).model.worlds
+    sent = pickle.dumps(worlds)
+    assert len(sent) < worlds.in_pose(0).nbytes
+    np.testing.assert_array_equal(pickle.loads(sent).in_pose(0), worlds.in_pose(0))
