@@ -56,6 +56,17 @@ def log_posteriors(model: ArrayModel, batch: TouchBatch) -> Floats:
     return update(np.full(num_shapes, -np.log(num_shapes)), log_likelihoods)[0]
 
 
+def log_posteriors_by_touch(model: ArrayModel, batch: TouchBatch) -> Floats:
+    """Log posteriors after 1 to n touches of each sequence, under a uniform prior, ``(S, n, K)``.
+
+    >>> from belief.synthetic import random_model
+    >>> model = random_model(np.random.default_rng(0), num_shapes=2)
+    >>> log_posteriors_by_touch(model, TouchBatch(np.zeros((3, 4), int), np.zeros((3, 4, 2)))).shape
+    (3, 4, 2)
+    """
+    return np.stack([log_posteriors(model, batch.first(n)) for n in range(1, batch.num_touches + 1)], axis=1)
+
+
 def grouped(batch: TouchBatch, groups: ArrayLike) -> Iterator[tuple[TouchBatch, NDArray[np.int64]]]:
     """Touches grouped into sequences, each in its original order.
 
