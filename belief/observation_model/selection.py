@@ -31,6 +31,14 @@ class ModelChoice(Tabular):
         name: of the chosen candidate, a key of ``losses``.
         model: fitted to all touches.
         losses: cross-validated sequence NLL of every candidate [nats]; the chosen one has the least.
+
+    >>> from belief.synthetic import random_model
+    >>> choice = ModelChoice("ratio", random_model(np.random.default_rng(0)), {"plda": 0.358, "ratio": 0.357})
+    >>> print(choice)
+    observation model  NLL [nats]  chosen
+    ─────────────────────────────────────
+    ratio                  0.3570  yes
+    plda                   0.3580
     """
 
     name: str
