@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 _UNBALANCED = 0.02  # of the forces of all fingers together
 _SAME_PLACE = 1e-3  # rad
 _OPEN = 0.08  # of an open finger from the middle of the palm [m]
-_MOST_PLACES = 27
+_MOST_ALONG = 3  # places along each axis
 
 PalmOffset = Literal["averaged", "anew", "kept"]
 Quaternions = tuple[tuple[float, float, float, float], ...]
@@ -155,7 +155,7 @@ class Hand:
         """Positions of a body in the palm that stand for all, equally likely, ``(O, 3)`` [m].
 
         As many along each axis as are needed so that what is between them is within the reach of the reader, but at
-        most 27 in all. Those that no finger can tell apart are one.
+        most three. Those that no finger can tell apart are one, unless the body keeps its place when it turns.
 
         Args:
             offset: distribution of the position along each axis.
@@ -166,14 +166,12 @@ class Hand:
         (9, 3)
         """
         low, high = offset.support
-        turned = [to_matrix(np.array(finger)).T[1:] for finger in self.fingers]
-        rank = 3 if self.offset == "kept" else int(np.linalg.matrix_rank(np.vstack(turned), tol=1e-6))
-        number = int(np.ceil((high - low) / (2 * reach) - 1e-6)) if reach > 0.0 else _MOST_PLACES
-        number = min(max(number, 1), int(_MOST_PLACES ** (1 / rank) + 1e-9))
+        number = int(np.ceil((high - low) / (2 * reach) - 1e-6)) if reach > 0.0 else _MOST_ALONG
+        number = min(max(number, 1), _MOST_ALONG)
         shares = (np.arange(number) + 0.5) / number
         along = low + (high - low) * shares if isinstance(offset, Uniform) else quantiles(offset, shares)
         grid = np.stack(np.meshgrid(along, along, along, indexing="ij"), axis=-1).reshape(-1, 3)
-        if rank == 3:
+        if self.offset == "kept":
             return grid
         seen = np.round(np.stack([self.across(place).ravel() for place in grid]), 9)
         return np.asarray(grid[np.unique(seen, axis=0, return_index=True)[1]])

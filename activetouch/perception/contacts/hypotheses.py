@@ -235,7 +235,8 @@ def num_hypotheses(scene: Scene, places: int = 1) -> int:
     """
     fingers = 1 if scene.hand is None else len(scene.hand)
     fitting = CONTACTS_IN_ALL / (len(scene.shapes) * len(scene.poses) * fingers * places)
-    return int(2 ** np.floor(np.log2(np.clip(fitting, FEWEST, MOST))))
+    fewest = FEWEST if places == 1 else FEWEST // 2
+    return int(2 ** np.floor(np.log2(np.clip(fitting, fewest, MOST))))
 
 
 def cell_of(num_hypotheses: int) -> float:
