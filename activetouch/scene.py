@@ -17,7 +17,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
-from functools import partial
 from math import isfinite
 from numbers import Real
 from pathlib import Path
@@ -207,11 +206,11 @@ class Scene:
 
     @property
     def image_shape(self) -> tuple[int, ...]:
-        """Of one image, ``(H, W)`` or ``(H, W, 3)``; with a hand, that of all fingers (:meth:`Hand.joined`)."""
-        image = self.image(missed(self.pad))
-        return (
-            image if self.hand is None else self.hand.joined([image] * len(self.hand), np.zeros(len(self.hand)))
-        ).shape
+        """Of one image, ``(H, W)`` or ``(H, W, 3)``; of a grasp as :meth:`activetouch.hand.Hand.joined` makes it."""
+        height, width, *channels = self.image(missed(self.pad)).shape
+        if self.hand is not None:
+            width = len(self.hand) * (width + (self.hand.travel is not None))
+        return height, width, *channels
 
     @property
     def fingers(self) -> tuple[Scene, ...]:
@@ -388,11 +387,12 @@ class Scene:
             index = index_of("pose", self.pose_labels, pose)
             depth, *across = to_matrix(self.rotations[self.pose_labels[index]]) @ obj.offset
             in_palm = replace(in_palm, offset=self.aim_offsets[index] + across)
-        press = partial(self.press_model.press, self.setup)
-        contacts, stops = hand.close(in_palm, depth, self.variation.force.sample(force_rng), press)
+        met, force = hand.placements(in_palm, depth), self.variation.force.sample(force_rng)
+        each = zip(met, hand.forces * force, strict=True)
+        contacts = tuple(self.press_model.press(self.setup, some, float(part)) for some, part in each)
         ideals = [self.image(contact) for contact in contacts]
-        images = [read_out(ideal, self.faults, rng) for ideal in ideals]
-        measured = stops if hand.travel is None else rng.normal(stops, hand.travel)
-        return PressedObject(
-            contacts[0], hand.joined(images, measured), 0, in_palm, hand.joined(ideals, stops), contacts
-        )
+        images, stops = [read_out(ideal, self.faults, rng) for ideal in ideals], np.zeros(len(hand))
+        if hand.travel is not None:
+            stops = rng.normal(hand.stops(met, contacts, (depth, *in_palm.offset)), hand.travel)
+        image, ideal = hand.joined(images, stops), np.concatenate(ideals, axis=1)
+        return PressedObject(contacts[0], image, 0, in_palm, ideal, contacts)

@@ -238,17 +238,12 @@ def _belief_words(scene: Scene, folder: Path | None) -> str:
 
 def _grasp_words(hand: Hand) -> str:
     """What the fingers of a hand share, and what of it the belief holds."""
-    offset = {
-        "averaged": "drawn anew at each grasp; the belief takes both as each finger's own",
-        "anew": "drawn anew at each grasp; the belief sums over the offset of a grasp, and takes the force as each "
-        "finger's own",
-        "kept": "which is the object's own; the belief holds the offset, and takes the force as each finger's own",
-    }[hand.offset]
-    travel = "" if hand.travel is None else " How far each finger travels tells the size."
+    drawn = "of the object" if hand.offset == "kept" else "drawn anew at each grasp"
+    belief = "takes both as each finger's own" if hand.offset == "averaged" else "sums over the offset"
     return (
         f"A grasp gives {len(hand)} images at the cost of one touch. Its fingers share the force and the object's "
-        f"offset in the palm, {offset}. A finger that misses gives an image of no contact, which is read as any "
-        f"other.{travel}"
+        f"offset in the palm, {drawn}; the belief {belief}. A finger that misses gives an image of no contact, which "
+        "is read as any other." + ("" if hand.travel is None else " It also reads how far each finger travels.")
     )
 
 
