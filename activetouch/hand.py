@@ -193,7 +193,7 @@ class Hand:
             contacts: of the fingers.
             middle: of the body, along the palm's axes, ``(3,)`` [m].
         """
-        each = zip(met, contacts, self.axes @ middle, strict=True)
+        each = zip(met, contacts, self.axes @ np.asarray(middle, float), strict=True)
         return np.array([first_touch(c.pad, one)[1] - m - c.depth if c.force > 0.0 else 0.0 for one, c, m in each])
 
     def joined(self, images: Sequence[NDArray[np.uint8]], stops: ArrayLike) -> NDArray[np.uint8]:
