@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from experiments.reporting.tables import Table, Value, interval
+from belief.table import Table, Value, interval
 from experiments.robustness.searches import CONFIDENCE, ROBOTS
 from experiments.robustness.strangers import FALSE_ALARMS
 from experiments.robustness.touches import AS_TRAINED
