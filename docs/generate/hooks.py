@@ -77,7 +77,15 @@ def on_config(config: Any) -> Any:
             ]
         },
         {"Results": NAV["Results"]},
-        {"Decisions": ["decisions/index.md", "what_was_tried.md", "changelog.md", {"Records": records}]},
+        {
+            "Decisions": [
+                "decisions/index.md",
+                "what_was_tried.md",
+                "roadmap.md",
+                "changelog.md",
+                {"Records": [{"All records": records}]},
+            ]
+        },
     ]
     return config
 
@@ -97,8 +105,10 @@ def on_files(files: Any, config: Any) -> Any:
 
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
-    """Rewrite links that leave the folder."""
+    """Rewrite links that leave the folder, and put records of decisions last in searches."""
     place = page.file.src_uri
+    if place.startswith("decisions/"):
+        page.meta["search"] = {"boost": 0.3}
     origin = next((name for name, made in OF_ROOT.items() if made == place), f"docs/{place}")
 
     def link(found: re.Match[str]) -> str:
