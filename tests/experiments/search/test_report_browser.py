@@ -97,7 +97,7 @@ def report(tmp_path_factory):
         jobs=1,
     ).play()
     html = comparison.save(folder).read_text()
-    rows = "".join(f"<tr><td>row {number}</td></tr>" for number in range(1, 32))  # a table that is long enough to filter
+    rows = "".join(f"<tr><td>row {number}</td></tr>" for number in range(1, 32))  # enough to filter
     return html.replace("<h2", f'<div class="scroll"><table><tbody>{rows}</tbody></table></div><h2', 1)
 
 
