@@ -7,15 +7,13 @@ import numpy as np
 import pytest
 import trimesh
 
-import activetouch
 from activetouch import SCENES
 from activetouch.errors import MeshWarning
 from activetouch.poses import random_orientation, to_matrix
 from activetouch.shapes import EXTENDED_SHAPES, SHAPES, Mesh, Sphere
 from belief.errors import InvalidArgument
-from experiments.press.alike import Alike
-from experiments.press.contact_fit import ContactFit
-from experiments.press.explain import alike_table
+from benchmarks.alike import alike
+from benchmarks.contact_fit import ContactFit
 
 GEL = SCENES["gel"].scene
 
@@ -44,7 +42,7 @@ def _cube(half_edge, hole=0.0, depth=0.0):
 @cache
 def found(*shapes, num_objects=8, scene="gel"):
     named = {f"{number}": shape for number, shape in enumerate(shapes)}
-    return activetouch.alike(replace(SCENES[scene].scene, shapes=named), num_objects=num_objects)
+    return alike(replace(SCENES[scene].scene, shapes=named), num_objects=num_objects)
 
 
 @pytest.mark.filterwarnings("ignore::activetouch.errors.MeshWarning")  # of twins
@@ -63,7 +61,6 @@ def test_two_labels_of_one_body_are_told_apart_by_chance_without_an_estimate():
     with pytest.warns(MeshWarning, match="0 and 1 are the same body: no touch"):
         (pair,) = found(_cube(0.012), _cube(0.012), num_objects=2).pairs
     assert (pair.one, pair.all, pair.shown, pair.shown_from_26) == (0.5, 0.5, 0.0, 0.0)
-    assert "The same body: 0 and 1. Hardly distinguished: none." in alike_table(Alike((pair,), {}, 6)).note
 
 
 def test_different_shapes_are_told_apart_by_one_touch():
@@ -90,9 +87,9 @@ def test_a_hole_in_one_face_shows_in_few_objects_and_in_more_from_26_directions(
 
 def test_one_shape_or_one_object_is_nothing_to_compare():
     with pytest.raises(InvalidArgument, match="two shapes and two objects"):
-        activetouch.alike(replace(GEL, shapes={"cube": SHAPES["cube"]}))
+        alike(replace(GEL, shapes={"cube": SHAPES["cube"]}))
     with pytest.raises(InvalidArgument, match="got 4 and 1"):
-        activetouch.alike(GEL, num_objects=1)
+        alike(GEL, num_objects=1)
 
 
 def test_a_fit_finds_the_press_that_made_the_images(rng):
