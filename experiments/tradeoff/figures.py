@@ -71,7 +71,9 @@ def _draw(axes: Axes, scene: str, points: Sequence[Measured]) -> None:
 
 def _dials(points: Sequence[Measured]) -> list[list[Measured]]:
     """Configurations that differ in one number, in the order of this number: one list for each decider."""
-    numbered = sorted((p for p in points if p.configuration.number is not None), key=lambda p: p.configuration.number)
+    numbered = sorted(
+        (p for p in points if p.configuration.number is not None), key=lambda p: p.configuration.number or 0.0
+    )
     deciders = dict.fromkeys(p.configuration.decider for p in numbered)
     return [[p for p in numbered if p.configuration.decider == name] for name in deciders]
 
