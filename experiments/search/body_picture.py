@@ -57,7 +57,9 @@ class Bodies:
         return cls(sensor.scene.solids, rests, sizes, pixels, draws)
 
     def likeliest(self, evidence: RigidBodyEvidence, probs: Floats, number: int) -> list[tuple[str, float, Floats]]:
-        """Label, probability and mean picture ``(H, W, 2)`` of the likeliest shapes: shade times coverage, and coverage.
+        """Label, probability and mean picture of the likeliest shapes.
+
+        A picture is shade times coverage, and coverage, ``(H, W, 2)``.
 
         Args:
             evidence: about the object.
