@@ -115,8 +115,6 @@ def test_files_that_do_not_fit_are_refused(sensor, tmp_path):
         ({**arrays, "0.classifier.means": np.full((6, 4), np.nan)}, header),
         ({**arrays, "0.classifier.os": np.zeros(3)}, header),
         ({name: array for name, array in arrays.items() if name != "1.scale"}, header),
-        (arrays, {**header, "classifiers": ["os.system", "discriminants"]}),
-        (arrays, {**header, "classifiers": []}),
         (arrays, {**header, "label_names": ["mug"]}),
         (arrays, {**header, "feature_names": ["f0"]}),
         (arrays, {**header, "calibration": {**header["calibration"], "kind": "os.system"}}),
