@@ -13,10 +13,10 @@ import numpy as np
 
 from belief.files import write_text
 from belief.metrics import CalibrationError
+from belief.table import Table
 from experiments.calibration.models import UNDISCOUNTED, ModelScores
 from experiments.calibration.touches import RAW, TouchScores
 from experiments.reporting.page import Section
-from experiments.reporting.tables import Table
 
 Scores = TypeVar("Scores", TouchScores, ModelScores)
 

@@ -20,13 +20,13 @@ from activetouch.scene import Scene
 from activetouch.sensor import TactileSensor
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS, READER_FILE, reader_file, sensor_shift
 from belief.observation_model.rigid_body import joint_model
+from belief.table import Table
 from experiments.command_line.arguments import Count, Jobs, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.meshes.near_twins import ALIKE, near_twins
 from experiments.meshes.setting import MeshSetting
 from experiments.parallel import default_jobs
 from experiments.press.inventory import Item, inventory, latent
-from experiments.reporting.tables import Table
 from experiments.scene_choice import SceneChoice
 from experiments.sensor_choice import sensor_folder
 
@@ -124,7 +124,7 @@ class Explain:
             self.choice.named, name=name, presses=self.presses, compare=self.alike, jobs=self.jobs, sensor=shipped
         )
         console = plain_console()
-        console.print(found.table().rich())
+        print(found.table(), end="\n\n")
         for remark in found.remarks:
             console.print(f"- {remark}")
 
