@@ -19,7 +19,6 @@ EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "rl": ("gymnasium", "stable_baselines3", "torch"),
         "contrib": ("sb3_contrib",),
         "pomdp": ("pomdp_py",),
-        "recorded": ("sklearn",),
         "formats": ("pyarrow", "mcap"),
     }
 )
