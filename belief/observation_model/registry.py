@@ -17,10 +17,9 @@ from belief.files import unsealed_json
 from belief.naming import checked_names
 from belief.observation_model.action_kernel import ActionKernelModel
 from belief.observation_model.confusion import ConfusionModel
-from belief.observation_model.gaussian import GaussianModel
 from belief.observation_model.likelihood_ratio import RatioModel
 from belief.observation_model.model import ArrayModel, Reads
-from belief.observation_model.plda import PLDAModel
+from belief.observation_model.plda import GaussianModel, PLDAModel
 from belief.observation_model.rigid_body import RigidBodyModel
 from belief.references import BadReference, Reference, entry_point_names, find
 

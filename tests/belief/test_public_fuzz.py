@@ -195,9 +195,9 @@ CALLS = {
     "ConfusionModel": lambda a: (likelihood(observation_model.ConfusionModel)(a), world(a).log_likelihood(touches(a))),
     "GaussianModel": lambda a: (
         likelihood(observation_model.GaussianModel)(a),
-        observation_model.GaussianModel(LABELS, embedding(), a[None, :3, :2], a[:2, :2]).log_likelihood(
-            [Touch(0, np.zeros(3))]
-        ),
+        observation_model.GaussianModel(
+            LABELS, embedding(), a[None, :3, :2], Components(0 * a[:2, :2], 0 * a[:2, :2], a[:2, :2])
+        ).log_likelihood([Touch(0, np.zeros(3))]),
     ),
     "PLDAModel": lambda a: (
         likelihood(observation_model.PLDAModel)(a),

@@ -85,13 +85,6 @@ def test_objects_touched_in_different_patterns_are_told_apart_in_one_batch(poses
     np.testing.assert_allclose(without_constant(found), without_constant(expected), rtol=1e-6, atol=1e-8)
 
 
-def test_with_nothing_shared_it_is_the_gaussian_model(rng):
-    model = random_plda(rng, scales=(0.0, 0.0, 0.6))
-    gaussian = GaussianModel(LABELS, WIDE, model.means, model.components.of_touch)
-    batch = TouchBatch(rng.integers(3, size=(20, 7)), rng.normal(size=(20, 7, 3)))
-    np.testing.assert_allclose(model.log_likelihood_batch(batch), gaussian.log_likelihood_batch(batch), rtol=1e-10)
-
-
 def test_samples_have_the_covariances_of_the_model(rng):
     # 40 000 objects: entries of a covariance of size 2 have a standard error of at most .02.
     model = random_plda(rng)
@@ -243,12 +236,13 @@ def test_what_cannot_be_is_refused(change, message, rng):
 
 def test_fitting_the_gaussian_model_recovers_what_made_the_data(rng):
     # 30 000 touches, 10 000 of each shape: standard errors below .03 for means and .06 for covariances of size 3.
-    source = GaussianModel(LABELS, WIDE, rng.normal(size=(2, 3, 2)), np.array([[2.0, 0.5], [0.5, 1.0]]))
+    nothing, own = np.zeros((2, 2)), np.array([[2.0, 0.5], [0.5, 1.0]])
+    source = GaussianModel(LABELS, WIDE, rng.normal(size=(2, 3, 2)), Components(nothing, nothing, own))
     touches, shapes, _ = collected(source, rng, 15_000, [0, 1])
     found = GaussianModel.fit(touches, shapes)
     unit = found.embedding.unit
     np.testing.assert_allclose(found.means * unit, source.means, atol=0.12)
-    np.testing.assert_allclose(found.covariance * unit**2, source.covariance, atol=0.25)
+    np.testing.assert_allclose(found.components.of_touch * unit**2, own, atol=0.25)
 
 
 def test_a_pose_or_shape_never_seen_gets_what_is_common(rng):
