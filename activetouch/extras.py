@@ -17,7 +17,6 @@ EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "train": ("torch", "transformers", "onnx", "onnxscript"),
         "rl": ("gymnasium", "stable_baselines3", "torch"),
         "contrib": ("sb3_contrib",),
-        "pomdp": ("pomdp_py",),
         "recorded": ("sklearn",),
         "formats": ("pyarrow", "mcap"),
     }

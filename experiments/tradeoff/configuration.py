@@ -44,7 +44,6 @@ SHARES: Mapping[str, float] = MappingProxyType({"gel": 1.0, "coarse": 1.0, "pape
 _WHOLE = ("gel", "coarse")  # scenes in which everything is varied
 _MAIN = ("information_gain", "point_based", "threshold", "value_of_information")
 _USUAL_HYPOTHESES = 2048
-_SLOW = ("pouct", "pomcp")  # tree searches, whose decisions take hundreds of times as long
 _TOUCH_COSTS = (0.005, 0.05, 0.1)  # besides the default
 _WEIGH_COSTS = ("point_based", "value_of_information")  # deciders that weigh the cost of a touch
 
@@ -223,7 +222,7 @@ def _variants(base: Configuration, others: Sequence[Network]) -> list[list[Confi
     own, is_whole = SCENES[base.scene].scene.press_model, base.scene in _WHOLE
     presses = [] if base.scene == "paper" else list(FIDELITIES)  # force patches need a guarded move
     joint = replace(base, observation_model=JOINT, num_hypotheses=_USUAL_HYPOTHESES)
-    not_varied = {"random_confirm", *NEED_FILES, *_SLOW}
+    not_varied = {"random_confirm", *NEED_FILES}
     return [
         [replace(base, decider=decider) for decider in _MAIN],
         [replace(base, network=n, decider=decider) for n in others if n.sensor for decider in _MAIN[:2]],
