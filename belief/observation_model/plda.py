@@ -4,8 +4,9 @@ A touch of object o, of shape k, in pose p is (Ioffe 2006; Brümmer & de Villier
 
     x = m_pk + u_o + v_op + e,     u ~ N(0, B),  v ~ N(0, V),  e ~ N(0, W).
 
-All touches of the object share u, its touches in one pose share v, and e is independent for each touch. All shapes share the covariances, so the likelihood ratios have a closed form in the number of
-touches in each pose and their mean. A :class:`GaussianModel` has B = V = 0: touches are independent given the shape.
+All touches of the object share u, its touches in one pose share v, and e is independent for each touch. All shapes
+share the covariances, so the likelihood ratios have a closed form in the number of touches in each pose and their mean.
+A :class:`GaussianModel` has B = V = 0: its touches are independent given the shape.
 """
 
 from __future__ import annotations
