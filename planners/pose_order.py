@@ -32,10 +32,6 @@ def greedy_order(
 
     Returns:
         The order, and the loss after each of its touches.
-
-    >>> worth = {0: 1.0, 1: 3.0, 2: 2.0}
-    >>> greedy_order(3, 2, lambda poses: -sum(worth[pose] for pose in poses))[0]
-    (1, 2)
     """
     order: tuple[int, ...] = ()
     losses: list[float] = []

@@ -161,11 +161,7 @@ _GIVEN = ("table", "model", "policies")
 
 
 def summary_of(name: str) -> str:
-    """The one-line description of a decider in the registry.
-
-    >>> summary_of("information_gain")
-    'Posterior thresholds, with the pose that tells most about the target.'
-    """
+    """The one-line description of a decider in the registry."""
     return (DECIDERS[name].__doc__ or "").strip().partition("\n")[0]
 
 
@@ -190,11 +186,7 @@ def find_decider(name: str) -> tuple[Any, Reference]:
 
 
 def trained_state(name: str) -> str | None:
-    """Key of the state of the policies that a decider follows; None if it follows none.
-
-    >>> trained_state("ppo_confident(confirm=0.9)"), trained_state("threshold")
-    ('paper', None)
-    """
+    """Key of the state of the policies that a decider follows; None if it follows none."""
     if name.startswith((PREFIX, POLICY)):
         return None
     return TRAINED.get(Reference.parse(name).name)

@@ -47,11 +47,7 @@ def null_quantile(
 
 
 def drawn_labels(probs: Floats, rng: np.random.Generator, num_resamples: int) -> Iterator[NDArray[np.int64]]:
-    """Sets of labels drawn from checked ``probs (n, K)``, in blocks ``(number of sets, n)`` that fit in memory.
-
-    >>> next(drawn_labels(np.array([[0.0, 1.0], [1.0, 0.0]]), np.random.default_rng(0), 2)).tolist()
-    [[1, 0], [1, 0]]
-    """
+    """Sets of labels drawn from checked ``probs (n, K)``, in blocks ``(number of sets, n)`` that fit in memory."""
     require_count("num_resamples", num_resamples)
     cumulative = probs.cumsum(axis=1)
     cumulative /= cumulative[:, -1:]  # exactly one at the end

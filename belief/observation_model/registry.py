@@ -39,11 +39,7 @@ OBSERVATION_MODELS: Mapping[str, type[ArrayModel]] = MappingProxyType(
 
 
 def fits(reads: Reads = "logits") -> dict[str, Fit]:
-    """The functions that fit the models which read these of a touch, by name.
-
-    >>> list(fits()), list(fits("embeddings"))
-    (['confusion', 'gaussian', 'plda', 'ratio'], ['rigid body'])
-    """
+    """The functions that fit the models which read these of a touch, by name."""
     return {name: kind.fit for name, kind in OBSERVATION_MODELS.items() if kind.reads == reads}
 
 
@@ -131,9 +127,6 @@ def fit_named(name: str) -> Fit:
     Raises:
         UnknownName: there is no such name.
         BadReference: the name is malformed, or its settings do not fit.
-
-    >>> fit_named("gaussian") == GaussianModel.fit
-    True
     """
     found, reference = find("observation model", name, OBSERVATION_MODELS, ENTRY_POINTS)
     fit: Any = found.fit if inspect.isclass(found) and hasattr(found, "fit") else found

@@ -33,16 +33,6 @@ def estimate_components(rest: Floats, data: LabelledTouches, *, has_repeats: boo
         data: labels of these touches.
         has_repeats: whether some object was touched twice in a pose; if not, V and W are kept equal.
         num_rounds: largest number of iterations.
-
-    >>> rng = np.random.default_rng(0)
-    >>> from belief import Touch
-    >>> ids = np.arange(6000) // 3                                       # three touches of each object in one pose
-    >>> rest = 2.0 * rng.normal(size=(2000, 1))[ids] + rng.normal(size=(6000, 1))
-    >>> data = LabelledTouches.of([Touch(0, np.zeros(2))] * 6000, np.zeros(6000, int), ids)
-    >>> parts = estimate_components(rest, data, has_repeats=True)
-    >>> shared = parts.of_object + parts.of_pose                         # not separable with a single pose
-    >>> shared.round(1).tolist(), parts.of_touch.round(1).tolist()
-    ([[4.1]], [[1.0]])
     """
     total, cells = covariance(rest), _Cells.of(rest, data)
     # Without a floor, W would vanish for equal touches, and the likelihood would be unbounded.
@@ -64,11 +54,7 @@ def estimate_components(rest: Floats, data: LabelledTouches, *, has_repeats: boo
 
 
 def covariance(rest: Floats) -> Floats:
-    """Covariance ``(D, D)`` of vectors of mean zero, ``(n, D)``, with eigenvalues at least 1e-6 of the largest.
-
-    >>> covariance(np.array([[2.0, 0.0], [-2.0, 0.0]])).tolist()
-    [[4.0, 0.0], [0.0, 4e-06]]
-    """
+    """Covariance ``(D, D)`` of vectors of mean zero, ``(n, D)``, with eigenvalues at least 1e-6 of the largest."""
     values, basis = np.linalg.eigh(rest.T @ rest / len(rest))
     values = np.maximum(values, max(1e-6 * values[-1], 1e-12))
     return np.asarray((basis * values) @ basis.T)

@@ -140,10 +140,6 @@ def backup(
 
 
 def different(beliefs: Floats) -> Floats:
-    """Beliefs ``(B, n)`` in their order, without those that nearly equal another.
-
-    >>> different(np.array([[0.5, 0.5], [0.9, 0.1], [0.50001, 0.49999]])).tolist()
-    [[0.5, 0.5], [0.9, 0.1]]
-    """
+    """Beliefs ``(B, n)`` in their order, without those that nearly equal another."""
     _, index = np.unique(beliefs.round(_DECIMALS), axis=0, return_index=True)
     return beliefs[np.sort(index)]
