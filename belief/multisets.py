@@ -45,7 +45,7 @@ def layers(counts: tuple[int, ...], num_objects: int) -> list[Layer]:
 
 @lru_cache(maxsize=64)
 def num_multisets(counts: tuple[int, ...], num_objects: int, limit: int) -> int:
-    """Number of multisets of at most ``num_objects`` objects; any number above ``limit`` if there are more than that."""
+    """Number of multisets of at most ``num_objects`` objects; any number above ``limit`` if there are more."""
     by_size = np.ones(1, np.int64)
     for count in counts:
         kinds = np.convolve(by_size, np.ones(min(count, num_objects) + 1, np.int64))

@@ -152,6 +152,6 @@ class RecomputedEvidence:
 
 
 def start(model: Explains) -> ObjectEvidence:
-    """Evidence before the first touch: ``model.start()``, or :class:`RecomputedEvidence` for models without ``start``."""
+    """Evidence before the first touch: ``model.start()``, or :class:`RecomputedEvidence` for models without it."""
     begin = getattr(model, "start", None)
     return RecomputedEvidence(model) if begin is None else begin()

@@ -384,7 +384,7 @@ class RigidBodyModel(FittedRigidBody):
 
 
 def joint_model(model: ObservationModel) -> RigidBodyModel | None:
-    """The model, or its nominal one, if it is about one rigid body in an unknown orientation and size; otherwise None."""
+    """The model, or its nominal one, if it is about one rigid body of unknown orientation and size; otherwise None."""
     nominal = getattr(model, "nominal", model)
     return nominal if isinstance(nominal, RigidBodyModel) else None
 
