@@ -14,6 +14,7 @@ from belief.calibration import TemperatureScaling
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
+from belief.observation_model.quantisation import merged
 from belief.problem import Touch
 from belief.touch_batch import TouchBatch
 from belief.validation import Floats
@@ -139,7 +140,7 @@ class ConfusionModel(ArrayModel):
 
     def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
         """See :class:`ArrayModel`; exact, or merged into fewer outcomes."""
-        return OutcomeTable(self.probs).merged(num_outcomes)
+        return merged(OutcomeTable(self.probs), num_outcomes, rng)
 
     def to_fields(self) -> dict[str, Any]:
         """See :class:`ArrayModel`."""

@@ -42,6 +42,16 @@ def sampled_table(
     return OutcomeTable(smoothed(table, num_samples))
 
 
+def merged(table: OutcomeTable, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
+    """A table of at most so many outcomes: those with similar posteriors are merged, the same in all poses."""
+    if table.num_outcomes <= num_outcomes:
+        return table
+    shares = np.swapaxes(table.probs, 1, 2)  # (P, M, K)
+    posteriors = np.maximum(shares, np.finfo(float).tiny)
+    posteriors = posteriors / posteriors.sum(axis=2, keepdims=True)
+    return OutcomeTable(tabulate(np.log(posteriors), shares, num_outcomes, rng))
+
+
 def drawn(weights: Floats, poses: NDArray[np.int64], rng: np.random.Generator) -> NDArray[np.int64]:
     """One of the N touches that stand for all in a pose, drawn by their weights, for every entry of ``poses``.
 

@@ -146,7 +146,7 @@ CALLS = {
     # arrangement
     "arrangement_marginals": lambda a: arrangement.arrangement_marginals(a[:3]),
     "log_arrangement_marginals": lambda a: arrangement.log_arrangement_marginals(a[:3]),
-    "prob_shape_absent": lambda a: arrangement.prob_shape_absent(a[:3], None, 0, np.array([True, True, False])),
+    "prob_shape_absent": lambda a: arrangement.prob_shape_absent(a[:3], None, 0),
     "blank_objects": lambda a: arrangement.blank_objects(a, (2, 1, 1)),
     "num_states": lambda a: arrangement.num_states(as_labels(a[0]).tolist(), 2),
     # batch, bayes, folds, multisets
@@ -226,10 +226,7 @@ CALLS = {
             LABELS, calibration.TemperatureScaling(), a[0], float(a[1, 0]), a[None]
         ).log_likelihood([Touch(0, np.zeros(3))] * 3),
     ),
-    "OutcomeTable": lambda a: (
-        observation_model.OutcomeTable(a[None]).information(),
-        observation_model.OutcomeTable(a[None]).merged(2).probs,
-    ),
+    "OutcomeTable": lambda a: observation_model.OutcomeTable(a[None]).information(),
     "read_observation_model": lambda a: observation_model.read_observation_model(str(a.tolist())),
     "read_origin": lambda a: observation_model.read_origin(str(a.tolist())),
     # rows, selection, synthetic
