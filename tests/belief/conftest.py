@@ -55,7 +55,6 @@ def parts():
     zeros /= zeros.sum(axis=2, keepdims=True)
     return SimpleNamespace(
         data=data,
-        once=once,
         alone=[part[::2] for part in once],  # one touch of each object, in pose 0
         no_cones=collection(world, shapes=2),
         floored=ConfusionModel(LABELS, table, TemperatureScaling(1e-6, "separable", floor=0.05)),
@@ -73,17 +72,13 @@ MODELS = {
     "confusion, floored calibration": lambda: parts().floored,
     "confusion, impossible outcomes": lambda: parts().impossible,
     "confusion, fitted": lambda: fit(ConfusionModel, parts().data),
-    "confusion, a shape never seen": lambda: fit(ConfusionModel, parts().no_cones),
     "gaussian": lambda: fit(GaussianModel, parts().data),
-    "gaussian, a shape never seen": lambda: fit(GaussianModel, parts().no_cones),
     "plda": plda_world,
     "plda, fitted": lambda: fit(PLDAModel, parts().data),
-    "plda, no repeats": lambda: fit(PLDAModel, parts().once),
     "plda, one touch per object": lambda: fit(PLDAModel, parts().alone),
     "plda, a shape never seen": lambda: fit(PLDAModel, parts().no_cones),
     "ratio": lambda: fit(RatioModel, parts().data),
     "ratio of a temperature": lambda: fit(RatioModel, parts().data, calibration=TemperatureScaling()),
-    "ratio, no repeats": lambda: fit(RatioModel, parts().once),
     "ratio, a shape never seen": lambda: fit(RatioModel, parts().no_cones),
 }
 model_named = cache(lambda name: MODELS[name]())

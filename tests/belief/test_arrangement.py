@@ -206,9 +206,7 @@ def test_what_is_asked_of_too_many_multisets_is_refused_not_computed():
             ask(np.eye(21))
 
 
-@pytest.mark.parametrize(
-    ("counts", "advantage"), [((600, 700), -0.3), ((1200, 1200), 0.01), ((600, 700), 5.0), ((550, 550), 5.0)]
-)
+@pytest.mark.parametrize(("counts", "advantage"), [((600, 700), -0.3), ((550, 550), 5.0)])
 def test_marginals_of_a_thousand_alike_objects_of_two_shapes_are_binomial_sums(counts, advantage):
     """There are more than 1e308 arrangements. All objects are alike, so one has the first shape in the mean share."""
     number, (some, others) = 1100, counts

@@ -24,10 +24,10 @@ def touches_from(table: np.ndarray, n: int, rng) -> tuple[list[Touch], np.ndarra
 
 def test_fitting_recovers_the_matrix_that_made_the_data(rng):
     truth = rng.dirichlet(np.ones(3) * 2, size=(2, 3))
-    touches, shapes = touches_from(truth, 30_000, rng)
+    touches, shapes = touches_from(truth, 6_000, rng)
     fitted = ConfusionModel.fit(touches, shapes, pooling=0.0)
-    # 5 000 touches per pose and shape: standard error at most .0071, six of them .043.
-    np.testing.assert_allclose(fitted.probs, truth, atol=0.043)
+    # 1 000 touches per pose and shape: standard error at most .016, six of them .095.
+    np.testing.assert_allclose(fitted.probs, truth, atol=0.095)
 
 
 def test_an_outcome_never_seen_is_unlikely_but_not_impossible():

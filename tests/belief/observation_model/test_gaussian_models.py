@@ -109,15 +109,15 @@ def fitted_parts(model):
 
 
 def test_fitting_recovers_what_made_the_data(rng):
-    # 2 000 objects, two poses, three touches each. Standard errors of a variance: of B (.2 + .5/2 + .5/6) √(2/2000)
-    # = .017, of V (.5 + .5/3) √(2/2000) = .021, of W .5 √(2/8000) = .008; four of each.
+    # 800 objects, two poses, three touches each. Standard errors of a variance: of B (.2 + .5/2 + .5/6) √(2/800)
+    # = .027, of V (.5 + .5/3) √(2/800) = .033, of W .5 √(2/3200) = .0125; four of each.
     parts = [variance * np.array([[1.0, rho], [rho, 1.0]]) for variance, rho in ((0.2, 0.5), (0.5, -0.3), (0.5, 0))]
     source = PLDAModel(LABELS, WIDE, rng.normal(size=(2, 3, 2)), Components(*parts))
-    found = PLDAModel.fit(*collected(source, rng, 2000, [0, 1] * 3))
+    found = PLDAModel.fit(*collected(source, rng, 800, [0, 1] * 3))
     assert found.status == "ok"
-    for estimate, truth, tolerance in zip(fitted_parts(found), parts, (0.07, 0.085, 0.032), strict=True):
+    for estimate, truth, tolerance in zip(fitted_parts(found), parts, (0.11, 0.135, 0.05), strict=True):
         np.testing.assert_allclose(estimate, truth, atol=tolerance)
-    np.testing.assert_allclose(found.means * found.embedding.unit, source.means, atol=0.15)
+    np.testing.assert_allclose(found.means * found.embedding.unit, source.means, atol=0.24)
 
 
 @pytest.mark.parametrize(("poses", "has_repeats"), [([0, 0, 1, 2, 2, 2], True), ([0, 1, 2], False)])
@@ -169,12 +169,12 @@ def stops(model, batch, shapes, threshold=0.95):
     return claimed, right
 
 
-@pytest.mark.parametrize("correlation", [0.3, 0.6, 0.9])
+@pytest.mark.parametrize("correlation", [0.3, 0.9])
 def test_where_touches_repeat_it_claims_what_it_keeps_and_naive_bayes_claims_more(correlation, rng):
     parts = (variance * np.eye(2) for variance in (0.0, correlation, 1.0 - correlation))
     means = np.stack([1.6 * WIDE(TouchBatch(np.zeros((1, 3), int), np.eye(3)[None]))[0]] * 2)
     source = PLDAModel(LABELS, WIDE, means, Components(*parts))
-    data = collected(source, rng, 600, [0, 1] * 5)
+    data = collected(source, rng, 300, [0, 1] * 5)
     careful, naive = PLDAModel.fit(*data), GaussianModel.fit(*data)
     num = 3000
     batches = [source.sample_batch(k, np.zeros((num, 12), int), rng) for k in range(3)]
@@ -235,13 +235,13 @@ def test_what_cannot_be_is_refused(change, message, rng):
 
 
 def test_fitting_the_gaussian_model_recovers_what_made_the_data(rng):
-    # 30 000 touches, 10 000 of each shape: standard errors below .03 for means and .06 for covariances of size 3.
+    # 6 000 touches, 2 000 of each shape: standard errors below .05 for means of two poses and .04 for the covariance.
     nothing, own = np.zeros((2, 2)), np.array([[2.0, 0.5], [0.5, 1.0]])
     source = GaussianModel(LABELS, WIDE, rng.normal(size=(2, 3, 2)), Components(nothing, nothing, own))
-    touches, shapes, _ = collected(source, rng, 15_000, [0, 1])
+    touches, shapes, _ = collected(source, rng, 3_000, [0, 1])
     found = GaussianModel.fit(touches, shapes)
     unit = found.embedding.unit
-    np.testing.assert_allclose(found.means * unit, source.means, atol=0.12)
+    np.testing.assert_allclose(found.means * unit, source.means, atol=0.2)
     np.testing.assert_allclose(found.components.of_touch * unit**2, own, atol=0.25)
 
 

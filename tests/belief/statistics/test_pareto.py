@@ -47,11 +47,11 @@ def test_the_only_configuration_is_the_front():
     assert pareto_front([3.0], [-1.0]).tolist() == [True]
 
 
-def test_a_million_configurations_have_a_front(rng):
-    costs = rng.random(1_000_000)
-    on_front = pareto_front(costs, rng.random(1_000_000))
+def test_very_many_configurations_have_a_front(rng):
+    costs = rng.random(100_000)
+    on_front = pareto_front(costs, rng.random(100_000))
     assert on_front[np.argmin(costs)]
-    assert 5 <= on_front.sum() <= 40  # about ln 10⁶ = 13.8 are expected, with standard deviation 3.5
+    assert 3 <= on_front.sum() <= 40  # about ln 10⁵ = 11.5 are expected, with standard deviation 3.2
 
 
 @pytest.mark.parametrize(
