@@ -222,7 +222,7 @@ def test_discounts_that_look_alike_have_policies_of_their_own():
         OutcomeTable([[[0.7, 0.3], [0.3, 0.7]]] * 2),
     )
     policies = [PointBased(table, FlatRepeats(weight), rounds=(50,)).policy(problem, 0) for weight in (0.9, 0.0)]
-    after_two = [policy.value(0, policy.search.initial, num_touches=2) for policy in policies]
+    after_two = [policy.at(0, 2).value(policy.search.initial[None])[0] for policy in policies]
     assert after_two[0] > after_two[1] + 0.01
 
 
