@@ -55,18 +55,11 @@ def test_what_is_no_belief_gets_no_answer_of_a_policy(single, what, asked):
             getattr(single, asked)(given)
 
 
-@pytest.mark.parametrize("what", BAD_BELIEFS)
-@pytest.mark.parametrize("asked", ["action", "value"])
-def test_nor_of_a_policy_for_a_search(whole, what, asked):
-    with pytest.raises(InvalidArgument, match="a belief must be 4 probabilities"):
-        getattr(whole, asked)(0, BAD_BELIEFS[what])
-
-
 @pytest.mark.parametrize("index", [-1, 2, 0.0, None, "first", True])
 def test_an_object_that_is_none_gets_no_answer(whole, index):
     problem = SearchProblem(("a", "b"), ("p",), 2)
     for ask in (
-        lambda: whole.action(index, [0.5, 0.5, 0.0, 0.0]),
+        lambda: whole.at(index),
         lambda: InformationState(problem, 0, Belief.uniform(("a", "b")), object_index=index),
     ):
         with pytest.raises(InvalidArgument, match=r"object_index must be an integer in \[0, 2\)"):
