@@ -73,7 +73,7 @@ def play(name, table, problem, number, target=0, absent=False):
 def test_every_decision_is_legal_and_can_be_written_down(name, rng):
     table = random_table(rng)
     decider = make_decider(name, table)
-    for info in information_states(table, 24, rng):
+    for info in information_states(table, 12, rng):
         decision = decider.decide(info, rng)
         match decision.action:
             case Probe(pose):
@@ -105,7 +105,7 @@ def test_certainty_stops_at_once(name, rng):
 def test_a_target_ruled_out_is_never_confirmed(name, rng):
     table = OutcomeTable(np.tile(np.eye(4)[[0, 1, 1, 2]], (3, 1, 1)))  # the first touch rules it in or out
     decider, confirmed = make_decider(name, table), 0
-    for info in information_states(table, 60, rng):
+    for info in information_states(table, 30, rng):
         if isinstance(decider.decide(info, rng).action, Confirm):
             confirmed += 1
             assert info.target_prob > 0.0
