@@ -25,13 +25,26 @@ from belief.observation_model.logit_embedding import LogitEmbedding
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import sampled_table
-from belief.observation_model.variance_components import Components, covariance, estimate_components
 from belief.problem import Touch
 from belief.touch_batch import TouchBatch
 from belief.validation import Floats, as_real, require_choice
 
 Status: TypeAlias = Literal["ok", "no_repeats", "one_touch_per_object"]
 _MEAN_POOLING = 30.0  # weight of a shape's mean over all poses in its mean in each pose, in touches
+
+
+class Components(NamedTuple):
+    """Covariances that all shapes share, each ``(D, D)``.
+
+    Attributes:
+        of_object: B, of the effect that all touches of an object share.
+        of_pose: V, of the effect that touches of an object in one pose share.
+        of_touch: W, of single touches; positive definite.
+    """
+
+    of_object: Floats
+    of_pose: Floats
+    of_touch: Floats
 
 
 class PoseMeans(NamedTuple):
@@ -128,7 +141,7 @@ class PLDAModel(ArrayModel):
         shape_labels: Sequence[str] | None = None,
         num_poses: int | None = None,
     ) -> PLDAModel:
-        """Fit means, shrunk towards those of all poses, and covariances, by expectation maximisation.
+        """Fit means, shrunk towards those of all poses, and covariances, by their moments.
 
         Arguments and errors are those of :meth:`LabelledTouches.of`; some objects should be touched several times in
         one pose.
@@ -141,7 +154,7 @@ class PLDAModel(ArrayModel):
         if data.num_objects == len(data.poses):
             status, components = "one_touch_per_object", Components(*[covariance(rest) / 3] * 3)
         else:
-            components = estimate_components(rest, data, has_repeats=has_repeats)
+            components = estimate_components(rest, data)
         return cls(data.shape_labels, embedding, means, components, status)
 
     @property
@@ -279,6 +292,44 @@ class GaussianModel(PLDAModel):
         """None: the model knows of no repeats."""
 
 
+def estimate_components(rest: Floats, data: LabelledTouches) -> Components:
+    """Estimate of the components by their moments; in a balanced design it is that of restricted maximum likelihood.
+
+    A *cell* is an object in a pose. Touches of a cell differ by W; means of the cells of an object by V, and by W over
+    their numbers of touches; means of objects by B and by what is left of V and W. Without a cell of two touches, V and
+    W are taken as equal; without an object of two cells, B and V are.
+
+    Args:
+        rest: touches minus the mean of their shape and pose, ``(n, D)``.
+        data: labels of these touches, of which some object has two.
+    """
+    keys, cell, counts = np.unique(data.objects * data.num_poses + data.poses, return_inverse=True, return_counts=True)
+    owner = keys // data.num_poses
+    cells, noise = np.bincount(owner), np.bincount(owner, 1.0 / counts)  # of each object; noise in units of W
+    means, centres = np.zeros((len(keys), rest.shape[1])), np.zeros((len(cells), rest.shape[1]))
+    np.add.at(means, cell, rest / counts[cell, None])
+    np.add.at(centres, owner, means / cells[owner, None])
+    about, away = rest - means[cell], means - centres[owner]
+    repeats, others = (counts - 1).sum(), (cells - 1).sum()
+    of_touch = about.T @ about / repeats if repeats else away.T @ away / (2 * others)
+    left = centres.T @ centres / len(cells) - (noise / cells**2).mean() * of_touch
+    if others:
+        of_pose = (away.T @ away - ((1.0 - 1.0 / cells) * noise).sum() * of_touch) / others if repeats else of_touch
+        of_object = left - (1.0 / cells).mean() * of_pose
+    else:
+        of_object = of_pose = left / 2.0
+    # Without a floor, W would vanish for equal touches, and the likelihood would be unbounded.
+    floor = 1e-6 * np.trace(covariance(rest)) / rest.shape[1] * np.eye(rest.shape[1])
+    return Components(_positive(of_object), _positive(of_pose), _positive(of_touch) + floor)
+
+
+def covariance(rest: Floats) -> Floats:
+    """Covariance ``(D, D)`` of vectors of mean zero, ``(n, D)``, with eigenvalues at least 1e-6 of the largest."""
+    values, basis = np.linalg.eigh(rest.T @ rest / len(rest))
+    values = np.maximum(values, max(1e-6 * values[-1], 1e-12))
+    return np.asarray((basis * values) @ basis.T)
+
+
 def pose_means(vectors: Floats, data: LabelledTouches, pooling: float = _MEAN_POOLING) -> tuple[Floats, Floats]:
     """Mean vector of each shape in each pose, ``(P, K, D)``, and the residuals of the touches, ``(n, D)``.
 
@@ -320,6 +371,12 @@ def require_covariance(name: str, values: Floats, size: int, *, definite: bool) 
         raise ValueError(
             f"{name} must be positive {'' if definite else 'semi'}definite, its least eigenvalue is {least}"
         )
+
+
+def _positive(found: Floats) -> Floats:
+    """The nearest covariance without negative eigenvalues."""
+    values, basis = np.linalg.eigh((found + found.T) / 2)
+    return np.asarray((basis * np.maximum(values, 0.0)) @ basis.T)
 
 
 def _root(covariance: Floats) -> Floats:

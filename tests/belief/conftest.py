@@ -11,7 +11,7 @@ from belief import Touch
 from belief.calibration import TemperatureScaling
 from belief.observation_model import ConfusionModel, GaussianModel, PLDAModel, RatioModel
 from belief.observation_model.logit_embedding import LogitEmbedding
-from belief.observation_model.variance_components import Components
+from belief.observation_model.plda import Components
 from belief.synthetic import random_model
 
 LABELS = ("ball", "cube", "cone")

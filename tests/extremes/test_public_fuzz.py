@@ -31,7 +31,7 @@ from belief import (
 )
 from belief.observation_model import selection
 from belief.observation_model.logit_embedding import LogitEmbedding
-from belief.observation_model.variance_components import Components
+from belief.observation_model.plda import Components
 from belief.touch_batch import TouchBatch
 
 pytestmark = pytest.mark.filterwarnings("ignore:logits has no negative number:UserWarning")
@@ -381,6 +381,7 @@ ORDINARY = {
     "mcnemar_test": np.eye(4, 3),
     "normalise_log_probs": np.log(np.full((4, 3), 1 / 3)),
     "numbered_objects": np.arange(12.0).reshape(4, 3),
+    "require_fraction": np.array([[0.5]]),
     "update": np.log(np.full((4, 3), 1 / 3)),
     "wilson_interval": np.array([[3, 5, 0.95]]),
 }
