@@ -17,7 +17,7 @@ from belief.observation_model.repeat_discount import effective_touches
 LABELS = ("mug", "ball", "can")
 
 
-def correlated(rng, num_objects=200, shared=1.0):
+def correlated(rng, num_objects=120, shared=1.0):
     """Touches of objects in three poses; poses 0 and 1 share an error, pose 2 has its own: log likelihood ratios."""
     truth = np.arange(num_objects) % 3
     common = shared * rng.normal(size=(num_objects, 3))
