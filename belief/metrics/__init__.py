@@ -19,7 +19,7 @@ from belief.metrics.binned import (
 )
 from belief.metrics.calibration_at_stop import CalibrationAtStop, StopScore, calibration_at_stop
 from belief.metrics.chance import bias_corrected_interval, null_quantile
-from belief.metrics.reliability import ReliabilityCurve, reliability_curve
+from belief.metrics.reliability import ReliabilityCurve, reliability_curve, reliability_diagram
 from belief.metrics.report import CalibrationError, CalibrationReport, calibration_report
 from belief.metrics.scores import (
     ShapeScore,
@@ -51,6 +51,7 @@ __all__ = [
     "negative_log_likelihood",
     "null_quantile",
     "reliability_curve",
+    "reliability_diagram",
     "risk_coverage",
     "shape_scores",
     "smooth_calibration_error",

@@ -13,6 +13,7 @@ import tyro
 from numpy.typing import NDArray
 
 from activetouch.errors import LabelMismatch, WrongScene
+from activetouch.hand import Hand
 from activetouch.named_scenes import NamedScene
 from activetouch.pressing.contact import surface_gap
 from activetouch.rendering import read_out
@@ -20,12 +21,12 @@ from activetouch.scene import Scene
 from activetouch.sensor import TactileSensor
 from activetouch.sensor_files import READER_FILE, reader_file, sensor_shift
 from belief.observation_model.rigid_body import joint_model
+from belief.table import Table
 from experiments.command_line.arguments import Count, Jobs, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs
 from experiments.press.alike import SHOWN, Alike, Likeness, alike
 from experiments.press.inventory import Item, inventory, latent
-from experiments.reporting.tables import Table
 from experiments.scene_choice import SceneChoice
 from experiments.sensor_choice import sensor_folder
 
@@ -90,11 +91,7 @@ def explain(
         likeness = alike(scene, jobs=jobs)
     remarks.append(_cost_words(scene, presses))
     if scene.hand is not None and len(scene.hand) > 1:
-        remarks.append(
-            f"A grasp gives {len(scene.hand)} images at the cost of one touch. Its fingers share the force and the "
-            "object's offset in the palm, drawn anew at each grasp; the belief takes both as each finger's own. A "
-            "finger that misses gives an image of no contact, which is read as any other."
-        )
+        remarks.append(_grasp_words(scene.hand))
     remarks += _bottoming_words(scene, np.random.default_rng(0))
     if likeness and (partly := [label for label, (ever, _) in likeness.reach.items() if ever < _WIDE]):
         remarks.append(f"No touch meets all of {', '.join(partly)}: aim beside the axis (activetouch.poses.aimed).")
@@ -134,7 +131,7 @@ class Explain:
         )
         console = plain_console()
         for table in found.tables():
-            console.print(table.rich())
+            print(table, end="\n\n")
         for remark in found.remarks:
             console.print(f"- {remark}")
 
@@ -237,6 +234,17 @@ def _belief_words(scene: Scene, folder: Path | None) -> str:
     if model is None:
         return f"{words}. No shipped sensor with a joint model was fitted to these objects."
     return f"{words}: {model.num_hypotheses} hypotheses for each shape."
+
+
+def _grasp_words(hand: Hand) -> str:
+    """What the fingers of a hand share, and what of it the belief holds."""
+    drawn = "of the object" if hand.offset == "kept" else "drawn anew at each grasp"
+    belief = "takes both as each finger's own" if hand.offset == "averaged" else "sums over the offset"
+    return (
+        f"A grasp gives {len(hand)} images at the cost of one touch. Its fingers share the force and the object's "
+        f"offset in the palm, {drawn}; the belief {belief}. A finger that misses gives an image of no contact, which "
+        "is read as any other." + ("" if hand.travel is None else " It also reads how far each finger travels.")
+    )
 
 
 def _fits(sensor: Path, scene: Scene) -> bool:

@@ -6,18 +6,32 @@ import math
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from belief import Touch
+from belief.calibration import (
+    DirichletCalibration,
+    StructuredMatrixScaling,
+    TemperatureScaling,
+    VectorScaling,
+    logits_from_probs,
+)
+from belief.metrics import reliability_diagram
 from belief.observation_model import (
     FittedRigidBody,
     FixedHypotheses,
     FixedWorlds,
     RigidBodyModel,
     SensorHealthModel,
+    calibration_of_stops,
+    fit_observation_model,
     spread_prior,
 )
-from tests.extremes.cases import Case, Verdict, answers, equal_to, judge, refusals, such_that
+from belief.synthetic import random_model
+from tests.extremes.cases import Case, Verdict, answers, equal_to, judge, refusals, refuses, such_that
+
+_CALIBRATIONS = (TemperatureScaling, VectorScaling, DirichletCalibration, StructuredMatrixScaling)
 
 
 def _rigid_body(size: float = 1.0, temperature: float = 1.0) -> RigidBodyModel:
@@ -108,7 +122,60 @@ def _of_rigid_bodies() -> list[Case]:
     ]
 
 
-@pytest.mark.parametrize("case", _of_rigid_bodies(), ids=str)
+def _of_arrays() -> list[Case]:
+    logits, labels = np.eye(4)[np.arange(200) % 4], np.arange(200) % 4
+    return [
+        answers(
+            "logits_from_probs",
+            "certainty, 0 and 1, in one column: finite, and as sure as the floor allows",
+            lambda: logits_from_probs([0.0, 1.0], floor=1e-6)[:, 1].tolist(),
+            equal_to([np.log(1e-6), 0.0]),
+        ),
+        refuses("logits_from_probs", "a sigmoid of 1.5", lambda: logits_from_probs([1.5]), ValueError, "1.5|-0.5"),
+        refuses("logits_from_probs", "NaN", lambda: logits_from_probs([[np.nan, 1.0]]), ValueError, "nan|NaN"),
+        *(
+            refuses(
+                f"{kind.__name__}.fit",
+                f"weights {weights}",
+                lambda kind=kind, weights=weights: kind().fit(logits[:2], labels[:2], weights),
+                ValueError,
+                "weights?",
+            )
+            for kind in _CALIBRATIONS
+            for weights in ([0.0, 0.0], [1.0, -1.0], [np.nan, 1.0], [np.inf, 1.0], [1.0], "ab")
+        ),
+        answers(
+            "fit_observation_model",
+            "one touch of each of two objects: a model that knows as little",
+            lambda: [*fit_observation_model(np.eye(2), [0, 1], ["mug", "ball"], num_folds=2).losses.values()],
+            such_that("finite losses", lambda found: bool(np.isfinite(found).all())),
+        ),
+        refuses(
+            "fit_observation_model",
+            "an object with two labels",
+            lambda: fit_observation_model(logits, labels, np.zeros(200, int)),
+            ValueError,
+            "object 0 has shape",
+        ),
+        refuses(
+            "calibration_of_stops",
+            "a classifier that knows nothing: no stop",
+            lambda: calibration_of_stops(
+                random_model(np.random.default_rng(0), sharpness=0.0), np.zeros((9, 4)), [0] * 9, [0] * 9
+            ),
+            ValueError,
+            "no object reaches",
+        ),
+        answers(
+            "metrics.reliability_diagram",
+            "certain and wrong: one point at the lower right, far from its band",
+            lambda: reliability_diagram([[1.0, 0.0]] * 3, [1] * 3, Figure().subplots()).is_consistent.tolist(),
+            equal_to([False]),
+        ),
+    ]
+
+
+@pytest.mark.parametrize("case", _of_rigid_bodies() + _of_arrays(), ids=str)
 def test_an_extreme_is_answered_rightly_or_refused_with_a_reason(case):
     finding = judge(case)
     assert finding.verdict is not Verdict.FAILED, f"expected {case.expected.words}; {finding.happened}"

@@ -13,13 +13,14 @@ import pytest
 from activetouch.data.dataset import CollectionPlan, TouchSet
 from belief.calibration import TemperatureScaling
 from belief.metrics import CalibrationError, StopScore, calibration_at_stop
+from belief.metrics.calibration_at_stop import stops
 from belief.observation_model import RatioModel
 from belief.touch_batch import TouchBatch
 from experiments.calibration import calibration_report
 from experiments.calibration.calibration_report import CalibrationReport, NoRepeats
 from experiments.calibration.models import Fused, ModelScores, StopScores, score_model
 from experiments.calibration.report import Measurements
-from experiments.calibration.sequences import KINDS, Rounds, stops
+from experiments.calibration.sequences import KINDS, Rounds
 from experiments.calibration.targets import judge_model, judge_touches, verdict
 from experiments.calibration.touches import CALIBRATION_FITS, RAW, score_touches
 from experiments.scene_choice import SceneChoice
