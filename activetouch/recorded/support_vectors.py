@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.extras import require_extra
-from belief.problem import Floats
+from belief.validation import Floats
 
 _BLOCK = 1 << 22  # kernel values in memory at a time
 

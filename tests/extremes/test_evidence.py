@@ -123,7 +123,7 @@ def _of_rigid_bodies() -> list[Case]:
 
 
 def _of_arrays() -> list[Case]:
-    logits, labels = np.eye(4)[np.arange(200) % 4], np.arange(200) % 4
+    logits, labels = np.eye(4)[np.arange(200) % 4] - 0.5, np.arange(200) % 4
     return [
         answers(
             "logits_from_probs",
