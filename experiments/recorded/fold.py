@@ -15,7 +15,7 @@ from activetouch.recorded.touches import TaskTouches
 from activetouch.recorded.world import RecordedBank
 from belief.observation_model.action_kernel import ActionKernelModel, Law, touch_weights
 from belief.observation_model.calibration_data import LabelledTouches
-from belief.problem import Floats
+from belief.validation import Floats
 from planners.pose_order import greedy_order
 
 LAWS: tuple[Law, ...] = ("none", "kernel")
