@@ -132,11 +132,7 @@ def _model(path: Path, written: tuple[int, int]) -> Any:
 
 
 def _algorithm(data: dict[str, Any]) -> tuple[str, str]:
-    """Module and name of the algorithm that wrote a file, by the settings it keeps.
-
-    >>> _algorithm({"clip_range": 0.2, "policy_class": {"__module__": "stable_baselines3.common.policies"}})
-    ('stable_baselines3', 'PPO')
-    """
+    """Module and name of the algorithm that wrote a file, by the settings it keeps."""
     if "sb3_contrib" in str(data.get("policy_class")):
         return "sb3_contrib", "MaskablePPO"
     if "exploration_fraction" in data:
