@@ -31,9 +31,7 @@ class BankVecEnv(VecEnv):
         self._actions = np.zeros(episodes.num_envs, np.int64)
         self._returns, self._lengths = np.zeros(episodes.num_envs), np.zeros(episodes.num_envs, np.int64)
         self.render_mode = None
-        low = 0.0 if episodes.state == "paper" else -1.0  # as in Gymnasium, so that a saved policy tells what it saw
-        observation_space = spaces.Box(low, 1.0, episodes.observe().shape[1:], np.float32)
-        super().__init__(episodes.num_envs, observation_space, spaces.Discrete(episodes.num_actions))
+        super().__init__(episodes.num_envs, episodes.observation_space, spaces.Discrete(episodes.num_actions))
 
     def reset(self) -> NDArray[np.float32]:
         """Start new episodes in all rows.

@@ -6,9 +6,9 @@ from scipy import stats
 from scipy.special import log_softmax
 
 from activetouch import TactileSensor
+from activetouch.envs.bank_evidence import WeighedTouches
 from activetouch.envs.base import BadOption
 from activetouch.envs.batched_episodes import BankEpisodes
-from activetouch.envs.joint_evidence import WeighedTouches
 from activetouch.envs.object_test import ObjectTestEnv
 from activetouch.envs.touch_bank import TouchBank
 from activetouch.envs.touch_source import LiveTouches, SampledTouches
@@ -124,7 +124,7 @@ def test_the_gains_of_a_bank_are_those_of_the_environment(target, state, body):
 def test_touches_that_were_forgotten_are_weighed_again(body, monkeypatch):
     bank = recorded(ObjectTestEnv(touches=SampledTouches(body, POSES), target="shape_1", touch_limit=30), 20, 2)
     all_known = WeighedTouches(bank, body)
-    monkeypatch.setattr("activetouch.envs.joint_evidence.MOST_BYTES", 2 * all_known.untouched.nbytes)
+    monkeypatch.setattr("activetouch.envs.bank_evidence.MOST_BYTES", 2 * all_known.untouched.nbytes)
     few_known = WeighedTouches(bank, body)
     touches = np.arange(6), np.zeros((6, 2), int), np.tile([0, 1], (6, 1))
     for _ in range(2):
