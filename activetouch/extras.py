@@ -17,6 +17,7 @@ EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "train": ("torch", "transformers", "onnx", "onnxscript"),
         "rl": ("gymnasium", "stable_baselines3", "torch"),
         "contrib": ("sb3_contrib",),
+        "tensorboard": ("tensorboard",),
         "pomdp": ("pomdp_py",),
         "recorded": ("sklearn",),
         "formats": ("pyarrow", "mcap"),

@@ -56,6 +56,7 @@ NEED = {
     ("train",): "train",
     ("reproduce", "--parts", "table1"): "train",
     ("train-ppo",): "rl",
+    ("train-ppo", "--tensorboard", "logs"): "rl",
     ("compare", "--deciders", "pouct", "--episodes", "1", "--jobs", "1"): "pomdp",
 }
 ONE_AFTER_THE_OTHER = f"""

@@ -1,4 +1,4 @@
-"""Scenes are classification tasks of ap_gym: its spaces, its loss, its checks; skipped where ap_gym is not installed."""
+"""Scenes are classification tasks of ap_gym: its spaces, its loss, its checks. Skipped where it is not installed."""
 
 import warnings
 
