@@ -94,7 +94,9 @@ class FunctionPolicy:
             BrokenContract: the function returns no action of the environment.
         """
         assert not isinstance(self.act, str), "loaded at construction"
-        act = self.act() if self.remembers else self.act
+        act: Callable[..., Any] = self.act
+        if self.remembers:
+            act = act()
         for number in range(0 if self.remembers else len(info.history), len(info.history) + 1):
             then = replace(info, history=info.history[:number])
             given = act(observation(then, self.state, self.sees_target, self.touch_limit))

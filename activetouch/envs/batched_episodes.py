@@ -216,13 +216,14 @@ class BankEpisodes:
         """Take one action in each episode; episodes that end keep their state until they are started again.
 
         Raises:
-            BadAction: there is not one action for each episode, or one is outside the action space.
+            BadAction: there is not one action for each episode, or one is outside the action space or no integer.
         """
-        if actions.shape != (self.num_envs,) or actions.min() < 0 or actions.max() >= self.num_actions:
-            raise BadAction(
-                f"actions must be {self.num_envs} integers in [0, {self.num_actions - 1}], got {actions.shape}: "
-                f"{actions}"
-            )
+        actions, limit = np.asarray(actions), self.num_actions - 1
+        are_integers = actions.dtype.kind in "iu" and actions.shape == (self.num_envs,)
+        if not (are_integers and actions.min() >= 0 and actions.max() <= limit):
+            found = f"{actions.shape} {actions.dtype}: {actions}"
+            raise BadAction(f"actions must be {self.num_envs} integers in [0, {limit}], got {found}")
+        actions = actions.astype(np.int64, copy=False)
         probes = actions < self.num_poses
         allowed = probes & (self._num_touches < self.touch_limit)
         rows = np.flatnonzero(allowed)
@@ -256,18 +257,6 @@ class BankEpisodes:
 
     def _potential_of(self, rows: Ints) -> NDArray[np.float64]:
         return np.abs(certainty(self.log_probs[rows], self.targets[rows]))
-
-
-def as_actions(actions: ArrayLike) -> Ints:
-    """Actions of a learner as integers.
-
-    Raises:
-        BadAction: they are of another type.
-    """
-    found = np.asarray(actions)
-    if found.dtype.kind not in "iu":
-        raise BadAction(f"actions must be integers, got {found.dtype}")
-    return found.astype(np.int64, copy=False)
 
 
 def _choose(probs: NDArray[np.float64], rng: np.random.Generator) -> Ints:

@@ -15,7 +15,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from activetouch.envs.base import BadOption
-from activetouch.envs.batched_episodes import BankEpisodes, as_actions
+from activetouch.envs.batched_episodes import BankEpisodes
 
 Bools = NDArray[np.bool_]
 
@@ -76,7 +76,7 @@ class BankVectorEnv(VectorEnv):
         if not self._is_started:
             raise ResetNeeded("no episode was started: call reset()")
         now, over = self._episodes, self._over
-        result = now.step(as_actions(actions))
+        result = now.step(actions)
         terminated, truncated, success = (~over & flags for flags in result[1:])
         if over.any():
             now.reset(np.flatnonzero(over), self.np_random)

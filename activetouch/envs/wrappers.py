@@ -45,10 +45,9 @@ class RawImage(gymnasium.ObservationWrapper, RecordConstructorArgs):
         RecordConstructorArgs.__init__(self)
         gymnasium.ObservationWrapper.__init__(self, env)
         own = _touch_env(env)
-        touches = own.touches
-        sensor = getattr(touches, "sensor", None)
+        sensor = getattr(own.touches, "sensor", None)
         if sensor is None:
-            raise NoImage(f"only live touches have images, got {type(touches).__name__}")
+            raise NoImage(f"only live touches have images, got {type(own.touches).__name__}")
         height, width, *channels = sensor.scene.image_shape
         self._repeat = -(-_SMALLEST // min(height, width)) if min(height, width) < _SMALLEST else 1
         shape = (height * self._repeat, width * self._repeat, *(channels or [1]))
