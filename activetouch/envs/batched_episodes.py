@@ -58,7 +58,8 @@ class BankEpisodes:
         touch_cost: λ.
         touch_limit: T_max.
         target_prob: prior of the target, or a range from which every episode draws its own.
-        beta: weight of :class:`activetouch.envs.wrappers.BeliefShaping`; 0 for none.
+        beta: weight β of the paper's shaping reward (decision 0031): β (γ Φ(s') - Φ(s)) is added with
+            Φ = |:func:`belief.policy_state.certainty`|, 0 after a decision, which changes no optimal policy.
         discount: γ of the learner, for the shaping.
 
     Attributes:
