@@ -16,9 +16,10 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from scipy.special import log_softmax
 
-from activetouch.envs.base import BadAction, key_of, live_or_given
+from activetouch.envs.base import BadAction, key_of
 from activetouch.envs.picture import draw
 from activetouch.envs.touch_source import LiveTouches
+from activetouch.sensor import TactileSensor
 from belief.categorical import Belief
 from belief.errors import UnknownName
 from belief.seeding import arrangement_rng, touch_rng
@@ -60,7 +61,7 @@ class ShapeTouchEnv(ActiveClassificationEnv[dict[str, NDArray[Any]], NDArray[np.
         require_count("step_limit", step_limit)
         if render_mode not in (None, "rgb_array"):
             raise UnknownName("render mode", str(render_mode), ["rgb_array"])
-        source = live_or_given(touches, scene)
+        source = touches if touches is not None else LiveTouches(TactileSensor.shipped(scene))
         self._touches, self._step_limit, self.render_mode = source, step_limit, render_mode
         self._labels, num_poses = source.model.shape_labels, len(source.pose_labels)
         super().__init__(len(self._labels), spaces.Box(-1.0, 1.0, (num_poses,), np.float32))

@@ -213,18 +213,20 @@ class BankEpisodes:
         masks[:, : self.num_poses] = (self._num_touches < self.touch_limit)[:, None]
         return masks
 
-    def step(self, actions: Ints) -> StepResult:
+    def step(self, actions: NDArray[np.integer]) -> StepResult:
         """Take one action in each episode; episodes that end keep their state until they are started again.
 
         Raises:
             BadAction: there is not one action for each episode, or one is outside the action space or no integer.
         """
-        actions, limit = np.asarray(actions), self.num_actions - 1
-        are_integers = actions.dtype.kind in "iu" and actions.shape == (self.num_envs,)
-        if not (are_integers and actions.min() >= 0 and actions.max() <= limit):
-            found = f"{actions.shape} {actions.dtype}: {actions}"
+        chosen, limit = np.asarray(actions), self.num_actions - 1
+        are_integers = chosen.dtype.kind in "iu" and chosen.shape == (self.num_envs,)
+        if not (are_integers and chosen.min() >= 0 and chosen.max() <= limit):
+            found = f"{chosen.shape} {chosen.dtype}: {chosen}"
             raise BadAction(f"actions must be {self.num_envs} integers in [0, {limit}], got {found}")
-        actions = actions.astype(np.int64, copy=False)
+        return self._step(chosen.astype(np.int64, copy=False))
+
+    def _step(self, actions: Ints) -> StepResult:
         probes = actions < self.num_poses
         allowed = probes & (self._num_touches < self.touch_limit)
         rows = np.flatnonzero(allowed)

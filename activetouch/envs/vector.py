@@ -62,7 +62,7 @@ class BankVectorEnv(VectorEnv):
         super().reset(seed=seed)
         self._is_started, self._over = True, np.zeros(self.num_envs, np.bool_)
         self._episodes.reset(np.arange(self.num_envs), self.np_random)
-        return self._episodes.observe(), self._infos(self._over)
+        return self._episodes.observe(), self._infos(self._over.copy())
 
     def step(
         self, actions: NDArray[np.integer]
