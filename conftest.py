@@ -1,14 +1,12 @@
-"""What all tests and doctests share: one thread, no module whose packages are missing, caches in a temporary folder."""
+"""What all tests and doctests share: one thread, caches in a temporary folder."""
 
 import os
 from collections.abc import Iterator
-from importlib.util import find_spec
 
 import pytest
 
 # As in worker processes, before numpy is imported: the last bit of a sum depends on the number of threads.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
-collect_ignore = [] if find_spec("pomdp_py") else ["planners/pomdp_py_adapter.py"]
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -1,10 +1,13 @@
-"""Cross-validation folds of whole objects: all touches of an object are in the same fold."""
+"""Cross-validation folds of whole objects (all touches of an object are in the same fold), and its losses."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from belief.table import Table
 from belief.validation import require_count, unmasked
 
 
@@ -21,10 +24,6 @@ def numbered_objects(shapes: ArrayLike, object_ids: ArrayLike) -> tuple[NDArray[
     Raises:
         ValueError: an object with two shapes, shapes that are not integers, ids that are NaN or cannot be sorted, or
             lengths that differ.
-
-    >>> objects, shape_of = numbered_objects([0, 1, 0], ["mug", "ball", "mug"])
-    >>> objects.tolist(), shape_of.tolist()
-    ([1, 0, 1], [1, 0])
     """
     truth, ids = unmasked(shapes, "shapes"), unmasked(object_ids, "object ids")
     if truth.ndim != 1 or truth.shape != ids.shape:
@@ -55,9 +54,6 @@ def object_folds(shapes: ArrayLike, object_ids: ArrayLike, num_folds: int) -> ND
 
     Raises:
         ValueError: ``num_folds`` is not an integer in this range; or as :func:`numbered_objects`.
-
-    >>> object_folds([0, 0, 1, 0, 1], [7, 7, 3, 9, 5], num_folds=2)
-    array([0, 0, 0, 1, 1])
     """
     owner, shape_of = numbered_objects(shapes, object_ids)
     require_count("num_folds", num_folds)
@@ -66,3 +62,22 @@ def object_folds(shapes: ArrayLike, object_ids: ArrayLike, num_folds: int) -> ND
     fold_of = np.empty(len(shape_of), np.intp)
     fold_of[np.argsort(shape_of, kind="stable")] = np.arange(len(shape_of)) % num_folds
     return fold_of[owner]
+
+
+def losses_table(kind: str, losses: Mapping[str, float], chosen: str) -> Table:
+    """Cross-validated losses of candidates [nats], the least first.
+
+    Args:
+        kind: of the candidates, the heading.
+        losses: by candidate; the table of a choice without alternatives has no loss.
+        chosen: the candidate that was chosen.
+
+    >>> print(losses_table("model", {"plda": 0.358, "ratio": 0.357}, "ratio"))
+    model  NLL [nats]  chosen
+    ─────────────────────────
+    ratio      0.3570  yes
+    plda       0.3580
+    """
+    ordered: list[tuple[str, float | None]] = [*sorted(losses.items(), key=lambda pair: pair[1])]
+    rows = [(name, loss, "yes" if name == chosen else "") for name, loss in ordered or [(chosen, None)]]
+    return Table("", [kind, ("NLL [nats]", ".4f", "nll"), ("chosen", "")], rows)

@@ -3,7 +3,7 @@
 Run: OMP_NUM_THREADS=1 python benchmarks/peers_joint.py [--searches 40] [--figure peers_joint.svg]
 
 All play the same searches of scene ``coarse`` with its sensor's own joint belief. POUCT is played in two ways. On the
-table that ``activetouch compare --deciders pouct`` uses, touches in the tree are independent given the shape. On the
+table of ``benchmarks/tree_search.py``, touches in the tree are independent given the shape. On the
 joint problem, a state of the tree is an object's shape and one of the orientations that its touches leave likely, so
 that what a simulated touch shows depends on both, as in the belief.
 """
@@ -21,6 +21,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from pomdp_py.utils.templates import SimpleObservation, SimpleState
 from timed import Timed
+from tree_search import Pouct, Rules
 
 from activetouch import TactileSensor, TouchWorld
 from belief import SearchProblem
@@ -31,7 +32,6 @@ from belief.statistics import paired_bootstrap, wilson_interval
 from belief.synthetic import sample_arrangement
 from belief.touch_batch import TouchBatch
 from planners import Decider, InformationState, make_decider, search_lockstep
-from planners.pomdp_py_adapter import Pouct, Rules
 
 SCENE, NUM_OBJECTS, TOUCH_COST = "coarse", 4, 0.02
 SIMULATIONS = (100, 400)
@@ -109,8 +109,7 @@ def main(searches: int, figure: Path | None) -> None:
         for name in ("information_gain", "point_based", "value_of_information")
     }
     for number in SIMULATIONS:
-        name = f"pouct(simulations={number})"
-        planners[name] = lambda name=name: make_decider(name, table)
+        planners[f"pouct, table ({number})"] = lambda number=number: Pouct(table, number)
         planners[f"pouct, joint ({number})"] = lambda number=number: BodyPouct(table, number, model=model)
     labels, poses = sensor.scene.shape_labels, sensor.scene.pose_labels
     problem = SearchProblem(labels, poses, NUM_OBJECTS, touch_cost=TOUCH_COST, touch_limit=12 * NUM_OBJECTS)

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from belief.errors import MissingPackage
+from belief.errors import MissingPackage, install_command
 from belief.files import require_regular_file
 from belief.policy_state import TOUCH_LIMIT
 from belief.validation import require_count
@@ -135,7 +135,7 @@ def _model(path: Path, written: tuple[int, int]) -> Any:
         algorithm = getattr(import_module(module), name)
     except ModuleNotFoundError as error:
         extra = "contrib" if module == "sb3_contrib" else "rl"
-        raise MissingPackage(f"{path} needs {module}: pip install 'activetouch[{extra}]'") from error
+        raise MissingPackage(f"{path} needs {module}: {install_command(extra)}") from error
     try:
         return algorithm.load(path, device="cpu")
     except Exception as error:  # unpickling and torch raise a dozen kinds on other policies and damaged bytes
@@ -155,11 +155,7 @@ def _normalization(path: Path, written: tuple[int, int]) -> Any:
 
 
 def _algorithm(data: dict[str, Any]) -> tuple[str, str]:
-    """Module and name of the algorithm that wrote a file, by the settings it keeps.
-
-    >>> _algorithm({"clip_range": 0.2, "policy_class": {"__module__": "stable_baselines3.common.policies"}})
-    ('stable_baselines3', 'PPO')
-    """
+    """Module and name of the algorithm that wrote a file, by the settings it keeps."""
     if "sb3_contrib" in str(data.get("policy_class")):
         return "sb3_contrib", "MaskablePPO"
     if "exploration_fraction" in data:

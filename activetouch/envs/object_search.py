@@ -8,6 +8,7 @@ import numpy as np
 
 from activetouch.envs.base import State, TouchEnv, live_or_given
 from activetouch.envs.touch_source import Touches
+from activetouch.hand import Hand
 from activetouch.named_scenes import SCENES, NamedScene
 from belief.composition import Composition
 from belief.problem import SearchProblem
@@ -33,8 +34,8 @@ class ObjectSearchEnv(TouchEnv):
     - Information: also `object_index`, the number of rejected objects, and with `unsure_reward` `is_unsure`.
 
     Args:
-        scene: as of `activetouch/ObjectTest-v0`, and so are ``target``, ``touch_cost``, ``touches``, ``render_mode``
-            and ``state``.
+        scene: as of `activetouch/ObjectTest-v0`, and so are ``target``, ``touch_cost``, ``touches``, ``render_mode``,
+            ``state`` and ``hand``.
         num_objects: that of the scene by default.
         composition: that of the scene by default.
         touch_limit: of the whole search; 12 per object by default.
@@ -53,8 +54,9 @@ class ObjectSearchEnv(TouchEnv):
         render_mode: str | None = None,
         unsure_reward: float | None = None,
         state: str = "paper",
+        hand: Hand | str | None = None,
     ) -> None:
-        source = live_or_given(touches, scene)
+        source = live_or_given(touches, scene, hand)
         named = SCENES.get(scene, NamedScene())
         number = named.num_objects if num_objects is None else num_objects
         problem = SearchProblem(

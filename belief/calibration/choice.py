@@ -8,15 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from belief.calibration.base import Calibration, no_probs
+from belief.calibration.base import Calibration, checked_weights, no_probs
 from belief.calibration.table import CALIBRATIONS
-from belief.cross_validation import object_folds
+from belief.cross_validation import losses_table, object_folds
+from belief.table import Table, Tabular
 from belief.validation import labelled_logits, require_count
 
 
 @dataclass(frozen=True, eq=False)
-class Choice:
-    """Result of :func:`choose_calibration`.
+class Choice(Tabular):
+    """Result of :func:`choose_calibration`; prints as a table.
 
     >>> logits, labels = [[0.0, 1.0], [1.0, 0.0], [1.0, 0.0], [0.0, 2.0]], [0, 1, 0, 1]
     >>> choice = choose_calibration(logits, labels, object_ids=[1, 2, 3, 4], num_folds=2)
@@ -33,6 +34,10 @@ class Choice:
     name: str
     losses: Mapping[str, float]
 
+    def table(self) -> Table:
+        """The losses of the candidates, the least first."""
+        return losses_table("calibration", self.losses, self.name)
+
 
 def choose_calibration(
     logits: ArrayLike,
@@ -40,6 +45,7 @@ def choose_calibration(
     object_ids: ArrayLike,
     candidates: Mapping[str, Calibration] | None = None,
     num_folds: int = 5,
+    weights: ArrayLike | None = None,
 ) -> Choice:
     """The candidate with the least cross-validated NLL; the first of equal ones.
 
@@ -51,6 +57,7 @@ def choose_calibration(
         object_ids: object of each touch, ``(n,)``.
         candidates: unfitted calibrations by name; by default one of each class in :data:`CALIBRATIONS`.
         num_folds: from 2 to the number of objects.
+        weights: as of :meth:`Calibration.fit`; also of the loss.
 
     Raises:
         ValueError: invalid logits or labels, no candidates, more folds than objects, or an object with two shapes.
@@ -60,10 +67,13 @@ def choose_calibration(
         >>> labels = np.arange(2000) % 2
         >>> logits = 2.0 * np.eye(2)[labels] + rng.normal(size=(2000, 2)) - [0.0, 1.5]  # biased against the second
         >>> choice = choose_calibration(logits, labels, object_ids=np.arange(2000))
-        >>> {name: round(loss, 3) for name, loss in choice.losses.items()}
-        {'temperature': 0.366, 'vector': 0.193, 'structured_matrix': 0.193, 'dirichlet': 0.197}
-        >>> choice.name
-        'vector'
+        >>> print(choice)
+        calibration        NLL [nats]  chosen
+        ─────────────────────────────────────
+        vector                 0.1929  yes
+        structured_matrix      0.1930
+        dirichlet              0.1972
+        temperature            0.3661
     """
     z, y = labelled_logits(no_probs(logits), labels)
     if candidates is None:
@@ -72,14 +82,17 @@ def choose_calibration(
         raise ValueError(f"no candidates to choose from; try {', '.join(CALIBRATIONS)}")
     require_count("num_folds", num_folds, least=2)
     folds = object_folds(y, object_ids, num_folds)
+    w = np.ones(len(y)) if weights is None else checked_weights(weights, len(y))
     losses = {}
     for name, candidate in candidates.items():
         at_label = np.empty(len(y))
         for fold in range(num_folds):
             held = folds == fold
-            fitted = candidate.fit_logits(z[~held], y[~held])
+            kept = ~held & (w > 0.0)
+            fitted = candidate.fit_logits(z[kept], y[kept], None if weights is None else w[kept])
             at_label[held] = fitted.log_proba_of(z[held])[np.arange(held.sum()), y[held]]
         with np.errstate(over="ignore"):  # the mean of values near -1e308
-            losses[name] = -float(at_label.mean())
+            losses[name] = -float(np.average(at_label, weights=w))
     best = min(losses, key=losses.__getitem__)
-    return Choice(candidates[best].fit_logits(z, y), best, losses)
+    every = w > 0.0
+    return Choice(candidates[best].fit_logits(z[every], y[every], None if weights is None else w[every]), best, losses)

@@ -8,7 +8,7 @@ from scipy.special import log_softmax
 
 from belief.observation_model.action_kernel import touch_weights
 from belief.observation_model.calibration_data import LabelledTouches
-from belief.problem import Floats
+from belief.validation import Floats
 from planners.pose_order import greedy_order
 
 

@@ -9,7 +9,6 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from activetouch.extras import require_extra
 from activetouch.recorded import RecordedTouches, check_recorded, read_recorded, without_incomplete
 from activetouch.recorded.formats import Format
 from activetouch.sensor import RecordedSensor
@@ -42,7 +41,6 @@ DECIDERS = (
     "random_poses(max_touches={max_touches})",
 )
 Task = Literal["objects", "categories", "shapes"]
-_WIDTH = 136  # of the tables [characters]
 
 
 def recorded(
@@ -87,9 +85,7 @@ def recorded(
         CannotWrite: ``save`` cannot be written, or holds a sensor of a scene.
         BadArgument: a threshold that a guess reaches, or a decider that needs a file of a sensor's folder.
         UnknownName: there is no such decider.
-        MissingPackage: scikit-learn is not installed.
     """
-    require_extra("recorded")
     for decider in deciders:
         _require_plain(decider, max_touches)
     remarks = check_recorded(touches, task)
@@ -151,8 +147,7 @@ class Recorded:
     """Play searches on recorded touches of real objects, with several deciders; report.
 
     The set is split by time or by object, a classifier is trained and calibrated, correlations between touches are
-    fitted, and objects are then identified, and searched for, by their held-out recordings. Needs the extra
-    "recorded".
+    fitted, and objects are then identified, and searched for, by their held-out recordings.
     docs/real_touch.md describes the formats; "csv" and "npz" are for touches of your own, "bts3" is a public set.
 
     For example:
@@ -216,9 +211,8 @@ class Recorded:
         report = recorded(touches, self.task, name=self.format, notes=notes, save=self.save, **settings)
         for note in report.facts["notes"][len(known) :]:
             console.print(f"- {note}")
-        wide = plain_console(width=max(_WIDTH, console.width))  # rich leaves out columns for which there is no room
         for table in report.tables():
-            wide.print(table.rich())
+            print(table, end="\n\n")
         for sentence in report.verdict():
             console.print(f"- {sentence}")
         report.save(out)

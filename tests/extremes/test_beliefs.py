@@ -267,19 +267,6 @@ CASES: tuple[Case, ...] = (
         equal_to(np.full(22, 1 / 22)),
     ),
     refuses("SceneBelief.update", "an object that is not there", lambda: _scene(2).update(2, []), ValueError, "object"),
-    refuses(
-        "SceneBelief.known",
-        "two objects told to be the only cube",
-        lambda: [scene := _scene(2), scene.known(0, 1), scene.known(1, 1)],
-        ImpossibleObservation,
-        "cannot be",
-    ),
-    answers(
-        "SceneBelief.prob_present",
-        "a target that was removed",
-        lambda: [s := _scene(2), s.remove(0, 1), s.prob_present(1)][2],
-        equal_to(0.0),
-    ),
     answers(
         "arrangement_marginals",
         "3 objects of 5 shapes, by brute force",

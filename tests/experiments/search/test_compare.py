@@ -1,7 +1,6 @@
 """The comparison plays live MuJoCo episodes: reproducible on any number of workers, resumable, extendable."""
 
 import csv
-import io
 import json
 import re
 import sys
@@ -9,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from rich.console import Console
+from matplotlib.figure import Figure
 
 from belief.errors import UnknownName
 from belief.files import sealed_json
@@ -17,6 +16,8 @@ from experiments.cli import main
 from experiments.command_line.trust import Trust
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import BadArgument, Compare
+from experiments.search.comparison import Comparison
+from experiments.search.export import Export
 from experiments.search.frames import replay
 from experiments.search.play import Seconds
 from experiments.search.replay import Replay
@@ -122,6 +123,27 @@ def test_the_report_is_one_file_that_needs_nothing_else(page):
     assert len(ids) == len(set(ids))  # of both figures
 
 
+def test_a_paper_gets_figures_in_its_style_and_tables_from_the_folder_alone(finished, page, tmp_path):
+    folder, comparison = finished
+    found = Comparison.load(folder)
+    assert (str(found), found.rows(), found.verdict()) == (str(comparison), comparison.rows(), comparison.verdict())
+    style = tmp_path / "thesis.mplstyle"
+    style.write_text("figure.figsize: 2, 3\nsavefig.dpi: 50\n")
+    Export(folder=folder, out=tmp_path / "paper", style=str(style), format="svg").run()
+    for name in ("success", "frontier"):
+        assert "<svg" in (text := (tmp_path / "paper" / f"{name}.svg").read_text())
+        assert 'viewBox="0 0 144 216"' in text  # points
+    assert (tmp_path / "paper" / "table.tex").read_text() == comparison.to_latex() + "\n"
+    axes = Figure().subplots()
+    comparison.plot(axes, "frontier")
+    assert axes.get_xlabel() == "touches per search"
+    with pytest.raises(UnknownName, match="success"):
+        comparison.plot(axes, "sucess")
+    for wrong in ({"style": "nothing.mplstyle", "folder": folder}, {}, {"folder": folder, "target": "cone"}):
+        with pytest.raises(BadArgument):
+            Export(out=tmp_path / "no", **wrong).run()
+
+
 def test_figures_and_tables_are_files_too(finished, page):
     folder, comparison = finished
     assert {path.suffix for path in (folder / "figures").iterdir()} == {".svg", ".png"}
@@ -129,13 +151,11 @@ def test_figures_and_tables_are_files_too(finished, page):
         rows = {(row["decider"], row["target"]): row for row in csv.DictReader(file)}
     cell = comparison.cells["threshold", "cone"]
     assert float(rows["threshold", "cone"]["success"]) == cell.success
-    assert float(rows["threshold", "cone"]["95 % high"]) == cell.success_interval[1]
+    assert float(rows["threshold", "cone"]["success_high"]) == cell.success_interval[1]
 
 
 def rendered(comparison):
-    console = Console(width=80, record=True, file=io.StringIO())
-    console.print(terminal_table(comparison).rich())
-    return console.export_text()
+    return str(terminal_table(comparison))
 
 
 def test_the_table_fits_an_ordinary_terminal(finished):
@@ -156,9 +176,7 @@ def test_names_of_deciders_are_never_cut(finished, width):
         for target in [*comparison.targets, "all"]
     }
     everybody = {(name, target): comparison.episodes["threshold", target] for name, target in cells if target != "all"}
-    console = Console(width=width, record=True, file=io.StringIO())
-    console.print(terminal_table(replace(comparison, cells=cells, episodes=everybody), width).rich())
-    lines = console.export_text().splitlines()
+    lines = terminal_table(replace(comparison, cells=cells, episodes=everybody), width).text(width).splitlines()
     assert max(map(len, lines)) <= width
     assert {line.strip() for line in lines} >= set(names)
     assert "…" not in "".join(lines)
