@@ -2,11 +2,15 @@
 
 import os
 from collections.abc import Iterator
+from importlib.util import find_spec
 
 import pytest
 
 # As in worker processes, before numpy is imported: the last bit of a sum depends on the number of threads.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+if find_spec("ap_gym") is None:
+    collect_ignore = ["activetouch/envs/apgym.py"]  # it has no examples, and is not imported without ap_gym
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -18,6 +18,7 @@ EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "train": ("torch", "transformers", "onnx", "onnxscript"),
         "rl": ("gymnasium", "stable_baselines3", "torch"),
         "contrib": ("sb3_contrib",),
+        "tensorboard": ("tensorboard",),
         "formats": ("pyarrow", "mcap"),
     }
 )

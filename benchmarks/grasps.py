@@ -186,7 +186,7 @@ def main() -> None:
     sensors = {m: TactileSensor.shipped(name, named.scene.with_hand(hand)) for m, hand in hands.items()}
     rows: list[tuple[str, TactileSensor, list[tuple[int, ...]]]] = []
     num_poses = len(named.scene.poses)
-    each = [(pose,) for pose in range(num_poses)]
+    each: list[tuple[int, ...]] = [(pose,) for pose in range(num_poses)]
     for m, sensor in sensors.items():
         rows.append((f"{m} fingers", sensor, each))
         if m > 1 and not (arguments.latent or arguments.travel or arguments.meshes):

@@ -173,7 +173,11 @@ def find_decider(name: str) -> tuple[Any, Reference]:
         BadReference: the name is malformed, or its module cannot be imported.
     """
     if name.startswith(PREFIX):
-        return _loaded("planners.sb3_policy:SB3Policy"), Reference(name, {"path": name.removeprefix(PREFIX)}, True)
+        path, settings = name.removeprefix(PREFIX), {}
+        if path.endswith(")"):  # and no file's name ends so
+            path, _, rest = path.rpartition("(")
+            settings = dict(Reference.parse(f"sb3({rest}").settings)
+        return _loaded("planners.sb3_policy:SB3Policy"), Reference(name, {"path": path, **settings}, True)
     if name.startswith(POLICY):
         named = Reference.parse(name.removeprefix(POLICY))
         return _loaded("planners.function_policy:FunctionPolicy"), Reference(

@@ -57,6 +57,7 @@ NEED = {
     ("train",): "train",
     ("reproduce", "--parts", "table1"): "train",
     ("train-ppo",): "rl",
+    ("train-ppo", "--tensorboard", "logs"): "rl",
 }
 ONE_AFTER_THE_OTHER = f"""
 import sys

@@ -76,7 +76,7 @@ def test_the_belief_knows_what_may_have_been_given_away():
         scene.update(0, [Touch(0, np.log(TABLE.probs[0, :, 0]))])
         info = InformationState.of(problem, 0, scene, 1)
         rules = adapter.Rules(problem, 0, TABLE)
-        histogram = adapter.belief_histogram(rules, info)
+        histogram = rules.histogram(info)
         assert sum(histogram.values()) == pytest.approx(1.0)
         given_away = sum(prob for state, prob in histogram.items() if state.data[2])
         assert given_away == pytest.approx(scene.belief(0).probs[0])  # the chance that the first object was the target

@@ -16,8 +16,7 @@ from activetouch.sensor_files import MODELS
 from belief.errors import UnknownName
 from experiments.command_line.arguments import BadArgument
 from experiments.tradeoff.configuration import SHARES, Configuration, sweep
-from experiments.tradeoff.measure import Measured
-from experiments.tradeoff.picks import fronts, picks
+from experiments.tradeoff.measure import Measured, fronts, picks
 from experiments.tradeoff.report import TradeoffReport
 from experiments.tradeoff.tradeoff import Tradeoff, measure_all
 from planners import DECIDERS
