@@ -21,7 +21,7 @@ from experiments.parallel import run_tasks
 from experiments.scene_choice import SceneChoice, collection_folder
 from experiments.sensor_commands import choice_name
 
-_TEMPORARY = ("*/.?????.npz.*.npz", "*/.?????.seal.json.*.json", ".manifest.json.*.json")  # of atomic_path
+_TEMPORARY = ("*/.?????.npz.*.npz", ".manifest.json.*.json")  # of atomic_path
 
 
 class NotReproduced(ActiveTouchError):
@@ -90,10 +90,6 @@ def record(
     litter = [path for pattern in _TEMPORARY for path in folder.glob(pattern)]
     manifest = write_manifest(folder, scene, plan, choice)
     here = {shard: shard_path(folder, *shard[:2]).exists() for shard in manifest.shards()}
-    if unknown := [s for s, is_here in here.items() if is_here and manifest.digest(folder, *s[:2]) is None]:
-        names = [shard_path(Path(), *shard[:2]).as_posix() for shard in unknown]
-        print(f"{folder}: {_first_names(names)} do not say which collection they belong to; they are recorded again")
-        here |= dict.fromkeys(unknown, False)
     missing = [partial(_record, folder, scene, manifest, *shard) for shard, is_here in here.items() if not is_here]
     checks = [partial(_check, folder, manifest, *shard) for shard, is_here in here.items() if is_here]
     new = list(run_tasks(missing, jobs, f"touching objects → {folder}")) if missing else []
@@ -112,8 +108,7 @@ def _record(
     folder: Path, scene: Scene, manifest: Manifest, split: str, shard: int, objects: range
 ) -> tuple[str, str, int]:
     """What :func:`_check` says of a shard that is recorded now."""
-    seal = manifest.identity if manifest.sha256 is None else None
-    digest, redrawn = record_shard(scene, manifest.plan, split, objects, shard_path(folder, split, shard), seal)
+    digest, redrawn = record_shard(scene, manifest.plan, split, objects, shard_path(folder, split, shard))
     return shard_path(Path(), split, shard).as_posix(), digest, redrawn
 
 
