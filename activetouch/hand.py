@@ -106,12 +106,12 @@ class Hand:
         """Force of each finger, relative to that of a press, ``(m,)``: such that the sum of their vectors is least."""
         if len(self) == 1:
             return np.ones(1)
-        rows = np.vstack([self._axes.T, np.full(len(self), 1e-3)])  # the last sets the scale, and spreads the forces
+        rows = np.vstack([self.axes.T, np.full(len(self), 1e-3)])  # the last sets the scale, and spreads the forces
         found = scipy.optimize.nnls(rows, np.array([0.0, 0.0, 0.0, 1.0]))[0]
         return np.round(found / found.mean(), 9)
 
     @property
-    def _axes(self) -> NDArray[np.float64]:
+    def axes(self) -> NDArray[np.float64]:
         """Directions in which the fingers press, in the palm's frame, ``(m, 3)``."""
         return np.stack([to_matrix(np.array(finger))[:, 0] for finger in self.fingers])
 
@@ -121,7 +121,7 @@ class Hand:
         Args:
             forces: of the fingers, ``(m,)`` [N]; 0 for a finger that misses.
         """
-        return np.asarray(np.asarray(forces, float) @ self._axes)
+        return np.asarray(np.asarray(forces, float) @ self.axes)
 
     def placements(self, in_palm: Placement, depth: float) -> list[Placement]:
         """What each finger meets of a body in the palm.
