@@ -12,6 +12,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -32,7 +33,7 @@ Floats = NDArray[np.float64]
 Watch = Callable[[mujoco.MjModel, mujoco.MjData], None]
 
 BODY_MASS = 0.1  # [kg]
-_FINGER_MASS, _SERVO_STIFFNESS, _MOST_FORCE = 0.1, 20_000.0, 50.0  # of a finger [kg], of its servo [N/m], [N]
+_SERVO_STIFFNESS, _MOST_FORCE = 20_000.0, 50.0  # of a sliding finger's servo [N/m], [N]
 _TORSION = 0.003  # friction of a pad's contact against turning about its normal, relative to that against sliding [m]
 _STICKS = (0.004, 1.0)  # of that friction: soft friction lets a body creep
 _LIGHT = 0.05  # force that a finger keeps until the others touch, too [N]
@@ -45,6 +46,9 @@ NO_CONTACT = {"contype": 0, "conaffinity": 0}
 class Gripper(ABC):
     """A compiled model of m fingers, with the geoms ``pad0``, ``pad1``, … and a body ``object`` between them.
 
+    Attributes:
+        in_unison: whether all fingers squeeze by the same distance, until their mean force is right.
+
     Args:
         spec: the model, to which :func:`add_pad` and :func:`add_body` were applied.
         pad: of every finger.
@@ -52,6 +56,8 @@ class Gripper(ABC):
         radius: of the body [m].
         open_at: distance of the pads' faces from the palm's centre [m].
     """
+
+    in_unison: ClassVar[bool] = False
 
     def __init__(self, spec: mujoco.MjSpec, pad: Pad, damping: float, radius: float, open_at: float) -> None:
         stop_clock()
@@ -70,6 +76,10 @@ class Gripper(ABC):
     @abstractmethod
     def advance(self, moves: Floats) -> None:
         """Command each pad along its own axis by a distance, ``(m,)`` [m]."""
+
+    @abstractmethod
+    def stop(self, fingers: NDArray[np.bool_]) -> None:
+        """Command fingers to stay where they are, those of a mask ``(m,)``."""
 
     @property
     def forces(self) -> Floats:
@@ -119,11 +129,13 @@ def in_front(
     return found, centres[:, 0]
 
 
-def add_pad(spec: mujoco.MjSpec, body: mujoco.MjsBody, number: int, pad: Pad, place: Sequence[float]) -> None:
+def add_pad(
+    spec: mujoco.MjSpec, body: mujoco.MjsBody, number: int, pad: Pad, place: Sequence[float], mass: float = 0.1
+) -> None:
     """Add a pad to the last segment of a finger, with its face at a place [m], and a sensor of its force."""
     size = [pad.half_thickness, pad.half_width, pad.half_width]
     centre = [place[0] - pad.half_thickness, place[1], place[2]]
-    kind, mass = mujoco.mjtGeom.mjGEOM_BOX, _FINGER_MASS
+    kind = mujoco.mjtGeom.mjGEOM_BOX
     body.add_geom(name=f"pad{number}", type=kind, size=size, pos=centre, mass=mass, rgba=_DARK, **NO_CONTACT)
     kind, geom = mujoco.mjtSensor.mjSENS_CONTACT, mujoco.mjtObj.mjOBJ_GEOM
     sensor = spec.add_sensor(name=f"pad{number}", type=kind, objtype=geom, objname=f"pad{number}")
@@ -191,6 +203,10 @@ class _SlidingPads(Gripper):
     def advance(self, moves: Floats) -> None:
         """See :class:`Gripper`."""
         self.data.ctrl[:] += moves
+
+    def stop(self, fingers: NDArray[np.bool_]) -> None:
+        """See :class:`Gripper`."""
+        self.data.ctrl[fingers] = self.data.qpos[: len(self)][fingers]
 
 
 def configure(spec: mujoco.MjSpec, timestep: float) -> None:
@@ -261,14 +277,21 @@ class Closing(Dynamic):
         advance, gain = self.timestep * self.speed, self.timestep * self.admittance
         wanted, limit = round(self.pause / self.timestep), round((self.patience + end.max() / self.speed) / self.timestep)
         moved, num_settled, squeezes = np.zeros(len(gripper)), 0, False
+        touched = np.zeros(len(gripper), bool)
         for _ in range(limit):
             felt = np.einsum("mi,mi->m", gripper.forces, gripper.rotations[:, :, 0])
             touches = felt > 0.0
+            if not squeezes and (touches & ~touched).any():
+                gripper.stop(touches & ~touched)
+            touched |= touches
             squeezes = squeezes or bool((touches | (moved >= end)).all())
             errors = (forces if squeezes else np.fmin(forces, _LIGHT)) - felt
+            if squeezes and gripper.in_unison:
+                errors[:] = errors.mean()
             rests = np.abs(errors) <= self.tolerance * forces
-            moves = np.where(touches, np.where(rests, 0.0, np.clip(gain * errors, -advance, advance)), advance)
-            moves = np.fmin(moves, end - moved)
+            eager = ~touches & ~(gripper.in_unison & squeezes)
+            moves = np.where(rests, 0.0, np.clip(gain * errors, -advance, advance))
+            moves = np.fmin(np.where(eager, advance, moves), end - moved)
             calm = squeezes and gripper.speed < _CALM and rests[touches].all()
             num_settled = num_settled + 1 if calm else 0
             if num_settled > wanted:
