@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeAlias
 
-from experiments.reporting.tables import Table, Value, interval
+from belief.table import Table, Value, interval
 from experiments.robustness.searches import CONFIDENCE, ROBOTS
 from experiments.robustness.strangers import FALSE_ALARMS
 from experiments.robustness.touches import AS_TRAINED

@@ -24,11 +24,10 @@ from belief.metrics import expected_calibration_error, negative_log_likelihood
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.selection import log_posteriors
 from belief.statistics import clopper_pearson_interval, paired_bootstrap
+from belief.table import Table
 from experiments.calibration.sequences import Sequences, Stops, stops
 from experiments.command_line.arguments import BadArgument, CountOrNone, Jobs, Seed, Within, check_arguments
-from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs
-from experiments.reporting.tables import Table
 from experiments.robustness.report import robustness_tables
 from experiments.robustness.searches import CONFIDENCE, confidence_at_stops, search_scores
 from experiments.robustness.strangers import alarms, e_values, stranger_scores
@@ -185,7 +184,7 @@ class Robustness:
             jobs=self.jobs,
         )
         for table in found.tables():
-            plain_console().print(table.rich())
+            print(table, end="\n\n")
         found.save(out)
         print(f"wrote {out}")
 
