@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from activetouch.placement import Placement
 from activetouch.poses import multiply, to_matrix, turn
-from activetouch.pressing.closing import Closing, Gripper, Watch, add_body, add_pad, configure, in_front
+from activetouch.pressing.closing import Closing, Gripper, add_body, add_pad, configure, in_front
 from activetouch.pressing.pad import Pad
-from activetouch.pressing.press import Grasp
 
 Floats = NDArray[np.float64]
 
@@ -42,7 +41,6 @@ _CLEARANCE = 0.008  # between a body and the pads before they close [m]
 _STIFFNESS, _DAMPING, _TORQUE = 30.0, 0.3, 0.7  # of the joints' servos [N m/rad], [N m s/rad], [N m]
 _ARMATURE = 0.001  # of their motors behind the gears [kg m²]
 _DAMPED = 5e-3  # of the least squares [m]
-_LEAST_SHARE, _FRICTION = 0.3, 0.3  # of a finger's force, relative to the mean; how far friction is to balance them
 
 
 class AllegroFingers(Gripper):
@@ -97,13 +95,6 @@ class AllegroFingers(Gripper):
         self.data.qpos[: len(_POSTURE)] = self.data.ctrl[:] = self._reached
         mujoco.mj_forward(self.model, self.data)
 
-    def shares(self) -> Floats:
-        """Forces of the fingers that balance as far as each keeps a share, 1 on average, ``(m,)``."""
-        axes, found = self.rotations[:, :, 0], np.array([0.8, 0.8, 0.8, 1.6])  # balance in the posture
-        found = found - axes @ np.linalg.solve(axes.T @ axes + _FRICTION * np.eye(3), found @ axes)
-        found = np.maximum(found, _LEAST_SHARE)
-        return np.asarray(found / found.mean())
-
     def advance(self, moves: Floats) -> None:
         """See :class:`Gripper`."""
         self._reach -= moves
@@ -133,27 +124,3 @@ class AllegroFingers(Gripper):
             towards[joints] += inverse @ (_MIDDLE - point - rows @ towards[joints])
         low, high = model.jnt_range.T
         self._reached = np.clip(self._reached + np.clip(towards, -0.1, 0.1), low, high)
-
-
-def close_allegro(
-    folder: Path, placement: Placement, depth: float, force: float, law: Closing | None = None, pad: Pad = ALLEGRO_PAD,
-    watch: Watch | None = None,
-) -> Grasp:
-    """Close the Allegro hand on a body.
-
-    Args:
-        folder: a copy of MuJoCo Menagerie.
-        placement: the body in the palm; its offset is from the middle of the fingertips, along the palm's y and z [m].
-        depth: of the body, along the palm's x axis [m].
-        force: of the fingers, on average [N].
-        law: how it closes.
-        pad: of every fingertip.
-        watch: is shown the model after every step.
-
-    Raises:
-        FileNotFoundError: the folder has no model of the hand.
-        UnstablePress: the forces do not settle.
-    """
-    law = law or ALLEGRO_LAW
-    fingers = AllegroFingers(law, folder, pad, placement, depth)
-    return law.settle(fingers, placement, force * fingers.shares(), watch)

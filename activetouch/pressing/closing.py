@@ -39,7 +39,7 @@ _STICKS = (0.004, 1.0)  # of that friction: soft friction lets a body creep
 _LIGHT = 0.05  # force that a finger keeps until the others touch, too [N]
 _CALM = 0.001  # speed of a body that rests [m/s]
 _FORCE, _NET_FORCE = 1 << 1, 3  # settings of MuJoCo's contact sensor
-_ORANGE, _DARK = (0.9, 0.45, 0.1, 1), (0.15, 0.16, 0.2, 1)
+_ORANGE, _BLUE = (0.9, 0.45, 0.1, 1), (0.3, 0.5, 0.75, 1)
 NO_CONTACT = {"contype": 0, "conaffinity": 0}
 
 
@@ -136,7 +136,7 @@ def add_pad(
     size = [pad.half_thickness, pad.half_width, pad.half_width]
     centre = [place[0] - pad.half_thickness, place[1], place[2]]
     kind = mujoco.mjtGeom.mjGEOM_BOX
-    body.add_geom(name=f"pad{number}", type=kind, size=size, pos=centre, mass=mass, rgba=_DARK, **NO_CONTACT)
+    body.add_geom(name=f"pad{number}", type=kind, size=size, pos=centre, mass=mass, rgba=_BLUE, **NO_CONTACT)
     kind, geom = mujoco.mjtSensor.mjSENS_CONTACT, mujoco.mjtObj.mjOBJ_GEOM
     sensor = spec.add_sensor(name=f"pad{number}", type=kind, objtype=geom, objname=f"pad{number}")
     sensor.intprm[:3] = [_FORCE, _NET_FORCE, 1]
@@ -175,7 +175,7 @@ def add_body(spec: mujoco.MjSpec, turned: Floats, centre: Floats, pad: Pad, met:
     return body
 
 
-class _SlidingPads(Gripper):
+class SlidingPads(Gripper):
     """Pads that slide along their axes in the frame of the palm."""
 
     def __init__(
@@ -255,7 +255,7 @@ class Closing(Dynamic):
             return super().close(setup, met, fingers, centre, forces)
         for force in forces:
             require_force(force)
-        return self.settle(_SlidingPads(self, setup, met, fingers, centre), met[0], np.asarray(forces, float))
+        return self.settle(SlidingPads(self, setup, met, fingers, centre), met[0], np.asarray(forces, float))
 
     def settle(self, gripper: Gripper, placement: Placement, forces: Floats, watch: Watch | None = None) -> Grasp:
         """Close the fingers of a model until they and the body rest.
