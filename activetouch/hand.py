@@ -4,6 +4,9 @@ A grasp of m fingers is m presses of one body. A pose of the scene turns the bod
 closes along its own axis until its force. The body's position in the palm and the force are drawn once a grasp; every
 pad has faults of its own. The image of a grasp shows those of its fingers side by side.
 
+What the belief makes of the position in the palm is :attr:`Hand.offset`. How far the fingers travelled is part of the
+image only where the hand has :attr:`Hand.travel`.
+
     >>> from activetouch import SCENES
     >>> scene = SCENES["coarse"].scene.with_hand("parallel")
     >>> rng = np.random.default_rng(0)
@@ -20,23 +23,32 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
 
+from activetouch.distributions import Distribution, Uniform
 from activetouch.errors import WrongScene
+from activetouch.hypotheses import quantiles
 from activetouch.poses import Quaternion, multiply, require_unit, to_matrix, turn
 from belief.errors import InvalidArgument, UnknownName
 from belief.naming import few
+from belief.validation import require_choice, require_number
 
 if TYPE_CHECKING:
     from activetouch.placement import Placement
+    from activetouch.pressing.contact import Contact
+    from activetouch.pressing.press import Press
+    from activetouch.pressing.setup import Setup
 
 _UNBALANCED = 0.02  # of the forces of all fingers together
 _SAME_PLACE = 1e-3  # rad
+_OPEN = 0.08  # of an open finger from the middle of the palm [m]
+_MOST_ALONG = 3  # places along each axis
 
+PalmOffset = Literal["averaged", "anew", "kept"]
 Quaternions = tuple[tuple[float, float, float, float], ...]
 
 
@@ -47,10 +59,15 @@ class Hand:
     Attributes:
         fingers: rotations that bring the pad of a scene without a hand to each finger's place about the palm, m unit
             quaternions ``wxyz``. Several fingers press with forces that balance each other, 1 on average.
+        offset: what the belief makes of the body's position in the palm. ``averaged``: the reader averages over it,
+            for each finger alone. ``anew``: it is latent, common to the fingers of a grasp. In both cases every grasp
+            draws it anew. ``kept``: it is latent, drawn once for each object, and turns with it.
+        travel: standard deviation with which the position of each finger is measured where it stops [m]; None where
+            it is not.
 
     Raises:
-        InvalidArgument: there is no finger, a rotation is no unit quaternion, two fingers are in one place, or no
-            forces of several fingers balance each other.
+        InvalidArgument: there is no finger, a rotation is no unit quaternion, two fingers are in one place, no forces
+            of several fingers balance each other, or offset or travel is none of these.
 
     >>> Hand.three_finger().forces.round(6).tolist()
     [1.0, 1.0, 1.0]
@@ -59,8 +76,13 @@ class Hand:
     """
 
     fingers: Quaternions
+    offset: PalmOffset = "averaged"
+    travel: float | None = None
 
     def __post_init__(self) -> None:
+        require_choice("offset", self.offset, get_args(PalmOffset))
+        if self.travel is not None:
+            require_number("travel", self.travel, 1e-5, _OPEN)
         given = list(self.fingers) if isinstance(self.fingers, Sequence | np.ndarray) else []
         if not given or isinstance(self.fingers, str):
             raise InvalidArgument(f"a hand needs one rotation for each finger, got {self.fingers!r:.80}")
@@ -111,9 +133,14 @@ class Hand:
         return np.round(found / found.mean(), 9)
 
     @property
+    def rotations(self) -> NDArray[np.float64]:
+        """The rotations of the fingers as matrices, ``(m, 3, 3)``."""
+        return np.stack([to_matrix(np.array(finger)) for finger in self.fingers])
+
+    @property
     def axes(self) -> NDArray[np.float64]:
         """Directions in which the fingers press, in the palm's frame, ``(m, 3)``."""
-        return np.stack([to_matrix(np.array(finger))[:, 0] for finger in self.fingers])
+        return self.rotations[:, :, 0]
 
     def net_force(self, forces: ArrayLike) -> NDArray[np.float64]:
         """The sum of the fingers' forces in the palm's frame, ``(3,)`` [N]: that which the palm has to hold.
@@ -123,6 +150,39 @@ class Hand:
         """
         return np.asarray(np.asarray(forces, float) @ self.axes)
 
+    def across(self, place: ArrayLike) -> NDArray[np.float64]:
+        """A place in the palm, as each finger has it beside its axis: along its y and z, ``(m, 2)`` [m].
+
+        Args:
+            place: along the palm's axes, ``(3,)`` [m].
+        """
+        return np.stack([(to_matrix(np.array(finger)).T @ np.asarray(place, float))[1:] for finger in self.fingers])
+
+    def places(self, offset: Distribution, reach: float) -> NDArray[np.float64]:
+        """Positions of a body in the palm that stand for all, equally likely, ``(O, 3)`` [m].
+
+        As many along each axis as are needed so that what is between them is within the reach of the reader, but at
+        most three. Those that no finger can tell apart are one, unless the body keeps its place when it turns.
+
+        Args:
+            offset: distribution of the position along each axis.
+            reach: over which a reader averages, each way [m].
+
+        >>> from activetouch.distributions import Uniform
+        >>> Hand.parallel().places(Uniform(-0.006, 0.006), 0.002).shape
+        (9, 3)
+        """
+        low, high = offset.support
+        number = int(np.ceil((high - low) / (2 * reach) - 1e-6)) if reach > 0.0 else _MOST_ALONG
+        number = min(max(number, 1), _MOST_ALONG)
+        shares = (np.arange(number) + 0.5) / number
+        along = low + (high - low) * shares if isinstance(offset, Uniform) else quantiles(offset, shares)
+        grid = np.stack(np.meshgrid(along, along, along, indexing="ij"), axis=-1).reshape(-1, 3)
+        if self.offset == "kept":
+            return grid
+        seen = np.round(np.stack([self.across(place).ravel() for place in grid]), 9)
+        return np.asarray(grid[np.unique(seen, axis=0, return_index=True)[1]])
+
     def placements(self, in_palm: Placement, depth: float) -> list[Placement]:
         """What each finger meets of a body in the palm.
 
@@ -130,12 +190,73 @@ class Hand:
             in_palm: the body, in front of a finger that is not turned.
             depth: of the body's centre along the palm's x axis [m].
         """
-        found = []
-        for finger in self.fingers:
-            back = np.array(finger) * (1.0, -1.0, -1.0, -1.0)
-            offset = (to_matrix(back) @ (depth, *in_palm.offset))[1:]
-            found.append(replace(in_palm, orientation=multiply(back, in_palm.orientation), offset=offset))
-        return found
+        turned = [multiply(np.array(finger) * (1.0, -1.0, -1.0, -1.0), in_palm.orientation) for finger in self.fingers]
+        across = self.across((depth, *in_palm.offset))
+        return [replace(in_palm, orientation=q, offset=place) for q, place in zip(turned, across, strict=True)]
+
+    def close(
+        self, in_palm: Placement, depth: float, force: float, setup: Setup, press_model: Press
+    ) -> tuple[tuple[Contact, ...], NDArray[np.float64]]:
+        """The contacts of all fingers, and where each stops, from the middle of the palm, ``(m,)`` [m].
+
+        A finger that misses closes to the middle.
+
+        Args:
+            in_palm: the body, in front of a finger that is not turned.
+            depth: of the body's centre along the palm's x axis [m].
+            force: of the fingers, on average [N].
+            setup: of one pad.
+            press_model: how the fingers close.
+
+        Raises:
+            UnstablePress: the simulation diverged.
+        """
+        centre = np.array([depth, *in_palm.offset])
+        met, forces = self.placements(in_palm, depth), (self.forces * force).tolist()
+        found = press_model.close(setup, met, self.rotations, centre, forces)
+        return found.contacts, np.zeros(len(self)) if self.travel is None else np.nan_to_num(found.stops)
+
+    def joined(self, images: Sequence[NDArray[Any]], stops: ArrayLike) -> NDArray[Any]:
+        """The image of a grasp: those of its fingers side by side, of bytes or of numbers in [0, 1].
+
+        Where the hand reads travel, each is followed by one more column, which is the brighter the farther the finger
+        travelled.
+
+        Args:
+            images: of the fingers, ``(H, W)`` or ``(H, W, 3)`` each.
+            stops: where the fingers stop, from the middle of the palm, ``(m,)`` [m].
+        """
+        if self.travel is None:
+            return np.concatenate(images, axis=1)
+        full = 255.0 if images[0].dtype == np.uint8 else 1.0
+        bright = full * np.clip(1.0 - np.asarray(stops) / _OPEN, 0.0, 1.0)
+        columns = [
+            np.full_like(image[:, :1], np.round(one, 9 if full == 1.0 else 0))
+            for image, one in zip(images, bright, strict=True)
+        ]
+        return np.concatenate([part for both in zip(images, columns, strict=True) for part in both], axis=1)
+
+    def apart(self, images: NDArray[Any]) -> tuple[list[NDArray[Any]], NDArray[np.float64]]:
+        """The images of each finger, ``(N, H, W, …)``, and where it stops, ``(N, m)`` [m]: what :meth:`joined` joins.
+
+        Without travel, the second is ``(N, 0)``.
+
+        Args:
+            images: of N grasps.
+
+        Raises:
+            ValueError: they are not those of so many fingers.
+        """
+        beside = self.travel is not None
+        if images.shape[2] != len(self) * (images.shape[1] + beside):
+            column = ", each with a column of its travel" if beside else ""
+            raise ValueError(f"images of {len(self)} fingers must be side by side{column}, got {images.shape[1:]}")
+        parts = np.split(images, len(self), axis=2)
+        if not beside:
+            return parts, np.zeros((len(images), 0))
+        full = 255.0 if images.dtype == np.uint8 else 1.0
+        bright = [part[:, 0, -1].reshape(len(part), -1)[:, 0] for part in parts]
+        return [part[:, :, :-1] for part in parts], _OPEN * (1.0 - np.stack(bright, axis=1) / full)
 
     def single(
         self, poses: Mapping[str, Quaternion], aims: Mapping[str, tuple[float, float]]
