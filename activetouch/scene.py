@@ -17,7 +17,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
-from functools import partial
 from math import isfinite
 from numbers import Real
 from pathlib import Path
@@ -87,7 +86,7 @@ class Scene:
         aims: where a pose brings the object's centre, from the approach axis along y and z [m], by label of the pose;
             to the axis where nothing is said. The offset of the variation is added. :func:`activetouch.poses.aimed`
             makes poses and aims.
-        hand: whose pads close on the object in each pose, by :class:`Quasistatic`; None for the pad alone.
+        hand: whose pads close on the object in each pose, quasistatically or by ``Closing``; None for the pad alone.
 
     Warns:
         MeshWarning: two meshes are alike, see :func:`activetouch.solids.twins.find_twins`; once a process.
@@ -143,8 +142,8 @@ class Scene:
                 raise InvalidArgument(f"{name} must be an object such as {works}, got {given!r}")
         if self.hand is not None:
             object.__setattr__(self, "hand", hand_named(self.hand))
-            if not isinstance(self.press_model, Quasistatic):
-                raise InvalidArgument(f"a hand closes by Quasistatic(), not {self.press_model!r}; use with_hand")
+            if self.press_model.moves and not hasattr(self.press_model, "settle"):
+                raise InvalidArgument(f"a hand closes by Quasistatic() or Closing(), not by {self.press_model!r}")
         if not (isinstance(self.height, Real) and isfinite(self.height)):
             raise InvalidArgument(f"height must be a finite number [m], got {self.height!r}")
         if getattr(self.press_model, "moves", False):  # in a MuJoCo model, which is kept by its shape
@@ -219,13 +218,13 @@ class Scene:
         each = [] if self.hand is None else self.hand.single(self.rotations, self.aims)
         return tuple(replace(self, hand=None, poses=poses, aims=aims) for poses, aims in each) or (self,)
 
-    def with_hand(self, hand: Hand | str) -> Scene:
-        """The scene with a hand, or one of :data:`activetouch.hand.HANDS` by name, whose fingers close quasistatically.
+    def with_hand(self, hand: Hand | str, press_model: Press | None = None) -> Scene:
+        """The scene with a hand, or one of :data:`activetouch.hand.HANDS` by name, closed quasistatically by default.
 
         Raises:
             UnknownName: there is no hand of this name.
         """
-        return replace(self, hand=hand_named(hand), press_model=Quasistatic())
+        return replace(self, hand=hand_named(hand), press_model=press_model or Quasistatic())
 
     def image(self, contact: Contact) -> NDArray[np.floating]:
         """The ideal image of a contact.
@@ -363,11 +362,10 @@ class Scene:
         require_count("attempts", attempts)
         force_rng = rng if force_rng is None else force_rng
         for num_unsettled in range(attempts):
-            if self.hand is None:
-                placement = self.place(obj, pose, rng)
             try:
                 if self.hand is not None:
-                    return replace_unsettled
+                    return self._grasp(self.hand, obj, pose, rng, force_rng)._replace(num_unsettled=num_unsettled)
+                placement = self.place(obj, pose, rng)
                 contact = self.contact(placement, force_rng)
             except UnstablePress as error:
                 last = error
@@ -383,17 +381,23 @@ class Scene:
         self, hand: Hand, obj: WorldObject, pose: Name, rng: np.random.Generator, force_rng: np.random.Generator
     ) -> PressedObject:
         """Close all fingers on a body in the palm: their images, side by side."""
-        in_palm = self.place(obj, pose, rng)
-        depth = self.variation.offset.sample(rng) if len(hand) > 1 or hand.travel is not None else 0.0
-        if obj.offset is not None:
-            index = index_of("pose", self.pose_labels, pose)
-            depth, *across = to_matrix(self.rotations[self.pose_labels[index]]) @ obj.offset
-            in_palm = replace(in_palm, offset=self.aim_offsets[index] + across)
-        press = partial(self.press_model.press, self.setup)
-        contacts, stops = hand.close(in_palm, depth, self.variation.force.sample(force_rng), press)
+        in_palm, depth = self.place_in_palm(obj, pose, rng)
+        force = self.variation.force.sample(force_rng)
+        contacts, stops = hand.close(in_palm, depth, force, self.setup, self.press_model)
         ideals = [self.image(contact) for contact in contacts]
         images = [read_out(ideal, self.faults, rng) for ideal in ideals]
         measured = stops if hand.travel is None else rng.normal(stops, hand.travel)
         return PressedObject(
             contacts[0], hand.joined(images, measured), 0, in_palm, hand.joined(ideals, stops), contacts
         )
+
+    def place_in_palm(self, obj: WorldObject, pose: Name, rng: np.random.Generator) -> tuple[Placement, float]:
+        """An object in the palm, in front of a finger that is not turned, and its depth along the palm's x axis [m]."""
+        in_palm = self.place(obj, pose, rng)
+        apart = self.hand is not None and (len(self.hand) > 1 or self.hand.travel is not None)
+        depth = self.variation.offset.sample(rng) if apart else 0.0
+        if obj.offset is not None:
+            index = index_of("pose", self.pose_labels, pose)
+            depth, *across = to_matrix(self.rotations[self.pose_labels[index]]) @ obj.offset
+            in_palm = replace(in_palm, offset=self.aim_offsets[index] + across)
+        return in_palm, depth

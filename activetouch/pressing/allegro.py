@@ -63,8 +63,8 @@ class AllegroFingers(Gripper):
         file = folder / FILE
         if not file.is_file():
             raise FileNotFoundError(
-                f"{file} does not exist; give a copy of MuJoCo Menagerie (github.com/google-deepmind/mujoco_menagerie), "
-                "whose folder wonik_allegro has the model of the hand"
+                f"{file} does not exist; give a copy of MuJoCo Menagerie, whose folder wonik_allegro has the model of "
+                "the hand (github.com/google-deepmind/mujoco_menagerie)"
             )
         spec = mujoco.MjSpec.from_file(str(file))
         configure(spec, law.timestep)
@@ -81,7 +81,7 @@ class AllegroFingers(Gripper):
         self._fingers, self._reached = spec.compile(), _POSTURE.copy()
         self._state = mujoco.MjData(self._fingers)
         self._mounts = [self._fingers.body(f"mount{number}").id for number in range(len(_MOUNTS))]
-        centre = _MIDDLE + (depth, *placement.offset)
+        centre = _MIDDLE + np.array([depth, *placement.offset])
         open_at = placement.bounding_radius + float(np.linalg.norm(centre - _MIDDLE)) + _CLEARANCE
         self._reach = np.full(len(_MOUNTS), open_at)
         for _ in range(100):

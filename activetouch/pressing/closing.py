@@ -1,10 +1,10 @@
 """Grasps simulated step by step in MuJoCo: fingers close on one body, which is free to move and to turn.
 
-    >>> from activetouch import SCENES
-    >>> scene, rng = SCENES["coarse"].scene.with_hand("three_finger", Closing()), np.random.default_rng(0)
-    >>> grasp = scene.press(scene.sample_object("sphere", rng), "front", rng)
-    >>> [contact.force > 1.0 for contact in grasp.contacts]
-    [True, True, True]
+>>> from activetouch import SCENES
+>>> scene, rng = SCENES["coarse"].scene.with_hand("three_finger", Closing()), np.random.default_rng(0)
+>>> grasp = scene.press(scene.sample_object("sphere", rng), "front", rng)
+>>> [contact.force > 1.0 for contact in grasp.contacts]
+[True, True, True]
 """
 
 from __future__ import annotations
@@ -178,9 +178,7 @@ def add_body(spec: mujoco.MjSpec, turned: Floats, centre: Floats, pad: Pad, met:
 class SlidingPads(Gripper):
     """Pads that slide along their axes in the frame of the palm."""
 
-    def __init__(
-        self, law: Closing, setup: Setup, met: Sequence[Placement], fingers: Floats, centre: Floats
-    ) -> None:
+    def __init__(self, law: Closing, setup: Setup, met: Sequence[Placement], fingers: Floats, centre: Floats) -> None:
         spec, pad, radius = mujoco.MjSpec(), setup.pad, met[0].bounding_radius
         configure(spec, law.timestep)
         open_at = max(law.start, float(np.linalg.norm(centre)) + radius + pad.max_depth)
@@ -275,7 +273,10 @@ class Closing(Dynamic):
         touching = np.array([first_touch(pad, seen)[1] for seen in met])
         end = distances + self.travel - np.fmin(touching, 0.0)
         advance, gain = self.timestep * self.speed, self.timestep * self.admittance
-        wanted, limit = round(self.pause / self.timestep), round((self.patience + end.max() / self.speed) / self.timestep)
+        wanted, limit = (
+            round(self.pause / self.timestep),
+            round((self.patience + end.max() / self.speed) / self.timestep),
+        )
         moved, num_settled, squeezes = np.zeros(len(gripper)), 0, False
         touched = np.zeros(len(gripper), bool)
         for _ in range(limit):
@@ -304,8 +305,9 @@ class Closing(Dynamic):
         if num_settled <= wanted or data.warning.number.sum():
             raise UnstablePress(
                 f"grasping {placement}: the forces did not settle at {forces.round(3).tolist()} N (last "
-                f"{felt.round(3).tolist()} N, {int(data.warning.number.sum())} MuJoCo warnings). Try a smaller timestep "
-                f"(now {self.timestep} s) or speed (now {self.speed} m/s), or more patience (now {self.patience} s)."
+                f"{felt.round(3).tolist()} N, {int(data.warning.number.sum())} MuJoCo warnings). Try a smaller "
+                f"timestep (now {self.timestep} s) or speed (now {self.speed} m/s), or more patience (now "
+                f"{self.patience} s)."
             )
         met, distances = gripper.met(placement)
         contacts = []
