@@ -8,6 +8,7 @@ import numpy as np
 
 from activetouch.envs.base import State, TouchEnv, live_or_given
 from activetouch.envs.touch_source import Touches
+from activetouch.hand import Hand
 from activetouch.named_scenes import SCENES, NamedScene
 from belief.composition import Composition
 from belief.problem import SearchProblem
@@ -51,7 +52,7 @@ class ObjectSearchEnv(TouchEnv):
     import gymnasium
     gymnasium.make("activetouch.envs:activetouch/ObjectSearch-v0", scene="coarse", target="cone")
     ```
-    - `scene`, `target`, `touch_cost`, `touches`, `render_mode`, `state`: as in `activetouch/ObjectTest-v0`.
+    - `scene`, `target`, `touch_cost`, `touches`, `render_mode`, `state`, `hand`: as in `activetouch/ObjectTest-v0`.
     - `num_objects=None`, `composition=None`: those of the scene by default.
     - `touch_limit=None`: of the whole search; 12 per object by default.
     - `unsure_reward=None`: reward of the action UNSURE, in [-1, 1); by default there is no such action.
@@ -72,8 +73,9 @@ class ObjectSearchEnv(TouchEnv):
         render_mode: str | None = None,
         unsure_reward: float | None = None,
         state: str = "paper",
+        hand: Hand | str | None = None,
     ) -> None:
-        source = live_or_given(touches, scene)
+        source = live_or_given(touches, scene, hand)
         named = SCENES.get(scene, NamedScene())
         number = named.num_objects if num_objects is None else num_objects
         problem = SearchProblem(

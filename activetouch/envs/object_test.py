@@ -9,6 +9,7 @@ import numpy as np
 from activetouch.envs.base import State, TouchEnv, live_or_given
 from activetouch.envs.priors import ObjectPriors, TargetProb
 from activetouch.envs.touch_source import Touches
+from activetouch.hand import Hand
 from belief.categorical import Belief
 from belief.composition import Composition
 from belief.policy_state import TOUCH_LIMIT
@@ -70,6 +71,7 @@ class ObjectTestEnv(TouchEnv):
       episode draws its own (decision 0024).
     - `touches=None`: another source of touches, a :class:`activetouch.envs.touch_source.Touches`.
     - `state="paper"`: or `"posterior"` or `"gains"`, the observation.
+    - `hand=None`: a :class:`activetouch.hand.Hand`, or its name, such as `"parallel"`: each probe is then one grasp.
     - `render_mode=None`: or `"rgb_array"`, or `"human"`, a window that follows the episode.
 
     ## Version History
@@ -86,8 +88,9 @@ class ObjectTestEnv(TouchEnv):
         touches: Touches | None = None,
         render_mode: str | None = None,
         state: str = "paper",
+        hand: Hand | str | None = None,
     ) -> None:
-        source = live_or_given(touches, scene)
+        source = live_or_given(touches, scene, hand)
         labels = source.model.shape_labels
         problem = SearchProblem(labels, source.pose_labels, 1, Composition.INDEPENDENT, touch_cost, touch_limit)
         self._draws_target = target is None

@@ -13,6 +13,7 @@ import tyro
 from numpy.typing import NDArray
 
 from activetouch.errors import LabelMismatch, WrongScene
+from activetouch.hand import Hand
 from activetouch.named_scenes import NamedScene
 from activetouch.pressing.contact import surface_gap
 from activetouch.rendering import read_out
@@ -90,11 +91,7 @@ def explain(
         likeness = alike(scene, jobs=jobs)
     remarks.append(_cost_words(scene, presses))
     if scene.hand is not None and len(scene.hand) > 1:
-        remarks.append(
-            f"A grasp gives {len(scene.hand)} images at the cost of one touch. Its fingers share the force and the "
-            "object's offset in the palm, drawn anew at each grasp; the belief takes both as each finger's own. A "
-            "finger that misses gives an image of no contact, which is read as any other."
-        )
+        remarks.append(_grasp_words(scene.hand))
     remarks += _bottoming_words(scene, np.random.default_rng(0))
     if likeness and (partly := [label for label, (ever, _) in likeness.reach.items() if ever < _WIDE]):
         remarks.append(f"No touch meets all of {', '.join(partly)}: aim beside the axis (activetouch.poses.aimed).")
@@ -237,6 +234,22 @@ def _belief_words(scene: Scene, folder: Path | None) -> str:
     if model is None:
         return f"{words}. No shipped sensor with a joint model was fitted to these objects."
     return f"{words}: {model.num_hypotheses} hypotheses for each shape."
+
+
+def _grasp_words(hand: Hand) -> str:
+    """What the fingers of a hand share, and what of it the belief holds."""
+    offset = {
+        "averaged": "drawn anew at each grasp; the belief takes both as each finger's own",
+        "anew": "drawn anew at each grasp; the belief sums over the offset of a grasp, and takes the force as each "
+        "finger's own",
+        "kept": "which is the object's own; the belief holds the offset, and takes the force as each finger's own",
+    }[hand.offset]
+    travel = "" if hand.travel is None else " How far each finger travels tells the size."
+    return (
+        f"A grasp gives {len(hand)} images at the cost of one touch. Its fingers share the force and the object's "
+        f"offset in the palm, {offset}. A finger that misses gives an image of no contact, which is read as any "
+        f"other.{travel}"
+    )
 
 
 def _fits(sensor: Path, scene: Scene) -> bool:

@@ -60,7 +60,8 @@ def latent(scene: Scene) -> list[str]:
     low, high = scene.variation.size.support
     turned = ["heading", "tilt"] if isinstance(scene.presentation, Upright) else ["orientation"]
     of_families = [f"{name} of {label}" for label, family in scene.families.items() for name, _ in family.parameters]
-    return turned + (["size"] if low < high else []) + of_families
+    kept = scene.hand is not None and scene.hand.offset == "kept"
+    return turned + (["size"] if low < high else []) + of_families + (["offset in the palm"] if kept else [])
 
 
 def _surfaces(scene: Scene) -> list[Item]:

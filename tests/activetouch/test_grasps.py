@@ -2,26 +2,30 @@
 
 from dataclasses import replace
 
+import gymnasium
 import numpy as np
 import pytest
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from activetouch import SCENES, Quasistatic
+from activetouch import SCENES, Quasistatic, TactileSensor
 from activetouch.distributions import Constant, Uniform
 from activetouch.errors import WrongScene
 from activetouch.hand import Hand
+from activetouch.perception import preparation
 from activetouch.perception.contacts import hypotheses as contact_hypotheses
 from activetouch.perception.grasps import predicted_stops
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
+from activetouch.poses import POSE_SETS
 from activetouch.pressing.height_maps import Window, predicted_contacts
 from activetouch.scene import Variation
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS, READER_FILE, reader_file
 from activetouch.session_reader import SensorReader
-from belief.errors import InvalidArgument
+from belief.errors import InvalidArgument, UnknownName
 from belief.observation_model import FixedHypotheses, RigidBodyModel
-from belief.problem import Touch
+from belief.policy_state import expected_gains
+from belief.problem import Probe, Touch
 
 COARSE = SCENES["coarse"].scene
 WIDE = replace(
@@ -181,6 +185,45 @@ def test_a_finger_that_misses_closes_to_the_middle_and_no_contact_is_seen_beside
     assert SensorReader(sensor).area(image) == 0.0
     seen = grasped(scene, 0, pose=1)[1].image
     assert SensorReader(sensor).area(seen) > 0.0
+
+
+@pytest.fixture
+def briefly_fitted(monkeypatch):
+    monkeypatch.setattr(preparation, "_LEAST", 3)
+    monkeypatch.setattr(preparation, "_MOST", 3)
+
+
+@pytest.mark.filterwarnings("ignore::activetouch.errors.AlikeShapes")
+def test_an_environment_takes_one_grasp_for_one_action(briefly_fitted):
+    env = gymnasium.make("activetouch/ObjectTest-v0", scene="coarse", target="cone", hand="parallel", touch_cost=0.1)
+    env.reset(seed=0)
+    _, reward, ended, _, info = env.step(2)
+    assert (reward, ended, info["num_touches"]) == (-0.1, False, 1)
+    assert env.unwrapped.last_image.shape == (4, 8)
+    envs = gymnasium.make_vec("activetouch/ObjectSearch-v0", num_envs=2, touches=env.unwrapped.touches, touch_cost=0.1)
+    envs.reset(seed=0)
+    _, rewards, _, _, found = envs.step(np.array([0, 5]))
+    assert rewards.tolist() == [-0.1, -0.1]
+    assert found["num_touches"].tolist() == [1, 1]
+    with pytest.raises(UnknownName, match="three_finger"):
+        gymnasium.make("activetouch/ObjectTest-v0", scene="coarse", hand="seven")
+    with pytest.raises(InvalidArgument, match="leave out the hand"):
+        gymnasium.make("activetouch/ObjectTest-v0", touches=env.unwrapped.touches, hand="parallel")
+
+
+@pytest.mark.filterwarnings("ignore::activetouch.errors.AlikeShapes")
+def test_information_gain_chooses_among_many_rotations_of_the_palm(briefly_fitted):
+    directions = dict(list(POSE_SETS["directions26"].items())[:14])
+    scene = replace(held("averaged"), poses=directions, variation=Variation())
+    sensor = TactileSensor.load(MODELS / "coarse", scene)
+    played = [sensor.search("cone", "information_gain", seed=seed, num_objects=2) for seed in range(2)]
+    chosen = {step.decision.action.pose for one in played for step in one.steps if isinstance(step.decision.action, Probe)}
+    assert len(chosen) > 1
+    assert max(chosen) >= len(COARSE.poses)
+    evidence, prior = sensor.model.start(), np.full(2, -np.log(2))
+    gains = expected_gains(evidence, prior, 0)
+    first = {next(step.decision.action.pose for step in one.steps if isinstance(step.decision.action, Probe)) for one in played}
+    assert all(gains[pose] == pytest.approx(gains.max(), abs=1e-6) for pose in first)
 
 
 @pytest.mark.parametrize("change", [{"offset": "both"}, {"travel": 0.0}, {"travel": np.nan}, {"travel": 1}])
