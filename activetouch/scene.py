@@ -207,10 +207,8 @@ class Scene:
     @property
     def image_shape(self) -> tuple[int, ...]:
         """Of one image, ``(H, W)`` or ``(H, W, 3)``; with a hand, that of all fingers (:meth:`Hand.joined`)."""
-        image = self.image(missed(self.pad))
-        return (
-            image if self.hand is None else self.hand.joined([image] * len(self.hand), np.zeros(len(self.hand)))
-        ).shape
+        image, hand = self.image(missed(self.pad)), self.hand
+        return (image if hand is None else hand.joined([image] * len(hand), np.zeros(len(hand)))).shape
 
     @property
     def fingers(self) -> tuple[Scene, ...]:
@@ -387,9 +385,8 @@ class Scene:
         ideals = [self.image(contact) for contact in contacts]
         images = [read_out(ideal, self.faults, rng) for ideal in ideals]
         measured = stops if hand.travel is None else rng.normal(stops, hand.travel)
-        return PressedObject(
-            contacts[0], hand.joined(images, measured), 0, in_palm, hand.joined(ideals, stops), contacts
-        )
+        image, ideal = hand.joined(images, measured), hand.joined(ideals, stops)
+        return PressedObject(contacts[0], image, 0, in_palm, ideal, contacts)
 
     def place_in_palm(self, obj: WorldObject, pose: Name, rng: np.random.Generator) -> tuple[Placement, float]:
         """An object in the palm, in front of a finger that is not turned, and its depth along the palm's x axis [m]."""
