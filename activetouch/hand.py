@@ -50,6 +50,12 @@ _MOST_ALONG = 3  # places along each axis
 
 PalmOffset = Literal["averaged", "anew", "kept"]
 Quaternions = tuple[tuple[float, float, float, float], ...]
+_ALLEGRO: Quaternions = (  # index, middle, ring finger and thumb, in the frame of the palm
+    (-0.4836, 0.6335, -0.6021, 0.0463),
+    (0.7964, -0.0862, 0.5871, 0.1169),
+    (0.5660, 0.4477, 0.6110, 0.3255),
+    (-0.0992, 0.5783, 0.0322, 0.8091),
+)
 
 
 @dataclass(frozen=True)
@@ -117,6 +123,11 @@ class Hand:
     def three_finger(cls) -> Hand:
         """Three pads, 120° apart."""
         return cls.around(3)
+
+    @classmethod
+    def allegro_fingertips(cls) -> Hand:
+        """Pads on the four fingertips of an Allegro hand that closes (:mod:`activetouch.pressing.allegro`)."""
+        return cls(_ALLEGRO)
 
     @classmethod
     def around(cls, number: int) -> Hand:
@@ -277,7 +288,12 @@ class Hand:
 
 
 HANDS: Mapping[str, Callable[[], Hand]] = MappingProxyType(
-    {"one_finger": Hand.one_finger, "parallel": Hand.parallel, "three_finger": Hand.three_finger}
+    {
+        "one_finger": Hand.one_finger,
+        "parallel": Hand.parallel,
+        "three_finger": Hand.three_finger,
+        "allegro": Hand.allegro_fingertips,
+    }
 )
 """Hands by name."""
 

@@ -58,6 +58,7 @@ class AllegroFingers(Gripper):
     """
 
     in_unison = True
+    camera = (0.075, 0.015, 0.0), 0.32
 
     def __init__(self, law: Closing, folder: Path, pad: Pad, placement: Placement, depth: float) -> None:
         file = folder / FILE

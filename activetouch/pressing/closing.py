@@ -48,6 +48,7 @@ class Gripper(ABC):
 
     Attributes:
         in_unison: whether all fingers squeeze by the same distance, until their mean force is right.
+        camera: middle of a picture and distance of the camera from it [m].
 
     Args:
         spec: the model, to which :func:`add_pad` and :func:`add_body` were applied.
@@ -58,6 +59,7 @@ class Gripper(ABC):
     """
 
     in_unison: ClassVar[bool] = False
+    camera: ClassVar[tuple[tuple[float, float, float], float]] = (0.0, 0.0, 0.0), 0.25
 
     def __init__(self, spec: mujoco.MjSpec, pad: Pad, damping: float, radius: float, open_at: float) -> None:
         stop_clock()

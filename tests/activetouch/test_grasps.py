@@ -217,12 +217,17 @@ def test_information_gain_chooses_among_many_rotations_of_the_palm(briefly_fitte
     scene = replace(held("averaged"), poses=directions, variation=Variation())
     sensor = TactileSensor.load(MODELS / "coarse", scene)
     played = [sensor.search("cone", "information_gain", seed=seed, num_objects=2) for seed in range(2)]
-    chosen = {step.decision.action.pose for one in played for step in one.steps if isinstance(step.decision.action, Probe)}
+    chosen = {
+        step.decision.action.pose for one in played for step in one.steps if isinstance(step.decision.action, Probe)
+    }
     assert len(chosen) > 1
     assert max(chosen) >= len(COARSE.poses)
     evidence, prior = sensor.model.start(), np.full(2, -np.log(2))
     gains = expected_gains(evidence, prior, 0)
-    first = {next(step.decision.action.pose for step in one.steps if isinstance(step.decision.action, Probe)) for one in played}
+    first = {
+        next(step.decision.action.pose for step in one.steps if isinstance(step.decision.action, Probe))
+        for one in played
+    }
     assert all(gains[pose] == pytest.approx(gains.max(), abs=1e-6) for pose in first)
 
 
