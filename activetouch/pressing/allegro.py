@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from activetouch.placement import Placement
 from activetouch.poses import multiply, to_matrix, turn
-from activetouch.pressing.closing import Closing, Gripper, add_body, add_pad, configure, in_front
+from activetouch.pressing.closing import Closing, Gripper, add_body, add_pad, in_front
 from activetouch.pressing.pad import Pad
+from belief.errors import InvalidArgument
 
 Floats = NDArray[np.float64]
 
@@ -55,6 +56,7 @@ class AllegroFingers(Gripper):
 
     Raises:
         FileNotFoundError: the folder has no such model.
+        InvalidArgument: the model is of another hand.
     """
 
     in_unison = True
@@ -68,7 +70,8 @@ class AllegroFingers(Gripper):
                 "the hand (github.com/google-deepmind/mujoco_menagerie)"
             )
         spec = mujoco.MjSpec.from_file(str(file))
-        configure(spec, law.timestep)
+        if lacks := [name for name in _MOUNTS if spec.body(f"{name}_tip") is None]:
+            raise InvalidArgument(f"{file} is no model of the right Allegro hand: it has no body {lacks[0]}_tip")
         spec.body("palm").quat = [1.0, 0.0, 0.0, 0.0]
         for number, (name, (height, forward, sideways)) in enumerate(_MOUNTS.items()):
             looks = multiply(turn("z", np.deg2rad(sideways)), turn("y", -np.deg2rad(forward)))
@@ -92,7 +95,7 @@ class AllegroFingers(Gripper):
         faces = self._state.xpos[self._mounts] + _RADIUS * rotations[:, :, 0]
         body = add_body(spec, turned, centre, pad, in_front(faces, rotations, centre, turned, placement)[0])
         body.add_freejoint()
-        super().__init__(spec, pad, law.damping, placement.bounding_radius, open_at)
+        super().__init__(spec, law, pad, placement.bounding_radius, open_at)
         self.data.qpos[: len(_POSTURE)] = self.data.ctrl[:] = self._reached
         mujoco.mj_forward(self.model, self.data)
 

@@ -52,8 +52,8 @@ class Gripper(ABC):
 
     Args:
         spec: the model, to which :func:`add_pad` and :func:`add_body` were applied.
+        law: how the fingers close.
         pad: of every finger.
-        damping: by which the palm slows the body down [N s/m].
         radius: of the body [m].
         open_at: distance of the pads' faces from the palm's centre [m].
     """
@@ -61,14 +61,22 @@ class Gripper(ABC):
     in_unison: ClassVar[bool] = False
     camera: ClassVar[tuple[tuple[float, float, float], float]] = (0.0, 0.0, 0.0), 0.25
 
-    def __init__(self, spec: mujoco.MjSpec, pad: Pad, damping: float, radius: float, open_at: float) -> None:
+    def __init__(self, spec: mujoco.MjSpec, law: Closing, pad: Pad, radius: float, open_at: float) -> None:
         stop_clock()
+        spec.option.timestep = law.timestep
+        spec.option.gravity = [0.0, 0.0, 0.0]  # the palm carries the body
+        spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+        spec.option.impratio = 10.0
+        spec.option.noslip_iterations = 3  # else bodies creep
+        spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_ISLAND
         self.model, self.pad, self.open_at = spec.compile(), pad, open_at
         self.data = mujoco.MjData(self.model)
         self._pads = [self.model.geom(f"pad{number}").id for number in range(self.model.nsensor)]
         self._body, self._radius = self.model.body("object").id, radius
         first, free = self.model.body_dofadr[self._body], self.model.body_dofnum[self._body]
-        self.model.dof_damping[first : first + free] = damping * np.array([1, 1, 1, *[(radius / 2) ** 2] * 3])[:free]
+        damping = law.damping * np.array([1, 1, 1, *[(radius / 2) ** 2] * 3])
+        self.model.dof_damping[first : first + free] = damping[:free]
         self._velocity = self.data.qvel[first : first + free]
         mujoco.mj_forward(self.model, self.data)
 
@@ -104,11 +112,7 @@ class Gripper(ABC):
         return float(np.abs(self._velocity[:3]).max() + self._radius * np.abs(self._velocity[3:]).max(initial=0.0))
 
     def met(self, placement: Placement) -> tuple[list[Placement], Floats]:
-        """What each pad has in front of it, and how far the body's centre is from its face, ``(m,)`` [m].
-
-        Args:
-            placement: of the same body elsewhere.
-        """
+        """See :func:`in_front`."""
         body = self.data.xpos[self._body], self.data.xmat[self._body].reshape(3, 3)
         return in_front(self.faces, self.rotations, *body, placement)
 
@@ -182,7 +186,6 @@ class SlidingPads(Gripper):
 
     def __init__(self, law: Closing, setup: Setup, met: Sequence[Placement], fingers: Floats, centre: Floats) -> None:
         spec, pad, radius = mujoco.MjSpec(), setup.pad, met[0].bounding_radius
-        configure(spec, law.timestep)
         open_at = max(law.start, float(np.linalg.norm(centre)) + radius + pad.max_depth)
         for number, rotation in enumerate(fingers):
             name = f"finger{number}"
@@ -198,7 +201,7 @@ class SlidingPads(Gripper):
         else:
             for axis in np.eye(3):
                 body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
-        super().__init__(spec, pad, law.damping, radius, open_at)
+        super().__init__(spec, law, pad, radius, open_at)
 
     def advance(self, moves: Floats) -> None:
         """See :class:`Gripper`."""
@@ -207,17 +210,6 @@ class SlidingPads(Gripper):
     def stop(self, fingers: NDArray[np.bool_]) -> None:
         """See :class:`Gripper`."""
         self.data.ctrl[fingers] = self.data.qpos[: len(self)][fingers]
-
-
-def configure(spec: mujoco.MjSpec, timestep: float) -> None:
-    """Set the options of a model of a grasp: without gravity, as the palm carries the body."""
-    spec.option.timestep = timestep
-    spec.option.gravity = [0.0, 0.0, 0.0]
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    spec.option.impratio = 10.0
-    spec.option.noslip_iterations = 3  # else bodies creep
-    spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_ISLAND
 
 
 @dataclass(frozen=True)
@@ -275,13 +267,9 @@ class Closing(Dynamic):
         touching = np.array([first_touch(pad, seen)[1] for seen in met])
         end = distances + self.travel - np.fmin(touching, 0.0)
         advance, gain = self.timestep * self.speed, self.timestep * self.admittance
-        wanted, limit = (
-            round(self.pause / self.timestep),
-            round((self.patience + end.max() / self.speed) / self.timestep),
-        )
-        moved, num_settled, squeezes = np.zeros(len(gripper)), 0, False
-        touched = np.zeros(len(gripper), bool)
-        for _ in range(limit):
+        wanted, longest = self.pause / self.timestep, (self.patience + end.max() / self.speed) / self.timestep
+        moved, touched, num_settled, squeezes = np.zeros(len(gripper)), np.zeros(len(gripper), bool), 0, False
+        for _ in range(round(longest)):
             felt = np.einsum("mi,mi->m", gripper.forces, gripper.rotations[:, :, 0])
             touches = felt > 0.0
             if not squeezes and (touches & ~touched).any():
@@ -307,9 +295,7 @@ class Closing(Dynamic):
         if num_settled <= wanted or data.warning.number.sum():
             raise UnstablePress(
                 f"grasping {placement}: the forces did not settle at {forces.round(3).tolist()} N (last "
-                f"{felt.round(3).tolist()} N, {int(data.warning.number.sum())} MuJoCo warnings). Try a smaller "
-                f"timestep (now {self.timestep} s) or speed (now {self.speed} m/s), or more patience (now "
-                f"{self.patience} s)."
+                f"{felt.round(3).tolist()} N). Try a smaller timestep or speed, or more patience, than in {self}."
             )
         met, distances = gripper.met(placement)
         contacts = []

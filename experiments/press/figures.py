@@ -48,7 +48,7 @@ def draw_touch(title: str, view: NDArray[np.uint8], contact: Contact, path: Path
 def draw_grasp(title: str, view: NDArray[np.uint8], images: Sequence[NDArray[np.float64]], path: Path) -> None:
     """Draw one grasp: the hand, and the image of each finger."""
     with figure((7.2, 4.2), path, dpi=110) as drawn:
-        scene, grid = drawn.subfigures(1, 2, width_ratios=(2.2, 1))
+        scene, grid = np.asarray(drawn.subfigures(1, 2, width_ratios=(2.2, 1)))
         drawn.suptitle(title)
         axes = scene.subplots()
         axes.imshow(view)

@@ -82,7 +82,9 @@ def test_a_finger_that_misses_a_body_that_slips_out_and_an_empty_hand_are_legal(
 def test_a_grasp_that_does_not_settle_is_refused_and_repeated():
     hasty = replace(COARSE, variation=Variation()).with_hand("parallel", Closing(patience=0.01))
     rng = np.random.default_rng(0)
-    with pytest.raises(UnstablePress, match=r"none of 2 presses.*the forces did not settle at .* more patience"):
+    with pytest.raises(
+        UnstablePress, match=r"none of 2 presses.*the forces did not settle at .* more patience, than in Closing"
+    ):
         hasty.press(hasty.sample_object("cube", rng), "front", rng, attempts=2)
     with pytest.raises(InvalidArgument, match=r"Quasistatic\(\) or Closing\(\)"):
         replace(SCENES["coarse"].scene, hand="parallel")
@@ -111,3 +113,14 @@ def test_the_allegro_hand_closes_its_four_pads_on_a_ball():
     assert forces.mean() == pytest.approx(2.0, rel=0.11)
     assert np.linalg.norm(grasp.net_force) < 0.02 * forces.sum()
     assert all(contact.pressure.any() for contact in grasp.contacts)
+
+
+def test_another_model_than_the_right_hand_is_refused(tmp_path):
+    placement = Placement(Sphere(0.018), 1.0, np.array([1.0, 0.0, 0.0, 0.0]))
+    with pytest.raises(FileNotFoundError, match="copy of MuJoCo Menagerie"):
+        AllegroFingers(ALLEGRO_LAW, tmp_path, ALLEGRO_PAD, placement, depth=0.0)
+    file = tmp_path / "wonik_allegro" / "right_hand.xml"
+    file.parent.mkdir()
+    file.write_text('<mujoco><worldbody><body name="palm"/></worldbody></mujoco>')
+    with pytest.raises(InvalidArgument, match="no body ff_tip"):
+        AllegroFingers(ALLEGRO_LAW, tmp_path, ALLEGRO_PAD, placement, depth=0.0)
