@@ -4,9 +4,6 @@ A grasp of m fingers is m presses of one body. A pose of the scene turns the bod
 closes along its own axis until its force. The body's position in the palm and the force are drawn once a grasp; every
 pad has faults of its own. The image of a grasp shows those of its fingers side by side.
 
-What the belief makes of the position in the palm is :attr:`Hand.offset`. How far the fingers travelled is part of the
-image only where the hand has :attr:`Hand.travel`.
-
     >>> from activetouch import SCENES
     >>> scene = SCENES["coarse"].scene.with_hand("parallel")
     >>> rng = np.random.default_rng(0)
@@ -23,7 +20,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 import scipy  # whose parts load at first use
@@ -39,13 +36,13 @@ from belief.validation import require_choice, require_number
 
 if TYPE_CHECKING:
     from activetouch.placement import Placement
-    from activetouch.pressing.contact import Contact
-    from activetouch.pressing.press import Press
+    from activetouch.pressing.press import Grasp, Press
     from activetouch.pressing.setup import Setup
 
 _UNBALANCED = 0.02  # of the forces of all fingers together
 _SAME_PLACE = 1e-3  # rad
 _OPEN = 0.08  # of an open finger from the middle of the palm [m]
+_INVERSE = (1.0, -1.0, -1.0, -1.0)
 _MOST_ALONG = 3  # places along each axis
 
 PalmOffset = Literal["averaged", "anew", "kept"]
@@ -201,16 +198,12 @@ class Hand:
             in_palm: the body, in front of a finger that is not turned.
             depth: of the body's centre along the palm's x axis [m].
         """
-        turned = [multiply(np.array(finger) * (1.0, -1.0, -1.0, -1.0), in_palm.orientation) for finger in self.fingers]
+        turned = [multiply(np.array(finger) * _INVERSE, in_palm.orientation) for finger in self.fingers]
         across = self.across((depth, *in_palm.offset))
         return [replace(in_palm, orientation=q, offset=place) for q, place in zip(turned, across, strict=True)]
 
-    def close(
-        self, in_palm: Placement, depth: float, force: float, setup: Setup, press_model: Press
-    ) -> tuple[tuple[Contact, ...], NDArray[np.float64]]:
-        """The contacts of all fingers, and where each stops, from the middle of the palm, ``(m,)`` [m].
-
-        A finger that misses closes to the middle.
+    def close(self, in_palm: Placement, depth: float, force: float, setup: Setup, press_model: Press) -> Grasp:
+        """What all fingers feel.
 
         Args:
             in_palm: the body, in front of a finger that is not turned.
@@ -223,15 +216,13 @@ class Hand:
             UnstablePress: the simulation diverged.
         """
         centre = np.array([depth, *in_palm.offset])
-        met, forces = self.placements(in_palm, depth), (self.forces * force).tolist()
-        found = press_model.close(setup, met, self.rotations, centre, forces)
-        return found.contacts, np.zeros(len(self)) if self.travel is None else np.nan_to_num(found.stops)
+        forces = (self.forces * force).tolist()
+        return press_model.close(setup, self.placements(in_palm, depth), self.rotations, centre, forces)
 
-    def joined(self, images: Sequence[NDArray[Any]], stops: ArrayLike) -> NDArray[Any]:
-        """The image of a grasp: those of its fingers side by side, of bytes or of numbers in [0, 1].
+    def joined(self, images: Sequence[NDArray[np.uint8]], stops: ArrayLike) -> NDArray[np.uint8]:
+        """The image of a grasp: those of its fingers side by side, ``(H, m · W)`` or ``(H, m · W, 3)``.
 
-        Where the hand reads travel, each is followed by one more column, which is the brighter the farther the finger
-        travelled.
+        Where the hand reads travel, each has one more column, which is the brighter the farther the finger travelled.
 
         Args:
             images: of the fingers, ``(H, W)`` or ``(H, W, 3)`` each.
@@ -239,18 +230,14 @@ class Hand:
         """
         if self.travel is None:
             return np.concatenate(images, axis=1)
-        full = 255.0 if images[0].dtype == np.uint8 else 1.0
-        bright = full * np.clip(1.0 - np.asarray(stops) / _OPEN, 0.0, 1.0)
-        columns = [
-            np.full_like(image[:, :1], np.round(one, 9 if full == 1.0 else 0))
-            for image, one in zip(images, bright, strict=True)
-        ]
-        return np.concatenate([part for both in zip(images, columns, strict=True) for part in both], axis=1)
+        bright = np.round(255 * np.clip(1.0 - np.asarray(stops) / _OPEN, 0.0, 1.0)).astype(np.uint8)
+        each = zip(images, bright, strict=True)
+        return np.hstack([part for image, one in each for part in (image, np.full_like(image[:, :1], one))])
 
-    def apart(self, images: NDArray[Any]) -> tuple[list[NDArray[Any]], NDArray[np.float64]]:
-        """The images of each finger, ``(N, H, W, …)``, and where it stops, ``(N, m)`` [m]: what :meth:`joined` joins.
+    def apart(self, images: NDArray[np.uint8]) -> tuple[list[NDArray[np.uint8]], NDArray[np.float64]]:
+        """What :meth:`joined` joins: images of each finger, ``(N, H, W)`` or ``(N, H, W, 3)``, and stops [m].
 
-        Without travel, the second is ``(N, 0)``.
+        The stops are ``(N, m)``, or ``(N, 0)`` without travel.
 
         Args:
             images: of N grasps.
@@ -258,16 +245,15 @@ class Hand:
         Raises:
             ValueError: they are not those of so many fingers.
         """
-        beside = self.travel is not None
-        if images.shape[2] != len(self) * (images.shape[1] + beside):
-            column = ", each with a column of its travel" if beside else ""
+        more = 0 if self.travel is None else 1
+        if images.shape[2] != len(self) * (images.shape[1] + more):
+            column = ", each with a column of its travel" if more else ""
             raise ValueError(f"images of {len(self)} fingers must be side by side{column}, got {images.shape[1:]}")
         parts = np.split(images, len(self), axis=2)
-        if not beside:
-            return parts, np.zeros((len(images), 0))
-        full = 255.0 if images.dtype == np.uint8 else 1.0
-        bright = [part[:, 0, -1].reshape(len(part), -1)[:, 0] for part in parts]
-        return [part[:, :, :-1] for part in parts], _OPEN * (1.0 - np.stack(bright, axis=1) / full)
+        bright = np.stack([part[:, :1, -1:].reshape(len(part), -1)[:, 0] for part in parts], axis=1)[
+            :, : more * len(self)
+        ]
+        return [part[:, :, : images.shape[1]] for part in parts], _OPEN * (1.0 - bright / 255)
 
     def single(
         self, poses: Mapping[str, Quaternion], aims: Mapping[str, tuple[float, float]]
@@ -278,13 +264,9 @@ class Hand:
             poses: of the palm.
             aims: of the palm, see :class:`activetouch.Scene`.
         """
-        found = []
-        for finger in self.fingers:
-            back = np.array(finger) * (1.0, -1.0, -1.0, -1.0)
-            turned = {label: multiply(back, rotation) for label, rotation in poses.items()}
-            moved = {label: to_matrix(back)[1:, 1:] @ aim for label, aim in aims.items()}
-            found.append((turned, {label: (float(y), float(z)) for label, (y, z) in moved.items()}))
-        return found
+        turned = [{k: multiply(np.array(f) * _INVERSE, q) for k, q in poses.items()} for f in self.fingers]
+        moved = {label: self.across((0.0, *aim)) for label, aim in aims.items()}
+        return [(q, {k: (float(at[f, 0]), float(at[f, 1])) for k, at in moved.items()}) for f, q in enumerate(turned)]
 
 
 HANDS: Mapping[str, Callable[[], Hand]] = MappingProxyType(

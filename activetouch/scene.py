@@ -206,9 +206,11 @@ class Scene:
 
     @property
     def image_shape(self) -> tuple[int, ...]:
-        """Of one image, ``(H, W)`` or ``(H, W, 3)``; with a hand, that of all fingers (:meth:`Hand.joined`)."""
-        image, hand = self.image(missed(self.pad)), self.hand
-        return (image if hand is None else hand.joined([image] * len(hand), np.zeros(len(hand)))).shape
+        """Of one image, ``(H, W)`` or ``(H, W, 3)``; of a grasp as :meth:`activetouch.hand.Hand.joined` makes it."""
+        height, width, *channels = self.image(missed(self.pad)).shape
+        if self.hand is not None:
+            width = len(self.hand) * (width + (self.hand.travel is not None))
+        return height, width, *channels
 
     @property
     def fingers(self) -> tuple[Scene, ...]:
@@ -380,19 +382,17 @@ class Scene:
     ) -> PressedObject:
         """Close all fingers on a body in the palm: their images, side by side."""
         in_palm, depth = self.place_in_palm(obj, pose, rng)
-        force = self.variation.force.sample(force_rng)
-        contacts, stops = hand.close(in_palm, depth, force, self.setup, self.press_model)
-        ideals = [self.image(contact) for contact in contacts]
+        found = hand.close(in_palm, depth, self.variation.force.sample(force_rng), self.setup, self.press_model)
+        ideals = [self.image(contact) for contact in found.contacts]
         images = [read_out(ideal, self.faults, rng) for ideal in ideals]
-        measured = stops if hand.travel is None else rng.normal(stops, hand.travel)
-        image, ideal = hand.joined(images, measured), hand.joined(ideals, stops)
-        return PressedObject(contacts[0], image, 0, in_palm, ideal, contacts)
+        stops = np.zeros(len(hand)) if hand.travel is None else rng.normal(np.nan_to_num(found.stops), hand.travel)
+        image, ideal = hand.joined(images, stops), np.concatenate(ideals, axis=1)
+        return PressedObject(found.contacts[0], image, 0, in_palm, ideal, found.contacts)
 
     def place_in_palm(self, obj: WorldObject, pose: Name, rng: np.random.Generator) -> tuple[Placement, float]:
         """An object in the palm, in front of a finger that is not turned, and its depth along the palm's x axis [m]."""
-        in_palm = self.place(obj, pose, rng)
-        apart = self.hand is not None and (len(self.hand) > 1 or self.hand.travel is not None)
-        depth = self.variation.offset.sample(rng) if apart else 0.0
+        in_palm, hand = self.place(obj, pose, rng), self.hand
+        depth = self.variation.offset.sample(rng) if hand and (len(hand) > 1 or hand.travel is not None) else 0.0
         if obj.offset is not None:
             index = index_of("pose", self.pose_labels, pose)
             depth, *across = to_matrix(self.rotations[self.pose_labels[index]]) @ obj.offset

@@ -172,7 +172,7 @@ def main() -> None:
     each = [(pose,) for pose in range(num_poses)]
     for m, sensor in sensors.items():
         rows.append((f"{m} fingers", sensor, each))
-        if m > 1 and not arguments.latent:
+        if m > 1 and not arguments.latent and arguments.travel is None:
             places = {f"{p} {i}": r for i, one in enumerate(sensor.scene.fingers) for p, r in one.rotations.items()}
             pad = TactileSensor.shipped(name, replace(sensor.scene, hand=Hand.one_finger(), poses=places))
             rows.append(

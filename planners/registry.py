@@ -14,7 +14,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
 
-from belief.errors import ActiveTouchError, MissingPackage
+from belief.errors import ActiveTouchError, MissingPackage, install_command
 from belief.observation_model.model import ObservationModel
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.references import BadReference, Reference, build, find
@@ -56,7 +56,7 @@ def _tree_search(name: str) -> Any:
         return _loaded(f"planners.pomdp_py_adapter:{name}")
     except ImportError as error:
         raise MissingPackage(
-            "the deciders 'pouct' and 'pomcp' need pomdp-py: pip install 'activetouch[pomdp]' (wheels exist for Linux "
+            f"the deciders 'pouct' and 'pomcp' need pomdp-py: {install_command('pomdp')} (wheels exist for Linux "
             "and Python 3.11 and 3.12; elsewhere it is built from source)"
         ) from error
 

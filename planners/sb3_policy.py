@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from belief.errors import MissingPackage
+from belief.errors import MissingPackage, install_command
 from belief.files import require_regular_file
 from belief.policy_state import TOUCH_LIMIT
 from belief.validation import require_count
@@ -122,7 +122,7 @@ def _model(path: Path, written: tuple[int, int]) -> Any:
         algorithm = getattr(import_module(module), name)
     except ModuleNotFoundError as error:
         extra = "contrib" if module == "sb3_contrib" else "rl"
-        raise MissingPackage(f"{path} needs {module}: pip install 'activetouch[{extra}]'") from error
+        raise MissingPackage(f"{path} needs {module}: {install_command(extra)}") from error
     try:
         return algorithm.load(path, device="cpu")
     except Exception as error:  # unpickling and torch raise a dozen kinds on other policies and damaged bytes

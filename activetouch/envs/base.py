@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from activetouch.envs.picture import Window, draw
 from activetouch.envs.touch_source import EpisodeWorld, LiveTouches, Touches
 from activetouch.hand import Hand
-from activetouch.named_scenes import SCENES
+from activetouch.named_scenes import SCENES, NamedScene
 from activetouch.sensor import TactileSensor
 from belief.categorical import Belief
 from belief.errors import ActiveTouchError, InvalidArgument, UnknownName
@@ -259,15 +259,12 @@ def live_or_given(touches: Touches | None, scene: str, hand: Hand | str | None) 
     """The given touches, or live touches of the scene's shipped sensor, or live grasps of a hand in the scene.
 
     Raises:
-        UnknownName: there is no such sensor, scene or hand.
+        UnknownName: there is no such sensor or hand.
         InvalidArgument: touches are given and a hand, too.
     """
     if touches is None:
-        if hand is None:
-            return LiveTouches(TactileSensor.shipped(scene))
-        if scene not in SCENES:
-            raise UnknownName("scene", scene, list(SCENES))
-        return LiveTouches(TactileSensor.shipped(scene, SCENES[scene].scene.with_hand(hand)))
+        named = SCENES.get(scene, NamedScene())
+        return LiveTouches(TactileSensor.shipped(scene, None if hand is None else named.scene.with_hand(hand)))
     if hand is not None:
         raise InvalidArgument(f"the given touches are made already; leave out the hand {hand!r:.80}")
     return touches

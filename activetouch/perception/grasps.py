@@ -93,8 +93,8 @@ class GraspHypotheses:
             fingers.append(replace(one, aims=aims) if across.any() else one)
         found = [self.single.embedded(one, bodies, pose) for one in fingers]
         if self.hand.travel is not None:
-            stops = np.stack([predicted_stops(one, bodies, pose) for one in fingers], axis=2)
-            mean = self._standard(stops - self.hand.axes @ np.full(3, np.mean(self._offsets)))
+            stops, (whiten, usual, _) = [predicted_stops(one, bodies, pose) for one in fingers], self._errors
+            mean = (np.stack(stops, axis=2) - usual) @ whiten.T
             found.append(np.concatenate([mean, np.square(mean).sum(axis=2, keepdims=True)], axis=2, dtype=np.float32))
         return np.concatenate(found, axis=2)
 
@@ -106,29 +106,24 @@ class GraspHypotheses:
         """
         if self.hand.travel is None:
             return np.zeros((len(stops), 0), np.float32)
-        return np.concatenate([self._standard(stops), np.full((len(stops), 1), -0.5)], axis=1, dtype=np.float32)
-
-    def _standard(self, stops: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Stops ``(..., m)`` in units in which their errors are independent, of variance 1.
-
-        Their errors are those of the measurement, of a turn within the cell of a hypothesis, and of the body's
-        position along the fingers, which these share.
-        """
-        whitened, middle = self._whitening
-        return np.asarray((stops - middle) @ whitened.T)
+        whiten, usual, shift = self._errors
+        found = (stops - usual + shift) @ whiten.T
+        return np.concatenate([found, np.full((len(stops), 1), -0.5)], axis=1, dtype=np.float32)
 
     @cached_property
-    def _whitening(self) -> tuple[NDArray[np.float64], float]:
-        vary, hand = self.scene.variation, self.hand
+    def _errors(self) -> tuple[NDArray[np.float64], float, NDArray[np.float64]]:
+        """What makes errors of stops independent, of variance 1; a usual stop; and by how much offsets shift the mean.
+
+        Errors are those of the measurement, of a turn within the cell of a hypothesis, and of the body's position along
+        the fingers, which these share.
+        """
+        vary, axes = self.scene.variation, self.hand.axes
+        offsets = quantiles(vary.offset, (np.arange(64) + 0.5) / 64)
         radius = np.mean([solid.bounding_radius for solid in self.scene.solids.values()]) * np.mean(vary.size.support)
         turned = _LEVER * radius * cell_of(num_hypotheses(self.scene, len(self.places)))
-        errors = np.eye(len(hand)) * (hand.travel or 0.0) ** 2 + np.eye(len(hand)) * turned**2
-        errors += np.var(self._offsets) * hand.axes @ hand.axes.T
-        return np.linalg.inv(np.linalg.cholesky(errors)), float(radius)
-
-    @cached_property
-    def _offsets(self) -> NDArray[np.float64]:
-        return quantiles(self.scene.variation.offset, (np.arange(64) + 0.5) / 64)
+        own = np.eye(len(axes)) * ((self.hand.travel or 0.0) ** 2 + turned**2)
+        whiten = np.linalg.inv(np.linalg.cholesky(own + np.var(offsets) * axes @ axes.T))
+        return whiten, float(radius), axes @ np.full(3, np.mean(offsets))
 
     def shape_logits(self, embeddings: Floats32) -> NDArray[np.float64]:
         """See :class:`activetouch.perception.contacts.hypotheses.Hypotheses`; the mean is over all poses."""
@@ -162,9 +157,8 @@ def predicted_stops(scene: Scene, bodies: Bodies, pose: int) -> NDArray[np.float
             for member, solid in enumerate(solids):
                 rows = np.flatnonzero(members == member)
                 turns = turned(rotation, bodies.rests[rows])
-                for row, reached in zip(
-                    rows, predicted_contacts(solid, turns, aim, window, bodies.sizes[rows]), strict=True
-                ):
+                maps = predicted_contacts(solid, turns, aim, window, bodies.sizes[rows])
+                for row, reached in zip(rows, maps, strict=True):
                     if np.isfinite(highest := reached.max()):
                         found[shape, row] = highest - pad.indentation(highest - reached, force)
         return found

@@ -116,6 +116,6 @@ def _alike(scene: Scene, truth: np.ndarray, found: np.ndarray) -> str:
     worst = [f"{labels[pairs[0, i]]} for {labels[pairs[1, i]]}" for i in np.argsort(-counts)[:3]]
     return (
         f"in simulation, a touch in each of {len(scene.poses)} poses names {right:.0%} of the objects rightly; most "
-        f"often mistaken: {', '.join(worst)}. activetouch.alike says which shapes this pad can tell apart, and more "
+        f"often mistaken: {', '.join(worst)}. activetouch explain says which shapes feel alike, and more "
         "poses (directions26) help"
     )

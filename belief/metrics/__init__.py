@@ -21,7 +21,7 @@ from belief.metrics.calibration_at_stop import CalibrationAtStop, StopScore, cal
 from belief.metrics.confusion import ShapeScore, confusion_matrix, shape_scores
 from belief.metrics.interval import bias_corrected_interval
 from belief.metrics.null_distribution import null_quantile
-from belief.metrics.reliability import ReliabilityCurve, reliability_curve
+from belief.metrics.reliability import ReliabilityCurve, reliability_curve, reliability_diagram
 from belief.metrics.report import CalibrationError, CalibrationReport, calibration_report
 from belief.metrics.scores import accuracy, brier_score, negative_log_likelihood
 from belief.metrics.selective_risk import RiskCoverage, risk_coverage
@@ -46,6 +46,7 @@ __all__ = [
     "negative_log_likelihood",
     "null_quantile",
     "reliability_curve",
+    "reliability_diagram",
     "risk_coverage",
     "shape_scores",
     "smooth_calibration_error",

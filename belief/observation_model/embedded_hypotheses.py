@@ -6,9 +6,6 @@ One pose, one shape, two hypotheses; then a touch that fits the first:
 >>> hypotheses = EmbeddedHypotheses(FixedHypotheses(table), (1, 1, 2, 2), (), temperature=1.0)
 >>> hypotheses.scores(0, np.array([[1.0, 0.5]])).tolist()
 [[[3.0, 1.5]]]
-
-A hypothesis may be embedded in several alternatives, a nuisance that each touch draws anew; their embeddings stand one
-after another, and the likelihood of a touch is the mean over them.
 """
 
 from __future__ import annotations
@@ -173,7 +170,8 @@ def log_ratios(embeddings: Floats, table: NDArray[np.floating], temperature: flo
 
     Args:
         embeddings: of the touches, ``(n, D)``.
-        table: of the hypotheses, ``(..., D)``; or ``(..., A · D)``, whose ratio is the mean over A alternatives.
+        table: of the hypotheses, ``(..., D)``; or ``(..., A · D)`` of A alternatives, such as a nuisance that each
+            touch draws anew: the ratio is their mean.
         temperature: above 0.
 
     >>> log_ratios(np.ones((1, 1)), np.log([[2.0, 4.0]]), 1.0).round(2).tolist() == [[np.log(3.0).round(2)]]

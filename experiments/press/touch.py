@@ -22,7 +22,7 @@ from activetouch.pressing.trace import write_csv
 from activetouch.rendering import RENDERERS
 from activetouch.scene import Scene
 from belief.claims import claim_folder, ends_claims
-from belief.errors import MissingPackage
+from belief.errors import MissingPackage, install_command
 from belief.files import in_file_name, require_writable_file
 from belief.seeding import keyed_rng
 from experiments.command_line.arguments import BadArgument, Ending, Picture, Seed, check_arguments
@@ -276,7 +276,7 @@ def _require_viewer() -> ModuleType:
         from mujoco import viewer
     except ImportError as error:
         raise MissingPackage(
-            f"the viewer cannot be opened ({error}). Install it with: pip install 'activetouch[viewer]'"
+            f"the viewer cannot be opened ({error}). Install it with: {install_command('viewer')}"
         ) from error
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # it also warns

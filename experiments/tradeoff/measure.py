@@ -16,21 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch import TactileSensor, TouchWorld
-from activetouch.data.dataset import read_split
-from activetouch.named_scenes import SCENES
-from activetouch.perception.reader import TactileReader
-from activetouch.sensor_files import OBSERVATION_FILE, POLICIES, READER_FILE, write_observation_model
+from activetouch.sensor_files import POLICIES
 from activetouch.world import touch_many
 from belief.files import require_regular_file, write_text
-from belief.observation_model.registry import fit_named
 from belief.problem import Touch
 from belief.statistics import wilson_interval
-from experiments.scene_choice import repeats_folder
 from experiments.search.play import episode_seed, make_world
-from experiments.sensor.calibrate import candidate_models
-from experiments.sensor.scores import read_touches
-from experiments.sensor_choice import open_collection, require_collection
-from experiments.tradeoff.configuration import SHIPPED, Configuration
+from experiments.tradeoff.configuration import Configuration
 from planners import Episode, make_decider, search_lockstep
 from planners.search import TouchRequest
 
@@ -108,22 +100,18 @@ def measured(configuration: Configuration, folder: Path) -> Measured:
     """Result of a configuration, read from its file, or measured and written if there is none."""
     path = folder / "results" / f"{configuration.key}.json"
     if not path.exists():
-        write_text(path, json.dumps(asdict(measure(configuration, folder))) + "\n")
+        write_text(path, json.dumps(asdict(measure(configuration))) + "\n")
     return Measured(**{**json.loads(require_regular_file(path).read_text()), "configuration": configuration})
 
 
-def measure(configuration: Configuration, folder: Path) -> Measured:
-    """Play the searches of a configuration and time its parts.
-
-    Args:
-        configuration: configuration to measure.
-        folder: where sensors are kept that do not come with the package.
-    """
+def measure(configuration: Configuration) -> Measured:
+    """Play the searches of a configuration and time its parts."""
     setting = configuration.setting
     problem = setting.problem
-    sensor = TactileSensor.load(sensor_of(configuration, folder), setting.scene, anyway=True)
-    policies, table = configuration.network.folder / POLICIES, sensor.model.outcome_table()
-    decider = make_decider(configuration.decider, table, sensor.model, policies)
+    sensor = TactileSensor.load(configuration.folder, setting.scene, anyway=True)
+    decider = make_decider(
+        configuration.decider, sensor.model.outcome_table(), sensor.model, configuration.folder / POLICIES
+    )
     touching = 0.0
 
     def touch_and_time(requests: Sequence[TouchRequest[TouchWorld]]) -> Sequence[Touch]:
@@ -177,30 +165,3 @@ def touch_times(sensor: TactileSensor) -> tuple[float, float]:
             readings.append(time.thread_time() - started)
     # The first press of each shape compiles its model.
     return 1e3 * float(np.mean(presses[num_shapes:])), 1e3 * float(np.median(readings))
-
-
-def sensor_of(configuration: Configuration, folder: Path) -> Path:
-    """Folder of a configuration's sensor; unless it comes with the package, it is made once and kept.
-
-    Its observation model is fitted to the recorded touches of the calibration split.
-    """
-    network, name = configuration.network, configuration.observation_model
-    if name == SHIPPED:
-        return network.folder
-    words = f"{network.scene}-{network.sha256[:12]}-{name.replace(' ', '')}{configuration.num_hypotheses or ''}"
-    out = folder / "sensors" / words
-    if not (out / OBSERVATION_FILE).exists():
-        reader, scene, data = (
-            TactileReader.load(network.path),
-            SCENES[network.scene].scene,
-            repeats_folder(network.scene),
-        )
-        manifest = open_collection(data, network.scene, repeats=True)
-        require_collection(data, manifest, reader.card, network.scene, repeats=True)
-        fit = candidate_models({name: fit_named(name)}, reader, scene, configuration.num_hypotheses)[name]
-        truth = read_split(data, "calibration")
-        touches = read_touches(reader, truth, f"{network.scene}, {network.label}: calibration").sequence(0)
-        labels = {"shape_labels": scene.shape_labels, "num_poses": len(scene.poses)}
-        reader.save(out / READER_FILE)
-        write_observation_model(out, fit(touches, truth.shapes, truth.object_ids, **labels), manifest.scene)
-    return out

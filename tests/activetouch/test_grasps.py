@@ -147,7 +147,7 @@ def test_travel_tells_the_opening_and_no_depth_in_the_palm():
     assert scene.image_shape == (4, 10)
     for seed in range(5):
         obj, grasp = grasped(scene, seed)
-        assert grasp.image.shape == grasp.ideal.shape == (4, 10)
+        assert (grasp.image.shape, grasp.ideal.shape) == ((4, 10), (4, 8))
         stops = scene.hand.apart(grasp.image[None])[1][0]
         bodies = scene.hypotheses(1)._replace(rests=np.array([obj.orientation]), sizes=np.array([obj.scale]))
         lateral = scene.hand.across((0.0, *grasp.placement.offset))
@@ -229,6 +229,16 @@ def test_information_gain_chooses_among_many_rotations_of_the_palm(briefly_fitte
         for one in played
     }
     assert all(gains[pose] == pytest.approx(gains.max(), abs=1e-6) for pose in first)
+
+
+def test_an_empty_hand_and_a_finger_that_misses_are_evidence_as_any_other():
+    scene = held("anew")
+    ball = replace(scene, shapes={"cone": scene.solids["cone"]})
+    images = []
+    for aim in ((0.0, 0.1), (0.045, 0.0)):
+        there = replace(ball, aims={"front": aim}, variation=Variation(offset=Constant(0.0)))
+        images.append(grasped(there, 0, pose=0)[1].image)
+    assert all(np.isfinite(evidence_of(scene, [image, images[0]])[0].log_weights).all() for image in images)
 
 
 @pytest.mark.parametrize("change", [{"offset": "both"}, {"travel": 0.0}, {"travel": np.nan}, {"travel": 1}])

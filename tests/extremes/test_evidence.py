@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from belief import Touch
@@ -15,6 +16,7 @@ from belief.calibration import (
     TemperatureScaling,
     VectorScaling,
     choose_calibration,
+    logits_from_probs,
 )
 from belief.files import sealed_json
 from belief.metrics import (
@@ -29,6 +31,7 @@ from belief.metrics import (
     negative_log_likelihood,
     null_quantile,
     reliability_curve,
+    reliability_diagram,
     shape_scores,
     smooth_calibration_error,
 )
@@ -40,6 +43,8 @@ from belief.observation_model import (
     OutcomeTable,
     RigidBodyModel,
     SensorHealthModel,
+    calibration_of_stops,
+    fit_observation_model,
     read_observation_model,
     read_origin,
     spread_prior,
@@ -177,6 +182,45 @@ def _calibrations() -> list[Case]:
             lambda: choose_calibration(logits, labels, np.zeros(200, int)),
             ValueError,
             "(?i)object|fold",
+        ),
+        answers(
+            "logits_from_probs",
+            "certainty, 0 and 1, in one column: finite, and as sure as the floor allows",
+            lambda: logits_from_probs([0.0, 1.0], floor=1e-6)[:, 1].tolist(),
+            equal_to([np.log(1e-6), 0.0]),
+        ),
+        refuses("logits_from_probs", "a sigmoid of 1.5", lambda: logits_from_probs([1.5]), ValueError, "1.5|-0.5"),
+        refuses("logits_from_probs", "NaN", lambda: logits_from_probs([[np.nan, 1.0]]), ValueError, "nan|NaN"),
+        *(
+            refuses(
+                f"{kind.__name__}.fit",
+                f"weights {weights}",
+                lambda kind=kind, weights=weights: kind().fit(logits[:2], labels[:2], weights),
+                ValueError,
+                "weights?",
+            )
+            for kind in _CALIBRATIONS
+            for weights in ([0.0, 0.0], [1.0, -1.0], [np.nan, 1.0], [np.inf, 1.0], [1.0], "ab")
+        ),
+        answers(
+            "fit_observation_model",
+            "one touch of each of two objects: a model that knows as little",
+            lambda: [*fit_observation_model(np.eye(2), [0, 1], ["mug", "ball"], num_folds=2).losses.values()],
+            such_that("finite losses", lambda found: bool(np.isfinite(found).all())),
+        ),
+        refuses(
+            "fit_observation_model",
+            "an object with two labels",
+            lambda: fit_observation_model(logits, labels, np.zeros(200, int)),
+            ValueError,
+            "object 0 has shape",
+        ),
+        refuses(
+            "calibration_of_stops",
+            "a classifier that knows nothing: no stop",
+            lambda: calibration_of_stops(random_model(_rng(), sharpness=0.0), np.zeros((9, 4)), [0] * 9, [0] * 9),
+            ValueError,
+            "no object reaches",
         ),
     ]
 
@@ -461,6 +505,12 @@ def _metrics() -> list[Case]:
             "one row in fifteen bins",
             lambda: int(np.sum(reliability_curve([[0.7, 0.3]], [0]).count)),
             equal_to(1),
+        ),
+        answers(
+            "metrics.reliability_diagram",
+            "certain and wrong: one point at the lower right, far from its band",
+            lambda: reliability_diagram([[1.0, 0.0]] * 3, [1] * 3, Figure().subplots()).is_consistent.tolist(),
+            equal_to([False]),
         ),
         answers(
             "metrics.shape_scores",
