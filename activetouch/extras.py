@@ -18,7 +18,8 @@ EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "train": ("torch", "transformers", "onnx", "onnxscript"),
         "rl": ("gymnasium", "stable_baselines3", "torch"),
         "contrib": ("sb3_contrib",),
-        "pomdp": ("pomdp_py",),
+        "tensorboard": ("tensorboard",),
+        "recorded": ("sklearn",),  # of examples
         "formats": ("pyarrow", "mcap"),
     }
 )

@@ -133,11 +133,14 @@ class Hand:
 
     @property
     def forces(self) -> NDArray[np.float64]:
-        """Force of each finger, relative to that of a press, ``(m,)``: such that the sum of their vectors is least."""
+        """Force of each finger, relative to that of a press, ``(m,)``.
+
+        The sum of their vectors is least, and they are as equal as that allows.
+        """
         if len(self) == 1:
             return np.ones(1)
-        rows = np.vstack([self.axes.T, np.full(len(self), 1e-3)])  # the last sets the scale, and spreads the forces
-        found = scipy.optimize.nnls(rows, np.array([0.0, 0.0, 0.0, 1.0]))[0]
+        rows = np.vstack([self.axes.T, 1e-4 * np.eye(len(self))])
+        found = scipy.optimize.nnls(rows, np.append(np.zeros(3), np.full(len(self), 1e-4)))[0]
         return np.round(found / found.mean(), 9)
 
     @property

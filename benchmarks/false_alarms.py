@@ -14,8 +14,8 @@ from __future__ import annotations
 import numpy as np
 
 from belief.conflict import ConflictTest, log_conflict
-from belief.problem import Floats
 from belief.statistics import cluster_bootstrap
+from belief.validation import Floats
 
 TOUCHES, MOST_OF_AN_OBJECT, ALARM = 25, 6, np.log(1 / 0.02)
 NUM_TESTS, NUM_SEARCHES = 40, 50

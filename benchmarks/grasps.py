@@ -11,6 +11,7 @@ information gain. All meet the same objects.
 from __future__ import annotations
 
 import argparse
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -23,20 +24,22 @@ from activetouch import SCENES, Scene, TactileSensor, TouchWorld
 from activetouch.distributions import Uniform
 from activetouch.hand import Hand
 from activetouch.hypotheses import Bodies
+from activetouch.mesh_source import MeshSource
 from activetouch.named_scenes import NamedScene
 from activetouch.perception.grasps import GraspHypotheses
 from activetouch.perception.hypothesis_table import HypothesisTable
+from activetouch.solids.mesh import Mesh
 from belief.bayes import update
 from belief.observation_model.rigid_body import RigidBodyModel
 from belief.problem import SearchProblem, Touch
 from belief.seeding import arrangement_rng, keyed_rng, touch_rng
 from belief.statistics import wilson_interval
 from belief.synthetic import sample_arrangement
-from experiments.scene_choice import SceneChoice
 from planners import make_decider, search
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+_RADIUS = 0.024  # of meshes [m]
 
 
 def posteriors(sensor: TactileSensor, actions: Sequence[Sequence[int]], objects: int, seed: int) -> Floats:
@@ -116,6 +119,19 @@ def searches(sensor: TactileSensor, named: NamedScene, number: int, stated: floa
     return actions, right
 
 
+def scaled_meshes(folder: Path, number: int) -> dict[str, Mesh]:
+    """Bodies of a folder, evenly chosen among its OBJ files, whose bounding balls have a radius of 24 mm."""
+    files = sorted(folder.rglob("*.obj"))
+    found = {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for index in np.linspace(0, len(files) - 1, number).round().astype(int):
+            mesh = MeshSource.parse(f"{files[index]}@0.01").read()
+            factor = _RADIUS / mesh.bounding_radius
+            found[files[index].stem] = Mesh(files[index].stem, mesh.vertices * factor, mesh.faces)
+    return found
+
+
 class TravelOnly(GraspHypotheses):
     """Hypotheses that tell what the fingers' travel tells, and nothing of the images."""
 
@@ -154,13 +170,14 @@ def main() -> None:
     parser.add_argument("--offset", type=float, help="largest offset of a body in the palm, each way [m]")
     parser.add_argument("--latent", nargs="*", choices=["anew", "kept"], default=[], help="positions in the palm")
     parser.add_argument("--travel", type=float, help="standard deviation of measured travel [m]")
-    parser.add_argument("--meshes", type=Path, nargs="+", help="files of the objects")
+    parser.add_argument("--meshes", type=Path, help="folder of mesh files, which are scaled to one radius")
+    parser.add_argument("--bodies", type=int, default=8, help="how many of the folder, evenly chosen")
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     name, stated, seed, number = arguments.scene, arguments.stated, arguments.seed, arguments.objects
     named = SCENES[name]
     if arguments.meshes:
-        named = SceneChoice(scene=name, meshes=tuple(arguments.meshes), only=True).named
+        named = replace(named, scene=replace(named.scene, shapes=scaled_meshes(arguments.meshes, arguments.bodies)))
     usual = named.scene
     if arguments.offset is not None:
         vary = replace(usual.variation, offset=Uniform(-arguments.offset, arguments.offset))
@@ -169,10 +186,10 @@ def main() -> None:
     sensors = {m: TactileSensor.shipped(name, named.scene.with_hand(hand)) for m, hand in hands.items()}
     rows: list[tuple[str, TactileSensor, list[tuple[int, ...]]]] = []
     num_poses = len(named.scene.poses)
-    each = [(pose,) for pose in range(num_poses)]
+    each: list[tuple[int, ...]] = [(pose,) for pose in range(num_poses)]
     for m, sensor in sensors.items():
         rows.append((f"{m} fingers", sensor, each))
-        if m > 1 and not arguments.latent and arguments.travel is None:
+        if m > 1 and not (arguments.latent or arguments.travel or arguments.meshes):
             places = {f"{p} {i}": r for i, one in enumerate(sensor.scene.fingers) for p, r in one.rotations.items()}
             pad = TactileSensor.shipped(name, replace(sensor.scene, hand=Hand.one_finger(), poses=places))
             rows.append(

@@ -130,17 +130,18 @@ class TactileReader:
         if self.hypotheses is None:
             require_no_hand(scene.hand, "a reader that tells shapes only")
             return self
-        bound = self
-        if self.card.imaging is not None:
-            card = replace(self.card, shape_labels=scene.shape_labels, pose_labels=scene.pose_labels)
-            bound = replace(self, card=card, hypotheses=self.hypotheses.bound_to(scene))
-        if scene.hand is None:
-            return bound
-        if self.card.imaging is None and scene.hand.offset != "averaged":
+        single, card = self.hypotheses, self.card
+        if isinstance(single, GraspHypotheses):  # of another hand
+            single = single.single
+        if card.imaging is not None:
+            card = replace(card, shape_labels=scene.shape_labels, pose_labels=scene.pose_labels)
+            single = single.bound_to(scene)
+        elif scene.hand is not None and scene.hand.offset != "averaged":
             raise WrongScene("only a reader of any object knows positions of a body in the palm; leave offset averaged")
-        reach = 0.0 if self.card.imaging is None else float(self.card.imaging["offset"])
-        single = self.hypotheses.single if isinstance(self.hypotheses, GraspHypotheses) else self.hypotheses
-        return replace(bound, hypotheses=GraspHypotheses(single, scene, reach))
+        if scene.hand is None:
+            return self if single is self.hypotheses else replace(self, card=card, hypotheses=single)
+        reach = 0.0 if card.imaging is None else float(card.imaging["offset"])
+        return replace(self, card=card, hypotheses=GraspHypotheses(single, scene, reach))
 
     @cached_property
     def digest(self) -> str:

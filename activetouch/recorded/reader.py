@@ -28,8 +28,7 @@ from belief.metrics import negative_log_likelihood
 from belief.naming import few
 from belief.observation_model.action_kernel import ActionKernelModel, Law
 from belief.observation_model.kernel_fit import fit_kernel, fused_loss
-from belief.problem import Floats
-from belief.validation import as_real, require
+from belief.validation import Floats, as_real, require
 
 Integers = NDArray[np.int64]
 

@@ -12,11 +12,10 @@ from belief.observation_model.arrays import calibration_of_stops, fit_observatio
 from belief.observation_model.check import check_observation_model
 from belief.observation_model.confusion import ConfusionModel
 from belief.observation_model.embedded_hypotheses import FixedHypotheses
-from belief.observation_model.gaussian import GaussianModel
 from belief.observation_model.likelihood_ratio import RatioModel
 from belief.observation_model.model import ArrayModel, ObservationModel
 from belief.observation_model.outcome_table import OutcomeTable
-from belief.observation_model.plda import PLDAModel
+from belief.observation_model.plda import GaussianModel, PLDAModel
 from belief.observation_model.registry import read_observation_model, read_origin
 from belief.observation_model.rigid_body import FittedRigidBody, RigidBodyModel
 from belief.observation_model.sensor_health import SensorHealthModel

@@ -15,7 +15,7 @@ import numpy as np
 from experiments.paper.figures import draw_figure3
 from experiments.paper.table2 import Column
 from experiments.tradeoff.figures import front_picture
-from experiments.tradeoff.picks import TASKS, Front
+from experiments.tradeoff.measure import TASKS, Front
 
 DOCS = Path(__file__).parent.parent
 RECORDS = DOCS.parent / "records"

@@ -6,7 +6,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import tyro
@@ -15,11 +15,13 @@ from numpy.typing import NDArray
 from activetouch.errors import LabelMismatch, WrongScene
 from activetouch.hand import Hand
 from activetouch.named_scenes import NamedScene
+from activetouch.orientations import Resampled, Upright
 from activetouch.pressing.contact import surface_gap
 from activetouch.rendering import read_out
 from activetouch.scene import Scene
 from activetouch.sensor import TactileSensor
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS, READER_FILE, reader_file, sensor_shift
+from belief.composition import Composition
 from belief.observation_model.rigid_body import joint_model
 from belief.table import Table
 from experiments.command_line.arguments import Count, Jobs, check_arguments
@@ -27,9 +29,11 @@ from experiments.command_line.console import plain_console
 from experiments.meshes.near_twins import ALIKE, near_twins
 from experiments.meshes.setting import MeshSetting
 from experiments.parallel import default_jobs
-from experiments.press.inventory import Item, inventory, latent
 from experiments.scene_choice import SceneChoice
 from experiments.sensor_choice import sensor_folder
+
+if TYPE_CHECKING:
+    import mujoco
 
 _PRESSES = 50  # of each shape, to see where the layer bottoms out
 _FEW = 0.05  # share of presses that may bottom out
@@ -228,3 +232,75 @@ def _fits(sensor: Path, scene: Scene) -> bool:
     except (LabelMismatch, WrongScene):
         return False
     return True
+
+
+@dataclass(frozen=True)
+class Item:
+    """A kind of part of a scene: its number, its name and its purpose."""
+
+    number: int
+    part: str
+    why: str
+
+
+def inventory(named: NamedScene) -> list[Item]:
+    """The parts in the model of one press of a scene, and the hidden variables of the belief about a search."""
+    scene, pad = named.scene, named.scene.pad
+    spacing = 1e3 * 2 * pad.half_width / pad.num_taxels
+    families = [
+        "{} ({})".format(label, ", ".join("{} {:g} to {:g}".format(name, *d.support) for name, d in family.parameters))
+        for label, family in scene.families.items()
+    ]
+    items = [
+        Item(len(scene.shapes), "shapes", ", ".join(scene.shape_labels)),
+        Item(len(families), "families", f"whose proportions differ by object: {', '.join(families)}"),
+        Item(len(scene.poses), "poses", "sides of an object to turn to the pad"),
+        Item(pad.num_taxels**2, "points of the pad", f"one ray each, {spacing:.2f} mm apart"),
+        Item(len(scene.faults), "faults of the sensor", ", ".join(type(fault).__name__ for fault in scene.faults)),
+    ]
+    if scene.hand is not None:
+        items.append(Item(len(scene.hand), "fingers", "close on the object together; one grasp counts as one touch"))
+    model = scene.press_model.compiled(scene.setup, next(iter(scene.solids.values())))
+    if model is not None:
+        items += [*_surfaces(scene), *_rigid_bodies(model)]
+    coupled = named.composition is Composition.DISTINCT
+    number = len(scene.shapes) * (named.num_objects if coupled else 1)
+    of = f"of {named.num_objects} objects, no two alike" if coupled else "of the current object; others are independent"
+    return [item for item in (*items, Item(number, "hidden probabilities", f"shape {of}")) if item.number]
+
+
+def latent(scene: Scene) -> list[str]:
+    """What all touches of an object share besides its shape, and a joint belief can infer.
+
+    >>> latent(Scene())
+    ['orientation', 'size']
+    """
+    if isinstance(scene.presentation, Resampled):
+        return []  # every touch has its own orientation
+    low, high = scene.variation.size.support
+    turned = ["heading", "tilt"] if isinstance(scene.presentation, Upright) else ["orientation"]
+    of_families = [f"{name} of {label}" for label, family in scene.families.items() for name, _ in family.parameters]
+    kept = scene.hand is not None and scene.hand.offset == "kept"
+    return turned + (["size"] if low < high else []) + of_families + (["offset in the palm"] if kept else [])
+
+
+def _surfaces(scene: Scene) -> list[Item]:
+    """Shapes of which something simpler is pressed than the image shows."""
+    hollow = {kind: [k for k, v in scene.solids.items() if v.geom.presses == kind] for kind in ("surface", "hull")}
+    words = {
+        "surface": "pressed as the convex hull of what lies in front of the pad, with the same first touch: ",
+        "hull": "pressed as the convex hull, so force and image may disagree: ",
+    }
+    return [Item(len(found), "hollow shapes", words[kind] + ", ".join(found)) for kind, found in hollow.items()]
+
+
+def _rigid_bodies(model: mujoco.MjModel) -> list[Item]:
+    names = [model.geom(index).name for index in range(model.ngeom)]
+    return [
+        Item(2, "moving bodies", "a guide, and on it the object"),
+        Item(1, "slide joint", "of the guide, with a servo"),
+        Item(model.npair, "contact pair", "pad and object; nothing else can touch"),
+        Item(model.nsensor, "sensor", "force vector and contact point in every step"),
+        Item(sum(name.startswith("finger") for name in names), "finger segments", "carry the pad, as in the paper"),
+        Item(sum(name.startswith("parked") for name in names), "parked objects", "fixed to the world, no contact"),
+    ]

@@ -12,8 +12,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullForma
 from belief.statistics import pareto_front
 from experiments.reporting.style import INK, PALETTE, Picture
 from experiments.tradeoff.configuration import SHARES
-from experiments.tradeoff.measure import Measured
-from experiments.tradeoff.picks import Front
+from experiments.tradeoff.measure import Front, Measured
 
 _DEFAULT = "nothing"
 _STYLES = {  # colour, marker, and name in the legend, by what differs from the default

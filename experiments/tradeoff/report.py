@@ -15,8 +15,7 @@ from belief.statistics import paired_bootstrap
 from belief.table import Table, Value, interval
 from experiments.reporting.page import Section, write_page
 from experiments.tradeoff.configuration import SHARES
-from experiments.tradeoff.measure import Measured
-from experiments.tradeoff.picks import Front, fronts, picks
+from experiments.tradeoff.measure import Front, Measured, fronts, picks
 
 _NOTE = (
     "Success: fraction of live searches, with its 95 % Wilson interval. Minus default: difference from the scene's "

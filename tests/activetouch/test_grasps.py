@@ -130,6 +130,8 @@ def test_where_nothing_is_latent_nothing_is_summed():
         len(ANY_OBJECT.bound_to(held("anew", hand)).hypotheses.places)
         for hand in (Hand.one_finger(), Hand.parallel(), Hand.three_finger())
     ] == [9, 9, 27]
+    again = ANY_OBJECT.bound_to(held("anew")).bound_to(replace(WIDE, hand=None))
+    assert type(again.hypotheses) is type(ANY_OBJECT.hypotheses)
     assert grasped(held("anew"), 0)[0].offset is None
     assert np.abs(grasped(held("kept"), 0)[0].offset).max() <= 0.006
 

@@ -9,7 +9,7 @@ import pytest
 from activetouch import SCENES, Quasistatic, TactileSensor
 from activetouch.distributions import Constant
 from activetouch.errors import NoIndependentModel, WrongScene
-from activetouch.hand import HANDS, Hand
+from activetouch.hand import Hand
 from activetouch.orientations import Inexact, Resampled
 from activetouch.perception import preparation
 from activetouch.perception.contacts import hypotheses as contact_hypotheses
@@ -103,6 +103,12 @@ def test_a_finger_that_misses_and_an_empty_hand_are_legal():
     assert not empty.image.any()
     read = TactileReader.load(READERS[0]).bound_to(COARSE.with_hand("three_finger")).run(grasp.image[None])
     assert np.isfinite(read[0]).all()
+
+
+@pytest.mark.parametrize("number", [2, 3, 4, 5, 8])
+def test_pads_all_around_press_alike(number):
+    assert Hand.around(number).forces == pytest.approx(np.ones(number), abs=1e-6)
+    assert np.linalg.norm(Hand.around(number).net_force(Hand.around(number).forces)) < 1e-6
 
 
 @pytest.mark.parametrize(

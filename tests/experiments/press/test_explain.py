@@ -13,8 +13,7 @@ from activetouch.orientations import Inexact, Resampled, Tumbled, Upright
 from activetouch.shapes import EXTENDED_SHAPES, Box, Cone, Sphere, Union
 from experiments.meshes.near_twins import NearTwins
 from experiments.press import explain
-from experiments.press.explain import Explain, bearing_forces
-from experiments.press.inventory import inventory, latent
+from experiments.press.explain import Explain, bearing_forces, inventory, latent
 from experiments.scene_choice import SceneChoice
 
 COARSE = SCENES["coarse"]

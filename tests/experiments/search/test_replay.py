@@ -31,6 +31,12 @@ def run(tmp_path_factory):
     return found.folder.path, [read_episode(line, labels) for line in found.lines("threshold", "sphere")]
 
 
+@pytest.fixture(autouse=True)
+def small_bodies(monkeypatch):
+    """Pictures of bodies with fewer pixels, of fewer draws."""
+    monkeypatch.setattr(Bodies.of.__func__, "__defaults__", (24, 8))
+
+
 def play(run, numbers):
     return play_episodes(run.searches, run.deciders["threshold"], 0, numbers)[0]
 
