@@ -175,13 +175,11 @@ class _Relative(NamedTuple):
     Attributes:
         weights: log-likelihoods minus the prices of object and shape, ``(N, K)``.
         end: term for the multiset that all objects use up, ``(S,)``.
-        best: log weight of the best arrangement.
         table: the multisets.
     """
 
     weights: Floats
     end: Floats
-    best: float
     table: list[Layer]
 
 
@@ -214,8 +212,7 @@ def _relative(weights: Floats, bag: tuple[int, ...]) -> _Relative:
         relative = np.ldexp((scaled - price) - (taken - price[match])[:, None], shift)
         relative = np.where(weights == -np.inf, -np.inf, np.maximum(relative, least))
         end = table[-1].log_draws + np.maximum(np.ldexp(-(price @ left), shift), least)
-        best = float(np.ldexp((taken - price[match]).sum() + price @ capacity, shift))
-    return _Relative(relative, end, best, table)
+    return _Relative(relative, end, table)
 
 
 def _why_impossible(weights: Floats, bag: tuple[int, ...]) -> str:

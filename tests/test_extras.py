@@ -86,7 +86,9 @@ def test_a_command_that_needs_an_extra_names_it_before_any_work(python, tmp_path
 
 
 def test_every_module_of_an_extra_is_required_by_it_and_by_nothing_else():
-    distributions = {module: module.replace("_", "-") for module in ("stable_baselines3", "sb3_contrib")}
+    distributions = {"sklearn": "scikit-learn"} | {
+        module: module.replace("_", "-") for module in ("stable_baselines3", "sb3_contrib")
+    }
     needed = [line.replace('"', "'") for line in requires("activetouch")]
     for extra, modules in EXTRAS.items():
         for module in modules:

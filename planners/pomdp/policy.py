@@ -139,11 +139,6 @@ class SearchPolicy:
         return float(self.at(0).value(self.search.initial[None])[0])
 
     @property
-    def initial_action(self) -> int:
-        """Its first action; integers as in :class:`TouchPolicy`."""
-        return int(self.at(0).actions[self.at(0).best(self.search.initial[None])[0]])
-
-    @property
     def lower_bound(self) -> float:
         """Lower bound on the optimal value at the start: ``initial_value``."""
         return self.initial_value

@@ -323,7 +323,8 @@ def test_the_last_of_all_distinct_objects_is_confirmed_untouched():
     problem = SearchTouchProblem(np.full((2, 3, 2), 0.5), 3, "distinct", 1, 0.01)
     policy = solve(problem)
     assert policy.initial_value == pytest.approx(-1 / 3)  # nothing is told: confirm one of three
-    assert policy.initial_action >= problem.num_poses  # and no touch before it
+    first = policy.at(0)
+    assert first.actions[first.best(staged(problem).initial[None])[0]] >= problem.num_poses  # and no touch before it
     belief = stage_belief(staged(problem), np.array([[0.0, -np.inf, 0.0], [0.0, -np.inf, 0.0], [0.0, 0.0, 0.0]]), 2)
     vectors = policy.at(2)
     assert vectors.actions[vectors.best(belief[None])].tolist() == [problem.num_poses]  # CONFIRM
