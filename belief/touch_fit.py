@@ -9,7 +9,7 @@ Four touches of one object that fit one hypothesis, and four that do not fit eac
 >>> alike = [Touch(0, features=np.array([1.0, 0.0])) for _ in range(4)]
 >>> mixed = [Touch(0, features=np.roll([1.0, 0.0], turn)) for turn in range(4)]
 >>> [round(number, 1) for touches in (alike, mixed) for number in touch_fit(model, [touches])]
-[-0.0, -2.8, 3.0, -1.5]
+[-0.1, -2.8, 3.0, -1.5]
 """
 
 from __future__ import annotations
