@@ -109,14 +109,15 @@ def show_world(world: str, calibration: np.ndarray, played: Calibration, thresho
         ends += [(end, touches[own[:end]].sum())] if end <= SEARCHES else []
         for group, searches in zip(right, (own, own[:end]), strict=True):
             group += [not is_wrong[search] for search in searches if search in is_wrong]
-    median = np.median(ends, axis=0) if ends else (np.nan, np.nan)
+    median = ", {:g} searches, {:g} touches".format(*np.median(ends, axis=0)) if ends else ""
     shares = [
         f"{sum(group)} of {len(group)} right [{low:.3f}, {high:.3f}]"
         for group in right
         for low, high in [clopper_pearson_interval(sum(group), len(group)) if group else (0.0, 1.0)]
     ]
-    print(f"{world}: {len(ends)} of {ROBOTS} robots, {median[0]:g} searches, {median[1]:g} touches; ", end="")
-    print(f"stops {shares[0]}, before the alarm {shares[1]}", flush=True)
+    print(
+        f"{world}: {len(ends)} of {ROBOTS} robots{median}; stops {shares[0]}, before the alarm {shares[1]}", flush=True
+    )
 
 
 def changed(scene: Scene, world: str) -> Scene:
