@@ -29,12 +29,12 @@ from activetouch.scene import Scene
 from activetouch.shapes import SHAPES
 from belief.files import require_writable_file, write_text
 from belief.seeding import keyed_rng
+from belief.table import Table
 from benchmarks.neighbours import neighbour_guesses
 from benchmarks.soft_pad import Deformable
 from experiments.command_line.arguments import Count, CountOrNone, Jobs, JSONFile, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs, run_tasks
-from experiments.reporting.tables import Table
 from experiments.scene_choice import SceneChoice
 
 Floats = NDArray[np.float64]
@@ -130,11 +130,11 @@ class FidelityCommand:
         }
         curves = self._curves() if self.soft_presses else {}
         for name, rows in agreement.items():
-            console.print(_table(f"{name} against quasistatic", rows).rich())
+            print(_table(f"{name} against quasistatic", rows))
         for name, accuracy in leaks.items():
             console.print(f"shape from force and depth alone, {name}: {accuracy:.3f}")
         for name, depths in curves.items():
-            console.print(_curve_table(name, depths).rich())
+            print(_curve_table(name, depths))
         numbers = {
             "seed": self.seed,
             "agreement": {n: {k: asdict(row) for k, row in rows.items()} for n, rows in agreement.items()},

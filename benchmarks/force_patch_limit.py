@@ -37,10 +37,10 @@ from activetouch.pressing.contact import Contact
 from activetouch.pressing.trace import Trace
 from activetouch.rendering import ForcePatchRenderer
 from activetouch.scene import Scene
+from belief.table import Table
 from benchmarks.bayes_error.findings import Findings, chunks, paired_difference, words
 from benchmarks.held_out import LimitStudy, Stream, held_out_touch, share
 from experiments.parallel import default_jobs, progress_bar, run_tasks
-from experiments.reporting.tables import Table
 from experiments.scene_choice import SceneChoice
 from experiments.sensor_choice import open_sensor, require_collection
 

@@ -28,11 +28,10 @@ from activetouch.extras import require_extra
 from activetouch.perception.reader import ImageReader
 from belief.claims import claim_folder, ends_claims
 from belief.files import write_text
+from belief.table import Table
 from benchmarks.reader_scores import Scores, draw_errors, scores
 from experiments.command_line.arguments import BadArgument, Count, Jobs, NotEmpty, Seed, check_arguments
-from experiments.command_line.console import plain_console
 from experiments.parallel import progress_bar
-from experiments.reporting.tables import Table
 from experiments.scene_choice import collection_folder
 from experiments.sensor_choice import open_collection, require_collection
 
@@ -154,7 +153,7 @@ class Frontier:
         ):
             write_text(self.out / name, text)
         draw_frontier(entries, self.scene, self.out / "frontier.svg")
-        plain_console().print(shown.rich())
+        print(shown)
         print(f"wrote {self.out}/frontier.md, .json and .svg")
 
     def _time(self, readers: list[ImageReader], images: NDArray[np.uint8], batch: int) -> NDArray[np.float64]:

@@ -31,11 +31,10 @@ from belief.claims import claim_folder, ends_claims
 from belief.files import write_text
 from belief.seeding import keyed_rng
 from belief.statistics import paired_bootstrap
+from belief.table import Table, interval
 from benchmarks.neighbours import neighbour_guesses
 from experiments.command_line.arguments import Jobs, Seed, Within, check_arguments
-from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs, run_tasks
-from experiments.reporting.tables import Table, interval
 from experiments.scene_choice import SceneChoice, in_file_names
 from experiments.sensor.scores import accuracy_of_objects
 from experiments.sensor_choice import open_sensor
@@ -320,7 +319,7 @@ def _write(result: dict[str, Any], out: Path) -> None:
     )
     write_text(out / "leak.json", json.dumps(result, indent=1) + "\n")
     write_text(out / "leak.md", "\n\n".join([heading, measured.markdown(), compared.markdown()]) + "\n")
-    plain_console().print(heading, measured.rich(), compared.rich())
+    print(heading, measured, compared, sep="\n\n")
     print(f"wrote leak.json and leak.md into {out}")
 
 

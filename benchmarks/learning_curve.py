@@ -20,11 +20,10 @@ from activetouch.extras import require_extra
 from activetouch.perception.recipe import RECIPES
 from belief.claims import claim_folder, ends_claims
 from belief.files import write_text
+from belief.table import Table
 from benchmarks.reader_scores import Scores, draw_errors, scores
 from experiments.command_line.arguments import Jobs, NotEmpty, Pixels, Seed, Share, check_arguments
-from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs
-from experiments.reporting.tables import Table
 from experiments.scene_choice import collection_folder, in_file_names, named_scene
 from experiments.sensor.train import (
     STATE_FILE,
@@ -104,7 +103,7 @@ class LearningCurve:
         draw_learning_curve(points, f"scene {self.scene}, {self.backbone}", out / "learning_curve.svg")
         rows = [(p.images, p.epochs, str(p.scores), p.scores.nll) for p in points]
         headings = [("images per shape", "d"), ("epochs", "d"), "accuracy [95 %]", ("NLL", ".4f")]
-        plain_console().print(Table(f"{self.scene}, {self.backbone}", headings, rows).rich())
+        print(Table(f"{self.scene}, {self.backbone}", headings, rows))
         print(f"wrote {out}/learning_curve.json and .svg")
 
     @property

@@ -75,7 +75,7 @@ class Limit:
         for sentence in findings.sentences:
             console.print(sentence)
         for table in findings.tables:
-            console.print(table.rich())
+            print(table, end="\n\n")
         findings.write(folder, {"scene": self.choice.scene, "seed": self.seed})
         print(f"wrote {folder}")
 

@@ -31,9 +31,8 @@ from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.poses import to_matrices
 from belief.observation_model.rigid_body import RigidBodyModel, joint_model
 from belief.seeding import keyed_rng
+from belief.table import Table
 from experiments.calibration.sequences import Rounds
-from experiments.command_line.console import plain_console
-from experiments.reporting.tables import Table
 from experiments.scene_choice import repeats_folder
 from experiments.sensor.scores import read_touches
 
@@ -228,7 +227,7 @@ def main(name: str, number: str = "") -> None:
         splits.append(Touched(rounds, truth.rests[::each], truth.sizes[::each]))
     bodies = hypotheses.hypotheses(model.num_hypotheses)
     tests = rank_tests(model, bodies.rests, bodies.sizes, splits, keyed_rng([0, 4], is_fixed_length=True))
-    plain_console(width=140).print(table(tests).rich())
+    print(table(tests).text(140))
     passed = sum(test.passes for test in tests)
     print(f"{passed} of {len(tests)} tests pass (p > {LEAST_P:g}, corrected for {len(QUANTITIES)} quantities)")
 

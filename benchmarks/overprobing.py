@@ -16,8 +16,7 @@ import numpy as np
 
 from belief import Confirm, Reject
 from belief.statistics import wilson_interval
-from experiments.command_line.console import plain_console
-from experiments.reporting.tables import Table, Value
+from belief.table import Table, Value
 from experiments.search.compare import Compare
 from planners import Episode
 
@@ -109,7 +108,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, help="run folder of a finished comparison")
     comparison = Compare.from_config(parser.parse_args().folder).play()
-    plain_console().print(table({name: comparison.of(name) for name in comparison.deciders}).rich())
+    print(table({name: comparison.of(name) for name in comparison.deciders}))
 
 
 if __name__ == "__main__":

@@ -18,12 +18,10 @@ from itertools import chain
 import numpy as np
 import tyro
 
-from experiments.command_line.console import plain_console
 from experiments.search.compare import Compare
 from experiments.search.comparison import Comparison
 from experiments.search.play import Seconds
-from experiments.search.tables import comparison_tables, terminal_table
-from experiments.search.verdict import short_names
+from experiments.search.tables import comparison_tables
 
 
 def pooled(found: Sequence[Comparison], seed: int = 0) -> Comparison:
@@ -57,8 +55,7 @@ def main() -> None:
     comparison = pooled([run.play() for run in runs])
     for table in comparison_tables(comparison):
         table.write_csv(asked.folder / "tables" / f"{table.name}.csv")
-    spoken, console = comparison.renamed(short_names(comparison.deciders)[0]), plain_console()
-    console.print(terminal_table(spoken, console.width).rich())
+    print(comparison, end="\n\n")
     for sentence in [*comparison.verdict(), f"Seeds: {', '.join(map(str, seeds))}."]:
         print(textwrap.fill(sentence, 78))
 

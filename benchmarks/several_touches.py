@@ -36,12 +36,12 @@ from belief.observation_model.rigid_body import RigidBodyModel
 from belief.observation_model.selection import log_posteriors
 from belief.problem import Touch
 from belief.statistics import cluster_bootstrap, wilson_interval
+from belief.table import Table
 from belief.touch_batch import TouchBatch
 from benchmarks.belief_cost import belief_cost
 from benchmarks.precision import PRECISIONS, in_precision
 from experiments.command_line.arguments import BadArgument, Count, NotEmpty, Seed, check_arguments
 from experiments.command_line.console import plain_console
-from experiments.reporting.tables import Table
 from experiments.scene_choice import named_scene, repeats_folder
 from experiments.sensor.scores import read_touches
 from experiments.sensor_choice import open_collection, require_collection, sensor_folder
@@ -214,7 +214,7 @@ class SeveralTouches:
         console = plain_console()
         console.print(f"{shown.title}\n{shown.note}\n")
         for entry in entries:
-            console.print(table_of(entry).rich())
+            print(table_of(entry), end="\n\n")
         print(f"wrote {self.out}/several-touches.md, .json and .svg")
 
     def _entry(

@@ -27,9 +27,9 @@ from belief import Composition, Counts, SearchProblem
 from belief.observation_model import ObservationModel
 from belief.seeding import arrangement_rng
 from belief.synthetic import sample_arrangement
+from belief.table import Table, interval
 from benchmarks.stranger_model import StrangerModel
 from experiments.parallel import default_jobs, run_tasks
-from experiments.reporting.tables import Table, interval
 from experiments.robustness.searches import played_together, success_scores
 from planners import Outcome, make_decider
 

@@ -19,7 +19,12 @@ _OVERSAMPLING = 2
 
 
 def press_picture(
-    setup: Setup, placement: Placement, depth: float, width: int = 640, height: int = 480
+    setup: Setup,
+    placement: Placement,
+    depth: float,
+    width: int = 640,
+    height: int = 480,
+    sky: tuple[int, int, int] = _SKY,
 ) -> NDArray[np.uint8]:
     """A picture ``(height, width, 3)`` of the object pressed ``depth`` [m] into the pad.
 
@@ -29,23 +34,30 @@ def press_picture(
         depth: of the press [m].
         width: of the picture [pixels].
         height: of the picture [pixels].
+        sky: colour of the background, in [0, 255].
     """
     _, touching = first_touch(setup.pad, placement)
     position = touching - depth if np.isfinite(touching) else placement.bounding_radius
     rig = Rig(setup, placement.shape, timestep=0.002, largest_scale=placement.scale)
     rig.place(position, placement)
     mujoco.mj_forward(rig.model, rig.data)
-    middle = np.array([0.0, 0.0, setup.height])
-    distance = 4.5 * max(setup.pad.half_width, placement.bounding_radius)
+    middle = np.array([position / 2, 0.0, setup.height])
+    distance = 5.5 * max(setup.pad.half_width, placement.bounding_radius)
     if setup.loaded:
         middle, distance = np.array([0.0, 0.1, setup.height]), 0.45
-    return _cast_rays(rig.model, rig.data, middle, distance, width, height)
+    return _cast_rays(rig.model, rig.data, middle, distance, (width, height), sky)
 
 
 def _cast_rays(
-    model: mujoco.MjModel, data: mujoco.MjData, middle: NDArray[np.float64], distance: float, width: int, height: int
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    middle: NDArray[np.float64],
+    distance: float,
+    size: tuple[int, int],
+    sky: tuple[int, int, int],
 ) -> NDArray[np.uint8]:
     """What a camera sees at a distance from the middle of the picture [m], with Lambert shading."""
+    width, height = size
     level = np.cos(_ELEVATION)
     forward = np.array([level * np.cos(_AZIMUTH), level * np.sin(_AZIMUTH), np.sin(_ELEVATION)])
     right = np.cross(forward, [0.0, 0.0, 1.0])
@@ -62,6 +74,6 @@ def _cast_rays(
         model, data, camera, rays.ravel(), None, True, -1, geoms, gaps, normals.ravel(), len(rays), farthest
     )
     shade = 0.35 + 0.65 * np.clip(normals @ _LIGHT / np.linalg.norm(_LIGHT), 0.0, 1.0)
-    colours = np.where((geoms >= 0)[:, None], model.geom_rgba[geoms, :3] * shade[:, None], np.array(_SKY) / 255)
+    colours = np.where((geoms >= 0)[:, None], model.geom_rgba[geoms, :3] * shade[:, None], np.array(sky) / 255)
     image = colours.reshape(height, _OVERSAMPLING, width, _OVERSAMPLING, 3).mean(axis=(1, 3))
     return np.rint(255 * np.clip(image, 0.0, 1.0)).astype(np.uint8)

@@ -10,13 +10,14 @@ from numpy.typing import ArrayLike
 
 from belief.calibration.base import Calibration, no_probs
 from belief.calibration.table import CALIBRATIONS
-from belief.cross_validation import object_folds
+from belief.cross_validation import losses_table, object_folds
+from belief.table import Table, Tabular
 from belief.validation import labelled_logits, require_count
 
 
 @dataclass(frozen=True, eq=False)
-class Choice:
-    """Result of :func:`choose_calibration`.
+class Choice(Tabular):
+    """Result of :func:`choose_calibration`; prints as a table.
 
     >>> logits, labels = [[0.0, 1.0], [1.0, 0.0], [1.0, 0.0], [0.0, 2.0]], [0, 1, 0, 1]
     >>> choice = choose_calibration(logits, labels, object_ids=[1, 2, 3, 4], num_folds=2)
@@ -32,6 +33,10 @@ class Choice:
     calibration: Calibration
     name: str
     losses: Mapping[str, float]
+
+    def table(self) -> Table:
+        """The losses of the candidates, the least first."""
+        return losses_table("calibration", self.losses, self.name)
 
 
 def choose_calibration(
@@ -60,10 +65,13 @@ def choose_calibration(
         >>> labels = np.arange(2000) % 2
         >>> logits = 2.0 * np.eye(2)[labels] + rng.normal(size=(2000, 2)) - [0.0, 1.5]  # biased against the second
         >>> choice = choose_calibration(logits, labels, object_ids=np.arange(2000))
-        >>> {name: round(loss, 3) for name, loss in choice.losses.items()}
-        {'temperature': 0.366, 'vector': 0.193, 'structured_matrix': 0.193, 'dirichlet': 0.197}
-        >>> choice.name
-        'vector'
+        >>> print(choice)
+        calibration        NLL [nats]  chosen
+        ─────────────────────────────────────
+        vector                 0.1929  yes
+        structured_matrix      0.1930
+        dirichlet              0.1972
+        temperature            0.3661
     """
     z, y = labelled_logits(no_probs(logits), labels)
     if candidates is None:

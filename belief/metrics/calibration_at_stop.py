@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.statistics.proportion import clopper_pearson_interval
+from belief.table import Table, Tabular
 from belief.validation import Floats, as_real, checked_outcomes, unmasked
 
 
@@ -44,7 +45,7 @@ class StopScore:
 
 
 @dataclass(frozen=True)
-class CalibrationAtStop:
+class CalibrationAtStop(Tabular):
     """Stated confidence and accuracy at the stop, by number of touches; prints as a table.
 
     Attributes:
@@ -53,25 +54,34 @@ class CalibrationAtStop:
         confidence: of the intervals.
 
     >>> print(calibration_at_stop([0.9, 0.99, 0.97], [True, True, False], [1, 2, 2]))
-    touches   count  stated   right   95 % interval
-    1             1   0.900   1.000   0.025-1.000
-    2             2   0.980   0.500   0.013-0.987
-    all           3   0.953   0.667   0.094-0.992
+    touches  count  stated  right           95 %
+    ────────────────────────────────────────────
+    1            1   0.900  1.000  0.025 … 1.000
+    2            2   0.980  0.500  0.013 … 0.987
+    all          3   0.953  0.667  0.094 … 0.992
     """
 
     by_num_touches: tuple[StopScore, ...]
     overall: StopScore
     confidence: float = 0.95
 
-    def __str__(self) -> str:
-        lines = [f"touches   count  stated   right   {100 * self.confidence:g} % interval"]
-        for score in (*self.by_num_touches, self.overall):
-            name = "all" if score.num_touches is None else str(score.num_touches)
-            lines.append(
-                f"{name:<7} {score.count:>7}   {score.mean_stated:.3f}   {score.share_right:.3f}   "
-                f"{score.low:.3f}-{score.high:.3f}"
-            )
-        return "\n".join(lines)
+    def table(self) -> Table:
+        """Stated confidence and accuracy by number of touches, and over all."""
+        spec, level = ".3f", f"{100 * self.confidence:g} %"
+        return Table(
+            "",
+            ["touches", ("count", "d"), ("stated", spec), ("right", spec), (level, spec)],
+            [
+                (
+                    "all" if s.num_touches is None else str(s.num_touches),
+                    s.count,
+                    s.mean_stated,
+                    s.share_right,
+                    (s.low, s.high),
+                )
+                for s in (*self.by_num_touches, self.overall)
+            ],
+        )
 
 
 def calibration_at_stop(

@@ -14,6 +14,7 @@ from belief.metrics.null_distribution import Metric, null_quantile
 from belief.metrics.reliability import ReliabilityCurve, reliability_curve
 from belief.metrics.scores import accuracy, brier_score, negative_log_likelihood
 from belief.metrics.smooth import smooth_calibration_error
+from belief.table import Table, Tabular
 from belief.validation import checked_pair
 
 
@@ -39,7 +40,7 @@ class CalibrationError:
 
 
 @dataclass(frozen=True, eq=False)
-class CalibrationReport:
+class CalibrationReport(Tabular):
     """Scores and calibration errors of a model's probabilities; prints as a table.
 
     Attributes:
@@ -74,17 +75,15 @@ class CalibrationReport:
         plain["curve"] = {name: values.tolist() for name, values in plain["curve"].items()}
         return plain
 
-    def __str__(self) -> str:
-        lines = [
+    def table(self) -> Table:
+        """The calibration errors, under the scores."""
+        errors: dict[str, CalibrationError] = {title: getattr(self, name) for name, title in _TITLES.items()}
+        return Table(
             f"{self.num_rows} rows, accuracy {self.accuracy:.4f}, NLL {self.negative_log_likelihood:.4f} nats, "
             f"Brier {self.brier:.4f}",
-            "calibration error     value   95 % by chance",
-        ]
-        for name, title in _TITLES.items():
-            error: CalibrationError = getattr(self, name)
-            mark = "  exceeds chance" if error.exceeds_chance else ""
-            lines.append(f"{title:<19} {error.value:>7.4f}   {error.null_quantile:>14.4f}{mark}")
-        return "\n".join(lines)
+            ["calibration error", ("value", ".4f"), ("95 % by chance", ".4f", "by_chance"), ("exceeds chance", "")],
+            [(name, e.value, e.null_quantile, "yes" if e.exceeds_chance else "no") for name, e in errors.items()],
+        )
 
 
 _TITLES = {
@@ -119,11 +118,12 @@ def calibration_report(
     >>> labels = (rng.random(1000) > 0.75).astype(int)       # accuracy 75 % at any confidence
     >>> print(calibration_report(probs, labels))
     1000 rows, accuracy 0.7330, NLL 0.6672 nats, Brier 0.4448
-    calibration error     value   95 % by chance
-    ECE, equal width     0.1630           0.0260  exceeds chance
-    ECE, equal mass      0.1630           0.0291  exceeds chance
-    ECE, classwise       0.1630           0.0280  exceeds chance
-    smooth (smECE)       0.1253           0.0330  exceeds chance
+    calibration error   value  95 % by chance  exceeds chance
+    ─────────────────────────────────────────────────────────
+    ECE, equal width   0.1630          0.0260  yes
+    ECE, equal mass    0.1630          0.0291  yes
+    ECE, classwise     0.1630          0.0280  yes
+    smooth (smECE)     0.1253          0.0330  yes
     """
     p, y = checked_pair(probs, labels)
     generator = np.random.default_rng(0) if rng is None else rng

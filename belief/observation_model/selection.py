@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.bayes import update
-from belief.cross_validation import object_folds
+from belief.cross_validation import losses_table, object_folds
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.registry import Fit, fits
 from belief.problem import Touch
+from belief.table import Table, Tabular
 from belief.touch_batch import TouchBatch
 from belief.validation import Floats, require_count
 
@@ -23,8 +24,8 @@ NUM_FOLDS = 5
 
 
 @dataclass(frozen=True, eq=False)
-class ModelChoice:
-    """The chosen observation model, and the losses of all candidates.
+class ModelChoice(Tabular):
+    """The chosen observation model, and the losses of all candidates; prints as a table.
 
     Attributes:
         name: of the chosen candidate, a key of ``losses``.
@@ -35,6 +36,10 @@ class ModelChoice:
     name: str
     model: ArrayModel
     losses: Mapping[str, float]
+
+    def table(self) -> Table:
+        """The losses of the candidates, the least first."""
+        return losses_table("observation model", self.losses, self.name)
 
 
 def log_posteriors(model: ArrayModel, batch: TouchBatch) -> Floats:

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from activetouch.data.dataset import TouchSet, read_split
 from activetouch.sensor import TactileSensor
 from belief.observation_model.selection import log_posteriors
+from belief.table import Table
 from benchmarks.bayes_error.congruent import CongruentContacts
 from benchmarks.bayes_error.evidence import Evidence, log_posterior
 from benchmarks.bayes_error.findings import Findings, by_touches, chunks, log_loss, mean_of_objects, words
 from benchmarks.several_touches import first_round, in_random_orders
 from experiments.command_line.arguments import Count
 from experiments.parallel import run_tasks
-from experiments.reporting.tables import Table
 from experiments.sensor.scores import read_touches
 
 Floats = NDArray[np.float64]

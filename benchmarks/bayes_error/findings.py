@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from belief.files import write_text
 from belief.statistics import cluster_bootstrap, paired_bootstrap
-from experiments.reporting.tables import Table
+from belief.table import Table
 
 Floats = NDArray[np.float64]
 

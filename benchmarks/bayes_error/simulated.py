@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.sensor import TactileSensor
+from belief.table import Table
 from benchmarks.bayes_error.body_bank import BODIES_PER_SLICE, FORCES_PER_OFFSET, BodyBank
 from benchmarks.bayes_error.evidence import Evidence, log_posterior
 from benchmarks.bayes_error.findings import Findings, by_touches, log_loss, mean_of_objects, paired_difference, words
@@ -22,7 +23,6 @@ from benchmarks.bayes_error.touched_objects import TouchedObjects, recorded_obje
 from benchmarks.several_touches import after_touches
 from experiments.command_line.arguments import Count
 from experiments.parallel import run_tasks
-from experiments.reporting.tables import Table
 
 Floats = NDArray[np.float64]
 

@@ -38,6 +38,7 @@ NAV: dict[str, list[str]] = {
         "extending.md",
         "environments.md",
         "ppo.md",
+        "drive_a_robot.md",
         "real_touch.md",
         "formats.md",
         "scale.md",
@@ -50,6 +51,9 @@ NAV: dict[str, list[str]] = {
 FOLDERS = ("deciders", "worlds", "reference/api")
 REPOSITORY = "https://github.com/activetouch/activetouch/blob/main"
 _LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s#]*)(#[^)\s]*)?\)")
+
+
+_PICTURE = re.compile(r'<picture>.*?srcset="([^"]+)".*?src="([^"]+)".*?alt="([^"]+)".*?</picture>', re.S)
 
 
 def on_config(config: Any) -> Any:
@@ -73,7 +77,15 @@ def on_config(config: Any) -> Any:
             ]
         },
         {"Results": NAV["Results"]},
-        {"Decisions": ["decisions/index.md", "what_was_tried.md", "changelog.md", {"Records": records}]},
+        {
+            "Decisions": [
+                "decisions/index.md",
+                "what_was_tried.md",
+                "roadmap.md",
+                "changelog.md",
+                {"Records": [{"All records": records}]},
+            ]
+        },
     ]
     return config
 
@@ -93,8 +105,10 @@ def on_files(files: Any, config: Any) -> Any:
 
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
-    """Rewrite links that leave the folder."""
+    """Rewrite links that leave the folder, and put records of decisions last in searches."""
     place = page.file.src_uri
+    if place.startswith("decisions/"):
+        page.meta["search"] = {"boost": 0.3}
     origin = next((name for name, made in OF_ROOT.items() if made == place), f"docs/{place}")
 
     def link(found: re.Match[str]) -> str:
@@ -107,6 +121,7 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
             return f"{mark}[{words}]({REPOSITORY}/{path}{section or ''})"
         return f"{mark}[{words}]({relpath(inside, str(PurePosixPath(place).parent))}{section or ''})"
 
+    markdown = _PICTURE.sub(r"![\3](\2#only-light)\n![\3](\1#only-dark)", markdown)
     parts = re.split(r"(^```.*?^```)", markdown, flags=re.S | re.M)  # code stays as it is
     return "".join(part if number % 2 else _LINK.sub(link, part) for number, part in enumerate(parts))
 

@@ -43,8 +43,8 @@ def record(folder: Path) -> dict[str, Any]:
         "sensor_sha256": identity["sensor_sha256"],
         "deciders": {
             row["decider"]: {
-                "searches": int(row["searches"]),
-                "success": [float(row[name]) for name in ("success", "95 % low", "95 % high")],
+                "searches": int(row["episodes"]),
+                "success": [float(row[name]) for name in ("success", "success_low", "success_high")],
                 "touches": float(row["touches"]),
                 "return": returns[row["decider"]],
             }

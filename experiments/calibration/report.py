@@ -13,11 +13,11 @@ import numpy as np
 
 from belief.files import write_text
 from belief.metrics import CalibrationError
+from belief.table import Table
 from experiments.calibration.models import UNDISCOUNTED, ModelScores
 from experiments.calibration.targets import judge_model, judge_touches, verdict
 from experiments.calibration.touches import RAW, TouchScores
 from experiments.reporting.page import Section
-from experiments.reporting.tables import Table
 
 Scores = TypeVar("Scores", TouchScores, ModelScores)
 

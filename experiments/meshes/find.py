@@ -17,6 +17,7 @@ from belief.coarse_to_fine import CoarseToFine
 from belief.errors import InvalidArgument, UnknownName
 from belief.naming import index_of
 from belief.statistics import wilson_interval
+from belief.table import Table
 from belief.validation import Floats, require_count
 from experiments.command_line.arguments import Count
 from experiments.meshes.naming import Rule, still_possible
@@ -25,7 +26,6 @@ from experiments.meshes.result import MeshOptions, MeshResult, solids_of
 from experiments.meshes.setting import MeshSetting
 from experiments.parallel import Shared, run_tasks
 from experiments.reporting.page import Section
-from experiments.reporting.tables import Table
 
 _EACH = 16  # touches of an object, at most
 

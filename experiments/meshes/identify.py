@@ -14,6 +14,7 @@ from activetouch.solids.solid import Shape
 from belief.claims import ends_claims
 from belief.naming import index_of
 from belief.statistics import wilson_interval
+from belief.table import Table
 from experiments.command_line.arguments import Count
 from experiments.meshes.naming import Naming, Rule, name_object
 from experiments.meshes.near_twins import NearTwins, near_twins
@@ -21,7 +22,6 @@ from experiments.meshes.result import MeshOptions, MeshResult, solids_of
 from experiments.meshes.setting import MeshSetting
 from experiments.parallel import Shared, run_tasks
 from experiments.reporting.page import Section
-from experiments.reporting.tables import Table
 
 THRESHOLDS = (0.9, 0.95)
 

@@ -12,6 +12,7 @@ import tyro
 
 from activetouch.solids.solid import Shape
 from belief.claims import claim_folder
+from belief.table import Table, Tabular
 from experiments.command_line.arguments import Jobs, Positive, Seed, Share, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.meshes.naming import Rule
@@ -19,7 +20,6 @@ from experiments.meshes.near_twins import NearTwins
 from experiments.meshes.setting import MeshSetting, cost_words, read_folder, reader_of
 from experiments.parallel import default_jobs
 from experiments.reporting.page import Section, write_page
-from experiments.reporting.tables import Table
 
 COSTS = (10, 100, 1000)
 """Numbers of bodies whose cost is told before anything is computed."""
@@ -27,7 +27,7 @@ _MOST_TWINS = 20  # that are printed
 
 
 @dataclass(frozen=True, eq=False)
-class MeshResult(ABC):
+class MeshResult(Tabular, ABC):
     """Touched objects of many bodies. It prints as its table.
 
     Attributes:
@@ -53,7 +53,7 @@ class MeshResult(ABC):
         """Sections with the bodies that were still possible after each touch."""
 
     def __str__(self) -> str:
-        return "\n\n".join([*map(str, self.twins), self.table().markdown()])
+        return "\n\n".join([*map(str, self.twins), super().__str__()])
 
     def save(self, folder: Path | str) -> Path:
         """Write ``report.html``, with the bodies that were still possible after each touch, and the table as CSV.
@@ -121,9 +121,8 @@ class MeshOptions:
 
     def report(self, found: MeshResult) -> None:
         """Print the table, and write the report."""
-        console = plain_console()
-        console.print(found.table().rich())
-        console.print(f"wrote {found.save(self.out)}")
+        print(found.table())
+        print(f"wrote {found.save(self.out)}")
 
 
 def solids_of(bodies: Path | str | Sequence[Path | str] | Mapping[str, Shape], scale: float | None) -> dict[str, Shape]:

@@ -22,8 +22,8 @@ from activetouch.perception.reader import resized
 from activetouch.perception.recipe import RECIPES, TrainingRecipe
 from activetouch.scene import Scene
 from belief.metrics import ShapeScore, shape_scores
+from belief.table import Table, interval
 from experiments.paper.sliding_windows import WindowPlan, split_by_image, split_by_object
-from experiments.reporting.tables import Table, interval
 from experiments.sensor.scores import accuracy_of_objects
 from experiments.sensor.train import STATE_FILE, card_for, new_classifier, run_to_the_end
 

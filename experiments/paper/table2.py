@@ -9,7 +9,7 @@ from statistics import fmean
 from types import MappingProxyType
 
 from belief.statistics import wilson_interval
-from experiments.reporting.tables import Table, Value, interval
+from belief.table import Table, Value, interval
 from experiments.search.comparison import compare
 from experiments.search.summary import ALL
 

@@ -20,12 +20,12 @@ from activetouch.scene import Scene
 from activetouch.sensor import TactileSensor
 from activetouch.sensor_files import READER_FILE, reader_file, sensor_shift
 from belief.observation_model.rigid_body import joint_model
+from belief.table import Table
 from experiments.command_line.arguments import Count, Jobs, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs
 from experiments.press.alike import SHOWN, Alike, Likeness, alike
 from experiments.press.inventory import Item, inventory, latent
-from experiments.reporting.tables import Table
 from experiments.scene_choice import SceneChoice
 from experiments.sensor_choice import sensor_folder
 
@@ -134,7 +134,7 @@ class Explain:
         )
         console = plain_console()
         for table in found.tables():
-            console.print(table.rich())
+            print(table, end="\n\n")
         for remark in found.remarks:
             console.print(f"- {remark}")
 

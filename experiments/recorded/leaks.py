@@ -10,8 +10,8 @@ import numpy as np
 from activetouch.recorded.reader import Reading, read
 from activetouch.recorded.splits import Split, by_session
 from activetouch.recorded.touches import TaskTouches
+from belief.table import Table, Value, interval
 from experiments.recorded.order import by_session as table_by_session
-from experiments.reporting.tables import Table, Value, interval
 from experiments.sensor.scores import accuracy_of_objects
 
 ALL = "all features"

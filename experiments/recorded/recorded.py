@@ -42,7 +42,6 @@ DECIDERS = (
     "random_poses(max_touches={max_touches})",
 )
 Task = Literal["objects", "categories", "shapes"]
-_WIDTH = 136  # of the tables [characters]
 
 
 def recorded(
@@ -216,9 +215,8 @@ class Recorded:
         report = recorded(touches, self.task, name=self.format, notes=notes, save=self.save, **settings)
         for note in report.facts["notes"][len(known) :]:
             console.print(f"- {note}")
-        wide = plain_console(width=max(_WIDTH, console.width))  # rich leaves out columns for which there is no room
         for table in report.tables():
-            wide.print(table.rich())
+            print(table, end="\n\n")
         for sentence in report.verdict():
             console.print(f"- {sentence}")
         report.save(out)

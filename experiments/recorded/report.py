@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from belief.files import write_text
+from belief.table import Table, interval
 from experiments.recorded.identifying import FIXED, GAIN, RANDOM
 from experiments.recorded.leaks import doubts
 from experiments.recorded.results import Measured, by_object, num_touches, saving
-from experiments.reporting.tables import Table, interval
 
 _FEW = 6  # names in a sentence
 _MOSTLY = 0.5  # share of objects that reach the threshold, below which a mean number of touches tells little

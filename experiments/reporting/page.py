@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from belief.files import write_text
-from experiments.reporting.tables import Table
+from belief.table import Table
 
 if TYPE_CHECKING:
     from experiments.reporting.style import Picture

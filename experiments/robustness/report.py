@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypeAlias
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-from experiments.reporting.tables import Table, Value, interval
+from belief.table import Table, Value, interval
 from experiments.robustness.searches import CONFIDENCE, ROBOTS
 from experiments.robustness.strangers import FALSE_ALARMS
 from experiments.robustness.touches import AS_TRAINED
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Numbers: TypeAlias = Mapping[str, Any]
 
@@ -26,6 +31,52 @@ def robustness_tables(numbers: Numbers) -> list[Table]:
     if numbers["left_out"]:
         found.append(Table("left out", ("condition", ("because", "")), list(numbers["left_out"].items())))
     return found
+
+
+def write_robustness_page(numbers: Numbers, path: Path) -> None:
+    """Write an HTML page with the tables of a report, and a figure of what is stated and right in each condition.
+
+    Args:
+        numbers: contents of ``robustness.json``.
+        path: file to write.
+
+    Raises:
+        CannotWrite: the disk is full, or the folder cannot be written.
+    """
+    from experiments.reporting.page import Section, write_page
+    from experiments.reporting.style import Picture
+
+    found = {name: _own(row)["stops"] for name, row in numbers["conditions"].items()}
+    kept = {name: stops for name, stops in found.items() if stops and stops["stated"] is not None}
+    gaps = {name: stops["stated"] - stops["achieved"] for name, stops in kept.items()}
+    said = [f"Where an object is named at a stated probability of at least {CONFIDENCE:g}, the sensor never stops."]
+    if gaps:
+        worst = max(gaps, key=lambda name: gaps[name])
+        said = [
+            f"In {len(gaps)} conditions, objects were named at a stated probability of at least {CONFIDENCE:g}. The "
+            f"sensor overstates most in “{worst}”: it states {kept[worst]['stated']:.3f} and is right in "
+            f"{kept[worst]['achieved']:.3f}."
+        ]
+    caption = "Stated probability (open) and fraction right (filled) where an object is named, in each condition."
+    size = (6.5, 0.8 + 0.24 * len(kept))
+    drawn = [Picture("stated_and_right", caption, [partial(_draw_stops, stops=kept)], size=size)] if kept else []
+    tables = robustness_tables(numbers)
+    title = f"Changed worlds: the sensor of the scene “{numbers['scene']}”"
+    write_page(path, title, [Section("Stated and right", said, pictures=drawn), Section("Tables", tables=tables)])
+
+
+def _draw_stops(axes: Axes, stops: Mapping[str, Numbers]) -> None:
+    """Stated against right, one line for each condition, the first on top."""
+    from experiments.reporting.style import PALETTE
+
+    for place, found in enumerate(stops.values()):
+        axes.plot([found["achieved"], found["stated"]], [place, place], color="#9aa5b1", linewidth=1.5)
+        axes.plot(found["stated"], place, "o", color=PALETTE[0], markerfacecolor="none")
+        axes.plot(found["achieved"], place, "o", color=PALETTE[0])
+    axes.set_yticks(range(len(stops)), list(stops))
+    axes.invert_yaxis()
+    axes.set_xlabel("stated (open) and right (filled)")
+    axes.grid(axis="x", alpha=0.3)
 
 
 def _accuracy_table(numbers: Numbers) -> Table:

@@ -24,12 +24,11 @@ from belief.metrics import expected_calibration_error, negative_log_likelihood
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.selection import log_posteriors
 from belief.statistics import clopper_pearson_interval, paired_bootstrap
+from belief.table import Table
 from experiments.calibration.sequences import Sequences, Stops, stops
 from experiments.command_line.arguments import BadArgument, CountOrNone, Jobs, Seed, Within, check_arguments
-from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs
-from experiments.reporting.tables import Table
-from experiments.robustness.report import robustness_tables
+from experiments.robustness.report import robustness_tables, write_robustness_page
 from experiments.robustness.searches import CONFIDENCE, confidence_at_stops, search_scores
 from experiments.robustness.strangers import alarms, e_values, stranger_scores
 from experiments.robustness.touches import AS_TRAINED, ClassifierOutputs, applicable_conditions, measure_touches
@@ -58,13 +57,14 @@ class RobustnessReport:
         return "\n\n".join(table.markdown() for table in self.tables())
 
     def save(self, folder: Path) -> None:
-        """Write robustness.json and tables (robustness.md) into a folder.
+        """Write report.html, tables (robustness.md) and robustness.json into a folder.
 
         Raises:
             CannotWrite: the disk is full, or the folder cannot be written.
         """
         write_text(folder / "robustness.json", json.dumps(self.numbers, indent=1) + "\n")
         write_text(folder / "robustness.md", f"{self}\n")
+        write_robustness_page(self.numbers, folder / "report.html")
 
 
 def robustness(
@@ -131,7 +131,7 @@ def robustness(
 class Robustness:
     """Measure a sensor under faults, other objects, other presses and unknown shapes.
 
-    Writes robustness.json and tables (robustness.md).
+    Writes a page (report.html), tables (robustness.md) and robustness.json.
 
     For example:
 
@@ -185,9 +185,9 @@ class Robustness:
             jobs=self.jobs,
         )
         for table in found.tables():
-            plain_console().print(table.rich())
+            print(table, end="\n\n")
         found.save(out)
-        print(f"wrote {out}")
+        print(f"wrote {out / 'report.html'}")
 
 
 def condition_scores(

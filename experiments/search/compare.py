@@ -12,6 +12,7 @@ from typing import Annotated, Any
 import tyro
 
 from belief.files import require_regular_file, unsealed_json
+from belief.table import Table
 from experiments.command_line.arguments import (
     BadArgument,
     Count,
@@ -20,16 +21,12 @@ from experiments.command_line.arguments import (
     Seed,
     require_types,
 )
-from experiments.command_line.console import plain_console
 from experiments.command_line.trust import Trust
 from experiments.parallel import default_jobs
-from experiments.reporting.tables import Table
 from experiments.scene_choice import in_file_names
 from experiments.search.comparison import DEFAULT_DECIDERS, Comparison, compared, prepared
 from experiments.search.run import Run, merge
 from experiments.search.setting import Setting
-from experiments.search.tables import terminal_table
-from experiments.search.verdict import short_names
 from experiments.sensor_commands import command
 from planners.registry import DECIDERS
 
@@ -133,17 +130,16 @@ class Compare:
         if self.config is not None:
             asked, recorded = self._names(), Compare.from_config(self.config)._names()
             Trust(self.config, everything=self.trust).require(name for name in recorded if name in asked)
-        part, console = self._part(), plain_console()
+        part = self._part()
         if part[1] > 1:
             self._played(part)
             union = self.folder.with_name(f"{self.folder.name}-all")
             again = command("compare", "--merge", self.folder, "OTHER_FOLDERS", out=union)
-            console.print(f"{self.folder} holds part {self.part}. When all are finished:\n{again}", soft_wrap=True)
+            print(f"{self.folder} holds part {self.part}. When all are finished:\n{again}")
             return
         comparison = self.play()
         page = comparison.save(self.folder)
-        spoken = comparison.renamed(short_names(comparison.deciders)[0])
-        _say([terminal_table(spoken, console.width)], comparison.verdict(), page)
+        _say([comparison], comparison.verdict(), page)
 
     def _compare_results(self) -> None:
         """Compare files of results; nothing is played."""
@@ -196,11 +192,10 @@ class Compare:
         return int(found[1]) - 1, int(found[2])
 
 
-def _say(tables: Sequence[Table], verdict: Sequence[str], page: Path) -> None:
+def _say(tables: Sequence[Table | Comparison], verdict: Sequence[str], page: Path) -> None:
     """Print tables, sentences, and where the report is."""
-    console = plain_console()
     for table in tables:
-        console.print(table.rich())
+        print(table, end="\n\n")
     for sentence in verdict:
-        console.print(textwrap.fill(sentence, 78))
-    console.print(f"report: {page}", soft_wrap=True)
+        print(textwrap.fill(sentence, 78))
+    print(f"report: {page}")

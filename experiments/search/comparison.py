@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import io
 import json
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -19,8 +19,8 @@ from activetouch.sensor_files import POLICIES
 from belief.errors import UnknownName
 from belief.files import require_writable
 from belief.observation_model.rigid_body import joint_model
+from belief.table import Table, Tabular
 from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments, check_value
-from experiments.command_line.console import plain_console
 from experiments.parallel import Shared, run_tasks
 from experiments.scene_choice import SceneChoice, as_named
 from experiments.search.certificate import certified_players, opened, with_unsure
@@ -30,7 +30,7 @@ from experiments.search.run import Run
 from experiments.search.run_folder import ORACLE, RunFolder, read_episode
 from experiments.search.setting import Setting
 from experiments.search.summary import Summary
-from experiments.search.tables import terminal_table
+from experiments.search.tables import results_table, terminal_table
 from experiments.search.verdict import short_names, verdict_sentences
 from experiments.sensor_choice import require_policies
 from planners import Decider, make_decider
@@ -43,7 +43,7 @@ DEFAULT_DECIDERS = ("information_gain", "point_based", "threshold", "random_conf
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison(Summary):
+class Comparison(Summary, Tabular):
     """A finished comparison; ``print(comparison)`` shows its table.
 
     Attributes:
@@ -52,37 +52,29 @@ class Comparison(Summary):
 
     run: Run | None = field(default=None, kw_only=True)
 
+    def table(self) -> Table:
+        """The table that is printed, with all columns; printed, it leaves out those for which there is no room."""
+        return self._table(10_000)
+
     def __str__(self) -> str:
-        spoken, text = self.renamed(short_names(self.deciders)[0]), io.StringIO()
-        plain_console(text, width=100).print(terminal_table(spoken, 100).rich())
-        return text.getvalue()
+        return str(self._table(shutil.get_terminal_size().columns))
 
     __repr__ = __str__
 
-    def rows(self) -> Any:
-        """Results by decider and target as a pandas ``DataFrame``, or as a list of records where pandas is missing."""
-        records = [
-            {
-                "decider": decider,
-                "target": target,
-                "episodes": cell.num_episodes,
-                "success": cell.success,
-                "success_low": cell.success_interval[0],
-                "success_high": cell.success_interval[1],
-                "wrong": cell.wrong,
-                "none": cell.none,
-                "truncated": cell.truncated,
-                "unsure": cell.unsure,
-                "touches": cell.touches,
-                "return": cell.reward,
-            }
-            for (decider, target), cell in self.cells.items()
-        ]
-        try:
-            import pandas  # type: ignore[import-untyped]
-        except ImportError:
-            return records
-        return pandas.DataFrame(records)
+    def _table(self, width: int) -> Table:
+        return terminal_table(self.renamed(short_names(self.deciders)[0]), width)
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Results by decider and target, unrounded, and by decider over all targets: ``pandas.DataFrame`` takes them.
+
+        Names: decider, target, episodes, success, success_low, success_high, wrong, none, truncated, unsure, touches,
+        touches_median, touches_90, touches_most, return, prob_best.
+        """
+        return results_table(self).records()
+
+    def to_latex(self) -> str:
+        """The table as a LaTeX ``tabular``, with the rules of the package booktabs, without times."""
+        return self.table().without(["ms/touch"]).latex()
 
     def verdict(self) -> list[str]:
         """Sentences: which decider is best, what differs significantly, and whether stated confidence is kept."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -66,6 +66,7 @@ def write_page_of(run: RunFolder, comparison: Summary, searches: Searches, verdi
     chosen = choose(comparison)
     bodies = Bodies.of(searches.sensor, pixels=48, draws=24) if chosen else None
     stories, left_out = _stories([_story(searches, decider, episode, bodies) for decider, episode in chosen])
+    num_linked = 2 * bool(where_two_differ(comparison)) if len(stories) > 1 else 0
     write_page(
         path,
         f"Searching by touch in the scene “{searches.scene_name}”",
@@ -74,12 +75,14 @@ def write_page_of(run: RunFolder, comparison: Summary, searches: Searches, verdi
         comparison=comparison,
         composition=getattr(comparison.problem.composition, "value", comparison.problem.composition),
         verdict=[*shift_sentences(searches.sensor.shift), *verdict],
-        stories=stories,
+        linked=stories[:num_linked],
+        stories=stories[num_linked:],
         left_out=left_out,
         run=run.read_run(),
         again=command("compare", config=folder / "run.json"),
         replay=command("replay", folder=folder, decider="NAME", target="SHAPE", number="N", out="search.png"),
-        also=["Some searches, touch by touch", "How this was made"],
+        before=["One search, touch by touch"] * bool(num_linked),
+        also=["More searches"] * (len(stories) > num_linked) + ["How this was made"],
         seed=searches.seed,
         longest_label=max(map(len, comparison.problem.shape_labels)),
     )
@@ -101,11 +104,19 @@ def _sections(comparison: Summary, folder: Path) -> list[Section]:
 
 @dataclass(frozen=True)
 class Story:
-    """A search, as displayed on the page: title, whether it succeeded, and the values of a panel per decision."""
+    """A search, as displayed on the page.
+
+    Attributes:
+        title: who searches for what, and how it ended.
+        success: whether it succeeded.
+        panels: values of a panel for each decision.
+        scale: value that the brightest colour of the touch images stands for; None for images in colour.
+    """
 
     title: str
     success: bool
     panels: list[dict[str, Any]]
+    scale: int | None = None
 
     @property
     def num_bytes(self) -> int:
@@ -155,11 +166,16 @@ def _story(searches: Searches, decider: str, episode: Episode, bodies: Bodies | 
     verdict = "success" if episode.success else _FAILURES[episode.outcome]
     sought = f"{decider} searches for a {problem.shape_labels[episode.target]}"
     title = f"{sought}: {verdict}, {episode.num_touches} touches (episode {episode.seed[-1]})"
-    panels = [_panel(problem, episode, frame, bodies) for frame in replay(searches.sensor, problem, episode)]
-    return Story(title, bool(episode.success), panels)
+    frames = replay(searches.sensor, problem, episode)
+    largest = [int(frame.image.max()) for frame in frames if frame.image is not None and frame.image.ndim == 2]
+    scale = max(1, *largest) if largest else None
+    panels = [_panel(problem, episode, frame, bodies, scale) for frame in frames]
+    return Story(title, bool(episode.success), panels, scale)
 
 
-def _panel(problem: SearchProblem, episode: Episode, frame: Frame, bodies: Bodies | None) -> dict[str, Any]:
+def _panel(
+    problem: SearchProblem, episode: Episode, frame: Frame, bodies: Bodies | None, scale: int | None
+) -> dict[str, Any]:
     labels, body = problem.shape_labels, None
     if bodies is not None and frame.evidence is not None and frame.image is not None:
         [(label, prob, picture)] = bodies.likeliest(frame.evidence, frame.posterior, 1)
@@ -170,14 +186,38 @@ def _panel(problem: SearchProblem, episode: Episode, frame: Frame, bodies: Bodie
         "alt": f"touch image; belief: {belief_in_words(bars)}",
         "heading": f"object {frame.step.object_index + 1}, a {labels[frame.shape]}",
         "action": action_words(frame.step.decision.action, problem),
-        "picture": None if frame.image is None else _picture(frame.image),
+        "picture": None if frame.image is None else _picture(frame.image, scale),
         "bars": bars,
-        "scores": [(name, f"{value:.3f}") for name, value in frame.step.decision.scores.items()],
+        "scores": scores_in_words(frame.step.decision.scores),
     }
 
 
-def _picture(image: NDArray[np.uint8]) -> str:
-    colours = image if image.ndim == 3 else (colormaps["magma"](image)[:, :, :3] * 255).astype(np.uint8)
+_SCORES = {
+    "target_prob": "probability of the target",
+    "value": "expected return",
+    "value_confirm": "expected return of confirming",
+    "value_reject": "expected return of rejecting",
+}
+
+
+def scores_in_words(scores: Mapping[str, float]) -> str:
+    """The scores of a decision, as the page says them.
+
+    >>> scores_in_words({"target_prob": 0.25, "gain_z45": 0.304, "gain_front": 0.3})
+    'probability of the target 0.250; expected information [nats]: z45 0.304, front 0.300'
+    """
+    gains = [f"{name.removeprefix('gain_')} {value:.3f}" for name, value in scores.items() if name.startswith("gain_")]
+    said = [
+        f"{_SCORES.get(name, name.replace('_', ' '))} {value:.3f}"
+        for name, value in scores.items()
+        if not name.startswith("gain_")
+    ]
+    return "; ".join([*said, f"expected information [nats]: {', '.join(gains)}"] if gains else said)
+
+
+def _picture(image: NDArray[np.uint8], scale: int | None = None) -> str:
+    shades = image / (scale or 255)
+    colours = image if image.ndim == 3 else (colormaps["magma"](shades)[:, :, :3] * 255).astype(np.uint8)
     buffer = io.BytesIO()
     Image.fromarray(colours[::-1]).quantize(64).save(buffer, format="PNG", optimize=True)
     return data_uri(buffer.getvalue(), "image/png")

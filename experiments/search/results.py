@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 from belief.files import plain_number, require_regular_file
 from belief.statistics import McNemar, mcnemar_test, paired_bootstrap, wilson_interval
 from belief.statistics.power import LEVEL, episodes_for_success, holm
+from belief.table import Table, Value, interval
 from experiments.command_line.arguments import BadArgument
 from experiments.reporting.page import Section, write_page
-from experiments.reporting.tables import Table, Value, interval
 from experiments.search.summary import ALL
 
 NEEDED = ("seed", "task", "success")

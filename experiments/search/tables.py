@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from experiments.command_line.console import plain_console
-from experiments.reporting.tables import Table, Value
+from belief.table import Table, Value
 from experiments.search.summary import ALL, Summary
 from experiments.search.verdict import ENOUGH
 
@@ -16,8 +15,9 @@ _DROPPED = ("ms/touch", "none", "wrong", "95 %", "touches")  # columns to omit o
 
 def comparison_tables(comparison: Summary) -> list[Table]:
     """All tables of a comparison."""
+    results = results_table(comparison)
     return [
-        _results(comparison),
+        results if comparison.is_selective else results.without(["unsure"]),
         _differences(comparison),
         _stated_confidence(comparison),
         *([_abstention(comparison), _selective_risk(comparison)] if comparison.is_selective else []),
@@ -25,7 +25,8 @@ def comparison_tables(comparison: Summary) -> list[Table]:
     ]
 
 
-def _results(comparison: Summary) -> Table:
+def results_table(comparison: Summary) -> Table:
+    """Results of every decider for every target, and for all of them."""
     rows = []
     for decider in comparison.deciders:
         for target in [*comparison.targets, ALL]:
@@ -36,13 +37,13 @@ def _results(comparison: Summary) -> Table:
             rows.append(
                 (decider, target, cell.num_episodes, cell.success, cell.success_interval, *counts, *touched, *returned)
             )
-    table = Table(
+    return Table(
         "Success by target",
         [
-            *("decider", ("target", ""), ("searches", "d"), ("success", ".3f"), ("95 %", ".3f")),
-            *(("wrong", "d"), ("none", "d"), ("cut off", "d"), ("unsure", "d")),
-            *(("touches", ".2f"), ("half ≤", "d"), ("90 % ≤", "d"), ("most", "d")),
-            *(("return", ".3f"), ("P(best)", ".3f")),
+            *("decider", ("target", ""), ("searches", "d", "episodes"), ("success", ".3f"), ("95 %", ".3f")),
+            *(("wrong", "d"), ("none", "d"), ("cut off", "d", "truncated"), ("unsure", "d"), ("touches", ".2f")),
+            *(("half ≤", "d", "touches_median"), ("90 % ≤", "d", "touches_90"), ("most", "d", "touches_most")),
+            *(("return", ".3f"), ("P(best)", ".3f", "prob_best")),
         ],
         rows,
         "Wilson intervals. Wrong: the decider confirmed an object of another shape. None: it rejected every object "
@@ -52,7 +53,6 @@ def _results(comparison: Summary) -> Table:
         "per touch. P(best): fraction of bootstrap resamples of the episodes in which the mean return is the highest.",
         "results",
     )
-    return table if comparison.is_selective else table.without(["unsure"])
 
 
 def _differences(comparison: Summary) -> Table:
@@ -66,9 +66,9 @@ def _differences(comparison: Summary) -> Table:
     return Table(
         f"Difference from {comparison.reference} on the same episodes",
         [
-            *("decider", ("success", "+.3f"), ("95 % ", "+.3f")),
+            *("decider", ("success", "+.3f"), ("95 %", "+.3f")),
             *(("only this succeeds", "d"), ("only the reference", "d"), ("p", ".2g"), ("searches needed", ",d")),
-            *(("touches", "+.2f"), ("95 %  ", "+.2f"), ("return", "+.3f"), ("95 %   ", "+.3f")),
+            *(("touches", "+.2f"), ("95 %", "+.2f"), ("return", "+.3f"), ("95 %", "+.3f")),
         ],
         rows,
         "Mean differences with 95 % bootstrap intervals over pairs, which are too narrow for fewer than "
@@ -141,13 +141,13 @@ def _abstention(comparison: Summary) -> Table:
             *("decider", ("searches", "d"), ("success", ".3f"), ("wrong", ".3f"), ("95 %", ".3f")),
             *(
                 ("unsure", ".3f"),
-                ("95 % ", ".3f"),
+                ("95 %", ".3f"),
                 ("conflict", "d"),
                 ("doubtful", "d"),
                 ("suspicious", "d"),
                 ("touch limit", "d"),
             ),
-            *(("answered", "d"), ("stated", ".3f"), ("right", ".3f"), ("95 %  ", ".3f")),
+            *(("answered", "d"), ("stated", ".3f"), ("right", ".3f"), ("95 %", ".3f")),
         ],
         rows,
         "Fractions of all searches with Clopper-Pearson intervals: success, wrong answer, “I do not know” (unsure). "
@@ -189,8 +189,8 @@ def terminal_table(comparison: Summary, width: int = 80) -> Table:
     """
     whole, omitted = _terminal_rows(comparison), 0
     whole = whole if comparison.is_selective else whole.without(["unsure"])
-    table, console = whole, plain_console(width=10_000)
-    while omitted < len(_DROPPED) and console.measure(table.rich()).maximum > width:
+    table = whole
+    while omitted < len(_DROPPED) and max(map(len, table.text(10_000).splitlines())) > width:
         omitted += 1
         table = whole.without(_DROPPED[:omitted])
     last = f"Omitted: {', '.join(_DROPPED[:omitted])}" if omitted else "ms/touch = physics+network+decision"

@@ -31,11 +31,10 @@ from belief.observation_model.registry import Fit, fit_named, fits, require_read
 from belief.observation_model.selection import NUM_FOLDS, ModelChoice, choose_observation_model, log_posteriors
 from belief.problem import Floats
 from belief.statistics import clopper_pearson_interval
+from belief.table import Table, Tabular
 from belief.touch_batch import TouchBatch
 from experiments.command_line.arguments import BadArgument, Count, Seed, check_arguments
-from experiments.command_line.console import plain_console
 from experiments.command_line.trust import Trust
-from experiments.reporting.tables import Table
 from experiments.scene_choice import SceneChoice, in_file_names, named_scene, repeats_folder, training_folder
 from experiments.sensor.scores import accuracy_of_objects, read_touches
 from experiments.sensor_choice import NoSensor, open_collection, require_collection
@@ -102,7 +101,7 @@ class Calibrate:
         scene = scene_of(manifest, Trust(data, [self.scene], self.trust))
         found = calibrate(reader, data, scene, models, self.hypotheses, self.seed)
         found.save(out)
-        plain_console().print(str(found), found.table().rich(), sep="\n")
+        print(found, found.table(), sep="\n\n")
         if manifest.plan.repeats == 1:
             print(
                 "No object was touched twice in a pose, so how far touches repeat each other is an assumption. To "
@@ -112,7 +111,7 @@ class Calibrate:
 
 
 @dataclass(frozen=True, eq=False)
-class Calibration:
+class Calibration(Tabular):
     """A reader with its observation model, and how good both are on objects that neither was fitted to.
 
     Attributes:

@@ -12,8 +12,8 @@ import numpy as np
 
 from belief.files import write_text
 from belief.statistics import paired_bootstrap
+from belief.table import Table, Value, interval
 from experiments.reporting.page import Section, write_page
-from experiments.reporting.tables import Table, Value, interval
 from experiments.tradeoff.configuration import SHARES
 from experiments.tradeoff.measure import Measured, sensor_of
 from experiments.tradeoff.picks import Front, fronts, picks

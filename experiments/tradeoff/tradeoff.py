@@ -20,7 +20,6 @@ from experiments.command_line.arguments import (
     Share,
     check_arguments,
 )
-from experiments.command_line.console import plain_console
 from experiments.parallel import run_tasks
 from experiments.scene_choice import repeats_folder
 from experiments.tradeoff.configuration import SHARES, VARIED, Configuration, Network, shipped_networks, sweep
@@ -85,11 +84,10 @@ class Tradeoff:
         points = measure_all(self._configurations(), self.out, self.jobs)
         found = TradeoffReport(points, self.out, self.success, self.milliseconds)
         found.save(self.out)
-        console = plain_console()
         for table in found.short_tables():
-            console.print(table.rich())
+            print(table, end="\n\n")
         for line in found.sentences():
-            console.print(line, soft_wrap=True)
+            print(line)
         print(f"wrote {self.out}/report.html, tradeoff.md, .json, .csv, .svg and .png")
 
     def _configurations(self) -> list[Configuration]:

@@ -314,6 +314,9 @@ def test_the_report_does_not_depend_on_the_number_of_workers(tmp_path):
     assert set(numbers["unseen"]) > {"torus", "wedge", "all"}
     assert numbers["unseen"]["all"]["num_objects"] == 16
     assert (tmp_path / "robustness.md").read_text().count("\n| noise × 2 |") >= 2
+    page = (tmp_path / "report.html").read_text()
+    assert "it states" in page
+    assert page.count("noise × 2") >= 3
 
 
 def test_an_accuracy_below_chance_is_not_chance(model):

@@ -83,7 +83,7 @@ def test_python_and_the_command_line_play_the_same_and_a_comparison_prints_gives
     assert found.deciders == list(names)
     assert "own_parts:Mine" in str(found)
     assert "1 live searches per decider and target" in repr(found)
-    assert list(found.rows()["decider"]) == list(names) * 2
+    assert [row["decider"] for row in found.rows()] == [name for name in names for _ in ("sphere", "all")]
     assert any("no-touch baseline" in sentence for sentence in found.verdict())
     assert found.save(tmp_path / "python") == tmp_path / "python" / "report.html"
     for file in ("episodes.jsonl", "tables/results.csv"):

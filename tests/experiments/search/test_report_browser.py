@@ -44,6 +44,7 @@ addEventListener("load", () => {
   on.click();
   seen.on = shown();
   seen.label = story.querySelector("output").textContent;
+  seen.linked = [...story.parentElement.querySelectorAll("output")].map((label) => label.textContent.slice(0, 6));
   on.dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowRight", bubbles: true }));
   seen.right = shown();
   on.dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowLeft", bubbles: true }));
@@ -65,7 +66,7 @@ addEventListener("load", () => {
   const field = document.querySelector(".filter"), table = field.nextElementSibling;
   const rows = () => [...table.querySelectorAll("tbody tr")].filter((row) => !row.hidden).length;
   const all = rows();
-  field.value = "information_gain";
+  field.value = "row 7";
   field.dispatchEvent(new Event("input"));
   seen.filtered = [all, rows()];
   seen.lost = [...document.querySelectorAll("nav a")].filter((a) => !document.querySelector(a.hash)).length;
@@ -95,7 +96,9 @@ def report(tmp_path_factory):
         out=folder,
         jobs=1,
     ).play()
-    return comparison.save(folder).read_text()
+    html = comparison.save(folder).read_text()
+    rows = "".join(f"<tr><td>row {number}</td></tr>" for number in range(1, 32))  # enough to filter
+    return html.replace("<h2", f'<div class="scroll"><table><tbody>{rows}</tbody></table></div><h2', 1)
 
 
 def look(html, folder, width):
@@ -127,7 +130,8 @@ def test_the_report_steps_fits_and_logs_no_error(report, tmp_path, width):
     assert seen["whole"] == last + 1
     assert (seen["playing"], seen["paused"]) == (["pause", "0"], "play")
     assert (seen["unnamed"], seen["lost"]) == (0, 0)
-    assert 0 < seen["filtered"][1] < seen["filtered"][0]
+    assert seen["filtered"] == [31, 1]
+    assert seen["linked"] == ["step 2", "step 2"]
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from scipy import stats
 from belief import Belief, Confirm, Probe, Reject, SearchProblem, Touch, Unsure
 from belief.statistics import clopper_pearson_interval, wilson_interval
 from belief.statistics.power import episodes_for_success
-from experiments.reporting.tables import Table
+from belief.table import Table
 from experiments.search.paired import prob_best
 from experiments.search.play import Seconds
 from experiments.search.summary import Summary, calibration_of_confirmations, summarise
@@ -167,12 +167,14 @@ def test_every_table_has_as_many_values_as_headings_and_reads_back_exactly(rng):
     )
     for table in comparison_tables(comparison):
         assert {len(row) for row in table.cells()} <= {len(table.columns)}, table.name
-        assert len(set(table.headings)) == len(table.headings), table.name
         rows = list(csv.DictReader(io.StringIO(table.csv())))
-        assert len(rows) == len(table.rows)
+        assert len(rows) == len(table.rows) == len(table.records())
+        names = table.csv().partition("\n")[0].split(",")
+        assert len(set(names)) == len(names), table.name
+        assert all([*record] == names for record in table.records())
         assert all(None not in row and None not in row.values() for row in rows), table.name
     [row, *_] = csv.DictReader(io.StringIO(comparison_tables(comparison)[0].csv()))
-    assert float(row["95 % low"]) == wilson_interval(7, 8)[0]
+    assert float(row["success_low"]) == wilson_interval(7, 8)[0]
 
 
 def test_every_table_has_the_numbers_of_the_comparison(rng):
@@ -210,7 +212,7 @@ def test_every_table_has_the_numbers_of_the_comparison(rng):
 def test_nothing_to_tell_is_a_dash_for_readers_and_empty_for_machines():
     table = Table("S", [("who", ""), ("x", ".2f"), ("95 %", ".1f")], [("a", None, None), ("b", 1 / 3, (0.1, 0.2))])
     assert table.cells() == [["a", "–", "–"], ["b", "0.33", "0.1 … 0.2"]]
-    assert table.csv().splitlines() == ["who,x,95 % low,95 % high", "a,,,", f"b,{1 / 3},0.1,0.2"]
+    assert table.csv().splitlines() == ["who,x,x_low,x_high", "a,,,", f"b,{1 / 3},0.1,0.2"]
 
 
 def test_the_floor_is_the_mean_over_the_targets_asked_for(rng):

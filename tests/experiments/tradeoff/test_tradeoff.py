@@ -142,7 +142,7 @@ def test_the_report_says_of_each_configuration_what_was_measured(tmp_path):
     assert [row["configuration"] for row in rows] == [  # scene after scene, the fastest first
         one.configuration.name for one in (base, better, fewer, other)
     ]
-    against = {row["configuration"]: row["minus default"] for row in rows}
+    against = {row["configuration"]: row["minus_default"] for row in rows}
     assert against[base.configuration.name] == "default"
     assert against[better.configuration.name].startswith("'+0.025 [+0.0")  # no formula
     assert against[fewer.configuration.name] == "–"  # it played fewer searches
