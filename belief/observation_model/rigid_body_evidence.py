@@ -151,8 +151,9 @@ class RigidBodyEvidence:
     @cached_property
     def conflict(self) -> ObjectConflict | None:
         """Test that the touches come from the world that the model was fitted to; None if the model has none."""
-        found = self.tested
-        for felt in self.waiting if found is not None else ():
+        if (found := self.tested) is None:
+            return None
+        for felt in self.waiting:
             surprise = float(misfit(felt.scores, felt.before, felt.after))
             found = found.update(felt.embedding, surprise, float(largest_posterior(felt.before)))
         return found
