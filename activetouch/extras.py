@@ -6,19 +6,20 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from importlib.util import find_spec
 from types import MappingProxyType
 
-from belief.errors import MissingPackage
+from belief.errors import MissingPackage, install_command
 
 EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "train": ("torch", "transformers", "onnx", "onnxscript"),
         "rl": ("gymnasium", "stable_baselines3", "torch"),
         "contrib": ("sb3_contrib",),
-        "pomdp": ("pomdp_py",),
-        "recorded": ("sklearn",),
+        "tensorboard": ("tensorboard",),
+        "recorded": ("sklearn",),  # of examples
         "formats": ("pyarrow", "mcap"),
     }
 )
@@ -39,12 +40,18 @@ def require_extra(extra: str) -> None:
         raise missing_package(missing, extra)
 
 
+def script_needs(extra: str) -> None:
+    """:func:`require_extra` for the first line of a script, which then ends with the message and no traceback."""
+    try:
+        require_extra(extra)
+    except MissingPackage as error:
+        sys.exit(str(error))
+
+
 def missing_package(modules: list[str], extra: str) -> MissingPackage:
     """The error to raise where modules of an extra are missing."""
     what = " and ".join(filter(None, [", ".join(modules[:-1]), modules[-1]]))
-    return MissingPackage(
-        f"{what} {'is' if len(modules) == 1 else 'are'} not installed: pip install 'activetouch[{extra}]'"
-    )
+    return MissingPackage(f"{what} {'is' if len(modules) == 1 else 'are'} not installed: {install_command(extra)}")
 
 
 def extra_of(module: str) -> str | None:

@@ -32,7 +32,7 @@ from activetouch.hypotheses import Bodies, member_shares, sizes
 from activetouch.mesh_source import MeshSource
 from activetouch.orientations import Presentation, Tumbled
 from activetouch.placement import Placement, WorldObject
-from activetouch.poses import POSE_SETS, POSES, Quaternion, checked_aims, require_unit
+from activetouch.poses import POSE_SETS, POSES, Quaternion, checked_aims, require_unit, to_matrix
 from activetouch.pressing.contact import Contact, PressedObject, missed
 from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.pad import Pad
@@ -44,7 +44,7 @@ from activetouch.rendering.renderer import require_image, require_renderer
 from activetouch.shapes import SHAPES
 from activetouch.solids.family import Family
 from activetouch.solids.mirror import is_own_mirror_image
-from activetouch.solids.solid import Shape
+from activetouch.solids.solid import Shape, require_hash
 from activetouch.solids.twins import warn_of_twins
 from belief.errors import InvalidArgument, UnknownName
 from belief.naming import Name, few, index_of, one_line
@@ -148,7 +148,7 @@ class Scene:
             raise InvalidArgument(f"height must be a finite number [m], got {self.height!r}")
         if getattr(self.press_model, "moves", False):  # in a MuJoCo model, which is kept by its shape
             for label, solid in self.solids.items():
-                _require_hash(label, solid)
+                require_hash(label, solid)
         warn_of_twins(self.solids, self.variation.size.support)
 
     def __eq__(self, other: object) -> bool:
@@ -206,9 +206,11 @@ class Scene:
 
     @property
     def image_shape(self) -> tuple[int, ...]:
-        """Of one image, ``(H, W)`` or ``(H, W, 3)``; with a hand of m fingers, W is that of m pads."""
+        """Of one image, ``(H, W)`` or ``(H, W, 3)``; of a grasp as :meth:`activetouch.hand.Hand.joined` makes it."""
         height, width, *channels = self.image(missed(self.pad)).shape
-        return height, width * (1 if self.hand is None else len(self.hand)), *channels
+        if self.hand is not None:
+            width = len(self.hand) * (width + (self.hand.travel is not None))
+        return height, width, *channels
 
     @property
     def fingers(self) -> tuple[Scene, ...]:
@@ -260,7 +262,7 @@ class Scene:
 
         Args:
             shape: its label or index.
-            rng: of its size, surface and orientation, then of its proportions.
+            rng: of its size, surface and orientation, then of its proportions, and of its position if a hand keeps it.
 
         Raises:
             UnknownName: the scene has no shape of that name.
@@ -269,7 +271,10 @@ class Scene:
         vary = self.variation
         scale, friction, stiffness = vary.size.sample(rng), vary.friction.sample(rng), vary.stiffness.sample(rng)
         rest, family = self.presentation.rest(rng), self.families.get(self.shape_labels[shape_index])
-        return WorldObject(shape_index, scale, rest, friction, stiffness, family.sample(rng) if family else None)
+        member = family.sample(rng) if family else None
+        is_kept = self.hand is not None and self.hand.offset == "kept"
+        offset = np.array([vary.offset.sample(rng) for _ in range(3)]) if is_kept else None
+        return WorldObject(shape_index, scale, rest, friction, stiffness, member, offset)
 
     def bodies(self, shape: Name, shares: NDArray[np.float64]) -> tuple[tuple[Shape, ...], NDArray[np.int64]]:
         """The solids of hypotheses of a shape, and which of them each hypothesis has.
@@ -357,7 +362,7 @@ class Scene:
         require_count("attempts", attempts)
         force_rng = rng if force_rng is None else force_rng
         if self.hand is not None:
-            return self._grasp(self.hand, self.place(obj, pose, rng), rng, force_rng)
+            return self._grasp(self.hand, obj, pose, rng, force_rng)
         for num_unsettled in range(attempts):
             placement = self.place(obj, pose, rng)
             try:
@@ -373,28 +378,21 @@ class Scene:
         raise UnstablePress(f"none of {attempts} presses for one touch settled; the last one: {last}") from last
 
     def _grasp(
-        self, hand: Hand, placement: Placement, rng: np.random.Generator, force_rng: np.random.Generator
+        self, hand: Hand, obj: WorldObject, pose: Name, rng: np.random.Generator, force_rng: np.random.Generator
     ) -> PressedObject:
         """Close all fingers on a body in the palm: their images, side by side."""
-        depth = self.variation.offset.sample(rng) if len(hand) > 1 else 0.0
-        met, force = hand.placements(placement, depth), self.variation.force.sample(force_rng)
+        in_palm = self.place(obj, pose, rng)
+        depth = self.variation.offset.sample(rng) if len(hand) > 1 or hand.travel is not None else 0.0
+        if obj.offset is not None:
+            index = index_of("pose", self.pose_labels, pose)
+            depth, *across = to_matrix(self.rotations[self.pose_labels[index]]) @ obj.offset
+            in_palm = replace(in_palm, offset=self.aim_offsets[index] + across)
+        met, force = hand.placements(in_palm, depth), self.variation.force.sample(force_rng)
         each = zip(met, hand.forces * force, strict=True)
         contacts = tuple(self.press_model.press(self.setup, some, float(part)) for some, part in each)
         ideals = [self.image(contact) for contact in contacts]
-        image = np.concatenate([read_out(ideal, self.faults, rng) for ideal in ideals], axis=1)
-        return PressedObject(contacts[0], image, 0, placement, np.concatenate(ideals, axis=1), contacts)
-
-
-def _require_hash(label: str, solid: Shape) -> None:
-    """Check that a shape has a hash.
-
-    Raises:
-        BadMesh: it has none.
-    """
-    try:
-        hash(solid)
-    except TypeError as error:
-        raise BadMesh(
-            f"the shape {label!r} has no hash ({error}), and a press in MuJoCo finds its model by it; make "
-            f"{type(solid).__name__} a frozen dataclass of numbers and tuples"
-        ) from error
+        images, stops = [read_out(ideal, self.faults, rng) for ideal in ideals], np.zeros(len(hand))
+        if hand.travel is not None:
+            stops = rng.normal(hand.stops(met, contacts, (depth, *in_palm.offset)), hand.travel)
+        image, ideal = hand.joined(images, stops), np.concatenate(ideals, axis=1)
+        return PressedObject(contacts[0], image, 0, in_palm, ideal, contacts)

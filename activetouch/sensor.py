@@ -306,7 +306,6 @@ class RecordedSensor(TactileSensor):
 
         Raises:
             BadRecording: the task has too few labels, objects or touches.
-            MissingPackage: scikit-learn is not installed.
         """
         from activetouch.recorded import check_recorded
         from activetouch.recorded.reader import read

@@ -94,28 +94,25 @@ def _log_marginals(weights: Floats, bag: tuple[int, ...]) -> Floats:
         return np.log(fast)
 
 
-def prob_shape_absent(
-    log_weights: ArrayLike, counts: Sequence[int] | None, shape: int, among: NDArray[np.bool_]
-) -> float:
-    """Probability that none of the selected objects has a shape.
+def prob_shape_absent(log_weights: ArrayLike, counts: Sequence[int] | None, shape: int) -> float:
+    """Probability that no object has a shape.
 
     Args:
         log_weights: as for :func:`arrangement_marginals`.
         counts: as for :func:`arrangement_marginals`.
         shape: index of the shape.
-        among: mask of the selected objects, ``(N,)``; the others may have any shape.
 
     Raises:
         ValueError: a shape out of range, or as :func:`arrangement_marginals`.
         ImpossibleObservation: as :func:`arrangement_marginals`.
 
-    >>> round(prob_shape_absent(np.zeros((2, 4)), None, shape=0, among=np.array([True, True])), 12)
+    >>> round(prob_shape_absent(np.zeros((2, 4)), None, shape=0), 12)
     0.5
     """
     checked, bag = _checked(log_weights, counts)
     require_index("shape", shape, len(bag))
     relative = _relative(checked, bag)
-    without = np.where(among[:, None] & (np.arange(relative.weights.shape[1]) == shape), -np.inf, relative.weights)
+    without = np.where(np.arange(relative.weights.shape[1]) == shape, -np.inf, relative.weights)
     with np.errstate(divide="ignore"):
         log_total, log_total_without = (
             _log_sum(_forward(weights, relative.table)[-1] + relative.end, axis=0)
@@ -178,13 +175,11 @@ class _Relative(NamedTuple):
     Attributes:
         weights: log-likelihoods minus the prices of object and shape, ``(N, K)``.
         end: term for the multiset that all objects use up, ``(S,)``.
-        best: log weight of the best arrangement.
         table: the multisets.
     """
 
     weights: Floats
     end: Floats
-    best: float
     table: list[Layer]
 
 
@@ -217,8 +212,7 @@ def _relative(weights: Floats, bag: tuple[int, ...]) -> _Relative:
         relative = np.ldexp((scaled - price) - (taken - price[match])[:, None], shift)
         relative = np.where(weights == -np.inf, -np.inf, np.maximum(relative, least))
         end = table[-1].log_draws + np.maximum(np.ldexp(-(price @ left), shift), least)
-        best = float(np.ldexp((taken - price[match]).sum() + price @ capacity, shift))
-    return _Relative(relative, end, best, table)
+    return _Relative(relative, end, table)
 
 
 def _why_impossible(weights: Floats, bag: tuple[int, ...]) -> str:

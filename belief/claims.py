@@ -32,10 +32,6 @@ def claim_folder(folder: Path) -> None:
 
     Raises:
         CannotWrite: the folder cannot be written, or another process has claimed it.
-
-    >>> import tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     ends_claims(claim_folder)(Path(folder))
     """
     require_writable(folder)
     if (path := folder.resolve()) in _CLAIMED:
@@ -49,12 +45,7 @@ def claim_folder(folder: Path) -> None:
 
 
 def ends_claims(function: Callable[P, T]) -> Callable[P, T]:
-    """Decorator: the claims of a function end with it, and the folders created for them go if they are empty.
-
-    >>> @ends_claims
-    ... def write(folder: Path) -> None:
-    ...     claim_folder(folder)
-    """
+    """Decorator: the claims of a function end with it, and the folders created for them go if they are empty."""
 
     @wraps(function)
     def with_claims(*args: P.args, **kwargs: P.kwargs) -> T:

@@ -239,11 +239,6 @@ class CoarseToFine:
         return float(np.exp(leaves.log_weight[leaves.level < finest] - self._log_total).sum())
 
     @property
-    def effective_cells(self) -> float:
-        """How many cells share the posterior: one over the sum of its squares."""
-        return float(1.0 / np.exp(2 * (self.leaves().log_weight - self._log_total)).sum())
-
-    @property
     def num_split(self) -> int:
         """Cells whose parts are in memory."""
         return sum(len(each.body) for each in self._families)

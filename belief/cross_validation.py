@@ -24,10 +24,6 @@ def numbered_objects(shapes: ArrayLike, object_ids: ArrayLike) -> tuple[NDArray[
     Raises:
         ValueError: an object with two shapes, shapes that are not integers, ids that are NaN or cannot be sorted, or
             lengths that differ.
-
-    >>> objects, shape_of = numbered_objects([0, 1, 0], ["mug", "ball", "mug"])
-    >>> objects.tolist(), shape_of.tolist()
-    ([1, 0, 1], [1, 0])
     """
     truth, ids = unmasked(shapes, "shapes"), unmasked(object_ids, "object ids")
     if truth.ndim != 1 or truth.shape != ids.shape:
@@ -58,9 +54,6 @@ def object_folds(shapes: ArrayLike, object_ids: ArrayLike, num_folds: int) -> ND
 
     Raises:
         ValueError: ``num_folds`` is not an integer in this range; or as :func:`numbered_objects`.
-
-    >>> object_folds([0, 0, 1, 0, 1], [7, 7, 3, 9, 5], num_folds=2)
-    array([0, 0, 0, 1, 1])
     """
     owner, shape_of = numbered_objects(shapes, object_ids)
     require_count("num_folds", num_folds)

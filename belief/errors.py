@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 
 class ActiveTouchError(Exception):
     """Base class of the errors that this project raises deliberately."""
@@ -28,6 +30,17 @@ class CannotWrite(ActiveTouchError, OSError):
 
 class MissingPackage(ActiveTouchError, ImportError):
     """An optional package is not installed; the message says how to install it."""
+
+
+def install_command(extra: str) -> str:
+    """The command that installs an extra here: in a clone, of the clone; otherwise from an index.
+
+    >>> install_command("train").endswith("[train]'")
+    True
+    """
+    root, here = Path(__file__).parents[1] / "pyproject.toml", Path("pyproject.toml")
+    place = "activetouch" if not root.is_file() else "." if here.exists() and here.samefile(root) else root.parent
+    return f"pip install '{place}[{extra}]'"
 
 
 class BrokenContract(ActiveTouchError, AssertionError):

@@ -14,14 +14,7 @@ Kind = TypeVar("Kind", bound=np.generic)
 
 
 def frozen(array: NDArray[Kind]) -> NDArray[Kind]:
-    """A read-only version of an array: the array itself if its memory cannot be written to, otherwise a copy.
-
-    >>> mine = np.zeros(2)
-    >>> kept = frozen(mine)
-    >>> mine[0] = 1.0
-    >>> kept.tolist(), frozen(kept) is kept, kept.flags.writeable
-    ([0.0, 0.0], True, False)
-    """
+    """A read-only version of an array: the array itself if its memory cannot be written to, otherwise a copy."""
     owner: Any = array
     while isinstance(owner, np.ndarray) and not owner.flags.writeable:
         owner = owner.base
@@ -36,11 +29,6 @@ class FrozenArrays:
     """Base of frozen dataclasses that hold arrays, or tuples of arrays, in their fields.
 
     A subclass with a ``__post_init__`` of its own calls :meth:`freeze` at its end.
-
-    >>> import copy
-    >>> from belief import Belief
-    >>> copy.deepcopy(Belief.uniform(["cube", "cone"])).log_probs.flags.writeable
-    False
     """
 
     def __post_init__(self) -> None:

@@ -39,21 +39,13 @@ class Layer:
 
 
 def layers(counts: tuple[int, ...], num_objects: int) -> list[Layer]:
-    """The multisets of 0, 1, … ``num_objects`` objects from a bag with these counts.
-
-    >>> [layer.used.T.tolist() for layer in layers((2, 1), 2)]
-    [[[0, 0]], [[1, 0], [0, 1]], [[2, 0], [1, 1]]]
-    """
+    """The multisets of 0, 1, … ``num_objects`` objects from a bag with these counts."""
     return [_layer(counts, size) for size in range(num_objects + 1)]  # ascending, as each uses the cached one before
 
 
 @lru_cache(maxsize=64)
 def num_multisets(counts: tuple[int, ...], num_objects: int, limit: int) -> int:
-    """Number of multisets of at most ``num_objects`` objects; any number above ``limit`` if there are more than that.
-
-    >>> num_multisets((1, 1, 1, 1), 4, limit=100), num_multisets((2, 1), 2, limit=100)
-    (16, 5)
-    """
+    """Number of multisets of at most ``num_objects`` objects; any number above ``limit`` if there are more."""
     by_size = np.ones(1, np.int64)
     for count in counts:
         kinds = np.convolve(by_size, np.ones(min(count, num_objects) + 1, np.int64))

@@ -61,9 +61,6 @@ def seed_words(seed: int | Sequence[int]) -> tuple[int, ...]:
 
     Raises:
         InvalidArgument: it is neither an integer ≥ 0 nor a sequence of such.
-
-    >>> seed_words(7), seed_words((7, 1, 2))
-    ((7,), (7, 1, 2))
     """
     words = (seed,) if isinstance(seed, Integral) else seed
     if not isinstance(words, Sequence) or isinstance(words, str) or not words:
@@ -84,10 +81,6 @@ def one_line(cls: type, *parts: str) -> str:
 
 
 def few(labels: Sequence[str], most: int = 4) -> str:
-    """The first labels, and the number of further ones.
-
-    >>> few(["cube", "cone", "torus"], most=2)
-    'cube, cone and 1 more'
-    """
+    """The first labels, and the number of further ones."""
     shown = ", ".join(labels[:most])
     return shown if len(labels) <= most else f"{shown} and {len(labels) - most} more"

@@ -23,9 +23,6 @@ class NestedCells:
 
     Raises:
         ValueError: a level is no multiple of the one before, or the parts of a cell do not have its probability.
-
-    >>> NestedCells((np.array([0.5, 0.5]), np.full(4, 0.25))).parts(1, np.array([1])).tolist()
-    [[2, 3]]
     """
 
     shares: tuple[Floats, ...]

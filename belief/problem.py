@@ -19,9 +19,7 @@ from belief.composition import Composition, Counts
 from belief.errors import InvalidArgument
 from belief.frozen import FrozenArrays
 from belief.naming import Name, checked_names, index_of, one_line
-from belief.validation import as_real, require_count
-
-Floats: TypeAlias = NDArray[np.float64]
+from belief.validation import Floats, as_real, require_count
 
 WHO_GIVES_LOGITS = (
     ", only features, which a joint observation model reads. Logits come from the reader: Touch(pose, logits, "

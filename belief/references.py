@@ -139,9 +139,6 @@ def build(
 
     Raises:
         BadReference: a setting is unknown or missing, or there are brackets after an object that is not called.
-
-    >>> build("power", pow, {"exp": 3}, {"base": 2, "colour": "red"})
-    8
     """
     if not inspect.isclass(found) and not inspect.isroutine(found):
         if is_called:
@@ -176,9 +173,6 @@ def find(what: str, text: str, registry: Mapping[str, Any], group: str) -> tuple
     Raises:
         UnknownName: there is no such name; the message suggests the nearest.
         BadReference: the text is malformed, or its module cannot be imported.
-
-    >>> find("fruit", "apple(ripe=True)", {"apple": 3}, "no.such.group")
-    (3, Reference(name='apple', settings={'ripe': True}, is_called=True))
     """
     if text in registry:  # registry names may hold any characters
         return registry[text], Reference(text)

@@ -21,7 +21,7 @@ from belief.observation_model.model import ObservationModel
 from belief.observation_model.sensor_health import SensorEvidence, SensorHealthModel
 from belief.observation_model.sensor_worlds import SensorHealth
 from belief.problem import SearchProblem, Touch
-from belief.scene_view import UNKNOWN, ReadableScene, SceneView
+from belief.scene_view import ReadableScene, SceneView
 from belief.validation import Floats, as_logs
 
 
@@ -30,7 +30,7 @@ class SceneBelief(ReadableScene):
 
     It stores an ``(N, K)`` table of log-likelihoods. For ``independent`` objects each row gives its own posterior; for
     objects from a bag the marginals come from :mod:`belief.arrangement`. Rejecting an object is not evidence and
-    changes no belief. A revealed shape is evidence: see :meth:`known` and :meth:`remove`. Object indices never change.
+    changes no belief.
 
     Args:
         problem: the search.
@@ -53,9 +53,6 @@ class SceneBelief(ReadableScene):
     Belief(shape_0 0.906, shape_1 0.094, shape_2 0.000)
     >>> print(scene.belief(2))                                # the bag holds one shape_0
     Belief(shape_0 0.047, shape_1 0.953, shape_2 0.000)
-    >>> scene.remove(0, shape=0)                              # the object was found
-    >>> scene.prob_present(0)
-    0.0
     """
 
     _touches: list[TouchHistory]
@@ -91,9 +88,7 @@ class SceneBelief(ReadableScene):
         self._earlier_bets = continued_bets(log_bets, like)
         self._health = None if self._sensor is None else self._sensor.health(self._earlier_bets)
         self._touched: dict[int, SensorEvidence] = {}  # of the objects, in the order of their first touches
-        self._known = np.full(problem.num_objects, UNKNOWN)
-        self._on_table = np.ones(problem.num_objects, np.bool_)
-        self._log_marginals = self._compute(self._log_likelihoods, self._known)
+        self._log_marginals = self._compute(self._log_likelihoods)
         if target is not None and np.isneginf(self._log_marginals[:, self._shape(target)]).all():
             label = self.labels[self._shape(target)]
             source = "the prior" if self._counts is None else "the bag"
@@ -123,18 +118,17 @@ class SceneBelief(ReadableScene):
                 f"log_likelihoods must be {self._log_likelihoods.shape} (objects, shapes), "
                 f"got {supposed._log_likelihoods.shape}"
             )
-        supposed._log_marginals = self._compute(supposed._log_likelihoods, self._known)
+        supposed._log_marginals = self._compute(supposed._log_likelihoods)
         return SceneView(supposed)
 
     def update(self, object_index: int, touches: Iterable[Touch]) -> Belief:
         """Update the belief with new touches of one object and return its posterior.
 
         Raises:
-            ValueError: an object index out of range, the object was removed, or a touch does not fit the model.
+            ValueError: an object index out of range, or a touch does not fit the model.
             ImpossibleObservation: every arrangement has likelihood zero; the belief is unchanged.
         """
-        if not self._on_table[self._object(object_index)]:
-            raise ValueError(f"object {object_index} is no longer on the table and cannot be touched")
+        self._object(object_index)
         new, evidence, health, touched = tuple(touches), self._evidence[object_index], self._health, self._touched
         log_likelihoods = self._log_likelihoods.copy()
         if self._sensor is None:
@@ -145,7 +139,7 @@ class SceneBelief(ReadableScene):
             log_likelihoods, touched, health = self._coupled(self._sensor, object_index, new)
             evidence = touched[object_index]
         try:
-            log_marginals = self._compute(log_likelihoods, self._known)
+            log_marginals = self._compute(log_likelihoods)
         except ImpossibleObservation as error:
             poses = [touch.pose for touch in new]
             raise ImpossibleObservation(
@@ -157,43 +151,6 @@ class SceneBelief(ReadableScene):
             self._evidence[index] = one
         self._touches[object_index] = self._touches[object_index].extended(new)
         return self.belief(object_index)
-
-    def known(self, object_index: int, shape: Name) -> None:
-        """Condition the belief on the revealed shape of an object, which stays on the table.
-
-        Raises:
-            ValueError: an object or a shape out of range.
-            UnknownName: there is no shape of this name.
-            ImpossibleObservation: the object is known to have another shape, or the touches, the prior or the bag rule
-                this one out; the belief is unchanged.
-        """
-        before = self._known[self._object(object_index)]
-        shape = self._shape(shape)
-        if before not in (UNKNOWN, shape):
-            raise ImpossibleObservation(
-                f"object {object_index} cannot be a {self.labels[shape]}: it is known to be a {self.labels[before]}"
-            )
-        known = self._known.copy()
-        known[object_index] = shape
-        try:
-            self._log_marginals = self._compute(self._log_likelihoods, known)
-        except ImpossibleObservation as error:
-            raise ImpossibleObservation(
-                f"object {object_index} cannot be a {self.labels[shape]}, {self.belief(object_index)}: {error}"
-            ) from error
-        self._known = known
-
-    def remove(self, object_index: int, shape: Name | None = None) -> None:
-        """Take an object off the table, and condition on its shape if that is given.
-
-        It can no longer be touched and no longer counts as present. Its touches remain evidence about the others.
-
-        Raises:
-            ValueError, UnknownName, ImpossibleObservation: as :meth:`known`; the object then stays on the table.
-        """
-        if shape is not None:
-            self.known(object_index, shape)
-        self._on_table[self._object(object_index)] = False
 
     def _coupled(
         self, sensor: SensorHealthModel, object_index: int, touches: tuple[Touch, ...]
@@ -213,24 +170,8 @@ class SceneBelief(ReadableScene):
         log_likelihoods[list(found)] = likely
         return log_likelihoods, found, health
 
-    def _compute(self, log_likelihoods: Floats, known: np.ndarray) -> Floats:
+    def _compute(self, log_likelihoods: Floats) -> Floats:
         """Log marginals of every object, ``(N, K)``."""
-        unknown, revealed = known == UNKNOWN, np.flatnonzero(known != UNKNOWN)
-        contradicted = np.isneginf(log_likelihoods[revealed, known[revealed]])
-        if contradicted.any():
-            index = int(revealed[np.argmax(contradicted)])
-            raise ImpossibleObservation(f"the touches of object {index} rule out {self.labels[known[index]]}")
-        log_marginals = np.full(log_likelihoods.shape, -np.inf)
-        log_marginals[revealed, known[revealed]] = 0.0
         if self._counts is None:
-            if np.isneginf(self._prior.log_probs[known[revealed]]).any():
-                raise ImpossibleObservation(f"the prior rules it out: {self._prior}")
-            if unknown.any():
-                log_marginals[unknown] = update(self._prior.log_probs, log_likelihoods[unknown])[0]
-        else:
-            bag = self._bag(known)
-            if min(bag) < 0:
-                raise ImpossibleObservation(f"the bag does not hold that many, counts {list(self._counts)}")
-            if unknown.any():
-                log_marginals[unknown] = log_arrangement_marginals(log_likelihoods[unknown], bag)
-        return log_marginals
+            return update(self._prior.log_probs, log_likelihoods)[0]
+        return log_arrangement_marginals(log_likelihoods, self._counts)

@@ -18,7 +18,7 @@ from belief.observation_model.sensor_worlds import SensorHealth
 from belief.validation import Floats, require_index
 
 UNKNOWN = -1
-"""Marks an object of unknown shape in ``_known``."""
+"""Marks an object of unknown shape in an arrangement."""
 
 
 class ReadableScene:
@@ -26,7 +26,7 @@ class ReadableScene:
 
     >>> from belief import SceneBelief
     >>> sorted(name for name in {*dir(SceneBelief)} - {*dir(ReadableScene)} if not name.startswith("_"))
-    ['known', 'remove', 'supposing', 'update', 'view']
+    ['supposing', 'update', 'view']
 
     Attributes:
         labels: names of the K shapes.
@@ -34,8 +34,6 @@ class ReadableScene:
 
     labels: tuple[str, ...]
     _counts: tuple[int, ...] | None
-    _known: np.ndarray
-    _on_table: np.ndarray
     _log_likelihoods: Floats
     _log_marginals: Floats
     _touches: Sequence[TouchHistory]
@@ -45,7 +43,7 @@ class ReadableScene:
 
     @property
     def num_objects(self) -> int:
-        """N, including known and removed objects."""
+        """N."""
         return len(self._touches)
 
     def touches(self, object_index: int) -> TouchHistory:
@@ -57,7 +55,7 @@ class ReadableScene:
         return self._evidence[self._object(object_index)]
 
     def marginals(self) -> Floats:
-        """Posterior over shapes of every object, ``(N, K)``, including known and removed objects."""
+        """Posterior over shapes of every object, ``(N, K)``."""
         return np.exp(self._log_marginals)
 
     def log_marginals(self) -> Floats:
@@ -73,24 +71,18 @@ class ReadableScene:
         return Belief.of_normalised(self.labels, self._log_marginals[self._object(object_index)].copy())
 
     def prob_present(self, target: Name) -> float:
-        """Probability that an object still on the table has the target shape, given touches and revealed shapes.
+        """Probability that an object has the target shape.
 
         Raises:
             UnknownName: no shape has the target's name.
             ValueError: a target out of range.
         """
         target = self._shape(target)
-        if (self._known[self._on_table] == target).any():
-            return 1.0
-        unknown = self._known == UNKNOWN
-        if not (unknown & self._on_table).any():
-            return 0.0
         if self._counts is None:
-            probs = np.minimum(np.exp(self._log_marginals[unknown & self._on_table, target]), 1.0)
+            probs = np.minimum(np.exp(self._log_marginals[:, target]), 1.0)
             with np.errstate(divide="ignore"):
                 return 0.0 - float(np.expm1(np.log1p(-probs).sum()))  # never -0.0
-        bag = self._bag(self._known)
-        return 1.0 - prob_shape_absent(self._log_likelihoods[unknown], bag, target, self._on_table[unknown])
+        return 1.0 - prob_shape_absent(self._log_likelihoods, self._counts, target)
 
     @property
     def sensor_health(self) -> SensorHealth | None:
@@ -121,12 +113,6 @@ class ReadableScene:
             return self._health.log_bets
         bets = (evidence.log_bets for evidence in self._evidence if evidence.log_bets is not None)
         return np.asarray(sum(bets, start=self._earlier_bets))
-
-    def _bag(self, known: np.ndarray) -> tuple[int, ...]:
-        """Counts of the bag for the objects of unknown shape, ``(K,)``."""
-        assert self._counts is not None, "independent objects have no bag"
-        used = np.bincount(known[known != UNKNOWN], minlength=len(self.labels))
-        return tuple(int(count) for count in np.array(self._counts) - used)
 
     def _object(self, object_index: int) -> int:
         require_index("object_index", object_index, len(self._touches))

@@ -181,11 +181,6 @@ def require(
 
     ``valid`` is a mask of the numbers ``(..., K)`` or of the rows ``(..., 1)``; ``row`` is the index of ``values`` in
     the argument ``name``.
-
-    >>> require(np.array([[True, True], [True, False]]), np.array([[0.5, 0.5], [0.5, np.nan]]), "probs", "NaN")
-    Traceback (most recent call last):
-    ...
-    ValueError: probs in row 1 holds NaN: [0.5, nan]
     """
     if not valid.all():
         first = tuple(int(i) for i in np.argwhere(~valid)[0][:-1])
@@ -193,11 +188,7 @@ def require(
 
 
 def at(row: tuple[int, ...]) -> str:
-    """Words for an index: " in row 3", " in row (3, 1)", or an empty string for the index ().
-
-    >>> at((3,))
-    ' in row 3'
-    """
+    """Words for an index: " in row 3", " in row (3, 1)", or an empty string for the index ()."""
     return f" in row {row[0] if len(row) == 1 else row}" if row else ""
 
 
@@ -205,9 +196,6 @@ def renormalised(probs: Floats) -> Floats:
     """Checked probabilities ``(..., K)`` divided by their sums, unless all sums are one up to rounding.
 
     Probabilities that are read from a file therefore keep their last bit.
-
-    >>> renormalised(np.array([0.25, 0.7505])).round(4).tolist(), renormalised(np.array([0.1, 0.9])).tolist()
-    ([0.2499, 0.7501], [0.1, 0.9])
     """
     totals = probs.sum(axis=-1, keepdims=True)
     return probs / totals if np.abs(totals - 1.0).max() > _ROUNDING else probs
@@ -220,9 +208,6 @@ def normalise_log_probs(log_probs: ArrayLike, name: str = "log_probs", row: tupl
 
     Raises:
         ValueError: NaN, a positive logarithm, or a row with another sum.
-
-    >>> normalise_log_probs(np.log(np.float16([0.1, 0.9]))).round(3).tolist()
-    [-2.303, -0.105]
     """
     values = np.asarray(as_real(log_probs, name), np.float64)
     require(~np.isnan(values) & (values < SUM_TOLERANCE), values, name, "NaN or a probability above one", row)
@@ -238,9 +223,6 @@ def normalise_probs(probs: ArrayLike, name: str = "probs", axis: int = -1, row: 
     Raises:
         ValueError: no axis, an empty array, NaN, a negative number, or a row with another sum; rows are counted with
             the axis moved to the end.
-
-    >>> normalise_probs(np.float16([0.1, 0.9])).round(4).tolist()
-    [0.1, 0.9]
     """
     values = np.asarray(as_real(probs, name), np.float64)
     if values.ndim == 0 or values.size == 0:

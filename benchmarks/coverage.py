@@ -18,8 +18,8 @@ from belief.metrics import (
     expected_calibration_error,
     smooth_calibration_error,
 )
-from belief.problem import Floats
 from belief.statistics import wilson_interval
+from belief.validation import Floats
 
 NUM_ROWS, NUM_RESAMPLES = 1000, 200
 TEMPERATURES = (1.0, 0.9, 0.8, 0.6)

@@ -16,8 +16,10 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 import torch
+from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import DummyVecEnv
 
+from activetouch.envs import BANK_ID
 from activetouch.envs.batched_episodes import BankEpisodes
 from activetouch.envs.object_test import ObjectTestEnv
 from activetouch.envs.sb3 import BankVecEnv
@@ -27,6 +29,7 @@ from experiments.scene_choice import SceneChoice
 from experiments.sensor_choice import independent_sensor, open_sensor
 
 ROUNDS = 5
+NEXT_STEP, SAME_STEP = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP
 LIBRARIES = {"gymnasium": "gymnasium sync × 16: trivial", "sb3": "sb3 dummy × 256: trivial"}
 
 
@@ -63,10 +66,16 @@ def main(scene: str, folder: Path | None) -> None:
     def test_of(touches: Touches) -> Callable[[], gymnasium.Env]:
         return lambda: ObjectTestEnv(touches=touches, target=target)
 
+    def made(number: int, mode: AutoresetMode) -> gymnasium.vector.VectorEnv:
+        return gymnasium.make_vec(BANK_ID, num_envs=number, target="cone", autoreset_mode=mode)
+
     cases = {  # name: environment, how many at once, steps in a round
         "gymnasium sync × 16: trivial": (sync(Counter, 16), 16, 100),
         "gymnasium sync × 16: touches from the model": (sync(test_of(sampled), 16), 16, 25),
         "gymnasium sync × 16: live": (sync(test_of(live), 16), 16, 4),
+        "gymnasium × 256: make_vec, NEXT_STEP": (made(256, NEXT_STEP), 256, 100),
+        "gymnasium × 256: make_vec, SAME_STEP": (made(256, SAME_STEP), 256, 100),
+        "gymnasium × 1024: make_vec, NEXT_STEP": (made(1024, NEXT_STEP), 1024, 50),
         "sb3 dummy × 256: trivial": (DummyVecEnv([Counter] * 256), 256, 20),
         "sb3 × 64: bank": (BankVecEnv(episodes(64), (0,)), 64, 100),
         "sb3 × 256: bank": (BankVecEnv(episodes(256), (0,)), 256, 100),

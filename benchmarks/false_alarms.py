@@ -18,9 +18,9 @@ from __future__ import annotations
 import numpy as np
 
 from belief.conflict import ConflictTest, log_conflict
-from belief.problem import Floats
 from belief.statistics import clopper_pearson_interval, cluster_bootstrap
 from belief.statistics.exchangeability import log_e_values
+from belief.validation import Floats
 
 TOUCHES, MOST_OF_AN_OBJECT, ALARM = 25, 6, np.log(1 / 0.02)
 NUM_TESTS, NUM_SEARCHES = 40, 50

@@ -1,8 +1,8 @@
 """How often touches show a small hole: a cube of 24 mm, with and without a round hole of 5 mm in one of its faces.
 
-    python benchmarks/hole.py
+    python -m benchmarks.hole
 
-Errors and shares are those of `activetouch.alike`: with six poses, and for the same objects with the 26 directions.
+Errors and shares are those of `benchmarks.alike`: with six poses, and for the same objects with the 26 directions.
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 
-import activetouch
 from activetouch import SCENES
 from activetouch.distributions import Constant
 from activetouch.shapes import Mesh
+from benchmarks.alike import alike
 
 HALF, RADIUS, DEPTH = 0.012, 0.0025, 0.008  # [m]
 SIDES = 32
@@ -51,7 +51,7 @@ def main() -> None:
     scene = SCENES["gel"].scene
     constant = replace(scene.variation, size=Constant(1.0))
     scene = replace(scene, shapes={"cube": cube(False), "with a hole": cube(True)}, variation=constant)
-    (pair,) = activetouch.alike(scene, num_objects=OBJECTS).pairs
+    (pair,) = alike(scene, num_objects=OBJECTS).pairs
     assert pair.shown_from_26 is not None, "the pair is confused"
     print(f"{OBJECTS} tumbled objects of each, scene gel, hole of {2e3 * RADIUS:g} mm in a cube of {2e3 * HALF:g} mm")
     for touches, error, interval, compared in (

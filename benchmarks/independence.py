@@ -22,8 +22,8 @@ from activetouch.perception.reader import TactileReader
 from activetouch.sensor_files import READER_FILE, load_observation_model
 from belief.observation_model import ArrayModel, OutcomeTable
 from belief.observation_model.selection import log_posteriors
-from belief.problem import Floats
 from belief.touch_batch import TouchBatch
+from belief.validation import Floats
 from experiments.calibration.sequences import Rounds
 from experiments.sensor.scores import read_touches
 from experiments.sensor_choice import independent_sensor

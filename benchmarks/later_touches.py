@@ -15,7 +15,7 @@ import numpy as np
 
 from activetouch import TactileSensor
 from belief.bayes import expected_information_gain, update
-from belief.problem import Floats
+from belief.validation import Floats
 
 _OUTCOMES, _HYPOTHESES, _REPEATS = 128, 64, 3
 

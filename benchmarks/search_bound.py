@@ -17,7 +17,7 @@ import numpy as np
 from belief import Composition, SearchProblem
 from belief.observation_model import ObservationModel
 from belief.observation_model.rigid_body import joint_model
-from belief.problem import Floats
+from belief.validation import Floats
 from benchmarks.upper_bounds.search import revealing_touch_bound, search_bound
 from experiments.search.setting import Setting
 from planners.repeats import repeat_discount, weights_in_turn

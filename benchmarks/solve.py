@@ -22,7 +22,7 @@ from upper_bounds.object import object_bound
 from upper_bounds.search import search_bound
 
 from activetouch.sensor_files import load_observation_model
-from belief.problem import Floats
+from belief.validation import Floats
 from experiments.sensor_choice import independent_sensor
 from planners.solve import SearchPolicy, SearchTouchProblem, TouchPolicy, TouchProblem, solve
 

@@ -34,7 +34,8 @@ from belief.observation_model.evidence import ObjectEvidence, start
 from belief.observation_model.model import ObservationModel
 from belief.observation_model.outcome_mixture import Outcomes
 from belief.observation_model.outcome_table import OutcomeTable
-from belief.problem import Floats, Touch
+from belief.problem import Touch
+from belief.validation import Floats
 
 
 @dataclass(frozen=True)

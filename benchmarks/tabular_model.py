@@ -10,6 +10,7 @@ import numpy as np
 from belief.naming import checked_names
 from belief.observation_model.evidence import SummarisedEvidence
 from belief.observation_model.outcome_table import OutcomeTable
+from belief.observation_model.quantisation import merged
 from belief.problem import Touch
 from belief.validation import Floats
 
@@ -73,4 +74,4 @@ class TabularModel:
 
     def outcome_table(self, num_outcomes: int | None = None) -> OutcomeTable:
         """See :class:`ObservationModel`; the table itself, or merged into fewer outcomes."""
-        return self.table if num_outcomes is None else self.table.merged(num_outcomes)
+        return self.table if num_outcomes is None else merged(self.table, num_outcomes, np.random.default_rng(0))

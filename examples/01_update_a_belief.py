@@ -1,6 +1,6 @@
 """Update a belief about one object by hand, with nothing but numpy and scipy installed.
 
-Run: python examples/01_update_a_belief.py
+Run: python examples/01_update_a_belief.py   (1 s of processor time)
 
 The sensor is right eight times in ten and otherwise names one of the other shapes at random. It names "cone" three
 times and "cylinder" once.

@@ -1,6 +1,6 @@
 """Compare deciders in a world that samples touches from an observation model, without MuJoCo or a network, in seconds.
 
-Run: python examples/02_search_without_physics.py
+Run: python examples/02_search_without_physics.py   (4 s of processor time)
 """
 
 import numpy as np

@@ -1,6 +1,6 @@
 """Press a cone against the pad in MuJoCo in all six poses, and print the measurements of the sensor.
 
-Run: python examples/03_press_a_cone.py
+Run: python examples/03_press_a_cone.py   (1 s of processor time)
 """
 
 import numpy as np

@@ -1,6 +1,6 @@
 """Touch a cube of unknown orientation and size until its shape is known: places chosen, and in random order.
 
-Run: python examples/05_where_to_touch.py [picture.png]
+Run: python examples/05_where_to_touch.py [picture.png]   (9 s of processor time)
 """
 
 import sys

@@ -1,6 +1,6 @@
 """A robot in a process of its own runs a search over lines of JSON; its touches come late, twice, not at all or askew.
 
-Run: python examples/06_drive_a_robot.py
+Run: python examples/06_drive_a_robot.py   (8 s of processor time)
 
 The program plays the robot: it presses simulated objects and knows nothing of beliefs. What it talks to is
 ``activetouch live``, in a second process, which is killed in the middle of the search and started again.

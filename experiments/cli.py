@@ -38,7 +38,7 @@ COMMAND_GROUPS: dict[str, dict[str, Command]] = {
         "identify": Command("meshes.identify:Identify", "name objects, given a folder of meshes; no training"),
         "replay": Command("search.replay:Replay", "draw or animate one recorded search"),
         "live": Command("search.live:Live", "run a search that a robot carries out, over lines of JSON"),
-        "export": Command("search.export:Export", "write a search (.pomdp) or a solved policy (.npz)"),
+        "export": Command("search.export:Export", "write a run's figures and tables, or a .pomdp file"),
     },
     "Look at touches": {
         "touch": Command("press.touch:TouchCommand", "draw presses, watch one, or write them as time series"),
@@ -63,6 +63,8 @@ COMMAND_GROUPS: dict[str, dict[str, Command]] = {
 }
 """All commands, grouped and ordered as in the help."""
 
+OPEN = "--open"
+"""Option of every command."""
 REGISTRY: dict[str, Command] = {name: entry for group in COMMAND_GROUPS.values() for name, entry in group.items()}
 
 
@@ -79,6 +81,7 @@ def help_lines() -> Iterator[str]:
         yield f"\n{group}:" if group == "Search" else f"{group}:"
         yield from (f"  {name:<18}  {entry.summary}" for name, entry in entries.items())
     yield "\nactivetouch COMMAND --help    a command's options, with examples"
+    yield "activetouch COMMAND --open    run it, then open its report in a browser"
     yield "activetouch --version         the version of this installation"
 
 
@@ -114,6 +117,8 @@ def _run(arguments: list[str]) -> None:
     try:
         with running(), plain_warnings():
             command.run()
+            if OPEN in arguments:
+                _open_page()
     except BrokenPipeError:
         raise
     except ModuleNotFoundError as error:
@@ -131,6 +136,17 @@ def _run(arguments: list[str]) -> None:
         sys.exit(f"activetouch: {error}. Finished results are kept. Solve this, then run the same command to continue")
 
 
+def _open_page() -> None:
+    """Open the page that the command wrote last in a browser."""
+    import webbrowser
+
+    page = sys.modules.get("experiments.reporting.page")
+    if page is None or not page.written:
+        print(f"{OPEN}: this command wrote no page", file=sys.stderr)
+    elif not webbrowser.open(path := page.written[-1].resolve().as_uri()):
+        print(f"{OPEN}: there is no browser here; open {path}", file=sys.stderr)
+
+
 def _parsed(arguments: list[str]) -> Any:
     """Parse the command line into a command object."""
     import argparse
@@ -140,6 +156,7 @@ def _parsed(arguments: list[str]) -> Any:
     from belief.errors import UnknownName
 
     name, *options = arguments
+    options = [option for option in options if option != OPEN]
     if name.startswith("--tyro-"):  # shell completion needs all commands
         return tyro.extras.subcommand_cli_from_dict(commands(), prog="activetouch", args=arguments)
     if name not in REGISTRY:
@@ -151,6 +168,11 @@ def _parsed(arguments: list[str]) -> Any:
         flag.add_argument("--config", type=Path, nargs="?")
         if (config := flag.parse_known_args(options)[0].config) is not None:
             known["default"] = kind.from_config(config)
+    if {"-h", "--help"} & {*options} and hasattr(tyro.extras, "get_parser"):
+        from experiments.command_line.help import help_of
+
+        print(help_of(kind, name, **known))
+        sys.exit()
     return tyro.cli(kind, prog=f"activetouch {name}", args=options, **known)
 
 

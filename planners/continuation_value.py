@@ -93,9 +93,6 @@ def target_chances(problem: SearchProblem, target: int) -> Floats:
     """Probability that object i is a target before it is touched, ``(N, 2)``.
 
     Column 0 is given that no earlier object was a target, column 1 given that exactly one was.
-
-    >>> target_chances(SearchProblem(tuple("abcd"), ("p",), num_objects=3), target=0).round(3).tolist()
-    [[0.25, 0.0], [0.333, 0.0], [0.5, 0.0]]
     """
     if problem.counts is None:
         return np.full((problem.num_objects, 2), problem.prior_probs[target])
@@ -109,11 +106,6 @@ def prob_missed(info: InformationState) -> float:
     """Probability that a target was among the rejected objects, given that the current object is not one.
 
     It is 0 without a joint belief (``info.scene``).
-
-    >>> from belief import Belief
-    >>> problem = SearchProblem(tuple("ab"), ("p",), num_objects=2)
-    >>> prob_missed(InformationState(problem, 0, Belief.uniform(tuple("ab"))))
-    0.0
     """
     if info.scene is None or info.object_index == 0:
         return 0.0

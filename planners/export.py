@@ -51,6 +51,7 @@ class TabularPomdp:
         transitions: T(s' | a, s), ``(A, S, S)``.
         observation_probs: O(o | a, s'), ``(A, S, O)``.
         rewards: R(s, a), ``(A, S)``.
+        plain: the labels of states, actions and observations before the format's rules changed them.
     """
 
     discount: float
@@ -61,6 +62,7 @@ class TabularPomdp:
     transitions: Floats
     observation_probs: Floats
     rewards: Floats
+    plain: tuple[str, ...]
 
 
 def as_pomdp(
@@ -85,7 +87,8 @@ def as_pomdp(
     """
     stages = staged(problem)
     num_poses, _, num_outcomes = problem.outcome_probs.shape
-    states, actions, observations = map(legal_labels, _plain_labels(problem, stages, shape_labels, pose_labels))
+    labels = _plain_labels(problem, stages, shape_labels, pose_labels)
+    states, actions, observations = map(legal_labels, labels)
     sizes = [len(stage.shapes) for stage in stages.stages]
     num_states, num_actions = sum(sizes) + 1, num_poses + 2
     if num_actions * num_states * (num_states + num_outcomes + 1) > _MAX_NUMBERS:
@@ -118,6 +121,7 @@ def as_pomdp(
         transitions,
         observed,
         rewards,
+        tuple(chain(*labels)),
     )
 
 
@@ -131,11 +135,10 @@ def to_pomdp(
     Numbers are exact.
     """
     pomdp = as_pomdp(problem, shape_labels, pose_labels)
-    plain = chain(*_plain_labels(problem, staged(problem), shape_labels, pose_labels))
     legal = (*pomdp.states, *pomdp.actions, *pomdp.observations)
     lines = [
         "# Is it the target? States stay as they are while probed; the last state is terminal.",
-        *(f"# {new} stands for {old!a}" for old, new in zip(plain, legal, strict=True) if old != new),
+        *(f"# {new} stands for {old!a}" for old, new in zip(pomdp.plain, legal, strict=True) if old != new),
         f"discount: {pomdp.discount!r}",
         "values: reward",
         f"states: {' '.join(pomdp.states)}",
@@ -173,13 +176,6 @@ def legal_labels(labels: Sequence[str]) -> tuple[str, ...]:
     return tuple(legal)
 
 
-def _state_names(stages: StagedProblem, shapes: Sequence[str]) -> list[str]:
-    names = [[shapes[shape] for shape in stage.shapes] for stage in stages.stages]
-    if len(names) == 1:
-        return names[0]
-    return [f"object_{number}_{name}" for number, stage in enumerate(names) for name in stage]
-
-
 def _plain_labels(
     problem: TouchProblem | SearchTouchProblem,
     stages: StagedProblem,
@@ -189,8 +185,10 @@ def _plain_labels(
     """Labels of states, actions and observations, which the format may not allow."""
     num_poses, num_shapes, num_outcomes = problem.outcome_probs.shape
     shapes, poses = _names(shape_labels, num_shapes, "shape"), _names(pose_labels, num_poses, "pose")
+    places = [f"object_{number}_" for number in range(len(stages.stages))] if len(stages.stages) > 1 else [""]
+    states = [place + shapes[k] for place, stage in zip(places, stages.stages, strict=True) for k in stage.shapes]
     return (
-        [*_state_names(stages, shapes), "end"],
+        [*states, "end"],
         [*(f"probe_{pose}" for pose in poses), "confirm", "reject"],
         [*(f"outcome_{outcome}" for outcome in range(num_outcomes)), "nothing"],
     )

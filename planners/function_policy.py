@@ -1,14 +1,15 @@
 """Any function from an observation to an action, as a decider: ``policy:module:attribute``.
 
 The function gets what ``activetouch/ObjectTest-v0`` shows, one array, and returns an action of it: the index of a pose,
-P for CONFIRM or P + 1 for REJECT. Nothing of this package needs to be in it. It must depend on the observation alone:
-one that remembers earlier calls, or draws random numbers, is no policy in these environments.
+P for CONFIRM or P + 1 for REJECT. Nothing of this package needs to be in it. It must depend on the observation alone.
+An agent with a memory is a class, ``policy:module:Agent(remembers=True)``: for every decision a new one sees all
+observations of the object in their order, so that the same touches lead to the same action.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -64,9 +65,11 @@ class FunctionPolicy:
         state: what it observes, one of :data:`STATES`.
         sees_target: whether the target follows, one-hot.
         touch_limit: T_max; after so many touches of one object the more probable answer is taken.
+        remembers: whether ``act`` is a class without arguments whose instances are called with the observations of one
+            object, of the state "paper", from the first to the last; what they return for the last one counts.
 
     Raises:
-        InvalidArgument: the state is unknown, or the limit is below 1.
+        InvalidArgument: the state is unknown, or is another than "paper" of what remembers, or the limit is below 1.
         BadReference: there is no such module, or its attribute cannot be called.
     """
 
@@ -74,12 +77,13 @@ class FunctionPolicy:
     state: str = "paper"
     sees_target: bool = False
     touch_limit: int = TOUCH_LIMIT
+    remembers: bool = False
 
     def __post_init__(self) -> None:
-        require_choice("state", self.state, STATES)
+        require_choice("state", self.state, STATES[:1] if self.remembers else STATES)
         require_count("touch_limit", self.touch_limit)
         found = Reference.parse(self.act).load() if isinstance(self.act, str) else self.act
-        object.__setattr__(self, "act", found() if isinstance(found, type) else found)
+        object.__setattr__(self, "act", found() if isinstance(found, type) and not self.remembers else found)
         if not callable(self.act):
             raise BrokenContract(f"a policy is a function from an observation to an action; {self.act!r:.80} is none")
 
@@ -90,7 +94,12 @@ class FunctionPolicy:
             BrokenContract: the function returns no action of the environment.
         """
         assert not isinstance(self.act, str), "loaded at construction"
-        given = self.act(observation(info, self.state, self.sees_target, self.touch_limit))
+        act: Callable[..., Any] = self.act
+        if self.remembers:
+            act = act()
+        for number in range(0 if self.remembers else len(info.history), len(info.history) + 1):
+            then = replace(info, history=info.history[:number])
+            given = act(observation(then, self.state, self.sees_target, self.touch_limit))
         found = np.asarray(given)
         most = info.problem.num_poses + 1
         if found.size != 1 or found.dtype.kind not in "iu" or not 0 <= int(found.reshape(())) <= most:

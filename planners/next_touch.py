@@ -34,14 +34,6 @@ def next_touch(
 
     Returns:
         p(answer, outcome | pose), ``(P, J, M)``, and weights in [0, 1], ``(P,)``; a pose with weight zero is not used.
-
-    >>> from belief import Belief, SearchProblem
-    >>> from planners.repeats import LeastUsedFirst
-    >>> problem, table = SearchProblem(("cube", "cone"), ("p",), num_objects=1), OutcomeTable([[[0.5, 0.5]] * 2])
-    >>> info = InformationState(problem, 0, Belief.uniform(("cube", "cone")))
-    >>> joint, weights = next_touch(info, np.diag(info.belief.probs), table, LeastUsedFirst())
-    >>> joint.tolist(), weights.tolist()
-    ([[[0.25, 0.25], [0.25, 0.25]]], [1.0])
     """
     evidence = info.evidence
     mixture = None if evidence is None else evidence.outcome_mixture(outcomes, hypotheses)

@@ -6,7 +6,7 @@ shape and whether a target was rejected before (:mod:`planners.target_abstractio
 comes from the observation model, not from discretised outcomes.
 
 There are few poses, and repeated touches in one pose give less information than new ones. The policy therefore has a
-set of alpha vectors for each number of touches that an object has had (:mod:`planners.pomdp.repeat_aware`). The next
+set of alpha vectors for each number of touches that an object has had (:mod:`planners.pomdp.solver`). The next
 pose is chosen by one exact step of look-ahead. The value of a repeated pose is discounted by w, the fraction of a new
 touch's information that a repeat adds:
 

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.special import logsumexp
 
 from belief.errors import ActiveTouchError, CorruptFile
 from belief.files import sealed_json, unsealed_json, write_text
@@ -35,10 +32,6 @@ def greedy_order(
 
     Returns:
         The order, and the loss after each of its touches.
-
-    >>> worth = {0: 1.0, 1: 3.0, 2: 2.0}
-    >>> greedy_order(3, 2, lambda poses: -sum(worth[pose] for pose in poses))[0]
-    (1, 2)
     """
     order: tuple[int, ...] = ()
     losses: list[float] = []
@@ -47,37 +40,6 @@ def greedy_order(
         order = min(found, key=lambda poses: found[poses])
         losses.append(found[order])
     return order, np.array(losses)
-
-
-def hypothesis_order(
-    log_ratios: NDArray[np.floating], shapes: NDArray[np.integer], length: int
-) -> tuple[tuple[int, ...], Floats]:
-    """The greedy order by the NLL of the shape, with touches that share hypotheses about the object.
-
-    Args:
-        log_ratios: log p(touch | shape, hypothesis) of a touch of S objects in every pose, ``(P, S, K, N)``.
-        shapes: the true shape of each, ``(S,)``.
-        length: of the order, at most P.
-
-    Returns:
-        The order, and the NLL after each of its touches [nats].
-
-    >>> tells, silent = np.log([[[0.9], [0.1]], [[0.1], [0.9]]]), np.zeros((2, 2, 1))
-    >>> order, losses = hypothesis_order(np.stack([silent, tells]), np.array([0, 1]), 2)
-    >>> order, losses.round(3).tolist()
-    ((1, 0), [0.105, 0.105])
-    """
-    rows = np.arange(len(shapes))
-
-    @lru_cache(maxsize=1)
-    def before(poses: tuple[int, ...]) -> NDArray[np.floating]:
-        return np.asarray(sum((log_ratios[pose] for pose in poses), np.zeros(log_ratios.shape[1:], np.float32)))
-
-    def loss(poses: tuple[int, ...]) -> float:
-        totals = logsumexp(before(poses[:-1]) + log_ratios[poses[-1]], axis=2)  # (S, K)
-        return float((logsumexp(totals, axis=1) - totals[rows, shapes]).mean())
-
-    return greedy_order(len(log_ratios), length, loss)
 
 
 def write_order(folder: Path, labels: Sequence[str], losses: Floats) -> None:

@@ -124,11 +124,6 @@ class Policy:
 
         Raises:
             BadPolicy: the bytes are damaged, or something else.
-
-        >>> Policy.from_bytes(b"no policy")                                   # doctest: +ELLIPSIS
-        Traceback (most recent call last):
-        ...
-        planners.ppo.BadPolicy: no policy file: ...
         """
         from safetensors import SafetensorError
         from safetensors.numpy import load
@@ -151,11 +146,7 @@ class Policy:
 
 
 def policy_file(state: str, target: str) -> str:
-    """Name of a policy's file in its folder.
-
-    >>> policy_file("paper", "cone"), policy_file("goal", "cone")
-    ('paper-cone.safetensors', 'goal.safetensors')
-    """
+    """Name of a policy's file in its folder."""
     return f"{state}.safetensors" if state == GOAL else f"{state}-{in_file_name(target, '-')}.safetensors"
 
 
@@ -165,11 +156,6 @@ def load_ppo_policy(folder: Path | None, state: str, target: str) -> Policy:
     Raises:
         MissingPolicy: there is none.
         BadPolicy: the file is damaged, or is another policy's.
-
-    >>> load_ppo_policy(Path("nowhere"), "paper", "cone")
-    Traceback (most recent call last):
-    ...
-    planners.ppo.MissingPolicy: no policy for the target 'cone' and the state 'paper' in nowhere
     """
     path = None if folder is None else folder / policy_file(state, target)
     if path is None or not path.is_file():

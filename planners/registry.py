@@ -9,12 +9,11 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
-from numbers import Integral
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
 
-from belief.errors import ActiveTouchError, MissingPackage
+from belief.errors import ActiveTouchError
 from belief.observation_model.model import ObservationModel
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.references import BadReference, Reference, build, find
@@ -51,16 +50,6 @@ def _loaded(reference: str) -> Any:
     return getattr(import_module(module), name)
 
 
-def _tree_search(name: str) -> Any:
-    try:
-        return _loaded(f"planners.pomdp_py_adapter:{name}")
-    except ImportError as error:
-        raise MissingPackage(
-            "the deciders 'pouct' and 'pomcp' need pomdp-py: pip install 'activetouch[pomdp]' (wheels exist for Linux "
-            "and Python 3.11 and 3.12; elsewhere it is built from source)"
-        ) from error
-
-
 def _sequential(summary: str, stopping: Callable[..., StoppingRule], probing: Callable[..., ProbeSelector]) -> Builder:
     """A builder of a sequential decider with the settings of its two parts; ``summary`` is its docstring.
 
@@ -79,18 +68,6 @@ def _sequential(summary: str, stopping: Callable[..., StoppingRule], probing: Ca
     sequential.__doc__ = summary
     sequential.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     return sequential
-
-
-def _pouct(table: OutcomeTable, simulations: int = 1000) -> Decider:
-    """Tree search by POUCT of pomdp-py, from the belief as a histogram."""
-    decider: Decider = _tree_search("Pouct")(table, simulations)
-    return decider
-
-
-def _pomcp(table: OutcomeTable, simulations: int = 1000) -> Decider:
-    """Tree search by POMCP of pomdp-py, from particles drawn from the belief."""
-    decider: Decider = _tree_search("Pomcp")(table, simulations)
-    return decider
 
 
 def _point_based(
@@ -167,8 +144,6 @@ DECIDERS: Mapping[str, Builder] = MappingProxyType(
         "ppo_gains": _ppo("PPO policies on the joint belief and the gain of each pose, one per target.", "gains"),
         "ppo_goal": _ppo("One PPO policy for all targets, on the joint belief and the gain of each pose.", "goal"),
         "ppo_confident": confident_ppo,
-        "pouct": _pouct,
-        "pomcp": _pomcp,
         "point_based": _point_based,
     }
 )
@@ -186,11 +161,7 @@ _GIVEN = ("table", "model", "policies")
 
 
 def summary_of(name: str) -> str:
-    """The one-line description of a decider in the registry.
-
-    >>> summary_of("information_gain")
-    'Posterior thresholds, with the pose that tells most about the target.'
-    """
+    """The one-line description of a decider in the registry."""
     return (DECIDERS[name].__doc__ or "").strip().partition("\n")[0]
 
 
@@ -202,7 +173,11 @@ def find_decider(name: str) -> tuple[Any, Reference]:
         BadReference: the name is malformed, or its module cannot be imported.
     """
     if name.startswith(PREFIX):
-        return _loaded("planners.sb3_policy:SB3Policy"), Reference(name, {"path": name.removeprefix(PREFIX)}, True)
+        path, settings = name.removeprefix(PREFIX), {}
+        if path.endswith(")"):  # and no file's name ends so
+            path, _, rest = path.rpartition("(")
+            settings = dict(Reference.parse(f"sb3({rest}").settings)
+        return _loaded("planners.sb3_policy:SB3Policy"), Reference(name, {"path": path, **settings}, True)
     if name.startswith(POLICY):
         named = Reference.parse(name.removeprefix(POLICY))
         return _loaded("planners.function_policy:FunctionPolicy"), Reference(
@@ -215,11 +190,7 @@ def find_decider(name: str) -> tuple[Any, Reference]:
 
 
 def trained_state(name: str) -> str | None:
-    """Key of the state of the policies that a decider follows; None if it follows none.
-
-    >>> trained_state("ppo_confident(confirm=0.9)"), trained_state("threshold")
-    ('paper', None)
-    """
+    """Key of the state of the policies that a decider follows; None if it follows none."""
     if name.startswith((PREFIX, POLICY)):
         return None
     return TRAINED.get(Reference.parse(name).name)
@@ -230,7 +201,6 @@ def make_decider(
     table: OutcomeTable,
     model: ObservationModel | None = None,
     policies: Path | None = None,
-    simulations: int | None = None,
 ) -> Decider:
     """Make a decider from its name.
 
@@ -241,12 +211,10 @@ def make_decider(
         table: p(outcome | pose, shape) of single touches.
         model: the observation model, which some deciders need.
         policies: folder of trained policies, which some deciders need.
-        simulations: number per decision of tree-search deciders; the name may also set it.
 
     Raises:
         UnknownName: there is no such name; the message suggests the nearest.
         BadReference: the name is malformed, its settings do not fit, or it refers to something that is not a decider.
-        MissingPackage: it needs a package that is not installed.
         WrongType: an argument has the wrong type, such as a model in place of its table.
 
     >>> import numpy as np
@@ -258,18 +226,15 @@ def make_decider(
         ("name", name, str, f"one of {', '.join(DECIDERS)}, or module:attribute"),
         ("table", table, OutcomeTable, "an observation model's: model.outcome_table()"),
         ("policies", policies, Path | None, "a pathlib.Path"),
-        ("simulations", simulations, Integral | None, "an integer"),
     ):
-        if not isinstance(value, kind) or isinstance(value, bool):
+        if not isinstance(value, kind):
             raise WrongType(f"{argument} must be {works}; got {_what(value)}")
     if model is not None and not callable(getattr(model, "log_likelihood", None)):
         raise WrongType(
             f"model must be an observation model, such as TactileSensor.shipped('gel').model; got {_what(model)}"
         )
     found, reference = find_decider(name)
-    offered: dict[str, Any] = {"table": table, "model": model, "policies": policies}
-    if simulations is not None:
-        offered["simulations"] = simulations
+    offered = {"table": table, "model": model, "policies": policies}
     try:
         made = build(reference.name, found, reference.settings, offered, reference.is_called)
     except ActiveTouchError:

@@ -28,11 +28,7 @@ class RepeatDiscount(Protocol):
 
 @dataclass(frozen=True)
 class LeastUsedFirst:
-    """Allows only the least used poses, for models without a repeat correlation (decision 0006).
-
-    >>> LeastUsedFirst().weights([2, 1, 1]).tolist()
-    [0.0, 1.0, 1.0]
-    """
+    """Allows only the least used poses, for models without a repeat correlation (decision 0006)."""
 
     def weights(self, uses: ArrayLike) -> Floats:
         """See :class:`RepeatDiscount`."""
@@ -52,9 +48,6 @@ class CorrelatedRepeats:
 
     Raises:
         ValueError: ``correlation`` is out of range.
-
-    >>> CorrelatedRepeats(0.5).weights([0, 1, 2]).round(3).tolist()        # effective touches: 1, 4/3, 3/2
-    [1.0, 0.333, 0.167]
     """
 
     correlation: float
@@ -80,10 +73,6 @@ def weights_in_turn(repeats: RepeatDiscount, num_poses: int, times: int) -> Floa
 
 
 def repeat_discount(model: ObservationModel | None) -> RepeatDiscount:
-    """The discount by the ``repeat_correlation`` of an observation model; :class:`LeastUsedFirst` if it has none.
-
-    >>> repeat_discount(None)
-    LeastUsedFirst()
-    """
+    """The discount by the ``repeat_correlation`` of an observation model; :class:`LeastUsedFirst` if it has none."""
     correlation: float | None = getattr(model, "repeat_correlation", None)
     return LeastUsedFirst() if correlation is None else CorrelatedRepeats(correlation)

@@ -43,17 +43,6 @@ def search_in_turn(
 
     Raises:
         ValueError: the lengths differ; or as :func:`planners.search.search`.
-
-    >>> import numpy as np
-    >>> from belief.synthetic import SyntheticWorld, random_model
-    >>> from planners import make_decider
-    >>> model, rng = random_model(np.random.default_rng(0), num_shapes=2, num_poses=1), np.random.default_rng(1)
-    >>> problem = SearchProblem(model.shape_labels, ("front",), num_objects=2)
-    >>> worlds = [[SyntheticWorld(model, (0, 1)), SyntheticWorld(model, (1, 0))], [SyntheticWorld(model, (1, 0))]]
-    >>> decider = make_decider("threshold", model.outcome_table(), model)
-    >>> found = search_in_turn(worlds, decider, problem, [[0, 1], [0]], model, seeds=[[1, 2], [3]])
-    >>> [[episode.seed for episode in some] for some in found]
-    [[(1,), (2,)], [(3,)]]
     """
     for given, what in ((targets, "targets"), (seeds, "seeds")):
         if [len(some) for some in given] != [len(some) for some in worlds]:
@@ -88,15 +77,6 @@ def log_bets_after(
         problem: of the search.
         model: likelihood of touches.
         log_bets: with which the search began.
-
-    >>> import numpy as np
-    >>> from belief.synthetic import SyntheticWorld, random_model
-    >>> from planners import make_decider, search
-    >>> model = random_model(np.random.default_rng(0), num_shapes=2, num_poses=1)
-    >>> problem, world = SearchProblem(model.shape_labels, ("front",), num_objects=2), SyntheticWorld(model, (0, 1))
-    >>> episode = search(world, make_decider("threshold", model.outcome_table(), model), problem, 0, model, seed=1)
-    >>> log_bets_after(episode, problem, model)                                   # this model has no conflict test
-    array([0.])
     """
     scene = SceneBelief(problem, model, log_bets=log_bets)
     for step in episode.steps:

@@ -21,8 +21,7 @@ from belief.validation import Floats, as_real
 from planners.pomdp.finite_horizon import finite_horizon_value
 from planners.pomdp.policy import SearchPolicy, TouchPolicy
 from planners.pomdp.problem import SearchTouchProblem, TouchProblem, require_rounds
-from planners.pomdp.repeat_aware import repeat_aware_vectors
-from planners.pomdp.solver import point_based_value_iteration
+from planners.pomdp.solver import point_based_value_iteration, repeat_aware_vectors
 from planners.pomdp.stages import StagedProblem, staged
 
 __all__ = [
@@ -67,7 +66,7 @@ def solve(
         rounds: number of simulated searches in each round; more take longer and give a higher value. By default
             :data:`ROUNDS` for one object, :data:`SEARCH_ROUNDS` for a search.
         repeat_weights: probability, in [0, 1], that the first, second, … touch of an object gives new information,
-            ``(T,)``; for a repeat-aware policy (:mod:`planners.pomdp.repeat_aware`) of a search. None: every touch
+            ``(T,)``; for a repeat-aware policy (:mod:`planners.pomdp.solver`) of a search. None: every touch
             does.
 
     Raises:

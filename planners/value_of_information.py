@@ -59,13 +59,6 @@ class ValueOfInformation:
 
     In this example each of two poses shows one of the two bits that distinguish four shapes. A single touch has no
     value, so with depth 1 the decider rejects at once.
-
-    >>> from belief import Belief
-    >>> bits = OutcomeTable(np.array([np.eye(2)[[0, 0, 1, 1]], np.eye(2)[[0, 1, 0, 1]]]))
-    >>> problem = SearchProblem(tuple("abcd"), ("first", "second"), num_objects=1, composition="independent")
-    >>> info = InformationState(problem, 0, Belief.uniform(tuple("abcd")))
-    >>> [ValueOfInformation(bits, depth).decide(info, np.random.default_rng(0)).action for depth in (1, 2)]
-    [Reject(), Probe(pose=0)]
     """
 
     table: OutcomeTable

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from activetouch.extras import EXTRAS, extra_of, require_extra
-from belief.errors import MissingPackage
+from activetouch.extras import EXTRAS, extra_of, require_extra, script_needs
+from belief import errors
+from belief.errors import MissingPackage, install_command
 
 ROOT = Path(__file__).parent.parent
 HIDDEN = sorted({module for modules in EXTRAS.values() for module in modules})
@@ -56,7 +57,7 @@ NEED = {
     ("train",): "train",
     ("reproduce", "--parts", "table1"): "train",
     ("train-ppo",): "rl",
-    ("compare", "--deciders", "pouct", "--episodes", "1", "--jobs", "1"): "pomdp",
+    ("train-ppo", "--tensorboard", "logs"): "rl",
 }
 ONE_AFTER_THE_OTHER = f"""
 import sys
@@ -79,14 +80,14 @@ def test_a_command_that_needs_an_extra_names_it_before_any_work(python, tmp_path
     told = done.stderr.split("next\n")[:-1]
     assert len(told) == len(NEED)
     for said, extra in zip(told, NEED.values(), strict=True):
-        assert f"pip install 'activetouch[{extra}]'" in said
+        assert f"pip install '{ROOT}[{extra}]'" in said  # of a clone, from another folder
         assert said.startswith("code activetouch: ")  # a message as the code is exit status 1
     assert not (tmp_path / "runs").exists()
 
 
 def test_every_module_of_an_extra_is_required_by_it_and_by_nothing_else():
     distributions = {"sklearn": "scikit-learn"} | {
-        module: module.replace("_", "-") for module in ("stable_baselines3", "sb3_contrib", "pomdp_py")
+        module: module.replace("_", "-") for module in ("stable_baselines3", "sb3_contrib")
     }
     needed = [line.replace('"', "'") for line in requires("activetouch")]
     for extra, modules in EXTRAS.items():
@@ -102,5 +103,11 @@ def test_extras_are_found_by_module(monkeypatch):
     assert extra_of("numpy") is None
     require_extra("train")
     monkeypatch.setattr("activetouch.extras.find_spec", lambda name: None)
+    monkeypatch.chdir(ROOT)
+    assert install_command("rl") == "pip install '.[rl]'"
+    with pytest.raises(SystemExit, match=r"gymnasium.* are not installed: pip install '\.\[rl\]'"):
+        script_needs("rl")
+    monkeypatch.setattr(errors, "__file__", "/somewhere/site-packages/belief/errors.py")
+    assert install_command("rl") == "pip install 'activetouch[rl]'"
     with pytest.raises(MissingPackage, match=r"onnx and onnxscript are not installed: .*\[train\]"):
         require_extra("train")

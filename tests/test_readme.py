@@ -11,10 +11,10 @@ import pytest
 ROOT = Path(__file__).parent.parent
 
 
-def test_the_code_in_the_guide_to_calibration_prints_what_the_guide_says(capsys):
-    text = (ROOT / "docs" / "calibration.md").read_text()
+def test_the_code_for_your_own_classifier_prints_what_the_page_says(capsys):
+    text = (ROOT / "docs" / "your_classifier.md").read_text()
     [(code, printed)] = re.findall(r"```python\n(.*?)```.*?```text\n(.*?)```", text, flags=re.S)
-    exec(compile(code, "docs/calibration.md", "exec"), {})
+    exec(compile(code, "docs/your_classifier.md", "exec"), {})
     assert capsys.readouterr().out == printed
 
 
@@ -49,7 +49,7 @@ PRINTS = {
 
 @pytest.mark.mujoco
 @pytest.mark.torch
-@pytest.mark.parametrize("code", [block for block in BLOCKS if "calibration.md" not in str(block.id)])
+@pytest.mark.parametrize("code", [block for block in BLOCKS if "your_classifier.md" not in str(block.id)])
 def test_every_block_of_code_runs(code, sensors_loaded_once, few_hypotheses, tmp_path, monkeypatch, capsys, request):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "tests").symlink_to(ROOT / "tests")

@@ -28,14 +28,13 @@ from activetouch.data.manifest import (
     CollectionPlan,
     Manifest,
     read_manifest,
-    seal_path,
     shard_path,
     write_manifest,
 )
 from activetouch.errors import LabelMismatch, UnstablePress
 from activetouch.scene import Scene, WorldObject
 from belief.errors import CorruptFile, UnknownName
-from belief.files import atomic_path, read_npz, require_regular_file, sealed_json, write_text
+from belief.files import atomic_path, read_npz, require_regular_file
 from belief.seeding import keyed_rng
 
 __all__ = [
@@ -131,9 +130,7 @@ def object_rng(plan: CollectionPlan, split: str, number: int, draw: int = 0) -> 
     return keyed_rng([plan.seed, SPLITS.index(split), number, draw], is_fixed_length=True)
 
 
-def record_shard(
-    scene: Scene, plan: CollectionPlan, split: str, objects: range, path: Path, collection: str | None = None
-) -> tuple[str, int]:
+def record_shard(scene: Scene, plan: CollectionPlan, split: str, objects: range, path: Path) -> tuple[str, int]:
     """Touch each object in every pose, in as many rounds as planned, and write the shard, atomically.
 
     An object with a press that does not settle is replaced, all its touches with it. A shard in which that happened
@@ -145,7 +142,6 @@ def record_shard(
         split: of the objects.
         objects: their numbers.
         path: of the shard.
-        collection: ``Manifest.identity``, for a seal beside the shard; no seal is written by default.
 
     Returns:
         SHA-256 of the file, and how many places went to another object.
@@ -166,9 +162,6 @@ def record_shard(
         np.savez(temporary, **arrays)  # type: ignore[arg-type]  # numpy takes it
         with temporary.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
-        if collection is not None:
-            seal = {"collection": collection, "shard_sha256": digest}
-            write_text(seal_path(path), sealed_json(seal, indent=None) + "\n")
     return digest, int(np.count_nonzero(redrawn))
 
 
@@ -210,7 +203,7 @@ def read_shard(folder: Path, manifest: Manifest, split: str, shard: int, objects
     """
     path = shard_path(folder, split, shard)
     remedy = f"Delete it and record it again {manifest.how(folder)}"
-    recorded = manifest.digest(folder, split, shard)
+    recorded = (manifest.sha256 or {}).get(shard_path(Path(), split, shard).as_posix())
     data = _content(path, remedy)
     digest = hashlib.sha256(data).hexdigest()
     if recorded is not None and digest != recorded:

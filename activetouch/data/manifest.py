@@ -68,11 +68,6 @@ def shard_path(folder: Path, split: str, shard: int) -> Path:
     return folder / split / f"{shard:05d}.npz"
 
 
-def seal_path(shard: Path) -> Path:
-    """Where the seal of a shard lives until the collection is complete."""
-    return shard.with_suffix(".seal.json")
-
-
 @dataclass(frozen=True)
 class Manifest:
     """Everything a collection says about itself.
@@ -142,30 +137,6 @@ class Manifest:
         """All that decides which touches are recorded, by name."""
         known = {**asdict(self), "MuJoCo": self.mujoco_version}
         return {name: known[name] for name in _DECISIVE}
-
-    def digest(self, folder: Path, split: str, shard: int) -> str | None:
-        """SHA-256 recorded for a shard in the manifest, or before the collection is complete in the seal of the shard.
-
-        Returns:
-            None if neither has it.
-
-        Raises:
-            CorruptFile: the shard was recorded for another collection.
-        """
-        if self.sha256 is not None:
-            return self.sha256[shard_path(Path(), split, shard).as_posix()]
-        try:
-            path = seal_path(shard_path(folder, split, shard))
-            seal = unsealed_json(require_regular_file(path).read_text(encoding="utf-8"))
-            collection, digest = seal["collection"], str(seal["shard_sha256"])
-        except (OSError, ValueError, KeyError):
-            return None
-        if collection != self.identity:
-            raise CorruptFile(
-                f"{shard_path(folder, split, shard)} was recorded for another collection. Delete it and its seal, and "
-                f"record it again {self.how(folder)}"
-            )
-        return digest
 
     def how(self, folder: Path) -> str:
         """How to go on with the collection in a folder, as the end of a sentence."""
@@ -350,7 +321,7 @@ def _damaged(path: Path, why: object) -> CorruptFile:
 
 
 def seal(folder: Path, manifest: Manifest, sha256: Mapping[str, str], redrawn: int = 0) -> Manifest:
-    """Write what all shards say into the manifest of a collection that has become complete, and delete their seals.
+    """Write what all shards say into the manifest of a collection that has become complete.
 
     Args:
         folder: of the collection.
@@ -360,6 +331,4 @@ def seal(folder: Path, manifest: Manifest, sha256: Mapping[str, str], redrawn: i
     """
     sealed = replace(manifest, sha256=dict(sorted(sha256.items())), redrawn=redrawn)
     sealed.write(folder)
-    for split, shard, _ in manifest.shards():
-        seal_path(shard_path(folder, split, shard)).unlink(missing_ok=True)
     return sealed

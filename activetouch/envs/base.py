@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from activetouch.envs.picture import Window, draw
 from activetouch.envs.touch_source import EpisodeWorld, LiveTouches, Touches
+from activetouch.hand import Hand
+from activetouch.named_scenes import SCENES, NamedScene
 from activetouch.sensor import TactileSensor
 from belief.categorical import Belief
 from belief.errors import ActiveTouchError, InvalidArgument, UnknownName
@@ -253,9 +255,19 @@ class TouchEnv(gymnasium.Env[State, int]):
         return {"is_success": success, "num_touches": self._progress.num_touches, "target_prob": prob}
 
 
-def live_or_given(touches: Touches | None, scene: str) -> Touches:
-    """The given touches, or live touches of the scene's shipped sensor."""
-    return touches if touches is not None else LiveTouches(TactileSensor.shipped(scene))
+def live_or_given(touches: Touches | None, scene: str, hand: Hand | str | None) -> Touches:
+    """The given touches, or live touches of the scene's shipped sensor, or live grasps of a hand in the scene.
+
+    Raises:
+        UnknownName: there is no such sensor or hand.
+        InvalidArgument: touches are given and a hand, too.
+    """
+    if touches is None:
+        named = SCENES.get(scene, NamedScene())
+        return LiveTouches(TactileSensor.shipped(scene, None if hand is None else named.scene.with_hand(hand)))
+    if hand is not None:
+        raise InvalidArgument(f"the given touches are made already; leave out the hand {hand!r:.80}")
+    return touches
 
 
 def key_of(options: Mapping[str, Any] | None) -> tuple[int, ...] | None:

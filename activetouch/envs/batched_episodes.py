@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
+from activetouch.envs.bank_evidence import BankEvidence, JointEvidence, evidence_of
 from activetouch.envs.base import BadAction, BadOption
-from activetouch.envs.joint_evidence import JointBankEvidence
 from activetouch.envs.priors import ObjectPriors, TargetProb
-from activetouch.envs.running_evidence import BankEvidence, evidence_of
 from activetouch.envs.touch_bank import TouchBank
+from activetouch.errors import LabelMismatch
 from activetouch.sensor_files import INDEPENDENT_SUFFIX, MODELS, load_observation_model
 from belief.bayes import update
 from belief.composition import Composition
@@ -57,7 +58,8 @@ class BankEpisodes:
         touch_cost: λ.
         touch_limit: T_max.
         target_prob: prior of the target, or a range from which every episode draws its own.
-        beta: weight of :class:`activetouch.envs.wrappers.BeliefShaping`; 0 for none.
+        beta: weight β of the paper's shaping reward (decision 0031): β (γ Φ(s') - Φ(s)) is added with
+            Φ = |:func:`belief.policy_state.certainty`|, 0 after a decision, which changes no optimal policy.
         discount: γ of the learner, for the shaping.
 
     Attributes:
@@ -97,7 +99,11 @@ class BankEpisodes:
             raise BadOption(f"num_envs must be at least 1, got {num_envs}")
         if not (0.0 <= beta < np.inf and 0.0 <= discount <= 1.0):
             raise BadOption(f"need a finite beta ≥ 0 and a discount in [0, 1], got {beta} and {discount}")
-        bank.require_labels(model.shape_labels, model.num_poses)
+        if (bank.shape_labels, bank.num_poses) != (tuple(model.shape_labels), model.num_poses):
+            raise LabelMismatch(
+                f"the bank has the shapes {list(bank.shape_labels)} in {bank.num_poses} poses, the model has "
+                f"{list(model.shape_labels)} in {model.num_poses}"
+            )
         # Checks touch_cost and touch_limit, as in the environment of live touches.
         SearchProblem(bank.shape_labels, bank.pose_labels, 1, Composition.INDEPENDENT, touch_cost, touch_limit)
         self.bank, self.num_envs, self.touch_limit, self.state = bank, num_envs, touch_limit, state
@@ -109,7 +115,7 @@ class BankEpisodes:
         self._priors = ObjectPriors.of(len(bank.shape_labels), target_prob)
         self._of_shape = [np.flatnonzero(bank.shapes == shape) for shape in range(len(bank.shape_labels))]
         self._frames = frame_probs(bank.logits)  # (N, R, P, K)
-        make = JointBankEvidence if state in WITH_GAINS else evidence_of
+        make = JointEvidence if state in WITH_GAINS else evidence_of
         self._evidence: BankEvidence = make(bank, model, num_envs, touch_limit)
         shape = (num_envs, len(bank.shape_labels))
         self.objects, self.uses = np.zeros(num_envs, np.int64), np.zeros((num_envs, self.num_poses), np.int64)
@@ -149,6 +155,11 @@ class BankEpisodes:
     def num_actions(self) -> int:
         """P + 2: the poses, CONFIRM and REJECT."""
         return self.num_poses + 2
+
+    @property
+    def observation_space(self) -> spaces.Box:
+        """Space of one observation, as in Gymnasium's environment, so that a saved policy tells what it saw."""
+        return spaces.Box(0.0 if self.state == "paper" else -1.0, 1.0, self.observe().shape[1:], np.float32)
 
     def reset(self, rows: Ints, rng: np.random.Generator) -> None:
         """Start new random episodes in these rows."""
@@ -202,17 +213,20 @@ class BankEpisodes:
         masks[:, : self.num_poses] = (self._num_touches < self.touch_limit)[:, None]
         return masks
 
-    def step(self, actions: Ints) -> StepResult:
+    def step(self, actions: NDArray[np.integer]) -> StepResult:
         """Take one action in each episode; episodes that end keep their state until they are started again.
 
         Raises:
-            BadAction: there is not one action for each episode, or one is outside the action space.
+            BadAction: there is not one action for each episode, or one is outside the action space or no integer.
         """
-        if actions.shape != (self.num_envs,) or actions.min() < 0 or actions.max() >= self.num_actions:
-            raise BadAction(
-                f"actions must be {self.num_envs} integers in [0, {self.num_actions - 1}], got {actions.shape}: "
-                f"{actions}"
-            )
+        chosen, limit = np.asarray(actions), self.num_actions - 1
+        are_integers = chosen.dtype.kind in "iu" and chosen.shape == (self.num_envs,)
+        if not (are_integers and chosen.min() >= 0 and chosen.max() <= limit):
+            found = f"{chosen.shape} {chosen.dtype}: {chosen}"
+            raise BadAction(f"actions must be {self.num_envs} integers in [0, {limit}], got {found}")
+        return self._step(chosen.astype(np.int64, copy=False))
+
+    def _step(self, actions: Ints) -> StepResult:
         probes = actions < self.num_poses
         allowed = probes & (self._num_touches < self.touch_limit)
         rows = np.flatnonzero(allowed)
@@ -235,28 +249,17 @@ class BankEpisodes:
         self._frame_probs[rows] = self._frames[objects, rounds, poses]
         self.uses[rows, poses] += 1
         self._num_touches[rows] += 1
-        self.log_probs, _ = update(self._log_priors, self._evidence.log_likelihoods())
+        self.log_probs, _ = update(self._log_priors, self._evidence.log_likelihoods)
         self._ask_gains(rows)
 
     def _ask_gains(self, rows: Ints) -> None:
         """Set the gains of rows that were touched or begun."""
-        if isinstance(self._evidence, JointBankEvidence):
-            self._gains[rows] = self._evidence.gains(rows, self.log_probs[rows], self.targets[rows])
+        if isinstance(self._evidence, JointEvidence):
+            now = self.log_probs[rows], self.targets[rows], self.uses[rows]
+            self._gains[rows] = self._evidence.gains(rows, *now)
 
     def _potential_of(self, rows: Ints) -> NDArray[np.float64]:
         return np.abs(certainty(self.log_probs[rows], self.targets[rows]))
-
-
-def as_actions(actions: ArrayLike) -> Ints:
-    """Actions of a learner as integers.
-
-    Raises:
-        BadAction: they are of another type.
-    """
-    found = np.asarray(actions)
-    if found.dtype.kind not in "iu":
-        raise BadAction(f"actions must be integers, got {found.dtype}")
-    return found.astype(np.int64, copy=False)
 
 
 def _choose(probs: NDArray[np.float64], rng: np.random.Generator) -> Ints:

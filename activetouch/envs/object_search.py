@@ -8,6 +8,7 @@ import numpy as np
 
 from activetouch.envs.base import State, TouchEnv, live_or_given
 from activetouch.envs.touch_source import Touches
+from activetouch.hand import Hand
 from activetouch.named_scenes import SCENES, NamedScene
 from belief.composition import Composition
 from belief.problem import SearchProblem
@@ -18,46 +19,27 @@ from belief.synthetic import sample_arrangement
 class ObjectSearchEnv(TouchEnv):
     """The search of ``activetouch compare``: probe and reject objects one by one, and confirm the target.
 
-    ## Description
     The objects of the scene, with unknown sizes, orientations and order, come one at a time; REJECT removes one for
     good. The touches of one object also change the belief about the others: four objects of four shapes all differ.
 
-    ## Action Space
-    As in `activetouch/ObjectTest-v0`. With `unsure_reward`, the last action is UNSURE: "I do not know".
+    ## Differences from `activetouch/ObjectTest-v0`
+    - Actions: with `unsure_reward`, the last action is UNSURE: "I do not know".
+    - Observation: the time is that of the whole search, and the fraction of objects not yet rejected follows.
+    - Start: objects drawn from the scene's composition. A search of `activetouch compare` has the key (seed, target
+      index, number).
+    - Rewards: CONFIRM +1 if correct, else -1; REJECT 0, of the last object +1 if the target is absent, else -1; UNSURE
+      `unsure_reward`; probe `-touch_cost`; truncation -1: the sum is :meth:`belief.SearchProblem.reward`.
+    - End: CONFIRM, REJECT of the last object, or UNSURE, which leaves the observation as it is; a probe after
+      `touch_limit` touches in all truncates.
+    - Information: also `object_index`, the number of rejected objects, and with `unsure_reward` `is_unsure`.
 
-    ## Observation Space
-    A `Box(0, 1, (14,), float32)` with four shapes and six poses: the state of the current object as in
-    `activetouch/ObjectTest-v0`, with the touches of the whole search, and the fraction of objects not yet rejected.
-
-    ## Starting State
-    Objects drawn from the scene's composition. `reset(options={"seed": (…)})` makes the episode with that key:
-    (seed, target index, number) for a search of `activetouch compare`.
-
-    ## Rewards
-    CONFIRM: +1 if correct, else -1. REJECT: 0; of the last object +1 if the target is absent, else -1. UNSURE:
-    `unsure_reward`. Probe: `-touch_cost` (λ). Truncation: -1. They sum to :meth:`belief.SearchProblem.reward`
-    (decision 0004).
-
-    ## Episode End
-    - Termination: CONFIRM, REJECT of the last object, or UNSURE, which leaves the observation as it is.
-    - Truncation: a probe after `touch_limit` touches in all, which is not made.
-
-    ## Information
-    As in `activetouch/ObjectTest-v0`, and `object_index`: number of rejected objects. With `unsure_reward`, also
-    `is_unsure`: whether the episode ended with UNSURE.
-
-    ## Arguments
-    ```python
-    import gymnasium
-    gymnasium.make("activetouch.envs:activetouch/ObjectSearch-v0", scene="coarse", target="cone")
-    ```
-    - `scene`, `target`, `touch_cost`, `touches`, `render_mode`, `state`: as in `activetouch/ObjectTest-v0`.
-    - `num_objects=None`, `composition=None`: those of the scene by default.
-    - `touch_limit=None`: of the whole search; 12 per object by default.
-    - `unsure_reward=None`: reward of the action UNSURE, in [-1, 1); by default there is no such action.
-
-    ## Version History
-    * v0: first version
+    Args:
+        scene: as of `activetouch/ObjectTest-v0`, and so are ``target``, ``touch_cost``, ``touches``, ``render_mode``,
+            ``state`` and ``hand``.
+        num_objects: that of the scene by default.
+        composition: that of the scene by default.
+        touch_limit: of the whole search; 12 per object by default.
+        unsure_reward: reward of the action UNSURE, in [-1, 1); by default there is no such action.
     """
 
     def __init__(
@@ -72,8 +54,9 @@ class ObjectSearchEnv(TouchEnv):
         render_mode: str | None = None,
         unsure_reward: float | None = None,
         state: str = "paper",
+        hand: Hand | str | None = None,
     ) -> None:
-        source = live_or_given(touches, scene)
+        source = live_or_given(touches, scene, hand)
         named = SCENES.get(scene, NamedScene())
         number = named.num_objects if num_objects is None else num_objects
         problem = SearchProblem(

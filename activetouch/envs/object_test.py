@@ -9,6 +9,7 @@ import numpy as np
 from activetouch.envs.base import State, TouchEnv, live_or_given
 from activetouch.envs.priors import ObjectPriors, TargetProb
 from activetouch.envs.touch_source import Touches
+from activetouch.hand import Hand
 from belief.categorical import Belief
 from belief.composition import Composition
 from belief.policy_state import TOUCH_LIMIT
@@ -18,7 +19,6 @@ from belief.problem import SearchProblem
 class ObjectTestEnv(TouchEnv):
     """One object: probe it, then CONFIRM that it has the target's shape, or REJECT it.
 
-    ## Description
     The task on which the paper trains its policies (§5.8). An object of unknown size and orientation is in front of a
     tactile pad. A probe turns it into a pose, presses it against the pad, and classifies the tactile image.
 
@@ -56,24 +56,17 @@ class ObjectTestEnv(TouchEnv):
     - `target_prob`: posterior probability of the target's shape; after `reset()`, the prior;
     - `target`, with `target=None`: label of the target shape.
 
-    ## Arguments
-    ```python
-    import gymnasium
-    gymnasium.make("activetouch.envs:activetouch/ObjectTest-v0", scene="coarse", target="cone", touch_cost=0.02)
-    ```
-    - `scene="gel"`: a named scene, with its shipped sensor.
-    - `target="cone"`: label of the target shape; or None to draw it at reset, uniformly, as
-      `activetouch/ObjectTestGoal-v0` does: one policy for all targets.
-    - `touch_cost=0.02`: λ.
-    - `touch_limit=12`: T_max.
-    - `target_prob=0.5`: prior of the target (decision 0030); or a range such as `(0.05, 0.95)`, from which every
-      episode draws its own (decision 0024).
-    - `touches=None`: another source of touches, a :class:`activetouch.envs.touch_source.Touches`.
-    - `state="paper"`: or `"posterior"` or `"gains"`, the observation.
-    - `render_mode=None`: or `"rgb_array"`, or `"human"`, a window that follows the episode.
-
-    ## Version History
-    * v0: first version
+    Args:
+        scene: a named scene, with its shipped sensor.
+        target: label of the target shape; or None to draw it at reset, uniformly: one policy for all targets.
+        touch_cost: λ.
+        touch_limit: T_max.
+        target_prob: prior of the target (decision 0030); or a range such as ``(0.05, 0.95)``, from which every episode
+            draws its own (decision 0024).
+        touches: another source of touches, a :class:`activetouch.envs.touch_source.Touches`.
+        render_mode: None, "rgb_array", or "human", a window that follows the episode.
+        state: "paper", "posterior" or "gains".
+        hand: a :class:`activetouch.hand.Hand`, or its name, such as "parallel": each probe is then one grasp.
     """
 
     def __init__(
@@ -86,8 +79,9 @@ class ObjectTestEnv(TouchEnv):
         touches: Touches | None = None,
         render_mode: str | None = None,
         state: str = "paper",
+        hand: Hand | str | None = None,
     ) -> None:
-        source = live_or_given(touches, scene)
+        source = live_or_given(touches, scene, hand)
         labels = source.model.shape_labels
         problem = SearchProblem(labels, source.pose_labels, 1, Composition.INDEPENDENT, touch_cost, touch_limit)
         self._draws_target = target is None

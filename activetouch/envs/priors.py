@@ -15,11 +15,7 @@ TargetProb: TypeAlias = float | tuple[float, float]
 
 @dataclass(frozen=True)
 class ObjectPriors:
-    """Priors that give the target a probability in a range, and equal probabilities to the other shapes.
-
-    Attributes:
-        num_shapes: K.
-        low, high: the range; the generator is not used if they are equal.
+    """Priors that give the target a probability in a range, and equal probabilities to the other K - 1 shapes.
 
     Raises:
         ValueError: there are fewer than two shapes, or not 0 < low ≤ high < 1.

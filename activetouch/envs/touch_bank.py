@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.errors import LabelMismatch
 from activetouch.sensor_files import INDEPENDENT_SUFFIX, MODELS
 from belief.errors import CorruptFile, UnknownName
 from belief.files import atomic_path, require_regular_file, sealed_json, unsealed_json, write_text
+from belief.touch_batch import TouchBatch
 
 _FORMAT = "activetouch-touch-bank-2"
 MANIFEST = "manifest.json"
@@ -93,6 +93,11 @@ class TouchBank(TouchRounds):
         if not np.isfinite(self.logits).all():
             raise ValueError("logits must be finite")
 
+    def batch(self, objects: NDArray[np.int64], rounds: NDArray[np.int64], poses: NDArray[np.int64]) -> TouchBatch:
+        """Touches of the bank as sequences of t touches; all arguments ``(n, t)``."""
+        features = None if self.features is None else np.asarray(self.features[objects, rounds, poses])
+        return TouchBatch(poses, np.asarray(self.logits[objects, rounds, poses], np.float64), features)
+
     def save(self, folder: Path) -> None:
         """Write the bank; replace an existing one."""
         (folder / MANIFEST).unlink(missing_ok=True)
@@ -146,10 +151,7 @@ class TouchBank(TouchRounds):
 
     @classmethod
     def shipped(cls, scene: str) -> TouchBank:
-        """The bank of a scene that comes with the package: objects that its reader was not trained on.
-
-        Args:
-            scene: name of the scene.
+        """The bank of a scene that comes with the package, of objects that its reader was not trained on.
 
         Raises:
             UnknownName: there is no bank of this scene.
@@ -159,18 +161,6 @@ class TouchBank(TouchRounds):
             raise UnknownName("scene with a bank", scene, [name.removesuffix(INDEPENDENT_SUFFIX) for name in known])
         bank = cls.open(MODELS / f"{scene}{INDEPENDENT_SUFFIX}" / SHIPPED)
         return replace(bank, logits=np.asarray(bank.logits, np.float32))
-
-    def require_labels(self, shape_labels: tuple[str, ...], num_poses: int) -> None:
-        """Check the shapes and the number of poses of an observation model.
-
-        Raises:
-            LabelMismatch: they differ from the bank's.
-        """
-        if (self.shape_labels, self.num_poses) != (tuple(shape_labels), num_poses):
-            raise LabelMismatch(
-                f"the bank has the shapes {list(self.shape_labels)} in {self.num_poses} poses, the model has "
-                f"{list(shape_labels)} in {num_poses}"
-            )
 
 
 def _digest(path: Path) -> str:

@@ -18,10 +18,7 @@ from belief.synthetic import SyntheticWorld
 
 
 class EpisodeWorld(Protocol):
-    """The objects of one episode, one of them in front of the pad.
-
-    It may have an attribute ``last_image``, ``(H, W)`` or ``(H, W, 3)`` uint8.
-    """
+    """The objects of one episode, one in front of the pad; it may have ``last_image``, ``(H, W[, 3])`` uint8."""
 
     def touch(self, pose: int, rng: np.random.Generator) -> Touch:
         """Touch the current object."""

@@ -15,7 +15,7 @@ from activetouch.recorded.session_log import logged_touches
 from activetouch.rendering.pressure import PressureRenderer
 from belief.frozen import FrozenArrays
 from belief.naming import checked_names
-from belief.problem import Floats
+from belief.validation import Floats
 
 if TYPE_CHECKING:
     from activetouch.scene import Scene

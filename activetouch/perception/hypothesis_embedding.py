@@ -110,7 +110,7 @@ class HypothesisEmbedding:
         return self
 
     def embedded(self, scene: Scene, bodies: Bodies, pose: int) -> Floats32:
-        """See :class:`activetouch.perception.reader.Hypotheses`."""
+        """See :class:`activetouch.perception.contacts.hypotheses.Hypotheses`."""
         num_shapes, number = len(scene.shapes), len(bodies.rests)
         shapes = np.repeat(np.arange(num_shapes), number)
         sizes = np.tile(bodies.sizes, num_shapes)
@@ -131,7 +131,7 @@ class HypothesisEmbedding:
         )
 
     def shape_logits(self, embeddings: Floats32) -> NDArray[np.float64]:
-        """See :class:`activetouch.perception.reader.Hypotheses`; the mean is over the fixed hypotheses."""
+        """See :class:`activetouch.perception.contacts.hypotheses.Hypotheses`; the mean is over the fixed hypotheses."""
         fixed, num_shapes, number = self._fixed.T, len(self.card.shape_labels), len(self.sizes)
         logits = np.empty((len(embeddings), num_shapes))
         for first in range(0, len(embeddings), _IMAGES):

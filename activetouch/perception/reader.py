@@ -15,9 +15,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from activetouch.errors import WrongScene
 from activetouch.hand import require_no_hand
 from activetouch.perception.card import READER, ClassifierCard, card_from
-from activetouch.perception.contacts.hypotheses import ContactHypotheses, mean_ratios, taking_turns
+from activetouch.perception.contacts.hypotheses import ContactHypotheses, Hypotheses
+from activetouch.perception.grasps import GraspHypotheses
 from activetouch.perception.hypothesis_embedding import Floats32, HypothesisEmbedding
 from activetouch.perception.sealed_tensors import read_tensors, write_tensors
 from activetouch.perception.sessions import session_of
@@ -27,7 +29,6 @@ from belief.files import array_digest
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession
 
-    from activetouch.hypotheses import Bodies
     from activetouch.scene import Scene
 
 INPUT, OUTPUTS = "images", ("embedding", "features")
@@ -65,62 +66,6 @@ class ImageReader(Protocol):
         """See :meth:`TactileReader.read`."""
 
 
-class Hypotheses(Protocol):
-    """Embeds hypotheses about an object: its shape, how it lies, and its size.
-
-    The product of the embeddings of an image and of a hypothesis is log p(image | hypothesis) / p(image), up to a
-    constant of the image.
-    """
-
-    def bound_to(self, scene: Scene) -> Hypotheses:
-        """The same for the objects of a scene, where they are of any objects."""
-
-    def embedded(self, scene: Scene, bodies: Bodies, pose: int) -> Floats32:
-        """Embeddings of N hypotheses of each of the K shapes of a scene, in one of its poses, ``(K, N, D)``."""
-
-    def shape_logits(self, embeddings: Floats32) -> NDArray[np.float64]:
-        """Log p(image | shape) / p(image) of the embeddings of N images, ``(N, K)``: the mean ratio of each shape."""
-
-    def tensors(self) -> dict[str, NDArray[Any]]:
-        """The arrays by name, as a file has them."""
-
-
-@dataclass(frozen=True, eq=False)
-class GraspHypotheses:
-    """Embeds hypotheses for grasps: the embedding of a grasp is those of its fingers, one after another.
-
-    The product of two of them is the sum of the fingers' log ratios: given the body, how it lies and its size, what
-    fingers feel is taken as independent.
-
-    Attributes:
-        single: embeds them for single touches, in any orientation.
-        scene: with the hand.
-    """
-
-    single: Hypotheses
-    scene: Scene
-
-    def bound_to(self, scene: Scene) -> GraspHypotheses:
-        """The same for the objects and the hand of another scene."""
-        return GraspHypotheses(self.single.bound_to(scene), scene)
-
-    def embedded(self, scene: Scene, bodies: Bodies, pose: int) -> Floats32:
-        """See :class:`activetouch.perception.reader.Hypotheses`; with m fingers ``(K, N, m · D)``."""
-        return np.concatenate([self.single.embedded(one, bodies, pose) for one in scene.fingers], axis=2)
-
-    def shape_logits(self, embeddings: Floats32) -> NDArray[np.float64]:
-        """See :class:`activetouch.perception.reader.Hypotheses`; the mean is over all poses."""
-        return mean_ratios(embeddings, self._fixed)
-
-    @cached_property
-    def _fixed(self) -> Floats32:
-        return taking_turns(self, self.scene)
-
-    def tensors(self) -> dict[str, NDArray[Any]]:
-        """The arrays by name, as a file has them: those for single touches."""
-        return self.single.tensors()
-
-
 @dataclass(frozen=True, eq=False)
 class TactileReader:
     """A trained network, ready to read touches.
@@ -130,15 +75,15 @@ class TactileReader:
         network: an ONNX graph.
         hypotheses: embeds hypotheses; None where the network gives logits of the shapes.
         threads: of the network; one by default, so that processes share the cores and sums keep their order.
-        fingers: m of the hand whose grasps it reads: images ``(N, H, m · W)`` hold those of the fingers side by side,
-            and what it gives for a grasp is that of its fingers, one after another.
+
+    With :class:`activetouch.perception.grasps.GraspHypotheses` it reads the images of grasps, and what it gives for a
+    grasp is that of its fingers, one after another.
     """
 
     card: ClassifierCard
     network: bytes
     hypotheses: Hypotheses | None = None
     threads: int = 1
-    fingers: int = 1
 
     def read(self, images: NDArray[np.uint8], batch_size: int = 64) -> Reading:
         """Logits, features and embeddings of images.
@@ -162,13 +107,11 @@ class TactileReader:
         Arguments and errors are those of :meth:`read`.
         """
         require_stack(images)
-        if self.fingers > 1:
-            if images.shape[2] != self.fingers * images.shape[1]:
-                raise ValueError(f"images of {self.fingers} fingers must be side by side, got {images.shape[1:]}")
-            single = np.concatenate(np.split(images, self.fingers, axis=2))
-            read = (np.split(part, self.fingers) for part in replace(self, fingers=1).run(single, batch_size))
-            embeddings, features = (np.concatenate(parts, axis=1) for parts in read)
-            return embeddings, features
+        if isinstance(grasps := self.hypotheses, GraspHypotheses):
+            single, stops = grasps.hand.apart(images)
+            read = replace(self, hypotheses=grasps.single).run(np.concatenate(single), batch_size)
+            embeddings, features = (np.concatenate(np.split(part, len(single)), axis=1) for part in read)
+            return np.concatenate([embeddings, grasps.of_travel(stops)], axis=1), features
         images = resized(images, self.card.image_shape)
         parts = [
             self._session.run(OUTPUTS, {INPUT: np.ascontiguousarray(images[first : first + batch_size])})
@@ -181,18 +124,24 @@ class TactileReader:
         """A reader of any object for the objects of a scene, or any reader for the hand of a scene.
 
         Raises:
-            WrongScene: the scene has a hand, and the reader does not know orientations.
+            WrongScene: the scene has a hand, and the reader does not know orientations; or the body's position in the
+                palm is latent, and the reader does not know aims.
         """
         if self.hypotheses is None:
             require_no_hand(scene.hand, "a reader that tells shapes only")
             return self
-        bound = self
-        if self.card.imaging is not None:
-            card = replace(self.card, shape_labels=scene.shape_labels, pose_labels=scene.pose_labels)
-            bound = replace(self, card=card, hypotheses=self.hypotheses.bound_to(scene))
+        single, card = self.hypotheses, self.card
+        if isinstance(single, GraspHypotheses):  # of another hand
+            single = single.single
+        if card.imaging is not None:
+            card = replace(card, shape_labels=scene.shape_labels, pose_labels=scene.pose_labels)
+            single = single.bound_to(scene)
+        elif scene.hand is not None and scene.hand.offset != "averaged":
+            raise WrongScene("only a reader of any object knows positions of a body in the palm; leave offset averaged")
         if scene.hand is None:
-            return bound
-        return replace(bound, hypotheses=GraspHypotheses(self.hypotheses, scene), fingers=len(scene.hand))
+            return self if single is self.hypotheses else replace(self, card=card, hypotheses=single)
+        reach = 0.0 if card.imaging is None else float(card.imaging["offset"])
+        return replace(self, card=card, hypotheses=GraspHypotheses(single, scene, reach))
 
     @cached_property
     def digest(self) -> str:

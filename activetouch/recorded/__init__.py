@@ -1,8 +1,7 @@
 """Recorded touches of real objects as a world: formats, a reader, splits, and searches among recorded objects.
 
 ``read_recorded`` reads a set, ``check_recorded`` says whether searches can be played on it, ``without_incomplete``
-leaves out objects that lack touches. The reader needs
-scikit-learn, which the extra ``recorded`` brings.
+leaves out objects that lack touches.
 """
 
 from activetouch.recorded.checking import check_recorded, without_incomplete

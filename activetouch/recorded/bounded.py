@@ -15,7 +15,7 @@ import numpy as np
 
 from activetouch.errors import BadRecording
 from belief.files import require_regular_file
-from belief.problem import Floats
+from belief.validation import Floats
 
 MOST_BYTES = 256 * 2**20
 """Largest decompressed size of one file."""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from belief.problem import Floats
+from belief.validation import Floats
 
 _LEAST = 1e-9  # variance, so that constant features have one
 

@@ -12,7 +12,7 @@ from activetouch.errors import BadRecording
 from activetouch.recorded.touches import RecordedTouches, scalar_features
 from belief.files import plain_number
 from belief.observation_model.kernel_fit import numbered_sessions
-from belief.problem import Floats
+from belief.validation import Floats
 
 NAMES = ("object", "action", "session", "category", "shape")
 """Names of the columns that are no features."""

@@ -1,8 +1,7 @@
 """A reader of recorded touches: from features to calibrated log likelihood ratios, with a classifier for each action.
 
-The classifiers are discriminants and support vectors; each action's is chosen by cross-validation, by the negative
-log-likelihood after temperature scaling. Features are standardised: for discriminants by their spread within labels,
-for support vectors by their spread.
+The classifiers are discriminants; each action's is chosen by cross-validation, by the negative log-likelihood after
+temperature scaling. Features are standardised by their spread within labels.
 
 Labels may have different numbers of touches, and the classifiers take all as equally probable. The calibration is a
 temperature or, with at most 30 labels, a structured matrix, which learns the labels' shares; the ratios are without
@@ -14,15 +13,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from types import MappingProxyType
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from activetouch.extras import require_extra
 from activetouch.recorded.discriminants import LinearDiscriminants
 from activetouch.recorded.splits import Split
-from activetouch.recorded.support_vectors import SupportVectors
 from activetouch.recorded.touches import LARGEST, TaskTouches
 from belief.calibration import Calibration, PerPose, StructuredMatrixScaling, TemperatureScaling
 from belief.errors import InvalidArgument
@@ -30,52 +28,26 @@ from belief.metrics import negative_log_likelihood
 from belief.naming import few
 from belief.observation_model.action_kernel import ActionKernelModel, Law
 from belief.observation_model.kernel_fit import fit_kernel, fused_loss
-from belief.problem import Floats
-from belief.validation import as_real, require
+from belief.validation import Floats, as_real, require
 
-Classifier: TypeAlias = LinearDiscriminants | SupportVectors
 Integers = NDArray[np.int64]
 
-_MANY_LABELS = 30  # beyond, pairs of labels are too many, and touches too few to calibrate single labels
-_MANY_TOUCHES = 10_000
+_MANY_LABELS = 30  # beyond, touches are too few to calibrate single labels
 _POOLING = 20.0  # touches that the calibration of all actions counts as in that of each
 _LEAST = 1e-3  # of a feature's spread, so that a feature that is constant within labels does not dominate
 
 
-@dataclass(frozen=True, eq=False)
-class Kind:
-    """A kind of classifier.
-
-    Attributes:
-        make: makes an unfitted classifier.
-        is_linear: whether its features are scaled by their spread within labels.
-    """
-
-    make: Callable[[], Classifier]
-    is_linear: bool
-
-
-def kinds(num_labels: int, num_touches: int = 0) -> Mapping[str, Kind]:
-    """The classifiers to choose from, by name.
-
-    Args:
-        num_labels: K; support vectors compare all pairs of labels.
-        num_touches: to learn from; the time of support vectors grows with its square.
-
-    Raises:
-        MissingPackage: scikit-learn is not installed.
-    """
-    require_extra("recorded")
-    found = {
-        f"{'heavy-tailed' if is_heavy else 'linear'} discriminants, shrinkage {s}": Kind(
-            partial(LinearDiscriminants, s, is_heavy), True
+Make: TypeAlias = Callable[[], LinearDiscriminants]
+KINDS: Mapping[str, Make] = MappingProxyType(
+    {
+        f"{'heavy-tailed' if is_heavy else 'linear'} discriminants, shrinkage {s}": partial(
+            LinearDiscriminants, s, is_heavy
         )
         for is_heavy in (False, True)
         for s in (0.1, 0.3, 0.6)
     }
-    if num_labels <= _MANY_LABELS and num_touches <= _MANY_TOUCHES:
-        found |= {f"support vectors, C = {c:g}": Kind(partial(SupportVectors, c), False) for c in (1.0, 10.0)}
-    return found
+)
+"""The classifiers to choose from: functions that make an unfitted one, by name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,20 +62,17 @@ class Fitted:
 
     centre: Floats
     scale: Floats
-    classifier: Classifier
+    classifier: LinearDiscriminants
     num_labels: int
 
     @classmethod
-    def of(cls, kind: Kind, features: Floats, labels: Integers, num_labels: int) -> Fitted:
+    def of(cls, make: Make, features: Floats, labels: Integers, num_labels: int) -> Fitted:
         """Scale the features and fit a classifier."""
-        spread = features.std(axis=0)
-        scale = spread
-        if kind.is_linear:
-            known, number = np.unique(labels, return_inverse=True)
-            means = np.array([features[number == k].mean(axis=0) for k in range(len(known))])
-            scale = np.sqrt(((features - means[number]) ** 2).mean(axis=0)) + _LEAST * spread
+        known, number = np.unique(labels, return_inverse=True)
+        means = np.array([features[number == k].mean(axis=0) for k in range(len(known))])
+        scale = np.sqrt(((features - means[number]) ** 2).mean(axis=0)) + _LEAST * features.std(axis=0)
         centre, scale = features.mean(axis=0), np.where(scale > 0.0, scale, 1.0)
-        return cls(centre, scale, kind.make().fit((features - centre) / scale, labels), num_labels)
+        return cls(centre, scale, make().fit((features - centre) / scale, labels), num_labels)
 
     def logits(self, features: Floats) -> Floats:
         """Scores ``(n, K)`` of features ``(n, F)``; the lowest of its row for labels that the training lacked."""
@@ -218,14 +187,11 @@ def read(touches: TaskTouches, split: Split, control: str | None = None, kind: C
     features, num_labels = touches.features(control), len(touches.label_names)
     num_actions = touches.source.num_actions
     x, y, a = features[split.train], touches.labels[split.train], touches.actions[split.train]
-    options = kinds(num_labels, len(split.train) // num_actions)
     held = np.zeros((len(x), num_labels))
     chosen: list[str] = []
     for action in range(num_actions):
         here = np.flatnonzero(a == action)
-        tried = {
-            name: _held_out(option, x[here], y[here], split.inner[here], num_labels) for name, option in options.items()
-        }
+        tried = {name: _held_out(make, x[here], y[here], split.inner[here], num_labels) for name, make in KINDS.items()}
         losses = {name: _loss(logits, y[here]) for name, logits in tried.items()}
         chosen.append(min(losses, key=lambda name: losses[name]))
         held[here] = tried[chosen[-1]]
@@ -233,7 +199,7 @@ def read(touches: TaskTouches, split: Split, control: str | None = None, kind: C
     def learned(rows: Integers) -> tuple[Fitted, ...]:
         parts = [rows[touches.actions[rows] == action] for action in range(num_actions)]
         return tuple(
-            Fitted.of(options[name], features[part], touches.labels[part], num_labels)
+            Fitted.of(KINDS[name], features[part], touches.labels[part], num_labels)
             for name, part in zip(chosen, parts, strict=True)
         )
 
@@ -297,13 +263,13 @@ def _logits(classifiers: tuple[Fitted, ...], features: Floats, actions: Integers
     return found
 
 
-def _held_out(kind: Kind, features: Floats, labels: Integers, folds: Integers, num_labels: int) -> Floats:
+def _held_out(make: Make, features: Floats, labels: Integers, folds: Integers, num_labels: int) -> Floats:
     """Logits of touches by classifiers that learned from the other folds, ``(n, K)``."""
     found = np.zeros((len(features), num_labels))
     for fold in np.unique(folds).tolist():
         held = folds == fold
         if len(np.unique(labels[~held])) > 1:
-            found[held] = Fitted.of(kind, features[~held], labels[~held], num_labels).logits(features[held])
+            found[held] = Fitted.of(make, features[~held], labels[~held], num_labels).logits(features[held])
     return found
 
 

@@ -7,7 +7,6 @@ import json
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -15,8 +14,7 @@ from numpy.typing import NDArray
 
 from activetouch.perception.sealed_tensors import read_tensors, write_tensors
 from activetouch.recorded.discriminants import LinearDiscriminants
-from activetouch.recorded.reader import Classifier, Fitted, RecordedReader
-from activetouch.recorded.support_vectors import SupportVectors
+from activetouch.recorded.reader import Fitted, RecordedReader
 from belief.calibration import PerPose
 from belief.errors import CorruptFile
 from belief.files import array_digest
@@ -24,9 +22,6 @@ from belief.naming import checked_names
 
 RECORDED_READER = "activetouch-recorded-reader-1"
 """The kind of file."""
-_CLASSIFIERS: Mapping[str, type[LinearDiscriminants] | type[SupportVectors]] = MappingProxyType(
-    {"discriminants": LinearDiscriminants, "support vectors": SupportVectors}
-)
 
 
 def write_recorded_reader(path: Path, reader: RecordedReader) -> None:
@@ -52,9 +47,7 @@ def _arrays_and_header(reader: RecordedReader) -> tuple[dict[str, NDArray[Any]],
         arrays |= {f"{action}.centre": fitted.centre, f"{action}.scale": fitted.scale}
         own = {field.name: getattr(fitted.classifier, field.name) for field in fields(fitted.classifier)}
         arrays |= {f"{action}.classifier.{name}": np.asarray(own[name]) for name in own if own[name] is not None}
-    names = {kind: name for name, kind in _CLASSIFIERS.items()}
     header = {
-        "classifiers": [names[type(fitted.classifier)] for fitted in reader.classifiers],
         "calibration": reader.calibration.to_fields(),
         "chosen": list(reader.chosen),
         "label_names": list(reader.label_names),
@@ -74,8 +67,8 @@ def read_recorded_reader(path: Path) -> RecordedReader:
     try:
         labels, actions = (checked_names(name, header[name]) for name in ("label_names", "action_names"))
         classifiers = tuple(
-            Fitted(arrays[f"{i}.centre"], arrays[f"{i}.scale"], _classifier(kind, i, arrays), len(labels))
-            for i, kind in enumerate(header["classifiers"])
+            Fitted(arrays[f"{i}.centre"], arrays[f"{i}.scale"], _classifier(i, arrays), len(labels))
+            for i in range(len(actions))
         )
         others = tuple(header["chosen"]), labels, actions, tuple(header["feature_names"])
         reader = RecordedReader(classifiers, PerPose.from_fields(header["calibration"]), arrays["log_prior"], *others)
@@ -92,9 +85,9 @@ def read_recorded_reader(path: Path) -> RecordedReader:
     return reader
 
 
-def _classifier(kind: str, action: int, arrays: Mapping[str, NDArray[Any]]) -> Classifier:
+def _classifier(action: int, arrays: Mapping[str, NDArray[Any]]) -> LinearDiscriminants:
     """A classifier from its arrays, of which those without dimensions are numbers."""
     prefix = f"{action}.classifier."
     own = {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
     values: dict[str, Any] = {name: array if array.ndim else array.item() for name, array in own.items()}
-    return _CLASSIFIERS[kind](**values)
+    return LinearDiscriminants(**values)

@@ -12,7 +12,8 @@ from activetouch.errors import BadRecording
 from belief.frozen import FrozenArrays
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.kernel_fit import numbered_sessions
-from belief.problem import Floats, Touch
+from belief.problem import Touch
+from belief.validation import Floats
 
 TASKS = ("objects", "categories", "shapes")
 """What a search can be about."""

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from activetouch.errors import BadRecording
 from belief.errors import InvalidArgument
 from belief.frozen import FrozenArrays
-from belief.problem import Floats, Touch
+from belief.problem import Touch
 from belief.seeding import checked_key, keyed_rng
+from belief.validation import Floats
 
 _KEY = 0x7EC0
 

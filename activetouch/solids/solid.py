@@ -8,6 +8,8 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from activetouch.errors import BadMesh
+
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
@@ -144,3 +146,18 @@ def corners(geom: Geom) -> Floats:
         radius, half_length = geom.size[:2]
         return np.vstack([ring(radius, z, _NUM_FACETS) for z in (-half_length, half_length)])
     raise ValueError(f"only boxes, cylinders and polyhedra can be cut or joined, got a {geom.type}")
+
+
+def require_hash(label: str, solid: Shape) -> None:
+    """Check that a shape has a hash.
+
+    Raises:
+        BadMesh: it has none.
+    """
+    try:
+        hash(solid)
+    except TypeError as error:
+        raise BadMesh(
+            f"the shape {label!r} has no hash ({error}), and a press in MuJoCo finds its model by it; make "
+            f"{type(solid).__name__} a frozen dataclass of numbers and tuples"
+        ) from error

@@ -6,7 +6,7 @@ many it also corrects confusions of single shapes. :func:`choose_calibration` co
 """
 
 from belief.calibration.affine import DirichletCalibration, StructuredMatrixScaling, VectorScaling
-from belief.calibration.base import Calibration, Status
+from belief.calibration.base import Calibration, Status, logits_from_probs
 from belief.calibration.choice import Choice, choose_calibration
 from belief.calibration.per_pose import PerPose
 from belief.calibration.table import CALIBRATIONS
@@ -23,4 +23,5 @@ __all__ = [
     "TemperatureScaling",
     "VectorScaling",
     "choose_calibration",
+    "logits_from_probs",
 ]

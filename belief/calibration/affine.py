@@ -62,10 +62,10 @@ class AffineCalibration(FrozenArrays, Calibration):
         return tuple(f.name for f in fields(cls) if f.name not in ("temperature", "coefficients"))
 
     @abstractmethod
-    def penalty(self, num_rows: int, num_shapes: int) -> Floats:
+    def penalty(self, num_rows: float, num_shapes: int) -> Floats:
         """Penalty on the square of each entry of (W - I | b), ``(K, K + 1)``; infinite for entries fixed at zero."""
 
-    def spread(self, num_rows: int) -> float:
+    def spread(self, num_rows: float) -> float:
         """The share of the probability that is spread evenly over the shapes after the temperature."""
         return 1.0 / (num_rows + 2)
 
@@ -89,12 +89,13 @@ class AffineCalibration(FrozenArrays, Calibration):
         """K; None before the fit."""
         return None if self.coefficients is None else len(self.coefficients)
 
-    def fit_logits(self, logits: ArrayLike, labels: ArrayLike) -> Self:
+    def fit_logits(self, logits: ArrayLike, labels: ArrayLike, weights: Floats | None = None) -> Self:
         """See :meth:`Calibration.fit`; Newton's method until the gradient is at rounding errors."""
         z, y = labelled_logits(logits, labels)
-        temperature = replace(TemperatureScaling().fit_logits(z, y), floor=self.spread(len(y)))
+        total = len(y) if weights is None else float(weights.sum())
+        temperature = replace(TemperatureScaling().fit_logits(z, y, weights), floor=self.spread(total))
         unsolved = replace(self, temperature=temperature, coefficients=self._identity(z.shape[1]))
-        return replace(unsolved, coefficients=unsolved._problem(z, y).solve())
+        return replace(unsolved, coefficients=unsolved._problem(z, y, weights).solve())
 
     def log_proba_of(self, logits: ArrayLike) -> Floats:
         """See :meth:`Calibration.predict_log_proba`."""
@@ -133,12 +134,13 @@ class AffineCalibration(FrozenArrays, Calibration):
             raise ValueError("there are no coefficients yet: call fit first")
         return self.coefficients
 
-    def _problem(self, logits: Floats, labels: NDArray[np.intp]) -> SoftmaxRegression:
+    def _problem(self, logits: Floats, labels: NDArray[np.intp], weights: Floats | None = None) -> SoftmaxRegression:
         num_rows, num_shapes = logits.shape
+        w = np.ones(num_rows) if weights is None else weights
         centre = self._identity(num_shapes)
         features = np.ones((num_shapes + 1, num_rows))
         features[:-1] = self.temperature.log_proba_of(logits).T
-        return SoftmaxRegression(features, labels, self.penalty(num_rows, num_shapes), centre)
+        return SoftmaxRegression(features, labels, w, self.penalty(float(w.sum()), num_shapes), centre)
 
     def _identity(self, num_shapes: int) -> Floats:
         """The map that changes nothing."""
@@ -189,11 +191,11 @@ class VectorScaling(AffineCalibration):
     diagonal_strength: float = 0.25
     bias_strength: float = 0.25
 
-    def spread(self, num_rows: int) -> float:
+    def spread(self, num_rows: float) -> float:
         """See :meth:`AffineCalibration.spread`."""
         return 1.0 / (num_rows + 2) ** 2
 
-    def penalty(self, num_rows: int, num_shapes: int) -> Floats:
+    def penalty(self, num_rows: float, num_shapes: int) -> Floats:
         """See :meth:`AffineCalibration.penalty`; W is diagonal."""
         unit = num_shapes / num_rows
         return structured_penalty(num_shapes, self.diagonal_strength * unit, np.inf, self.bias_strength * unit)
@@ -234,7 +236,7 @@ class DirichletCalibration(AffineCalibration):
     off_diagonal_strength: float = 0.1
     bias_strength: float = 0.1
 
-    def penalty(self, num_rows: int, num_shapes: int) -> Floats:
+    def penalty(self, num_rows: float, num_shapes: int) -> Floats:
         """See :meth:`AffineCalibration.penalty`."""
         return structured_penalty(
             num_shapes,
@@ -280,7 +282,7 @@ class StructuredMatrixScaling(AffineCalibration):
     off_diagonal_strength: float = 1.0
     bias_strength: float = 1.0
 
-    def penalty(self, num_rows: int, num_shapes: int) -> Floats:
+    def penalty(self, num_rows: float, num_shapes: int) -> Floats:
         """See :meth:`AffineCalibration.penalty`."""
         unit = num_shapes / num_rows
         return structured_penalty(

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Literal, Self, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from belief.validation import Floats, as_real, warn_of_probs
+from belief.validation import Floats, as_real, checked_values, labelled_logits, normalise_probs, warn_of_probs
 
 Status: TypeAlias = Literal["unfitted", "ok", "separable", "uninformative", "anti_informative"]
 
@@ -45,20 +45,27 @@ class Calibration(ABC):
     def num_shapes(self) -> int | None:
         """K; None if it is valid for any number."""
 
-    def fit(self, logits: ArrayLike, labels: ArrayLike) -> Self:
+    def fit(self, logits: ArrayLike, labels: ArrayLike, weights: ArrayLike | None = None) -> Self:
         """A calibration that minimises :meth:`objective` on these data.
 
-        Logits that look like probabilities, non-negative rows that sum to one, cause a UserWarning: give the logarithms
-        of probabilities.
+        Logits that look like probabilities, non-negative rows that sum to one, cause a UserWarning: give
+        :func:`logits_from_probs` of them.
 
         Args:
             logits: ``(n, K)``, any float type, finite.
             labels: true shape indices, ``(n,)``.
+            weights: ``(n,)``, not negative; a row of weight 2 counts as two rows. By default each row counts once.
 
         Raises:
-            ValueError: empty input, NaN or infinite logits, labels out of range, shapes that do not fit.
+            ValueError: empty input, NaN or infinite logits, labels out of range, shapes that do not fit; weights that
+                are negative, not finite, or all zero.
         """
-        return self.fit_logits(no_probs(logits), labels)
+        z = no_probs(logits)
+        if weights is None:
+            return self.fit_logits(z, labels)
+        z, y = labelled_logits(z, labels)
+        w = checked_weights(weights, len(y))
+        return self.fit_logits(z[w > 0.0], y[w > 0.0], w[w > 0.0])
 
     def predict_log_proba(self, logits: ArrayLike) -> Floats:
         """Calibrated log probabilities, ``(..., K)``, of logits ``(..., K)``; finite. Warns as :meth:`fit`.
@@ -73,8 +80,8 @@ class Calibration(ABC):
         return self.proba_of(no_probs(logits))
 
     @abstractmethod
-    def fit_logits(self, logits: ArrayLike, labels: ArrayLike) -> Self:
-        """:meth:`fit` to logits, without a warning."""
+    def fit_logits(self, logits: ArrayLike, labels: ArrayLike, weights: Floats | None = None) -> Self:
+        """:meth:`fit` to logits, without a warning; weights are above zero."""
 
     @abstractmethod
     def log_proba_of(self, logits: ArrayLike) -> Floats:
@@ -111,3 +118,49 @@ def no_probs(logits: ArrayLike) -> Floats:
     found = as_real(logits, "logits")
     warn_of_probs(found, "logits", "take the logarithms of probabilities")
     return np.asarray(found, np.float64)
+
+
+def logits_from_probs(probs: ArrayLike, floor: float = 1e-12) -> Floats:
+    """Logits, for :meth:`Calibration.fit` and :class:`~belief.Touch`, of a classifier that gives probabilities.
+
+    Args:
+        probs: ``(..., K)``, rows that sum to one; or ``(n,)`` or ``(n, 1)``, the probability of the second of two
+            shapes, as from a sigmoid.
+        floor: smaller probabilities count as this, in (0, 0.5); zeros have no finite logarithm. Of a forest of 100
+            trees, 0.005 is half of the least step.
+
+    Returns:
+        Logarithms, ``(..., K)``, or ``(n, 2)``.
+
+    Raises:
+        ValueError: a number outside [0, 1], a row that does not sum to one, or a floor out of range.
+
+    >>> logits_from_probs([[0.5, 0.5], [1.0, 0.0]], floor=1e-3).round(2).tolist()
+    [[-0.69, -0.69], [0.0, -6.91]]
+    >>> logits_from_probs([0.9]).round(2).tolist()
+    [[-2.3, -0.11]]
+    """
+    if not 0.0 < floor < 0.5:
+        raise ValueError(f"floor must be in (0, 0.5), got {floor}")
+    p = np.asarray(as_real(probs, "probs"), np.float64)
+    if p.ndim == 1 or (p.ndim == 2 and p.shape[1] == 1):
+        p = np.stack([1.0 - p.reshape(-1), p.reshape(-1)], axis=1)
+    return np.log(np.maximum(normalise_probs(p), floor))
+
+
+def checked_weights(weights: ArrayLike, num_rows: int) -> Floats:
+    """Weights of rows, ``(n,)``, as float64.
+
+    Raises:
+        ValueError: another number of them, one that is negative or not finite, or none above zero.
+
+    >>> checked_weights([1, 2], 2)
+    array([1., 2.])
+    """
+    w = checked_values("weights", weights)
+    if w.shape != (num_rows,):
+        raise ValueError(f"need a weight for each of {num_rows} rows, got shape {w.shape}")
+    if w.min() < 0.0 or not w.max() > 0.0:
+        row = int(w.argmin())
+        raise ValueError(f"weights must not be negative, and one must be above zero; got {w[row]} in row {row}")
+    return w

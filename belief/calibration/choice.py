@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from belief.calibration.base import Calibration, no_probs
+from belief.calibration.base import Calibration, checked_weights, no_probs
 from belief.calibration.table import CALIBRATIONS
 from belief.cross_validation import losses_table, object_folds
 from belief.table import Table, Tabular
@@ -45,6 +45,7 @@ def choose_calibration(
     object_ids: ArrayLike,
     candidates: Mapping[str, Calibration] | None = None,
     num_folds: int = 5,
+    weights: ArrayLike | None = None,
 ) -> Choice:
     """The candidate with the least cross-validated NLL; the first of equal ones.
 
@@ -56,6 +57,7 @@ def choose_calibration(
         object_ids: object of each touch, ``(n,)``.
         candidates: unfitted calibrations by name; by default one of each class in :data:`CALIBRATIONS`.
         num_folds: from 2 to the number of objects.
+        weights: as of :meth:`Calibration.fit`; also of the loss.
 
     Raises:
         ValueError: invalid logits or labels, no candidates, more folds than objects, or an object with two shapes.
@@ -80,14 +82,17 @@ def choose_calibration(
         raise ValueError(f"no candidates to choose from; try {', '.join(CALIBRATIONS)}")
     require_count("num_folds", num_folds, least=2)
     folds = object_folds(y, object_ids, num_folds)
+    w = np.ones(len(y)) if weights is None else checked_weights(weights, len(y))
     losses = {}
     for name, candidate in candidates.items():
         at_label = np.empty(len(y))
         for fold in range(num_folds):
             held = folds == fold
-            fitted = candidate.fit_logits(z[~held], y[~held])
+            kept = ~held & (w > 0.0)
+            fitted = candidate.fit_logits(z[kept], y[kept], None if weights is None else w[kept])
             at_label[held] = fitted.log_proba_of(z[held])[np.arange(held.sum()), y[held]]
         with np.errstate(over="ignore"):  # the mean of values near -1e308
-            losses[name] = -float(at_label.mean())
+            losses[name] = -float(np.average(at_label, weights=w))
     best = min(losses, key=losses.__getitem__)
-    return Choice(candidates[best].fit_logits(z, y), best, losses)
+    every = w > 0.0
+    return Choice(candidates[best].fit_logits(z[every], y[every], None if weights is None else w[every]), best, losses)

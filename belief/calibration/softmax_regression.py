@@ -2,7 +2,7 @@
 
 With features x (the last of them 1) and coefficients C ``(K, F)``,
 
-    objective(C) = mean over rows of -log softmax(C x)_label + Σ_kf penalty_kf (C_kf - centre_kf)².
+    objective(C) = weighted mean over rows of -log softmax(C x)_label + Σ_kf penalty_kf (C_kf - centre_kf)².
 
 It is strictly convex for positive penalties, with one finite optimum for any labels. An infinite penalty fixes a
 coefficient at its centre. Sums run over blocks of rows to limit memory. For many coefficients (45 shapes have 2 070)
@@ -33,12 +33,13 @@ class SoftmaxRegression:
     Attributes:
         features: ``(F, n)``; a row of ones gives intercepts.
         labels: ``(n,)``, in [0, K).
+        weights: of the rows, ``(n,)``, above zero.
         penalty: ``(K, F)``, positive; infinite for coefficients fixed at their centre.
         centre: optimal coefficients without data, ``(K, F)``.
 
     Example:
         >>> features, labels = np.array([[1.0, 2.0, -1.0], [1.0, 1.0, 1.0]]), np.array([0, 0, 1])
-        >>> problem = SoftmaxRegression(features, labels, np.full((2, 2), 0.1), np.zeros((2, 2)))
+        >>> problem = SoftmaxRegression(features, labels, np.ones(3), np.full((2, 2), 0.1), np.zeros((2, 2)))
         >>> best = problem.solve()
         >>> bool(np.abs(problem.value_and_gradient(best)[1]).max() < 1e-12)
         True
@@ -46,6 +47,7 @@ class SoftmaxRegression:
 
     features: Floats
     labels: NDArray[np.intp]
+    weights: Floats
     penalty: Floats
     centre: Floats
 
@@ -80,7 +82,7 @@ class SoftmaxRegression:
     def _step(self, coefficients: Floats, free: NDArray[np.bool_], gradient: Floats) -> Floats:
         """The Newton step without a Hessian, by conjugate gradients; the more precise, the smaller the gradient."""
         # Preconditioner: inverse of the penalties plus an upper bound on the curvature of each coefficient.
-        squares = np.square(self.features).mean(axis=1)
+        squares = np.square(self.features) @ self.weights / self.weights.sum()
         diagonal = (2.0 * self.penalty + squares / len(self.centre))[free]
         operator, scale = (
             scipy.sparse.linalg.LinearOperator((gradient.size, gradient.size), matvec=product, dtype=np.float64)
@@ -92,17 +94,17 @@ class SoftmaxRegression:
 
     def _curvature(self, coefficients: Floats, free: NDArray[np.bool_]) -> Callable[[Floats], Floats]:
         """The function that multiplies the Hessian at these coefficients with a vector of the free ones."""
-        num_rows, ridge = len(self.labels), 2.0 * self.penalty[free]
+        total, ridge = self.weights.sum(), 2.0 * self.penalty[free]
 
         def product(vector: Floats) -> Floats:
             direction, bent = np.zeros(self.centre.shape), np.zeros(self.centre.shape)
             direction[free] = vector.ravel()
-            for first in range(0, num_rows, _BLOCK):
+            for first in range(0, len(self.labels), _BLOCK):
                 x = self.features[:, first : first + _BLOCK]
                 probs = softmax(coefficients @ x, axis=0)
                 moved = direction @ x
-                bent += (probs * (moved - (probs * moved).sum(axis=0))) @ x.T
-            return np.asarray(bent[free] / num_rows + ridge * vector.ravel())
+                bent += (self.weights[first : first + _BLOCK] * probs * (moved - (probs * moved).sum(axis=0))) @ x.T
+            return np.asarray(bent[free] / total + ridge * vector.ravel())
 
         return product
 
@@ -112,23 +114,24 @@ class SoftmaxRegression:
         size = len(which) if curvature else 0
         same = which[:size, None] == which[:size]
         loss, slope, bend = 0.0, np.zeros(self.centre.shape), np.zeros((size, size))
-        num_rows = len(self.labels)
-        for first in range(0, num_rows, _BLOCK):
-            x, y = self.features[:, first : first + _BLOCK], self.labels[first : first + _BLOCK]
+        total = float(self.weights.sum())
+        for first in range(0, len(self.labels), _BLOCK):
+            block = slice(first, first + _BLOCK)
+            x, y, w = self.features[:, block], self.labels[block], self.weights[block]
             rows = np.arange(len(y))
             scores = coefficients @ x  # (K, rows)
             scores -= scores.max(axis=0)
             probs = np.exp(scores)
             totals = probs.sum(axis=0)
             probs /= totals
-            loss += float(np.log(totals).sum() - scores[y, rows].sum())
+            loss += float((w * (np.log(totals) - scores[y, rows])).sum())
             if curvature:
                 weighted = probs[which] * x[feature]  # (free, rows)
-                bend += np.where(same, (weighted @ x.T)[:, feature], 0.0) - weighted @ weighted.T
+                bend += np.where(same, ((w * weighted) @ x.T)[:, feature], 0.0) - (w * weighted) @ weighted.T
             probs[y, rows] -= 1.0
-            slope += probs @ x.T
+            slope += (w * probs) @ x.T
         ridge, away = self.penalty[which, feature], (coefficients - self.centre)[which, feature]
-        value = loss / num_rows + float(ridge @ away**2)
-        bend /= num_rows
+        value = loss / total + float(ridge @ away**2)
+        bend /= total
         bend[np.diag_indices(size)] += 2.0 * ridge[:size]
-        return value, slope[which, feature] / num_rows + 2.0 * ridge * away, bend
+        return value, slope[which, feature] / total + 2.0 * ridge * away, bend

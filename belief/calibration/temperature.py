@@ -73,7 +73,7 @@ class TemperatureScaling(Calibration):
         """None: it is valid for any number of shapes."""
         return
 
-    def fit_logits(self, logits: ArrayLike, labels: ArrayLike) -> TemperatureScaling:
+    def fit_logits(self, logits: ArrayLike, labels: ArrayLike, weights: Floats | None = None) -> TemperatureScaling:
         """See :meth:`Calibration.fit`: the maximum-likelihood temperature, by safeguarded Newton steps in log β.
 
         The relative error is about 1e-15 for logits of any scale.
@@ -88,7 +88,7 @@ class TemperatureScaling(Calibration):
             factor = 0.5 / _SHIFT if largest > _SHIFT else factor
             gaps = np.multiply(z.T, factor, order="C")
             gaps -= gaps.max(axis=0)
-            return _fit(gaps, y, 1.0 / factor)
+            return _fit(gaps, y, np.ones(len(y)) if weights is None else weights, 1.0 / factor)
 
     def log_proba_of(self, logits: ArrayLike) -> Floats:
         """See :meth:`Calibration.predict_log_proba`."""
@@ -128,28 +128,33 @@ class TemperatureScaling(Calibration):
         return cls(float(fields["temperature"]), fields["status"], float(fields["floor"]))
 
 
-def _fit(gaps: Floats, labels: NDArray[np.intp], unit: float) -> TemperatureScaling:
+def _fit(gaps: Floats, labels: NDArray[np.intp], weights: Floats, unit: float) -> TemperatureScaling:
     """Fit to gaps ``(K, n)`` of the logits below the largest in their row, in units of ``unit`` logits."""
-    num_rows = gaps.shape[1]
+    num_rows, total = gaps.shape[1], float(weights.sum())
     scale = -float(gaps.min())
     if scale == 0.0:
         return TemperatureScaling(1.0, "uninformative")
-    label_gap = float(gaps[labels, np.arange(num_rows)].mean())
-    flat_slope = float(gaps.mean()) - label_gap  # at β = 0
+    label_gap = _mean(gaps[labels, np.arange(num_rows)], weights)
+    flat_slope = _mean(gaps.mean(axis=0), weights) - label_gap  # at β = 0
     if flat_slope >= -_ROUNDING * scale:
         status: Status = "uninformative" if flat_slope <= _ROUNDING * scale else "anti_informative"
         return TemperatureScaling(_representable(scale * _EXTREME * unit), status)
     if label_gap == 0.0:
-        return TemperatureScaling(_representable(scale / _EXTREME * unit), "separable", 1.0 / (num_rows + 2))
+        return TemperatureScaling(_representable(scale / _EXTREME * unit), "separable", 1.0 / (total + 2))
     beta = 1.0 / scale
     if num_rows > 2 * _ENOUGH:
         some = slice(None, None, num_rows // _ENOUGH)
         part = np.ascontiguousarray(gaps[:, some])
-        beta = _best_beta(part, float(part[labels[some], np.arange(part.shape[1])].mean()), beta)
-    return TemperatureScaling(_representable(unit / _best_beta(gaps, label_gap, beta)), "ok")
+        part_gap = _mean(part[labels[some], np.arange(part.shape[1])], weights[some])
+        beta = _best_beta(part, weights[some], part_gap, beta)
+    return TemperatureScaling(_representable(unit / _best_beta(gaps, weights, label_gap, beta)), "ok")
 
 
-def _best_beta(gaps: Floats, label_gap: float, beta: float) -> float:
+def _mean(values: Floats, weights: Floats) -> float:
+    return float((values * weights).sum() / weights.sum())
+
+
+def _best_beta(gaps: Floats, weights: Floats, label_gap: float, beta: float) -> float:
     """The root of the slope, from an initial value; an end of the range if there is no root in it.
 
     Newton steps in log β as long as each is at most half the one before and stays in the bracket. Otherwise the bracket
@@ -159,7 +164,7 @@ def _best_beta(gaps: Floats, label_gap: float, beta: float) -> float:
     before, stride = math.inf, 1.0
     for _ in range(200):
         beta = math.exp(at)
-        mean, variance = _moments(gaps, beta)
+        mean, variance = _moments(gaps, weights, beta)
         excess = beta * label_gap - mean  # -β times the slope
         if excess == 0.0:
             break
@@ -180,14 +185,15 @@ def _best_beta(gaps: Floats, label_gap: float, beta: float) -> float:
     return beta
 
 
-def _moments(gaps: Floats, beta: float) -> tuple[float, float]:
-    """Mean over rows of E[u] and of Var[u] under the softmax of u = β · gaps."""
+def _moments(gaps: Floats, weights: Floats, beta: float) -> tuple[float, float]:
+    """Weighted mean over rows of E[u] and of Var[u] under the softmax of u = β · gaps."""
     num_shapes, num_rows = gaps.shape
-    scaled, weights = np.empty((2, num_shapes, min(num_rows, _BLOCK)))
+    scaled, powers = np.empty((2, num_shapes, min(num_rows, _BLOCK)))
     total = spread = 0.0
     for first in range(0, num_rows, _BLOCK):
         block = gaps[:, first : first + _BLOCK]
-        u, w = scaled[:, : block.shape[1]], weights[:, : block.shape[1]]
+        u, w = scaled[:, : block.shape[1]], powers[:, : block.shape[1]]
+        of_row = weights[first : first + _BLOCK]
         np.multiply(block, beta, out=u)
         np.maximum(u, _VANISHING, out=u)
         np.exp(u, out=w)
@@ -196,13 +202,14 @@ def _moments(gaps: Floats, beta: float) -> tuple[float, float]:
         mean = w.sum(axis=0)
         w *= u
         mean /= sums
-        total += float(mean.sum())
+        total += float((mean * of_row).sum())
         square = w.sum(axis=0)
         square /= sums
         mean *= mean
         square -= mean
-        spread += float(square.sum())
-    return total / num_rows, spread / num_rows
+        spread += float((square * of_row).sum())
+    every = float(weights.sum())
+    return total / every, spread / every
 
 
 def _representable(temperature: float) -> float:

@@ -18,12 +18,17 @@ from belief.metrics.binned import (
     expected_calibration_error,
 )
 from belief.metrics.calibration_at_stop import CalibrationAtStop, StopScore, calibration_at_stop
-from belief.metrics.confusion import ShapeScore, confusion_matrix, shape_scores
-from belief.metrics.interval import bias_corrected_interval
-from belief.metrics.null_distribution import null_quantile
-from belief.metrics.reliability import ReliabilityCurve, reliability_curve
+from belief.metrics.chance import bias_corrected_interval, null_quantile
+from belief.metrics.reliability import ReliabilityCurve, reliability_curve, reliability_diagram
 from belief.metrics.report import CalibrationError, CalibrationReport, calibration_report
-from belief.metrics.scores import accuracy, brier_score, negative_log_likelihood
+from belief.metrics.scores import (
+    ShapeScore,
+    accuracy,
+    brier_score,
+    confusion_matrix,
+    negative_log_likelihood,
+    shape_scores,
+)
 from belief.metrics.selective_risk import RiskCoverage, risk_coverage
 from belief.metrics.smooth import smooth_calibration_error
 
@@ -46,6 +51,7 @@ __all__ = [
     "negative_log_likelihood",
     "null_quantile",
     "reliability_curve",
+    "reliability_diagram",
     "risk_coverage",
     "shape_scores",
     "smooth_calibration_error",

@@ -75,9 +75,6 @@ def bin_index(values: Floats, num_bins: int, binning: Binning) -> NDArray[np.int
 
     Raises:
         ValueError: as :func:`bin_edges`.
-
-    >>> bin_index(np.array([0.0, 0.5, 0.51, 1.0]), 2, "width").tolist()
-    [0, 0, 1, 1]
     """
     if binning == "mass" and values.ndim == 2:
         return np.stack([bin_index(column, num_bins, binning) for column in values.T], axis=1)

@@ -84,6 +84,42 @@ class CalibrationAtStop(Tabular):
         )
 
 
+@dataclass(frozen=True, eq=False)
+class Stops:
+    """The T sequences of touches in which one shape became sufficiently probable.
+
+    Attributes:
+        sequences: their indices in increasing order, ``(T,)``.
+        claims: stated confidence: probability of the most probable shape at stopping, ``(T,)``.
+        correct: whether this is the true shape, ``(T,)``.
+        num_touches: number of touches at stopping, ``(T,)``.
+    """
+
+    sequences: NDArray[np.int64]
+    claims: Floats
+    correct: NDArray[np.bool_]
+    num_touches: NDArray[np.int64]
+
+
+def stops(log_probs: Floats, shapes: NDArray[np.int64], confidence: float) -> Stops:
+    """Stops of searches that touch until the most probable shape has at least a given probability.
+
+    Args:
+        log_probs: log posteriors after 1 to n touches, ``(S, n, K)``.
+        shapes: true shapes, ``(S,)``.
+        confidence: this probability, in (1/K, 1).
+
+    >>> found = stops(np.log([[[0.6, 0.4], [0.98, 0.02]], [[0.5, 0.5], [0.7, 0.3]]]), np.array([0, 1]), 0.95)
+    >>> found.sequences.tolist(), found.num_touches.tolist(), found.correct.tolist()
+    ([0], [2], [True])
+    """
+    reached = log_probs.max(axis=2) >= np.log(confidence)
+    sequences = np.flatnonzero(reached.any(axis=1))
+    touch = reached[sequences].argmax(axis=1)
+    last = log_probs[sequences, touch]
+    return Stops(sequences, np.exp(last.max(axis=1)), last.argmax(axis=1) == shapes[sequences], touch + 1)
+
+
 def calibration_at_stop(
     stated: ArrayLike, correct: ArrayLike, num_touches: ArrayLike, confidence: float = 0.95
 ) -> CalibrationAtStop:

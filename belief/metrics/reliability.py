@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -40,6 +41,20 @@ class ReliabilityCurve(FrozenArrays):
     def is_consistent(self) -> NDArray[np.bool_]:
         """Whether the accuracy lies within its band, ``(B,)``."""
         return (self.band_low <= self.accuracy) & (self.accuracy <= self.band_high)
+
+    def plot(self, axes: Any) -> None:
+        """Draw the curve on a matplotlib axis: points, whose area shows the rows, and the bands in grey.
+
+        The points of a calibrated model lie in their bands with the given probability, if rows are independent.
+        """
+        axes.plot([0, 1], [0, 1], color=axes.xaxis.label.get_color(), linewidth=0.8, linestyle=":")
+        width = 0.8 * (self.upper - self.lower)
+        band = {"color": "#8a97a5", "alpha": 0.3, "linewidth": 0}
+        axes.bar(self.mean_confidence, self.band_high - self.band_low, width, self.band_low, **band)
+        size = 8.0 + 120.0 * self.count / self.count.sum()
+        axes.scatter(self.mean_confidence, self.accuracy, size, color="C0", zorder=3)
+        low = max(0.0, float(self.lower.min()) - 0.05)
+        axes.set(xlabel="confidence", ylabel="accuracy", xlim=(low, 1.02), ylim=(low, 1.02))
 
 
 def reliability_curve(
@@ -94,3 +109,28 @@ def reliability_curve(
         band_low=stats.binom.ppf(tail, count, mean) / count,
         band_high=stats.binom.isf(tail, count, mean) / count,
     )
+
+
+def reliability_diagram(probs: ArrayLike, labels: ArrayLike, axes: Any, **options: Any) -> ReliabilityCurve:
+    """Draw accuracy against confidence, with the bands of a calibrated model, on a matplotlib axis.
+
+    Args:
+        probs: ``(n, K)``.
+        labels: ``(n,)``.
+        axes: matplotlib axis, such as ``matplotlib.pyplot.gca()``.
+        options: further arguments of :func:`reliability_curve`, such as ``num_bins``.
+
+    Returns:
+        The curve that was drawn.
+
+    Raises:
+        ValueError: as :func:`reliability_curve`.
+
+    >>> from matplotlib.figure import Figure
+    >>> axes = Figure().subplots()
+    >>> reliability_diagram([[0.8, 0.2]] * 10, [0] * 8 + [1] * 2, axes).is_consistent.tolist(), axes.get_xlabel()
+    ([True], 'confidence')
+    """
+    curve = reliability_curve(probs, labels, **options)
+    curve.plot(axes)
+    return curve

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from belief.metrics.binned import classwise_calibration_error, expected_calibration_error
-from belief.metrics.null_distribution import Metric, null_quantile
+from belief.metrics.chance import Metric, null_quantile
 from belief.metrics.reliability import ReliabilityCurve, reliability_curve
 from belief.metrics.scores import accuracy, brier_score, negative_log_likelihood
 from belief.metrics.smooth import smooth_calibration_error

@@ -8,14 +8,14 @@ To add a model, derive from :class:`ArrayModel`, and enter it in
 :data:`belief.observation_model.registry.OBSERVATION_MODELS`.
 """
 
+from belief.observation_model.arrays import calibration_of_stops, fit_observation_model
 from belief.observation_model.check import check_observation_model
 from belief.observation_model.confusion import ConfusionModel
 from belief.observation_model.embedded_hypotheses import FixedHypotheses
-from belief.observation_model.gaussian import GaussianModel
 from belief.observation_model.likelihood_ratio import RatioModel
 from belief.observation_model.model import ArrayModel, ObservationModel
 from belief.observation_model.outcome_table import OutcomeTable
-from belief.observation_model.plda import PLDAModel
+from belief.observation_model.plda import GaussianModel, PLDAModel
 from belief.observation_model.registry import read_observation_model, read_origin
 from belief.observation_model.rigid_body import FittedRigidBody, RigidBodyModel
 from belief.observation_model.sensor_health import SensorHealthModel
@@ -34,7 +34,9 @@ __all__ = [
     "RatioModel",
     "RigidBodyModel",
     "SensorHealthModel",
+    "calibration_of_stops",
     "check_observation_model",
+    "fit_observation_model",
     "read_observation_model",
     "read_origin",
     "spread_prior",

@@ -41,11 +41,7 @@ _LARGEST = 1e290  # log likelihood ratios are limited to it, so that sums of the
 
 
 def touch_weights(counts: ArrayLike, kernel: Floats) -> Floats:
-    """Fraction of an independent touch that each touch in a pose counts as, ``(..., P)``, for ``counts (..., P)``.
-
-    >>> touch_weights([2, 0], np.array([[0.5, 0.25], [0.25, 0.5]])).round(3).tolist()   # of pose 1, if it had one touch
-    [0.667, 0.667]
-    """
+    """Fraction of an independent touch that each touch in a pose counts as, ``(..., P)``, for ``counts (..., P)``."""
     n = np.asarray(counts, np.float64)
     others = n @ kernel - np.where(n > 0.0, 1.0, 0.0) * np.diagonal(kernel)
     return np.asarray(1.0 / (1.0 + np.maximum(others, 0.0)))
@@ -66,15 +62,6 @@ class ActionKernelModel(ArrayModel):
 
     Raises:
         ValueError: an invalid kernel, references or number of repeats.
-
-    Example:
-        >>> rng = np.random.default_rng(0)
-        >>> shapes, ids = np.arange(900) // 3 % 2, np.arange(900) // 3        # three equal touches of each object
-        >>> ratios = 4.0 * np.eye(2)[shapes] + 2.0 * rng.normal(size=(300, 2))[ids]
-        >>> touches = [Touch(pose % 3, row) for pose, row in enumerate(ratios)]
-        >>> model = ActionKernelModel.fit(touches, shapes, ids)
-        >>> bool((model.kernel[0, 1:] > 0.9).all())
-        True
     """
 
     name: ClassVar[str] = "action kernel"

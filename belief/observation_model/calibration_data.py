@@ -27,12 +27,6 @@ class LabelledTouches(FrozenArrays):
         shape_of_object: ``(N,)``.
         shape_labels: names of the K shapes.
         num_poses: P.
-
-    Example:
-        >>> touches = [Touch(0, np.array([2.0, 0.0])), Touch(2, np.array([0.0, 1.0]))]
-        >>> data = LabelledTouches.of(touches, [0, 1], ["mug", "ball"])
-        >>> data.num_poses, data.objects.tolist(), data.shape_labels
-        (3, [1, 0], ('shape_0', 'shape_1'))
     """
 
     batch: TouchBatch

@@ -11,7 +11,7 @@ One pose, one shape, two hypotheses; then a touch that fits the first:
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -50,7 +50,8 @@ class FixedHypotheses(FrozenArrays):
     """Hypotheses that are embedded already.
 
     Attributes:
-        table: the embedded hypotheses of every pose, ``(P, K, N, D)``, read-only.
+        table: the embedded hypotheses of every pose, ``(P, K, N, D)``, read-only; ``(P, K, N, A · D)`` with A
+            alternatives of each.
 
     Raises:
         ValueError: it has other dimensions, masked entries, NaN or infinity, or is not of real numbers.
@@ -103,16 +104,15 @@ class EmbeddedHypotheses:
         return self.scores_under(self.in_pose(pose)[shapes], embeddings)
 
     def scores_under(self, table: NDArray[np.floating], embeddings: Floats) -> Floats32:
-        """:meth:`scores` under embedded hypotheses ``(K, N, D)``.
+        """:meth:`scores` under embedded hypotheses ``(K, N, D)``, or ``(K, N, A · D)``.
 
         Raises:
             ValueError: they are not as many, or of another size, than those of the poses.
         """
-        if table.shape[1:] != self.shape[2:] or len(table) > self.shape[1]:
+        number, width = self.shape[2:]
+        if table.shape[1] != number or len(table) > self.shape[1] or table.shape[2] % width or not table.shape[2]:
             raise ValueError(f"hypotheses must be {self.shape[1:]} (shapes, N, D), got {table.shape}")
-        return (scaled(embeddings, self.temperature) @ table.reshape(-1, table.shape[-1]).T).reshape(
-            -1, *table.shape[:2]
-        )
+        return log_ratios(embeddings, table, self.temperature)
 
     def in_pose(self, pose: int) -> Floats32:
         """The embedded hypotheses of one pose, ``(K, N, D)``; where poses share references, embedded at first use."""
@@ -155,18 +155,36 @@ class EmbeddedHypotheses:
 
 
 def scaled(embeddings: Floats, temperature: float) -> Floats32:
-    """Embeddings by temperature in single precision, limited to numbers whose products do not overflow.
-
-    >>> scaled(np.array([[1.0, 1e300]]), 0.5).tolist() == [[2.0, float(np.float32(1e30))]]
-    True
-    """
+    """Embeddings by temperature in single precision, limited to numbers whose products do not overflow."""
     with np.errstate(over="ignore"):
         by_temperature = np.asarray(embeddings, np.float64) / temperature
     return np.clip(by_temperature, -_LARGEST, _LARGEST).astype(np.float32)
 
 
+def log_ratios(embeddings: Floats, table: NDArray[np.floating], temperature: float) -> Floats32:
+    """Log ratios of n touches under embedded hypotheses, ``(n, ...)``, divided by the temperature.
+
+    Args:
+        embeddings: of the touches, ``(n, D)``.
+        table: of the hypotheses, ``(..., D)``; or ``(..., A · D)`` of A alternatives, such as a nuisance that each
+            touch draws anew: the ratio is their mean.
+        temperature: above 0.
+
+    >>> log_ratios(np.ones((1, 1)), np.log([[2.0, 4.0]]), 1.0).round(2).tolist() == [[np.log(3.0).round(2)]]
+    True
+    """
+    width = embeddings.shape[1]
+    if table.shape[-1] == width:
+        found = scaled(embeddings, temperature) @ table.reshape(-1, width).T
+    else:
+        rows, alternatives = scaled(embeddings, 1.0), np.split(table, table.shape[-1] // width, axis=-1)
+        each = (rows @ some.reshape(-1, width).T for some in alternatives)
+        found = (reduce(np.logaddexp, each) - np.float32(np.log(len(alternatives)))) / np.float32(temperature)
+    return np.asarray(found.reshape(len(embeddings), *table.shape[:-1]))
+
+
 def require_table(table: Floats32, shape: tuple[int, ...]) -> None:
-    """Check embedded hypotheses.
+    """Check embedded hypotheses, of one or more alternatives.
 
     Raises:
         ValueError: they have another shape, masked entries, NaN, infinity or too large numbers, or are not real.
@@ -177,7 +195,7 @@ def require_table(table: Floats32, shape: tuple[int, ...]) -> None:
     ValueError: hypotheses must be finite, got nan at [0, 0, 0, 0]
     """
     values = as_real(table, "hypotheses")
-    if values.shape != shape:
+    if values.shape[:-1] != shape[:-1] or values.shape[-1] % shape[-1] or not values.shape[-1]:
         raise ValueError(f"hypotheses must be {shape} ((poses,) shapes, N, D), got {values.shape}")
     if not np.isfinite(values).all():
         place = np.argwhere(~np.isfinite(values))[0].tolist()

@@ -152,14 +152,6 @@ class RecomputedEvidence:
 
 
 def start(model: Explains) -> ObjectEvidence:
-    """Evidence before the first touch: ``model.start()``, or :class:`RecomputedEvidence` for models without ``start``.
-
-    >>> from belief.synthetic import random_model
-    >>> model = random_model(np.random.default_rng(0), num_shapes=2)
-    >>> once = start(model).update(Touch(0, np.array([1.0, 0.0])))
-    >>> twice = once.update(Touch(1, np.array([0.0, 1.0])))
-    >>> once.num_touches, twice.num_touches, once.log_likelihood.round(2).tolist()
-    (1, 2, [-0.1, -1.67])
-    """
+    """Evidence before the first touch: ``model.start()``, or :class:`RecomputedEvidence` for models without it."""
     begin = getattr(model, "start", None)
     return RecomputedEvidence(model) if begin is None else begin()

@@ -43,12 +43,6 @@ def sequences(data: LabelledTouches, sessions: Integers | None, rng: np.random.G
         data: touches of known objects.
         sessions: of each touch, ``(n,)``; by default the touches of an object and pose are numbered.
         rng: draws the orders.
-
-    >>> from belief import Touch
-    >>> touches = [Touch(p, np.zeros(2)) for p in (0, 1, 0, 1)]
-    >>> data = LabelledTouches.of(touches, [0, 0, 1, 1], ["mug"] * 2 + ["can"] * 2)
-    >>> sequences(data, None, np.random.default_rng(0)).shape
-    (8, 2)
     """
     of_touch = numbered_sessions(data.objects, data.poses) if sessions is None else sessions
     found: list[Integers] = []
@@ -82,10 +76,6 @@ def sequence_losses(logits: Floats, poses: Integers, shapes: Integers, rows: Int
         shapes: true shape of each, ``(n,)``.
         rows: of the touches of each sequence, ``(S, n)``; -1 for padding.
         kernel: correlations between poses, ``(P, P)``.
-
-    >>> logits, truth, rows = np.array([[1.0, 0.0]] * 2), np.zeros(2, int), np.array([[0, 1]])
-    >>> sequence_losses(logits, np.array([0, 1]), truth, rows, np.eye(2)).round(3).tolist()
-    [[0.313, 0.127]]
     """
     inside = rows >= 0
     correlation = kernel[poses[rows][:, :, None], poses[rows][:, None, :]] * inside[:, :, None] * inside[:, None, :]
@@ -120,12 +110,6 @@ def likeness(data: LabelledTouches, sessions: Integers | None = None) -> Floats:
 
     An error is the posterior minus the true shape. The likeness is the cosine of the errors of two touches of one
     object in one session, and 1 on the diagonal.
-
-    >>> from belief import Touch
-    >>> rows = [[2.0, 0.0], [2.0, 0.0], [0.0, 9.0], [9.0, 0.0]]
-    >>> data = LabelledTouches.of([Touch(p % 2, np.array(r)) for p, r in enumerate(rows)], [1] * 4, [0, 0, 1, 1])
-    >>> likeness(data).round(2).tolist()
-    [[1.0, 0.66], [0.66, 1.0]]
     """
     errors = softmax(data.logits, axis=1)
     errors[np.arange(len(errors)), data.shapes] -= 1.0
@@ -155,11 +139,6 @@ def fit_kernel(data: LabelledTouches, law: str, sessions: Integers | None = None
             correlations come out too small.
         law: ``none``, ``repeats``, ``flat`` or ``kernel``.
         sessions: of each touch, ``(n,)``.
-
-    >>> from belief import Touch
-    >>> data = LabelledTouches.of([Touch(0, np.zeros(2))] * 4, [0, 0, 1, 1], [0, 0, 1, 1])
-    >>> fit_kernel(data, "none").tolist()
-    [[0.0]]
     """
     size = data.num_poses
     if law == "none":

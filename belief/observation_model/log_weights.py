@@ -17,11 +17,7 @@ _LEAST_LOG = -60.0  # of an outcome's probability relative to the largest; small
 
 
 def log_means(log_weights: Floats) -> Floats:
-    """Log mean weight over the hypotheses of each shape, ``(..., K)``.
-
-    >>> log_means(np.log([[0.2, 0.4], [1e-300, 3e-300]])).round(3).tolist()
-    [-1.204, -690.082]
-    """
+    """Log mean weight over the hypotheses of each shape, ``(..., K)``."""
     largest = log_weights.max(axis=-1, keepdims=True)
     shares = log_weights - largest
     return np.asarray(largest[..., 0] + np.log(np.exp(shares, out=shares).sum(axis=-1) / shares.shape[-1]))
@@ -36,11 +32,6 @@ def misfit(scores: Floats32, before: Floats, after: Floats) -> Floats:
         scores: of the touch, ``(..., K, N)``.
         before: log mean weight of each shape's hypotheses before the touch, ``(..., K)``.
         after: the same of the weights with the scores added.
-
-    >>> scores = np.array([[4.0, 0.0]], np.float32)
-    >>> logs = np.array([[[0.0, -4.0]], [[-4.0, 0.0]]])
-    >>> [round(abs(float(misfit(scores, log_means(some), log_means(some + scores)))), 1) for some in logs]
-    [0.0, 3.3]
     """
     flat = scores.reshape(*scores.shape[:-2], -1)
     most = flat.max(axis=-1)
@@ -59,11 +50,7 @@ def largest_posterior(log_likelihood: Floats) -> Floats:
 
 
 def bounded_softmax(scores: Floats32) -> Floats32:
-    """Probabilities over the last axis; small ones are limited, which keeps sums with them fast.
-
-    >>> bounded_softmax(np.array([0.0, 0.0, -1e30], np.float32)).round(3).tolist()
-    [0.5, 0.5, 0.0]
-    """
+    """Probabilities over the last axis; small ones are limited, which keeps sums with them fast."""
     scores = scores - scores.max(axis=-1, keepdims=True)
     np.exp(np.maximum(scores, _LEAST_LOG, out=scores), out=scores)
     scores /= scores.sum(axis=-1, keepdims=True)

@@ -32,14 +32,6 @@ class LogitEmbedding(FrozenArrays):
 
     Raises:
         ValueError: invalid bounds, fewer than two shapes, or a unit out of range.
-
-    Example:
-        >>> embedding = LogitEmbedding(np.array([-3.0, -3.0]), np.array([3.0, 3.0]))
-        >>> batch = TouchBatch(np.zeros((1, 2), int), np.array([[[2.0, 0.0], [1e308, 0.0]]]))
-        >>> embedding(batch).round(3).ravel()
-        array([1.414, 4.243])
-        >>> embedding.to_touches(batch.poses, embedding(batch)).logits.round(3).tolist()
-        [[[1.0, -1.0], [3.0, -3.0]]]
     """
 
     lowest: Floats
@@ -58,13 +50,7 @@ class LogitEmbedding(FrozenArrays):
 
     @classmethod
     def fit(cls, batch: TouchBatch) -> LogitEmbedding:
-        """The embedding with the range of these touches.
-
-        >>> rng = np.random.default_rng(0)
-        >>> embedding = LogitEmbedding.fit(TouchBatch(np.zeros((1, 99), int), rng.normal(size=(1, 99, 3))))
-        >>> embedding.num_components, embedding.highest.round(1).tolist()
-        (2, [2.7, 2.1, 1.7])
-        """
+        """The embedding with the range of these touches."""
         away = _centred(batch.require_logits()).reshape(-1, batch.num_shapes)
         unit = _typical_size(away)
         most = min(_MOST_UNITS * unit, _LARGEST)
@@ -90,12 +76,7 @@ class LogitEmbedding(FrozenArrays):
 
     @classmethod
     def from_fields(cls, fields: Mapping[str, Any]) -> LogitEmbedding:
-        """The embedding of fields from :meth:`to_fields`.
-
-        >>> fields = {"lowest": [-1.0, -2.0], "highest": [1.0, 2.0], "unit": 2.0}
-        >>> LogitEmbedding.from_fields(fields).to_fields() == fields
-        True
-        """
+        """The embedding of fields from :meth:`to_fields`."""
         lowest, highest = (np.array(fields[name], np.float64) for name in ("lowest", "highest"))
         return cls(lowest, highest, float(fields["unit"]))
 

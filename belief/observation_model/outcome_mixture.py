@@ -133,9 +133,6 @@ def target_shares(belief: Floats, target: ArrayLike) -> Floats:
     """A belief ``(..., K)`` as factors for the target and for all other shapes, ``(..., 2, K)``.
 
     ``target`` is the index of one target for all rows, or of each, ``(...)``.
-
-    >>> target_shares(np.array([0.2, 0.3, 0.5]), 1).tolist()
-    [[0.0, 0.3, 0.0], [0.2, 0.0, 0.5]]
     """
     is_target = (np.asarray(target)[..., None] == np.arange(belief.shape[-1])).astype(np.float64)
     return np.stack([belief * is_target, belief * (1.0 - is_target)], axis=-2)
@@ -149,9 +146,6 @@ def information(joint: NDArray[np.floating]) -> Floats:
 
     Returns:
         ``(...)``, at least 0 and at most log J.
-
-    >>> information(np.array([np.eye(2) / 2.0, np.full((2, 2), 0.25)])).round(3).tolist()
-    [0.693, 0.0]
     """
     probs: Floats = joint.astype(np.float64, copy=False)
     columns, rows = probs.sum(axis=-2), probs.sum(axis=-1)

@@ -4,9 +4,9 @@ A touch of object o, of shape k, in pose p is (Ioffe 2006; Brümmer & de Villier
 
     x = m_pk + u_o + v_op + e,     u ~ N(0, B),  v ~ N(0, V),  e ~ N(0, W).
 
-All touches of the object share u, its touches in one pose share v, and e is independent for each touch. With B = V = 0
-it is the Gaussian model. All shapes share the covariances, so the likelihood ratios have a closed form in the number of
-touches in each pose and their mean.
+All touches of the object share u, its touches in one pose share v, and e is independent for each touch. All shapes
+share the covariances, so the likelihood ratios have a closed form in the number of touches in each pose and their mean.
+A :class:`GaussianModel` has B = V = 0: its touches are independent given the shape.
 """
 
 from __future__ import annotations
@@ -14,25 +14,70 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Literal, TypeAlias, get_args
+from typing import Any, ClassVar, Literal, NamedTuple, Self, TypeAlias, get_args
 
 import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
 
 from belief.observation_model.calibration_data import LabelledTouches
-from belief.observation_model.gaussian import PoseMeans, PoseMeansModel, pose_means, require_covariance
 from belief.observation_model.logit_embedding import LogitEmbedding
-from belief.observation_model.variance_components import Components, covariance, estimate_components
+from belief.observation_model.model import ArrayModel
+from belief.observation_model.outcome_table import OutcomeTable
+from belief.observation_model.quantisation import sampled_table
 from belief.problem import Touch
 from belief.touch_batch import TouchBatch
 from belief.validation import Floats, as_real, require_choice
 
 Status: TypeAlias = Literal["ok", "no_repeats", "one_touch_per_object"]
+_MEAN_POOLING = 30.0  # weight of a shape's mean over all poses in its mean in each pose, in touches
+
+
+class Components(NamedTuple):
+    """Covariances that all shapes share, each ``(D, D)``.
+
+    Attributes:
+        of_object: B, of the effect that all touches of an object share.
+        of_pose: V, of the effect that touches of an object in one pose share.
+        of_touch: W, of single touches; positive definite.
+    """
+
+    of_object: Floats
+    of_pose: Floats
+    of_touch: Floats
+
+
+class PoseMeans(NamedTuple):
+    """Number of touches in each pose, ``(S, P)``, and mean of their vectors, ``(S, P, D)``; zero where there are none.
+
+    For Gaussian models whose shapes share their covariances this is all that a likelihood depends on.
+    """
+
+    counts: Floats
+    means: Floats
+
+    @classmethod
+    def of(cls, vectors: Floats, poses: NDArray[np.int64], num_poses: int) -> PoseMeans:
+        """The statistics of vectors ``(S, n, D)`` in poses ``(S, n)``.
+
+        >>> found = PoseMeans.of(np.array([[[1.0], [3.0], [5.0]]]), np.array([[0, 0, 2]]), num_poses=3)
+        >>> found.counts.tolist(), found.means.ravel().tolist()
+        ([[2.0, 0.0, 1.0]], [2.0, 0.0, 5.0])
+        """
+        membership = (poses[..., None] == np.arange(num_poses)).astype(np.float64)  # (S, n, P)
+        counts = membership.sum(axis=1)
+        return cls(counts, np.swapaxes(membership, 1, 2) @ vectors / np.maximum(counts, 1.0)[..., None])
+
+    def with_touch(self, vector: Floats, pose: int) -> PoseMeans:
+        """The statistics of one sequence after one more touch with vector ``(D,)``."""
+        counts, means = self.counts.copy(), self.means.copy()
+        counts[0, pose] += 1.0
+        means[0, pose] += (vector - means[0, pose]) / counts[0, pose]
+        return PoseMeans(counts, means)
 
 
 @dataclass(frozen=True, eq=False)
-class PLDAModel(PoseMeansModel):
+class PLDAModel(ArrayModel):
     """A Gaussian model with one random effect per object and one per object and pose.
 
     Attributes:
@@ -71,7 +116,10 @@ class PLDAModel(PoseMeansModel):
     status: Status = "ok"
 
     def __post_init__(self) -> None:
-        self.require_means()
+        self.to_floats("means")
+        expected = (len(self.shape_labels), self.embedding.num_components)
+        if self.means.ndim != 3 or self.means.shape[1:] != expected or len(self.means) == 0:
+            raise ValueError(f"means must be (P, {expected[0]}, {expected[1]}), got {self.means.shape}")
         parts = []
         for name, values in self.components._asdict().items():
             part = np.asarray(as_real(values, name), np.float64)
@@ -93,7 +141,7 @@ class PLDAModel(PoseMeansModel):
         shape_labels: Sequence[str] | None = None,
         num_poses: int | None = None,
     ) -> PLDAModel:
-        """Fit the means as :class:`GaussianModel` does, and the covariances by expectation maximisation.
+        """Fit means, shrunk towards those of all poses, and covariances, by their moments.
 
         Arguments and errors are those of :meth:`LabelledTouches.of`; some objects should be touched several times in
         one pose.
@@ -106,11 +154,16 @@ class PLDAModel(PoseMeansModel):
         if data.num_objects == len(data.poses):
             status, components = "one_touch_per_object", Components(*[covariance(rest) / 3] * 3)
         else:
-            components = estimate_components(rest, data, has_repeats=has_repeats)
+            components = estimate_components(rest, data)
         return cls(data.shape_labels, embedding, means, components, status)
 
     @property
-    def repeat_correlation(self) -> float:
+    def num_poses(self) -> int:
+        """P."""
+        return len(self.means)
+
+    @property
+    def repeat_correlation(self) -> float | None:
         """The correlation ρ that gives a repeat the same information about the shape as in this model.
 
         The mean of two touches has covariance B + V + W/2 in one pose and B + (V + W)/2 in two. Its information about
@@ -138,8 +191,23 @@ class PLDAModel(PoseMeansModel):
         ratio = min(max(repeat / another, 0.0), 1.0)
         return (1.0 - ratio) / (1.0 + ratio)
 
-    def log_likelihoods_of(self, found: PoseMeans) -> Floats:
-        """See :class:`PoseMeansModel`."""
+    def _log_likelihoods(self, batch: TouchBatch) -> Floats:
+        return self._of_means(PoseMeans.of(self.embedding(batch), batch.poses, self.num_poses))
+
+    def statistics_with(self, statistics: PoseMeans | None, touch: Touch) -> PoseMeans:
+        """See :class:`~belief.observation_model.evidence.Summarises`."""
+        batch = self.alone(touch)
+        vectors = self.embedding(batch)
+        if statistics is None:
+            return PoseMeans.of(vectors, batch.poses, self.num_poses)
+        return statistics.with_touch(vectors[0, 0], int(batch.poses[0, 0]))
+
+    def log_likelihood_of(self, statistics: PoseMeans) -> Floats:
+        """See :class:`~belief.observation_model.evidence.Summarises`."""
+        return self._of_means(statistics)[0]
+
+    def _of_means(self, found: PoseMeans) -> Floats:
+        """Log p(touches | shape) up to a constant per sequence, ``(S, K)``."""
         whiten, of_pose, of_object = self._basis
         # In this basis W is the identity, V is diagonal, and the mean in a pose has variance V + 1 / count given u.
         y = (found.means @ whiten.T)[:, :, None] - self.means @ whiten.T  # (S, P, K, D)
@@ -170,6 +238,10 @@ class PLDAModel(PoseMeansModel):
             poses, self.means[poses, shape] + shared + in_pose[rows, index.reshape(poses.shape)] + alone
         )
 
+    def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
+        """See :class:`ArrayModel`; a table of single sampled touches, which does not describe repeats."""
+        return sampled_table(self, num_outcomes, rng)
+
     def to_fields(self) -> dict[str, Any]:
         """See :class:`ArrayModel`."""
         components = {name: part.tolist() for name, part in self.components._asdict().items()}
@@ -177,11 +249,134 @@ class PLDAModel(PoseMeansModel):
         return {"status": self.status, "embedding": self.embedding.to_fields(), "means": means, **components}
 
     @classmethod
-    def from_fields(cls, shape_labels: tuple[str, ...], fields: Mapping[str, Any]) -> PLDAModel:
+    def from_fields(cls, shape_labels: tuple[str, ...], fields: Mapping[str, Any]) -> Self:
         """See :class:`ArrayModel`."""
         means, *parts = (np.array(fields[name], np.float64) for name in ("means", *Components._fields))
         embedding = LogitEmbedding.from_fields(fields["embedding"])
         return cls(shape_labels, embedding, means, Components(*parts), fields["status"])
+
+
+@dataclass(frozen=True, eq=False)
+class GaussianModel(PLDAModel):
+    """Linear discriminant analysis as a likelihood: a mean for each shape and pose, one covariance, nothing shared.
+
+    Example:
+        >>> rng = np.random.default_rng(0)
+        >>> shapes = np.arange(600) % 3
+        >>> touches = [Touch(0, row) for row in rng.normal(size=(600, 3)) + 2.0 * np.eye(3)[shapes]]
+        >>> int(GaussianModel.fit(touches, shapes).log_likelihood([Touch(0, np.array([0.0, 3.0, 0.0]))]).argmax())
+        1
+    """
+
+    name: ClassVar[str] = "gaussian"
+
+    @classmethod
+    def fit(
+        cls,
+        touches: Sequence[Touch],
+        shapes: ArrayLike,
+        object_ids: ArrayLike | None = None,
+        *,
+        shape_labels: Sequence[str] | None = None,
+        num_poses: int | None = None,
+    ) -> GaussianModel:
+        """Fit by maximum likelihood, with means shrunk towards those of all poses; ``object_ids`` has no effect."""
+        data = LabelledTouches.of(touches, shapes, object_ids, shape_labels, num_poses)
+        embedding = LogitEmbedding.fit(data.batch)
+        means, rest = pose_means(embedding(data.batch)[0], data)
+        own = covariance(rest)
+        return cls(data.shape_labels, embedding, means, Components(0.0 * own, 0.0 * own, own))
+
+    @property
+    def repeat_correlation(self) -> None:
+        """None: the model knows of no repeats."""
+
+
+def estimate_components(rest: Floats, data: LabelledTouches) -> Components:
+    """Estimate of the components by their moments; in a balanced design it is that of restricted maximum likelihood.
+
+    A *cell* is an object in a pose. Touches of a cell differ by W; means of the cells of an object by V, and by W over
+    their numbers of touches; means of objects by B and by what is left of V and W. Without a cell of two touches, V and
+    W are taken as equal; without an object of two cells, B and V are.
+
+    Args:
+        rest: touches minus the mean of their shape and pose, ``(n, D)``.
+        data: labels of these touches, of which some object has two.
+    """
+    keys, cell, counts = np.unique(data.objects * data.num_poses + data.poses, return_inverse=True, return_counts=True)
+    owner = keys // data.num_poses
+    cells, noise = np.bincount(owner), np.bincount(owner, 1.0 / counts)  # of each object; noise in units of W
+    means, centres = np.zeros((len(keys), rest.shape[1])), np.zeros((len(cells), rest.shape[1]))
+    np.add.at(means, cell, rest / counts[cell, None])
+    np.add.at(centres, owner, means / cells[owner, None])
+    about, away = rest - means[cell], means - centres[owner]
+    repeats, others = (counts - 1).sum(), (cells - 1).sum()
+    of_touch = about.T @ about / repeats if repeats else away.T @ away / (2 * others)
+    left = centres.T @ centres / len(cells) - (noise / cells**2).mean() * of_touch
+    if others:
+        of_pose = (away.T @ away - ((1.0 - 1.0 / cells) * noise).sum() * of_touch) / others if repeats else of_touch
+        of_object = left - (1.0 / cells).mean() * of_pose
+    else:
+        of_object = of_pose = left / 2.0
+    # Without a floor, W would vanish for equal touches, and the likelihood would be unbounded.
+    floor = 1e-6 * np.trace(covariance(rest)) / rest.shape[1] * np.eye(rest.shape[1])
+    return Components(_positive(of_object), _positive(of_pose), _positive(of_touch) + floor)
+
+
+def covariance(rest: Floats) -> Floats:
+    """Covariance ``(D, D)`` of vectors of mean zero, ``(n, D)``, with eigenvalues at least 1e-6 of the largest."""
+    values, basis = np.linalg.eigh(rest.T @ rest / len(rest))
+    values = np.maximum(values, max(1e-6 * values[-1], 1e-12))
+    return np.asarray((basis * values) @ basis.T)
+
+
+def pose_means(vectors: Floats, data: LabelledTouches, pooling: float = _MEAN_POOLING) -> tuple[Floats, Floats]:
+    """Mean vector of each shape in each pose, ``(P, K, D)``, and the residuals of the touches, ``(n, D)``.
+
+    Each mean is shrunk towards the shape's mean over all poses. A shape without touches gets the mean of all touches.
+
+    >>> data = LabelledTouches.of([Touch(pose, np.zeros(2)) for pose in (0, 0, 1)], [0, 0, 0], None)
+    >>> means, rest = pose_means(np.array([[1.0], [1.0], [4.0]]), data, pooling=1.0)
+    >>> means[:, 0].round(2).tolist(), rest.round(2).tolist()                # 2 is the mean over both poses
+    ([[1.33], [3.0]], [[-0.33], [-0.33], [1.0]])
+    """
+    sums = np.zeros((data.num_poses, data.num_shapes, vectors.shape[1]))
+    counts = np.zeros((data.num_poses, data.num_shapes, 1))
+    np.add.at(sums, (data.poses, data.shapes), vectors)
+    np.add.at(counts, (data.poses, data.shapes), 1.0)
+    seen = counts.sum(axis=0)
+    overall = np.where(seen > 0.0, sums.sum(axis=0) / np.maximum(seen, 1.0), vectors.mean(axis=0))
+    means = (sums + pooling * overall) / (counts + pooling)
+    return means, vectors - means[data.poses, data.shapes]
+
+
+def require_covariance(name: str, values: Floats, size: int, *, definite: bool) -> None:
+    """Check that a covariance is valid and ``(size, size)``.
+
+    Raises:
+        ValueError: wrong shape, not symmetric, or an eigenvalue below zero (not above zero, if ``definite``).
+
+    >>> require_covariance("own", np.zeros((1, 1)), size=1, definite=True)
+    Traceback (most recent call last):
+    ...
+    ValueError: own must be positive definite, its least eigenvalue is 0.0
+    """
+    if values.shape != (size, size):
+        raise ValueError(f"{name} must be of shape {(size, size)}, got {values.shape}")
+    scale = np.abs(values).max()
+    if np.abs(values - values.T).max() > 1e-9 * scale:
+        raise ValueError(f"{name} must be symmetric")
+    least = float(np.linalg.eigvalsh(values)[0])
+    if not (least > 0.0 if definite else least >= -1e-9 * scale):
+        raise ValueError(
+            f"{name} must be positive {'' if definite else 'semi'}definite, its least eigenvalue is {least}"
+        )
+
+
+def _positive(found: Floats) -> Floats:
+    """The nearest covariance without negative eigenvalues."""
+    values, basis = np.linalg.eigh((found + found.T) / 2)
+    return np.asarray((basis * np.maximum(values, 0.0)) @ basis.T)
 
 
 def _root(covariance: Floats) -> Floats:

@@ -42,6 +42,16 @@ def sampled_table(
     return OutcomeTable(smoothed(table, num_samples))
 
 
+def merged(table: OutcomeTable, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
+    """A table of at most so many outcomes: those with similar posteriors are merged, the same in all poses."""
+    if table.num_outcomes <= num_outcomes:
+        return table
+    shares = np.swapaxes(table.probs, 1, 2)  # (P, M, K)
+    posteriors = np.maximum(shares, np.finfo(float).tiny)
+    posteriors = posteriors / posteriors.sum(axis=2, keepdims=True)
+    return OutcomeTable(tabulate(np.log(posteriors), shares, num_outcomes, rng))
+
+
 def drawn(weights: Floats, poses: NDArray[np.int64], rng: np.random.Generator) -> NDArray[np.int64]:
     """One of the N touches that stand for all in a pose, drawn by their weights, for every entry of ``poses``.
 
@@ -49,9 +59,6 @@ def drawn(weights: Floats, poses: NDArray[np.int64], rng: np.random.Generator) -
         weights: of the touches in each pose, ``(P, N)``, ≥ 0.
         poses: indices, any shape.
         rng: of the draws.
-
-    >>> drawn(np.array([[1.0, 0.0], [0.0, 1.0]]), np.array([[0, 1, 1]]), np.random.default_rng(0)).tolist()
-    [[0, 1, 1]]
     """
     cumulative, found = weights.cumsum(axis=1), np.empty(poses.shape, np.int64)
     for pose in np.unique(poses).tolist():
@@ -71,11 +78,6 @@ def tabulate(log_posteriors: Floats, shares: Floats, num_outcomes: int, rng: np.
         shares: weight of each touch for each shape in its pose, ``(P, N, K)``; sums to one over N.
         num_outcomes: M.
         rng: initialises the clusters.
-
-    >>> probs = np.array([[[0.9, 0.1], [0.8, 0.2], [0.1, 0.9], [0.2, 0.8]]])
-    >>> table = tabulate(np.log(probs), probs / probs.sum(axis=1), num_outcomes=2, rng=np.random.default_rng(0))
-    >>> np.sort(table[0], axis=1).round(2).tolist()
-    [[0.15, 0.85], [0.15, 0.85]]
     """
     every = log_posteriors.reshape(-1, log_posteriors.shape[2])
     some = every if len(every) <= _CLUSTERED else every[rng.choice(len(every), _CLUSTERED, replace=False)]
@@ -88,23 +90,13 @@ def tabulate(log_posteriors: Floats, shares: Floats, num_outcomes: int, rng: np.
 
 
 def smoothed(table: Floats, num_touches: ArrayLike) -> Floats:
-    """A table ``(..., M)`` of ``num_touches`` touches with 0.1 pseudo-touches spread over all outcomes.
-
-    >>> smoothed(np.array([1.0, 0.0]), num_touches=10).round(3)
-    array([0.995, 0.005])
-    """
+    """A table ``(..., M)`` of ``num_touches`` touches with 0.1 pseudo-touches spread over all outcomes."""
     number = np.asarray(num_touches, np.float64)
     return np.asarray((number * table + _SMOOTHING / table.shape[-1]) / (number + _SMOOTHING))
 
 
 def sampled_posteriors(model: ArrayModel, rng: np.random.Generator, num_samples: int) -> Floats:
-    """Log posteriors under a uniform prior of sampled touches for each pose and shape, ``(P, K, n, K)``.
-
-    >>> from belief.synthetic import random_model
-    >>> found = sampled_posteriors(random_model(np.random.default_rng(0)), np.random.default_rng(0), num_samples=7)
-    >>> found.shape, bool(np.allclose(np.exp(found).sum(axis=-1), 1.0))
-    ((3, 4, 7, 4), True)
-    """
+    """Log posteriors under a uniform prior of sampled touches for each pose and shape, ``(P, K, n, K)``."""
     num_shapes = len(model.shape_labels)
     found = np.empty((model.num_poses, num_shapes, num_samples, num_shapes))
     for pose in range(model.num_poses):
@@ -119,10 +111,6 @@ def cluster(log_posteriors: Floats, num_clusters: int, rng: np.random.Generator,
     """Log of cluster means ``(M, K)`` of posteriors ``(n, K)``: k-means under the Kullback-Leibler divergence.
 
     Initialised with k-means++. With fewer distinct posteriors than clusters, some clusters stay empty.
-
-    >>> probs = np.array([[0.9, 0.1], [0.8, 0.2], [0.1, 0.9], [0.2, 0.8]])
-    >>> np.sort(np.exp(cluster(np.log(probs), 2, np.random.default_rng(0))), axis=0).round(2).tolist()
-    [[0.15, 0.15], [0.85, 0.85]]
     """
     probs = np.exp(log_posteriors)
     own = (probs * np.maximum(log_posteriors, _FLOOR)).sum(axis=1)
@@ -146,11 +134,7 @@ def cluster(log_posteriors: Floats, num_clusters: int, rng: np.random.Generator,
 
 
 def nearest(log_posteriors: Floats, centroids: Floats) -> np.ndarray:
-    """Index of the centroid with the least Kullback-Leibler divergence from each posterior, ``(...)``.
-
-    >>> nearest(np.log([[0.9, 0.1], [0.3, 0.7]]), np.log([[0.1, 0.9], [0.8, 0.2]]))
-    array([1, 0])
-    """
+    """Index of the centroid with the least Kullback-Leibler divergence from each posterior, ``(...)``."""
     return np.asarray((np.exp(log_posteriors) @ np.maximum(centroids, _FLOOR).T).argmax(axis=-1))
 
 

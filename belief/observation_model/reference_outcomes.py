@@ -22,7 +22,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from belief.observation_model.embedded_hypotheses import EmbeddedHypotheses, Floats32, scaled
+from belief.observation_model.embedded_hypotheses import EmbeddedHypotheses, Floats32, log_ratios
 from belief.observation_model.log_weights import bounded_softmax, log_sums
 from belief.touch_batch import TouchBatch
 from belief.validation import Floats
@@ -62,8 +62,8 @@ class ReferenceOutcomes:
         for pose in range(num_kept):
             self._kept(pose, num_outcomes).reshape(-1, len(kept)).take(rows, axis=0, out=found[pose], mode="clip")
         for pose in range(num_kept, num_poses):
-            table = np.moveaxis(self.hypotheses.table[pose], 2, 0).reshape(-1, num_shapes * number)[:, rows]
-            scores = scaled(self.references[pose, kept], self.hypotheses.temperature) @ table
+            table = np.moveaxis(self.hypotheses.table[pose], 2, 0).reshape(-1, num_shapes * number)[:, rows].T
+            scores = log_ratios(self.references[pose, kept], table, self.hypotheses.temperature)
             found[pose] = self._of_scores(pose, kept, scores)
         found = found.reshape(num_poses, *chosen.shape, -1)
         found.flags.writeable = False
@@ -139,7 +139,7 @@ class ReferenceOutcomes:
             group = group_of[pose]
             rows, steps = np.nonzero(poses == pose)
             hypotheses = self.hypotheses.in_pose(pose)[shape, bodies[rows]]
-            of_body = hypotheses @ scaled(self.references[group], self.hypotheses.temperature).T
+            of_body = log_ratios(self.references[group], hypotheses, self.hypotheses.temperature).T
             of_body = of_body - self._log_normalisers[group] + rng.gumbel(size=of_body.shape)
             drawn[rows, steps] = of_body.argmax(axis=1)
         return TouchBatch(poses, self.logits[groups, drawn], self.references[groups, drawn])

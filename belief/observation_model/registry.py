@@ -17,10 +17,9 @@ from belief.files import unsealed_json
 from belief.naming import checked_names
 from belief.observation_model.action_kernel import ActionKernelModel
 from belief.observation_model.confusion import ConfusionModel
-from belief.observation_model.gaussian import GaussianModel
 from belief.observation_model.likelihood_ratio import RatioModel
 from belief.observation_model.model import ArrayModel, Reads
-from belief.observation_model.plda import PLDAModel
+from belief.observation_model.plda import GaussianModel, PLDAModel
 from belief.observation_model.rigid_body import RigidBodyModel
 from belief.references import BadReference, Reference, entry_point_names, find
 
@@ -40,11 +39,7 @@ OBSERVATION_MODELS: Mapping[str, type[ArrayModel]] = MappingProxyType(
 
 
 def fits(reads: Reads = "logits") -> dict[str, Fit]:
-    """The functions that fit the models which read these of a touch, by name.
-
-    >>> list(fits()), list(fits("embeddings"))
-    (['confusion', 'gaussian', 'plda', 'ratio'], ['rigid body'])
-    """
+    """The functions that fit the models which read these of a touch, by name."""
     return {name: kind.fit for name, kind in OBSERVATION_MODELS.items() if kind.reads == reads}
 
 
@@ -132,9 +127,6 @@ def fit_named(name: str) -> Fit:
     Raises:
         UnknownName: there is no such name.
         BadReference: the name is malformed, or its settings do not fit.
-
-    >>> fit_named("gaussian") == GaussianModel.fit
-    True
     """
     found, reference = find("observation model", name, OBSERVATION_MODELS, ENTRY_POINTS)
     fit: Any = found.fit if inspect.isclass(found) and hasattr(found, "fit") else found

@@ -66,9 +66,6 @@ def new_shares(num_touches: ArrayLike, correlation: float, drift: float) -> Floa
         num_touches: in each pose so far, ``(..., P)``.
         correlation: ρ of two touches in one pose.
         drift: κ of two touches in any poses.
-
-    >>> new_shares([0, 1], correlation=0.5, drift=0.0).round(2).tolist()
-    [1.0, 0.33]
     """
     here, after = (effective_touches(np.asarray(num_touches) + more, correlation) for more in (0.0, 1.0))
     before = here.sum(axis=-1, keepdims=True)
@@ -92,13 +89,6 @@ def repeats(data: LabelledTouches) -> Repeats | None:
     """Groups of at least two touches of one object in one pose, each with its first twelve touches in order.
 
     None if the groups are of fewer than two shapes, from which the correlation cannot be estimated.
-
-    >>> from belief import Touch
-    >>> touches = [Touch(pose, np.zeros(2)) for pose in (0, 1, 0, 0, 1, 0)]
-    >>> repeats(LabelledTouches.of(touches, [1, 1, 1, 0, 1, 0], ["mug", "mug", "mug", "ball", "mug", "ball"])).rows
-    array([[3, 5],
-           [0, 2],
-           [1, 4]])
     """
     _, group = np.unique(data.objects * data.num_poses + data.poses, return_inverse=True)
     order = np.argsort(group, kind="stable")
@@ -121,11 +111,6 @@ def fit_correlation(log_likelihoods: Callable[[float], Floats], found: Repeats) 
     Args:
         log_likelihoods: for ρ, the log-likelihoods of every group after two, three, … touches, ``(G, n - 1, K)``.
         found: the groups.
-
-    >>> pairs = Repeats(np.array([[0, 1], [2, 3]]), shapes=np.array([0, 1]))
-    >>> sums = 3.0 * np.array([[[1.0, 0.0]], [[1.0, 0.0]]])         # the second pair is mistaken for the first shape
-    >>> fit_correlation(lambda rho: sums * effective_touches(2, rho) / 2, pairs)
-    0.999
     """
     inside = (found.rows >= 0)[:, 1:]
     seen, shapes = np.unique(found.shapes, return_inverse=True)

@@ -384,12 +384,7 @@ class RigidBodyModel(FittedRigidBody):
 
 
 def joint_model(model: ObservationModel) -> RigidBodyModel | None:
-    """The model, or its nominal one, if it is about one rigid body in an unknown orientation and size; otherwise None.
-
-    >>> from belief.synthetic import random_model
-    >>> joint_model(random_model(np.random.default_rng(0))) is None
-    True
-    """
+    """The model, or its nominal one, if it is about one rigid body of unknown orientation and size; otherwise None."""
     nominal = getattr(model, "nominal", model)
     return nominal if isinstance(nominal, RigidBodyModel) else None
 

@@ -210,12 +210,7 @@ class RigidBodyEvidence:
 
 
 def joint_evidence(evidence: ObjectEvidence) -> RigidBodyEvidence | None:
-    """The evidence, or its nominal one, if it is about one rigid body; otherwise None.
-
-    >>> from belief.synthetic import random_model
-    >>> joint_evidence(random_model(np.random.default_rng(0)).start()) is None
-    True
-    """
+    """The evidence, or its nominal one, if it is about one rigid body; otherwise None."""
     nominal = getattr(evidence, "nominal", evidence)
     return nominal if isinstance(nominal, RigidBodyEvidence) else None
 
@@ -224,10 +219,6 @@ def relative(log_weights: Floats) -> tuple[Floats, Floats, float]:
     """Log weights ``(..., K, N)`` and log mean weights ``(..., K)`` less the largest log weight, and this one.
 
     Overwrites the log weights and makes them read-only.
-
-    >>> weights, means, largest = relative(np.array([[3.0, 3.0], [1.0, 1.0]]))
-    >>> weights.tolist(), means.tolist(), float(largest)
-    ([[0.0, 0.0], [-2.0, -2.0]], [0.0, -2.0], 3.0)
     """
     largest = log_weights.max()
     log_weights -= largest

@@ -69,16 +69,6 @@ def fitted(model: _Joint, data: LabelledTouches) -> tuple[_Joint, ConflictTest |
     Args:
         model: at temperature 1.
         data: touches with embeddings as features.
-
-    >>> from belief import Touch
-    >>> from belief.observation_model import FixedHypotheses, RigidBodyModel
-    >>> embed, one = FixedHypotheses(np.array([[[[3.0, 0.0]], [[0.0, 3.0]]]], np.float32)), np.zeros((1, 1, 2))
-    >>> unfitted = RigidBodyModel(("mug", "cup"), 1, 1.0, references=one, reference_logits=one, hypotheses=embed)
-    >>> felt = np.eye(2)[[0, 1, 0, 0] * 10]                                     # one touch in four misleads
-    >>> touches = [Touch(0, np.zeros(2), embedding) for embedding in felt]
-    >>> model, test = fitted(unfitted, LabelledTouches.of(touches, [0, 1, 0, 1] * 10, range(40)))
-    >>> round(model.temperature, 1), model.correlation
-    (2.5, 0.5)
     """
     model = model.at(_fitted_temperature(model, data))
     drift = 0.0

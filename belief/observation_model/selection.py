@@ -31,6 +31,14 @@ class ModelChoice(Tabular):
         name: of the chosen candidate, a key of ``losses``.
         model: fitted to all touches.
         losses: cross-validated sequence NLL of every candidate [nats]; the chosen one has the least.
+
+    >>> from belief.synthetic import random_model
+    >>> choice = ModelChoice("ratio", random_model(np.random.default_rng(0)), {"plda": 0.358, "ratio": 0.357})
+    >>> print(choice)
+    observation model  NLL [nats]  chosen
+    ─────────────────────────────────────
+    ratio                  0.3570  yes
+    plda                   0.3580
     """
 
     name: str
@@ -54,6 +62,17 @@ def log_posteriors(model: ArrayModel, batch: TouchBatch) -> Floats:
     log_likelihoods = model.log_likelihood_batch(batch)
     num_shapes = log_likelihoods.shape[1]
     return update(np.full(num_shapes, -np.log(num_shapes)), log_likelihoods)[0]
+
+
+def log_posteriors_by_touch(model: ArrayModel, batch: TouchBatch) -> Floats:
+    """Log posteriors after 1 to n touches of each sequence, under a uniform prior, ``(S, n, K)``.
+
+    >>> from belief.synthetic import random_model
+    >>> model = random_model(np.random.default_rng(0), num_shapes=2)
+    >>> log_posteriors_by_touch(model, TouchBatch(np.zeros((3, 4), int), np.zeros((3, 4, 2)))).shape
+    (3, 4, 2)
+    """
+    return np.stack([log_posteriors(model, batch.first(n)) for n in range(1, batch.num_touches + 1)], axis=1)
 
 
 def grouped(batch: TouchBatch, groups: ArrayLike) -> Iterator[tuple[TouchBatch, NDArray[np.int64]]]:

@@ -32,9 +32,6 @@ class Views(FrozenArrays):
 
     Raises:
         ValueError: the arrays do not fit each other, or the groups are numbered otherwise.
-
-    >>> Views(np.array([0, 0, 1]), np.array([[0, 1], [1, 0], [0, 1]])).first.tolist()
-    [0, 2]
     """
 
     groups: NDArray[np.int64]
@@ -80,14 +77,6 @@ class SharedMixture(FrozenArrays):
 
     Raises:
         ValueError: arrays that do not fit, or log weights of a shape without a largest, finite one.
-
-    Two poses, the second of which swaps the two hypotheses:
-
-    >>> views = Views(np.array([0, 0]), np.array([[0, 1], [1, 0]]))
-    >>> outcomes = np.eye(2, dtype=np.float32)[None, None]
-    >>> mixture = SharedMixture(np.array([[0.0, -np.inf]]), 1, outcomes, views)
-    >>> mixture.table.probs[:, 0].tolist()
-    [[1.0, 0.0], [0.0, 1.0]]
     """
 
     log_weights: Floats

@@ -30,10 +30,6 @@ def episodes_for_success(pairs: McNemar, level: float = LEVEL, power: float = PO
 
     Raises:
         InvalidArgument: ``level`` or ``power`` is not in (0, 1).
-
-    >>> from belief.statistics import mcnemar_test
-    >>> episodes_for_success(mcnemar_test([True] * 97 + [False] * 3, [True] * 95 + [False] * 5))
-    391
     """
     z_level, z_power = _quantiles(level, power)
     delta = abs(pairs.difference)

@@ -66,9 +66,6 @@ class CandidateStops:
 
     Raises:
         ValueError: arrays of other shapes than said, or a value out of its range.
-
-    >>> CandidateStops([0, 0, 2], [1, 2, 1], [0.8, 0.9, 0.7], [True, False, False], 3).between(1, 3).probs.tolist()
-    [0.7]
     """
 
     searches: NDArray[np.int64]
@@ -177,11 +174,7 @@ def certified_thresholds(candidates: CandidateStops, risk: float, confidence: fl
 
 
 def least_searches(risk: float, confidence: float) -> int:
-    """Number of searches from which :func:`certified_thresholds` certifies a stop, if all stop without an error.
-
-    >>> least_searches(0.05, 0.9), least_searches(0.01, 0.9)
-    (144, 736)
-    """
+    """Number of searches from which :func:`certified_thresholds` certifies a stop, if all stop without an error."""
     return 2 * math.ceil(math.log(_MARGIN * (1.0 - confidence)) / math.log1p(-risk))
 
 

@@ -17,7 +17,7 @@ from activetouch.recorded.bounded import lines_of, require_bounded, require_fold
 from activetouch.recorded.named_columns import SCALARS, touches_of_columns
 from activetouch.recorded.touches import RecordedTouches, scalar_features
 from belief.files import plain_number
-from belief.problem import Floats
+from belief.validation import Floats
 
 BEHAVIOURS = ("crush", "grasp", "hold", "lift_slow", "low_drop", "poke", "push", "shake", "tap")
 _WIDTHS = {"haptics": 70, "vibro": 100}

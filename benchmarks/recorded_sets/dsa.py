@@ -15,7 +15,7 @@ import numpy as np
 from activetouch.errors import BadRecording
 from activetouch.recorded.bounded import read_bounded
 from belief.frozen import FrozenArrays
-from belief.problem import Floats
+from belief.validation import Floats
 
 _MOST_BYTES = 16 * 2**20
 _MOST_CELLS, _MOST_FRAMES, _MOST_NUMBERS = 4096, 10_000, 5_000_000

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from belief.problem import Floats
+from belief.validation import Floats
 from benchmarks.recorded_sets.dsa import PressureFilm
 
 _FIRMEST = 5  # frames that are averaged

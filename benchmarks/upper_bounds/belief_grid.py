@@ -11,7 +11,7 @@ import numpy as np
 from scipy.sparse import csr_array, vstack
 
 from belief.errors import InvalidArgument
-from belief.problem import Floats
+from belief.validation import Floats
 
 from .simplex import SimplexGrid, num_points
 from .touch_costs import TouchCosts

@@ -23,7 +23,7 @@ from itertools import combinations, product
 import numpy as np
 
 from belief import Composition
-from belief.problem import Floats
+from belief.validation import Floats
 from planners.pomdp.belief_sampling import sample_beliefs
 from planners.pomdp.problem import SearchTouchProblem
 from planners.pomdp.solver import point_based_value_iteration

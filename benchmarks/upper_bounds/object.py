@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from belief.problem import Floats
+from belief.validation import Floats
 from planners.pomdp.belief_sampling import sample_beliefs
 from planners.pomdp.problem import TouchProblem
 from planners.pomdp.solver import point_based_value_iteration

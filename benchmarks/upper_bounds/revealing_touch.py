@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 
 from belief.errors import InvalidArgument
 from belief.observation_model import OutcomeTable
-from belief.problem import Floats
-from belief.validation import as_real, normalise_probs, require_count
+from belief.validation import Floats, as_real, normalise_probs, require_count
 
 from .rival import INTERVALS, pair_steps, pair_values
 from .touch_costs import TouchCosts

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from belief.problem import Floats
+from belief.validation import Floats
 
 from .touch_costs import TouchCosts
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from belief import Composition
 from belief.errors import InvalidArgument
-from belief.problem import Floats
+from belief.validation import Floats
 from planners.pomdp.problem import SearchTouchProblem
 
 from .clairvoyant import clairvoyant_bound

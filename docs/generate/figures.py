@@ -18,9 +18,8 @@ from tables import INFERRED, health_of
 
 from experiments.paper.figures import draw_figure3
 from experiments.paper.table2 import Column
-from experiments.tradeoff.configuration import Configuration, Network
 from experiments.tradeoff.figures import front_picture
-from experiments.tradeoff.picks import TASKS, Front
+from experiments.tradeoff.measure import TASKS, Front
 
 DOCS = Path(__file__).parent.parent
 RECORDS = DOCS.parent / "records"
@@ -33,8 +32,11 @@ THEMES = {
 
 def point(stored: dict[str, Any]) -> Any:
     """What the figure of the trade-off reads of a configuration's results."""
-    fields = {name: value for name, value in stored["configuration"].items() if name != "simulations"}
-    configuration = Configuration(**{**fields, "network": Network(**fields["network"])})
+    told = stored["configuration"]
+    number = told["num_hypotheses"] or (-told["touch_cost"] if stored["varied"] == "touch cost λ" else None)
+    configuration = SimpleNamespace(
+        scene=told["network"]["scene"], varied=stored["varied"], decider=told["decider"], number=number
+    )
     names = ("ms_per_search", "success", "interval")
     return SimpleNamespace(configuration=configuration, **{name: stored[name] for name in names})
 

@@ -15,8 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from belief.statistics.proportion import wilson_interval
-from experiments.tradeoff.configuration import NUM_HYPOTHESES
-from experiments.tradeoff.picks import TASKS
+from experiments.tradeoff.measure import TASKS
 
 DOCS = Path(__file__).parent.parent
 RECORDS = DOCS.parent / "records"
@@ -268,7 +267,10 @@ def _live_hypotheses(searched: list[list[str]]) -> Iterator[str]:
     """A row for every number of hypotheses in live searches of a scene."""
     rows = {cells[0]: cells for cells in searched}
     for scene in ("coarse", "hard"):
-        names = {_grouped(n): f"{scene}, rigid body × {n}, information_gain, λ 0.02" for n in NUM_HYPOTHESES}
+        names = {
+            _grouped(n): f"{scene}, rigid body × {n}, information_gain, λ 0.02"
+            for n in (64, 256, 1024, 2048, 4096, 16_384)
+        }
         for hypotheses, name in names.items():
             cells = rows[name]
             yield _row(f"`{scene}`", hypotheses, cells[2], *cells[4:8])

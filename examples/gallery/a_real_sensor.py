@@ -4,8 +4,12 @@ A plain classifier learns from the first grasps of every object and is tested on
 multiplied as if grasps were independent. The stated confidence (dashed) is above the accuracy (solid): this is why
 touches need a calibrated model of how they repeat. `activetouch recorded` has such a model, searches and intervals.
 
-Run: python examples/gallery/a_real_sensor.py [FIGURE.png]      (needs scikit-learn)
+Run: python examples/gallery/a_real_sensor.py [FIGURE.png]   (6 s of processor time; needs the extra recorded)
 """
+
+from activetouch.extras import script_needs
+
+script_needs("recorded")
 
 import sys
 from pathlib import Path

@@ -3,8 +3,12 @@
 Nothing in `belief` knows about touch. Here a classifier of scikit-learn sees one quarter of an 8 × 8 image of a digit.
 An observation model is fitted to digits that the classifier did not learn from, and Bayes' rule combines the quarters.
 
-Run: python examples/gallery/digits_through_crops.py [FIGURE.png]      (needs scikit-learn)
+Run: python examples/gallery/digits_through_crops.py [FIGURE.png]   (8 s of processor time; needs the extra recorded)
 """
+
+from activetouch.extras import script_needs
+
+script_needs("recorded")
 
 import sys
 

@@ -3,7 +3,7 @@
 Each press moves the object against the pad until a set force is reached. The image is the pressure on 128 × 128
 taxels (tactile pixels). One pose shows a point, another an edge: several touches of one body tell more than one.
 
-Run: python examples/gallery/one_press.py [FIGURE.png]
+Run: python examples/gallery/one_press.py [FIGURE.png]   (4 s of processor time)
 """
 
 import sys

@@ -3,7 +3,7 @@
 The belief is about shape, orientation and size together. Each picture is the mean over the orientations and sizes that
 a shape may still have, so an unknown orientation is a blur. Touches rule out orientations, and with them shapes.
 
-Run: python examples/gallery/orientation_is_recognised.py [FIGURE.png]
+Run: python examples/gallery/orientation_is_recognised.py [FIGURE.png]   (9 s of processor time)
 """
 
 import sys

@@ -4,7 +4,7 @@ Touches of one object in one pose measure the same face, so an error repeats its
 likelihoods as if they were independent becomes certain without becoming right. The shipped model weights n touches
 in a pose as n / (1 + (n - 1) ρ), with ρ fitted to objects that were touched repeatedly.
 
-Run: python examples/gallery/repeats_count_less.py [FIGURE.png]
+Run: python examples/gallery/repeats_count_less.py [FIGURE.png]   (15 s of processor time)
 """
 
 import sys

@@ -4,8 +4,12 @@
 microseconds. The horizontal lines are the returns of a policy that never touches, and of one that gives the
 right answer at once.
 
-Run: python examples/gallery/train_ppo.py [FIGURE.png]      (needs the extra rl; about half a minute)
+Run: python examples/gallery/train_ppo.py [FIGURE.png]   (30 s of processor time; needs the extra rl)
 """
+
+from activetouch.extras import script_needs
+
+script_needs("rl")
 
 import sys
 

@@ -3,7 +3,7 @@
 The gain is about one question: is this object the target? It is large where the answer is open and the outcome of the
 touch depends on it. After touches of one body, the gain of each pose depends on their images.
 
-Run: python examples/gallery/which_pose_next.py [FIGURE.png]
+Run: python examples/gallery/which_pose_next.py [FIGURE.png]   (5 s of processor time)
 """
 
 import sys

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,7 +12,6 @@ from belief.metrics import ReliabilityCurve, StopScore
 from experiments.calibration.models import ModelScores
 from experiments.reporting.style import INK, PALETTE, Picture
 
-_CHANCE: dict[str, Any] = {"color": "#8a97a5", "alpha": 0.3, "linewidth": 0}
 _MIN_STOPS = 20  # smallest number of stops with a point in the figure
 
 
@@ -22,13 +20,8 @@ def reliability(curves: Mapping[str, ReliabilityCurve]) -> Picture:
 
     def panel(title: str, curve: ReliabilityCurve) -> Callable[[Axes], None]:
         def draw(axes: Axes) -> None:
-            axes.plot([0, 1], [0, 1], color=INK, linewidth=0.8, linestyle=":")
-            x, width = curve.mean_confidence, curve.upper - curve.lower
-            axes.bar(x, curve.band_high - curve.band_low, width * 0.8, curve.band_low, **_CHANCE)
-            size = 8.0 + 120.0 * curve.count / curve.count.sum()
-            axes.scatter(x, curve.accuracy, size, color=PALETTE[0], zorder=3)
-            low = max(0.0, float(curve.lower.min()) - 0.05)
-            axes.set(title=title, xlabel="confidence", ylabel="accuracy", xlim=(low, 1.02), ylim=(low, 1.02))
+            curve.plot(axes)
+            axes.set_title(title)
 
         return draw
 

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from belief.metrics import CalibrationAtStop, CalibrationError, accuracy, calibration_at_stop, negative_log_likelihood
+from belief.metrics.calibration_at_stop import stops
 from belief.observation_model.model import ArrayModel
-from experiments.calibration.sequences import Sequences, stops
+from experiments.calibration.sequences import Sequences
 from experiments.calibration.touches import top_error
 from experiments.sensor.scores import accuracy_of_objects
 

@@ -15,7 +15,6 @@ from belief.files import write_text
 from belief.metrics import CalibrationError
 from belief.table import Table
 from experiments.calibration.models import UNDISCOUNTED, ModelScores
-from experiments.calibration.targets import judge_model, judge_touches, verdict
 from experiments.calibration.touches import RAW, TouchScores
 from experiments.reporting.page import Section
 
@@ -86,9 +85,23 @@ def sections(found: Measurements) -> list[Section]:
 
 
 def _verdict(found: Measurements) -> Section:
-    checks = judge_model(found.model, found.confidence)
-    text = verdict(judge_touches(found.calibration), checks, found.calibration.name, found.model.name)
-    return Section("Verdict", [text + _without_discount(found), _what_was_measured(found)])
+    """The errors of the chosen calibration and of the chosen model, beside those by chance."""
+    one, (_, low, high) = found.calibration.report.ece_classwise, found.calibration.classwise
+    worst = {kind: max(fused, key=lambda score: score.ece.value) for kind, fused in found.model.fused.items()}
+    fused = "; ".join(f"{kind} {_error(s.ece)} after {s.num_touches}" for kind, s in worst.items())
+    stopped = [
+        f"{kind} {c.overall.mean_stated:.3f} and {c.overall.share_right:.3f}"
+        for kind, scores in found.model.stops.items()
+        if (c := scores.claims)
+    ]
+    sentences = [
+        f"A touch, calibrated by {found.calibration.name}, has a mean calibration error over shapes of {_error(one)} "
+        f"(bias-corrected 95 % interval [{low:.4f}, {high:.4f}]).",
+        f"Fused by {found.model.name}, the largest error after any number of touches is: {fused}.",
+        f"Stated confidence and accuracy at stopping: {'; '.join(stopped) or 'no search stopped'}.",
+        "In brackets: the error by chance.",
+    ]
+    return Section("Verdict", [" ".join(sentences) + _without_discount(found), _what_was_measured(found)])
 
 
 def _without_discount(found: Measurements) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from activetouch.data.dataset import TouchSet
 from activetouch.envs.touch_bank import TouchRounds
 from belief.observation_model.model import ArrayModel
-from belief.observation_model.selection import log_posteriors
+from belief.observation_model.selection import log_posteriors_by_touch
 from belief.touch_batch import TouchBatch
 
 Floats = NDArray[np.float64]
@@ -121,8 +121,7 @@ class Sequences:
 
     def log_posteriors(self, model: ArrayModel) -> Floats:
         """Log posteriors after 1 to n touches under a uniform prior, ``(S, n, K)``."""
-        found = [log_posteriors(model, self.batch.first(n)) for n in range(1, self.batch.num_touches + 1)]
-        return np.stack(found, axis=1)
+        return log_posteriors_by_touch(model, self.batch)
 
 
 KINDS: Mapping[str, Callable[[Rounds, np.random.Generator], Sequences]] = {
@@ -131,35 +130,3 @@ KINDS: Mapping[str, Callable[[Rounds, np.random.Generator], Sequences]] = {
     "random poses": Rounds.random_poses,
 }
 """Ways to choose the poses of a sequence, by name."""
-
-
-@dataclass(frozen=True, eq=False)
-class Stops:
-    """The T sequences in which one shape became sufficiently probable.
-
-    Attributes:
-        sequences: their indices in increasing order, ``(T,)``.
-        claims: stated confidence: probability of the most probable shape at stopping, ``(T,)``.
-        correct: whether this is the true shape, ``(T,)``.
-        num_touches: number of touches at stopping, ``(T,)``.
-    """
-
-    sequences: NDArray[np.int64]
-    claims: Floats
-    correct: NDArray[np.bool_]
-    num_touches: NDArray[np.int64]
-
-
-def stops(log_probs: Floats, shapes: NDArray[np.int64], confidence: float) -> Stops:
-    """Stops of searches that touch until the most probable shape has at least a given probability.
-
-    Args:
-        log_probs: log posteriors after 1 to n touches, ``(S, n, K)``.
-        shapes: true shapes, ``(S,)``.
-        confidence: this probability, in (1/K, 1).
-    """
-    reached = log_probs.max(axis=2) >= np.log(confidence)
-    sequences = np.flatnonzero(reached.any(axis=1))
-    touch = reached[sequences].argmax(axis=1)
-    last = log_probs[sequences, touch]
-    return Stops(sequences, np.exp(last.max(axis=1)), last.argmax(axis=1) == shapes[sequences], touch + 1)

@@ -7,9 +7,9 @@ from functools import partial
 
 from matplotlib.axes import Axes
 
+from activetouch.view.portrait import portraits
 from belief.validation import Floats
 from experiments.meshes.naming import Naming
-from experiments.meshes.portrait import portrait
 from experiments.meshes.setting import MeshSetting
 from experiments.reporting.page import Section
 from experiments.reporting.style import Picture
@@ -51,7 +51,11 @@ def touch_pictures(
             f"{name}-touch{number}",
             f"After touch {number}: {said}.",
             [
-                partial(_draw, picture=portrait(solids[body], rest, reach), title=f"{labels[body][-18:]}\n{prob:.2f}")
+                partial(
+                    _draw,
+                    picture=portraits(solids[body], rest[None], reach)[0],
+                    title=f"{labels[body][-18:]}\n{prob:.2f}",
+                )
                 for body, prob, rest in bodies
             ],
             size=(1.3, 1.5),

@@ -51,7 +51,7 @@ class TrainPPO:
 
         activetouch collect --scene coarse --plan.train 0 --plan.repeats 6 --out data/coarse-repeats
         activetouch train-ppo --scene coarse
-        activetouch train-ppo --scene paper --sensor paper-independent
+        activetouch train-ppo --scene paper --sensor paper-independent --tensorboard runs/tensorboard
         activetouch train-ppo --scene coarse --targets cone --recipes gains --seeds 1 --out runs/ppo-cone
     """
 
@@ -74,6 +74,8 @@ class TrainPPO:
     """Number of trainings of each policy."""
     jobs: Jobs = field(default_factory=default_jobs)
     """Number of processes."""
+    tensorboard: Path | None = None
+    """Folder of logs for TensorBoard, such as runs/tensorboard; none by default."""
     anyway: bool = False
     """Use a collection of another scene than the sensor's."""
 
@@ -82,6 +84,8 @@ class TrainPPO:
         """Read the touches, train what is missing, choose, and write policies and learning curves."""
         check_arguments(self)
         require_extra("rl")
+        if self.tensorboard is not None:
+            require_extra("tensorboard")
         from experiments.ppo.touch_bank import TEST, TRAINING, kept_bank  # loads gymnasium
 
         named = named_scene(self.scene)
@@ -102,7 +106,8 @@ class TrainPPO:
             recipes = [replace(recipe, steps=self.steps) for recipe in recipes]
         require_targets(self.targets, manifest.shape_labels)
         bank, test_bank = (kept_bank(reader, data, split, out / "bank" / split) for split in (TRAINING, TEST))
-        found = train_policies(bank, test_bank, model, out, recipes, self.targets, self.seeds, self.jobs)
+        each = self.targets, self.seeds, self.jobs, self.tensorboard
+        found = train_policies(bank, test_bank, model, out, recipes, *each)
         found.save(out)
         print(f"{found}\nwrote {out / POLICIES} and the learning curves, {out / 'curves.svg'}")
 
@@ -154,6 +159,7 @@ def train_policies(
     targets: Iterable[str] = (),
     seeds: int = 3,
     jobs: int = 1,
+    tensorboard: Path | None = None,
 ) -> TrainedPolicies:
     """Train a policy for every recipe, target and seed, and choose the best seed on the objects of training.
 
@@ -166,6 +172,7 @@ def train_policies(
         targets: labels of the shapes to train for; all by default.
         seeds: number of trainings of each policy.
         jobs: number of processes.
+        tensorboard: folder of logs for TensorBoard; None for none.
 
     Raises:
         BadArgument: Two recipes have the same state.
@@ -180,10 +187,9 @@ def train_policies(
         raise BadArgument("--recipes must be one recipe a state")
     each = list(dict.fromkeys(targets)) or list(bank.shape_labels)
     require_targets(each, bank.shape_labels)
+    names = {target: in_file_name(target or ALL, "-") for target in (*each, None)}
     trainings = [
-        Training(
-            bank, test_bank, model, target, recipe, seed, out / f"{state}-{in_file_name(target or ALL, '-')}-{seed}"
-        )
+        Training(bank, test_bank, model, target, recipe, seed, out / f"{state}-{names[target]}-{seed}", tensorboard)
         for state, recipe in by_state.items()
         for target in ([None] if state == GOAL else each)
         for seed in range(seeds)

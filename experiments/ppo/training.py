@@ -70,6 +70,7 @@ class Training:
         recipe: settings of PPO and of the task.
         seed: seed of weights and episodes.
         folder: folder of the training.
+        tensorboard: folder of logs for TensorBoard, each training's under the name of its folder; None for none.
     """
 
     bank: TouchBank
@@ -79,6 +80,7 @@ class Training:
     recipe: PPORecipe
     seed: int
     folder: Path
+    tensorboard: Path | None = None
 
     @property
     def card(self) -> PolicyCard:
@@ -115,7 +117,7 @@ class Training:
                 evaluate_now(steps)
 
         try:
-            learner.learn(self.recipe.steps, _callback(report), tb_log_name=self.target or self.recipe.state)
+            learner.learn(self.recipe.steps, _callback(report), tb_log_name=self.folder.name)
         except ValueError as error:
             if not str(error).startswith("Expected parameter logits"):  # of torch, where they are not finite
                 raise
@@ -166,7 +168,7 @@ class Training:
             gamma=recipe.discount,
             gae_lambda=recipe.gae,
             policy_kwargs={"net_arch": list(recipe.hidden)},
-            tensorboard_log=str(self.folder / "tensorboard") if _has_tensorboard() else None,
+            tensorboard_log=None if self.tensorboard is None else str(self.tensorboard),
             seed=self.seed,
             device="cpu",
         )
@@ -282,9 +284,3 @@ def _global_generators_kept() -> Iterator[None]:
             yield
     finally:
         np.random.set_state(before)  # noqa: NPY002
-
-
-def _has_tensorboard() -> bool:
-    from importlib.util import find_spec
-
-    return find_spec("tensorboard") is not None

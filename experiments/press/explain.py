@@ -6,60 +6,62 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import tyro
 from numpy.typing import NDArray
 
 from activetouch.errors import LabelMismatch, WrongScene
+from activetouch.hand import Hand
 from activetouch.named_scenes import NamedScene
+from activetouch.orientations import Resampled, Upright
 from activetouch.pressing.contact import surface_gap
 from activetouch.rendering import read_out
 from activetouch.scene import Scene
 from activetouch.sensor import TactileSensor
-from activetouch.sensor_files import READER_FILE, reader_file, sensor_shift
+from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS, READER_FILE, reader_file, sensor_shift
+from belief.composition import Composition
 from belief.observation_model.rigid_body import joint_model
 from belief.table import Table
 from experiments.command_line.arguments import Count, Jobs, check_arguments
 from experiments.command_line.console import plain_console
+from experiments.meshes.near_twins import ALIKE, near_twins
+from experiments.meshes.setting import MeshSetting
 from experiments.parallel import default_jobs
-from experiments.press.alike import SHOWN, Alike, Likeness, alike
-from experiments.press.inventory import Item, inventory, latent
 from experiments.scene_choice import SceneChoice
 from experiments.sensor_choice import sensor_folder
 
+if TYPE_CHECKING:
+    import mujoco
+
 _PRESSES = 50  # of each shape, to see where the layer bottoms out
 _FEW = 0.05  # share of presses that may bottom out
-_FEWEST_PAIRS, _MOST_PAIRS = 3, 12
-_WIDE = 0.95  # share of the surface below which an aim is offered
+_MOST_PAIRS = 12  # of shapes that feel alike, in a list
 
 
 @dataclass(frozen=True)
 class Explanation:
-    """What a scene models; it prints as tables and sentences.
+    """What a scene models; it prints as a table and sentences.
 
     Attributes:
         name: of the scene.
         items: the parts of the model.
-        remarks: sentences about the belief, the time of a press, and presses that show less than they could.
-        alike: how alike the shapes feel; None where they were not compared.
+        remarks: sentences about the belief, shapes that feel alike, the time of a press, and presses that show less
+            than they could.
     """
 
     name: str
     items: Sequence[Item]
     remarks: Sequence[str]
-    alike: Alike | None = None
 
-    def tables(self) -> list[Table]:
-        """What the scene models, and which shapes feel alike if they were compared."""
+    def table(self) -> Table:
+        """What the scene models."""
         rows = [(item.number, item.part, item.why) for item in self.items]
-        columns = [("number", "d"), ("part", ""), ("what", "")]
-        what = Table(f"what the scene '{self.name}' models", columns, rows)
-        return [what, *([] if self.alike is None else [alike_table(self.alike)])]
+        return Table(f"what the scene '{self.name}' models", [("number", "d"), ("part", ""), ("what", "")], rows)
 
     def __str__(self) -> str:
-        return "\n\n".join([*(table.markdown() for table in self.tables()), *self.remarks])
+        return "\n\n".join([self.table().markdown(), *self.remarks])
 
 
 def explain(
@@ -77,28 +79,18 @@ def explain(
         named: the scene, and its search.
         name: of the scene.
         presses: number of presses to measure.
-        compare: whether to compare all pairs of shapes, which takes about a quarter of a second for a pair.
-        jobs: number of processes that compare shapes.
+        compare: whether to look for shapes that feel nearly alike.
+        jobs: number of processes that make views of shapes.
         sensor: folder of a sensor, whose belief is described if it fits the scene; None for none.
     """
     scene = named.scene
     remarks = [_belief_words(scene, sensor if sensor is not None and _fits(sensor, scene) else None)]
-    likeness = None
-    if scene.families:
-        remarks.append(f"Shapes are not compared: the proportions of {', '.join(scene.families)} vary.")
-    elif compare and len(scene.shapes) > 1:
-        likeness = alike(scene, jobs=jobs)
+    if compare:
+        remarks += _alike_words(scene, name, jobs)
     remarks.append(_cost_words(scene, presses))
     if scene.hand is not None and len(scene.hand) > 1:
-        remarks.append(
-            f"A grasp gives {len(scene.hand)} images at the cost of one touch. Its fingers share the force and the "
-            "object's offset in the palm, drawn anew at each grasp; the belief takes both as each finger's own. A "
-            "finger that misses gives an image of no contact, which is read as any other."
-        )
-    remarks += _bottoming_words(scene, np.random.default_rng(0))
-    if likeness and (partly := [label for label, (ever, _) in likeness.reach.items() if ever < _WIDE]):
-        remarks.append(f"No touch meets all of {', '.join(partly)}: aim beside the axis (activetouch.poses.aimed).")
-    return Explanation(name, inventory(named), remarks, likeness)
+        remarks.append(_grasp_words(scene.hand))
+    return Explanation(name, inventory(named), remarks + _bottoming_words(scene, np.random.default_rng(0)))
 
 
 @dataclass(frozen=True)
@@ -120,9 +112,9 @@ class Explain:
     presses: Count = 60
     """Number of presses to measure."""
     alike: bool = True
-    """Compare all pairs of shapes; a second for each shape and a quarter for each pair."""
+    """Name the shapes that feel nearly alike; a few seconds for each shape, the first time."""
     jobs: Jobs = field(default_factory=default_jobs)
-    """Number of processes that compare shapes."""
+    """Number of processes that make views of shapes."""
 
     def run(self) -> None:
         """Measure and print; the belief only if a sensor of the package fits the scene."""
@@ -133,42 +125,23 @@ class Explain:
             self.choice.named, name=name, presses=self.presses, compare=self.alike, jobs=self.jobs, sensor=shipped
         )
         console = plain_console()
-        for table in found.tables():
-            print(table, end="\n\n")
+        print(found.table(), end="\n\n")
         for remark in found.remarks:
             console.print(f"- {remark}")
 
 
-def alike_table(found: Alike) -> Table:
-    """The pairs of shapes that feel most alike: all that are confused at times, and three at least."""
-    confused = {pair: max(pair.one_compared, pair.all_compared) > SHOWN for pair in found.pairs}
-    pairs = sorted(found.pairs, key=lambda pair: not confused[pair])
-    rows = [
-        (
-            *pair.shapes,
-            (pair.one_interval[0], max(pair.one_interval[1], pair.one_compared)),
-            (pair.all_interval[0], max(pair.all_interval[1], pair.all_compared)),
-            pair.shown,
-            pair.shown_from_26,
-        )
-        for pair in pairs[: min(max(sum(confused.values()), _FEWEST_PAIRS), _MOST_PAIRS)]
+def _alike_words(scene: Scene, name: str, jobs: int) -> list[str]:
+    """The pairs of shapes that feel nearly alike to the sensor's reader of any object, from 26 directions."""
+    if len(scene.shapes) < 2:
+        return []
+    if scene.families:
+        return [f"Shapes are not compared: the proportions of {', '.join(scene.families)} vary."]
+    if not (MODELS / name / ANY_OBJECT_FILE).is_file():
+        return ["Shapes are not compared: the scene has no sensor that reads any object."]
+    twins = near_twins(MeshSetting.of(scene.solids, sensor=name, jobs=jobs))
+    return [f"{twin}." for twin in twins[:_MOST_PAIRS]] or [
+        f"No two shapes feel nearly alike: from 26 directions, a touch tells {ALIKE} nats or more against any other."
     ]
-    hard = [pair for pair in found.pairs if pair.all_interval[1] >= 0.5 - SHOWN]
-    same, hard = ([pair for pair in hard if (pair.all_interval[0] == 0.5) == is_same] for is_same in (True, False))
-    columns = ["shape", ("other shape", ""), ("one touch", ".2f"), (f"{found.num_touches} touches", ".2f")]
-    return Table(
-        "shapes that feel most alike: error of distinguishing two (0.5 is chance)",
-        [*columns, ("objects that show it", ".0%"), ("from 26 directions", ".0%")],
-        rows,
-        "Estimated by simulated contacts (see activetouch.alike). "
-        + (f"The same body: {_names(same)}. " if same else "")
-        + f"Hardly distinguished: {_names(hard) or 'none'}"
-        + ("; try --poses directions26, or aim beside the axis (activetouch.poses.aimed)." if hard else "."),
-    )
-
-
-def _names(pairs: list[Likeness]) -> str:
-    return ", ".join(" and ".join(pair.shapes) for pair in pairs)
 
 
 def bearing_forces(scene: Scene, shape: str, num_presses: int, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -239,6 +212,17 @@ def _belief_words(scene: Scene, folder: Path | None) -> str:
     return f"{words}: {model.num_hypotheses} hypotheses for each shape."
 
 
+def _grasp_words(hand: Hand) -> str:
+    """What the fingers of a hand share, and what of it the belief holds."""
+    drawn = "of the object" if hand.offset == "kept" else "drawn anew at each grasp"
+    belief = "takes both as each finger's own" if hand.offset == "averaged" else "sums over the offset"
+    return (
+        f"A grasp gives {len(hand)} images at the cost of one touch. Its fingers share the force and the object's "
+        f"offset in the palm, {drawn}; the belief {belief}. A finger that misses gives an image of no contact, which "
+        "is read as any other." + ("" if hand.travel is None else " It also reads how far each finger travels.")
+    )
+
+
 def _fits(sensor: Path, scene: Scene) -> bool:
     """Whether the sensor in a folder was fitted to a scene, or to one that differs by a known shift."""
     try:
@@ -248,3 +232,75 @@ def _fits(sensor: Path, scene: Scene) -> bool:
     except (LabelMismatch, WrongScene):
         return False
     return True
+
+
+@dataclass(frozen=True)
+class Item:
+    """A kind of part of a scene: its number, its name and its purpose."""
+
+    number: int
+    part: str
+    why: str
+
+
+def inventory(named: NamedScene) -> list[Item]:
+    """The parts in the model of one press of a scene, and the hidden variables of the belief about a search."""
+    scene, pad = named.scene, named.scene.pad
+    spacing = 1e3 * 2 * pad.half_width / pad.num_taxels
+    families = [
+        "{} ({})".format(label, ", ".join("{} {:g} to {:g}".format(name, *d.support) for name, d in family.parameters))
+        for label, family in scene.families.items()
+    ]
+    items = [
+        Item(len(scene.shapes), "shapes", ", ".join(scene.shape_labels)),
+        Item(len(families), "families", f"whose proportions differ by object: {', '.join(families)}"),
+        Item(len(scene.poses), "poses", "sides of an object to turn to the pad"),
+        Item(pad.num_taxels**2, "points of the pad", f"one ray each, {spacing:.2f} mm apart"),
+        Item(len(scene.faults), "faults of the sensor", ", ".join(type(fault).__name__ for fault in scene.faults)),
+    ]
+    if scene.hand is not None:
+        items.append(Item(len(scene.hand), "fingers", "close on the object together; one grasp counts as one touch"))
+    model = scene.press_model.compiled(scene.setup, next(iter(scene.solids.values())))
+    if model is not None:
+        items += [*_surfaces(scene), *_rigid_bodies(model)]
+    coupled = named.composition is Composition.DISTINCT
+    number = len(scene.shapes) * (named.num_objects if coupled else 1)
+    of = f"of {named.num_objects} objects, no two alike" if coupled else "of the current object; others are independent"
+    return [item for item in (*items, Item(number, "hidden probabilities", f"shape {of}")) if item.number]
+
+
+def latent(scene: Scene) -> list[str]:
+    """What all touches of an object share besides its shape, and a joint belief can infer.
+
+    >>> latent(Scene())
+    ['orientation', 'size']
+    """
+    if isinstance(scene.presentation, Resampled):
+        return []  # every touch has its own orientation
+    low, high = scene.variation.size.support
+    turned = ["heading", "tilt"] if isinstance(scene.presentation, Upright) else ["orientation"]
+    of_families = [f"{name} of {label}" for label, family in scene.families.items() for name, _ in family.parameters]
+    kept = scene.hand is not None and scene.hand.offset == "kept"
+    return turned + (["size"] if low < high else []) + of_families + (["offset in the palm"] if kept else [])
+
+
+def _surfaces(scene: Scene) -> list[Item]:
+    """Shapes of which something simpler is pressed than the image shows."""
+    hollow = {kind: [k for k, v in scene.solids.items() if v.geom.presses == kind] for kind in ("surface", "hull")}
+    words = {
+        "surface": "pressed as the convex hull of what lies in front of the pad, with the same first touch: ",
+        "hull": "pressed as the convex hull, so force and image may disagree: ",
+    }
+    return [Item(len(found), "hollow shapes", words[kind] + ", ".join(found)) for kind, found in hollow.items()]
+
+
+def _rigid_bodies(model: mujoco.MjModel) -> list[Item]:
+    names = [model.geom(index).name for index in range(model.ngeom)]
+    return [
+        Item(2, "moving bodies", "a guide, and on it the object"),
+        Item(1, "slide joint", "of the guide, with a servo"),
+        Item(model.npair, "contact pair", "pad and object; nothing else can touch"),
+        Item(model.nsensor, "sensor", "force vector and contact point in every step"),
+        Item(sum(name.startswith("finger") for name in names), "finger segments", "carry the pad, as in the paper"),
+        Item(sum(name.startswith("parked") for name in names), "parked objects", "fixed to the world, no contact"),
+    ]

@@ -19,15 +19,15 @@ from rich.progress import track
 from activetouch.errors import WrongPress
 from activetouch.hand import require_no_hand
 from activetouch.placement import Placement
-from activetouch.pressing.trace import write_csv
+from activetouch.poses import random_orientation
+from activetouch.pressing.trace import Trace, join, write_csv
 from activetouch.rendering import RENDERERS
-from activetouch.scene import Scene
+from activetouch.scene import Scene, WorldObject
 from belief.claims import claim_folder, ends_claims
-from belief.errors import MissingPackage
+from belief.errors import MissingPackage, install_command
 from belief.files import in_file_name, require_writable_file
 from belief.seeding import keyed_rng
 from experiments.command_line.arguments import BadArgument, Picture, Seed, check_arguments
-from experiments.press.cycles import record_cycles
 from experiments.scene_choice import SceneChoice
 
 if TYPE_CHECKING:
@@ -198,10 +198,40 @@ def _require_viewer() -> ModuleType:
         from mujoco import viewer
     except ImportError as error:
         raise MissingPackage(
-            f"the viewer cannot be opened ({error}). Install it with: pip install 'activetouch[viewer]'"
+            f"the viewer cannot be opened ({error}). Install it with: {install_command('viewer')}"
         ) from error
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # it also warns
         if not glfw.init():
             raise MissingPackage("there is no display for a window; activetouch touch draws into a file")
     return viewer
+
+
+def record_cycles(scene: Scene, pressed: WorldObject, num_cycles: int, rng: np.random.Generator) -> list[Trace]:
+    """Press an object repeatedly, with a rotation to a new random orientation after each press.
+
+    Args:
+        scene: its presses must simulate rotations, as guarded moves do.
+        pressed: the object.
+        num_cycles: number of presses.
+        rng: of offsets, thresholds and rotations.
+
+    Returns:
+        One trace per cycle with all five phases; a miss has no phase ``contact``.
+
+    Raises:
+        WrongPress: the scene's presses do not simulate rotations.
+        UnstablePress: the simulation diverged.
+    """
+    scene = replace(scene, press_model=scene.press_model.with_trace())
+    placement = scene.place(pressed, 0, rng)
+    cycles = []
+    for _ in range(num_cycles):
+        contact = scene.contact(placement, rng)
+        orientation = random_orientation(rng)
+        rotation = scene.press_model.rotate(scene.setup, placement, orientation)
+        assert contact.trace is not None, "presses that rotate are traced"
+        cycles.append(join([contact.trace, rotation]))
+        offset = scene.variation.sample_offset(rng) + scene.aim_offsets[0]
+        placement = replace(placement, orientation=orientation, offset=offset)
+    return cycles

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from belief.problem import Floats
+from belief.validation import Floats
 from experiments.recorded.identifying import FIXED, GAIN, RANDOM, Named
 from experiments.recorded.results import Measured
 from experiments.reporting.style import PALETTE, Picture

@@ -11,7 +11,7 @@ from scipy.special import softmax
 from activetouch.recorded.world import RecordedWorld
 from belief.observation_model.action_kernel import Law
 from belief.observation_model.kernel_fit import sequence_losses, sequences
-from belief.problem import Floats
+from belief.validation import Floats
 from experiments.recorded.fold import LAWS, Fold
 from planners.decider import ProbeSelector
 from planners.identification import Identification, identify

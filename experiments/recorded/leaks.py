@@ -11,7 +11,7 @@ from activetouch.recorded.reader import Reading, read
 from activetouch.recorded.splits import Split, by_session
 from activetouch.recorded.touches import TaskTouches
 from belief.table import Table, Value, interval
-from experiments.recorded.order import by_session as table_by_session
+from experiments.recorded.fold import whole_sessions
 from experiments.sensor.scores import accuracy_of_objects
 
 ALL = "all features"
@@ -105,7 +105,7 @@ def _control(
         data = touches.labelled(split.test, reading.test_ratios)
         right.append(reading.test_ratios.argmax(axis=1) == touches.labels[split.test])
         owners.append(touches.objects[split.test])
-        ratios, labels = table_by_session(data, touches.sessions_of(split.test))
+        ratios, labels = whole_sessions(data, touches.sessions_of(split.test))
         together.append(ratios.sum(axis=1).argmax(axis=1) == labels)
     accuracy = accuracy_of_objects(np.concatenate(right), np.concatenate(owners), np.random.default_rng(seed))
     every = np.concatenate(together)

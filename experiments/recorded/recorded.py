@@ -9,7 +9,6 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from activetouch.extras import require_extra
 from activetouch.recorded import RecordedTouches, check_recorded, read_recorded, without_incomplete
 from activetouch.recorded.formats import Format
 from activetouch.sensor import RecordedSensor
@@ -86,9 +85,7 @@ def recorded(
         CannotWrite: ``save`` cannot be written, or holds a sensor of a scene.
         BadArgument: a threshold that a guess reaches, or a decider that needs a file of a sensor's folder.
         UnknownName: there is no such decider.
-        MissingPackage: scikit-learn is not installed.
     """
-    require_extra("recorded")
     for decider in deciders:
         _require_plain(decider, max_touches)
     remarks = check_recorded(touches, task)
@@ -150,8 +147,7 @@ class Recorded:
     """Play searches on recorded touches of real objects, with several deciders; report.
 
     The set is split by time or by object, a classifier is trained and calibrated, correlations between touches are
-    fitted, and objects are then identified, and searched for, by their held-out recordings. Needs the extra
-    "recorded".
+    fitted, and objects are then identified, and searched for, by their held-out recordings.
     docs/real_touch.md describes the formats; "csv" and "npz" are for touches of your own, "bts3" is a public set.
 
     For example:

@@ -9,9 +9,9 @@ import numpy as np
 
 from belief.metrics import expected_calibration_error, negative_log_likelihood
 from belief.observation_model.action_kernel import Law
-from belief.problem import Floats
 from belief.statistics import cluster_bootstrap
 from belief.table import Table, Value, interval
+from belief.validation import Floats
 from experiments.recorded.finding import ORACLE, Found
 from experiments.recorded.fold import LAWS, Fold
 from experiments.recorded.identifying import FIXED, GAIN, NUMBERS, RANDOM, AfterTouches, Named

@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from experiments.reporting.style import Picture
 
 
+written: list[Path] = []
+"""Pages that this process wrote, the latest last; ``activetouch COMMAND --open`` shows it."""
+
+
 @dataclass(frozen=True)
 class Section:
     """A section of a page.
@@ -55,6 +59,7 @@ def write_page(
     )
     environment.filters |= {"data_uri": data_uri, "anchor": anchor}
     write_text(path, environment.get_template(template).render(title=title, sections=sections, **values))
+    written.append(path)
 
 
 def anchor(title: str) -> str:

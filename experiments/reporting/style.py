@@ -12,7 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib
+import matplotlib.style
 import numpy as np
+from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -30,22 +32,28 @@ STYLE: Any = {
     "axes.spines.right": False,
     "svg.fonttype": "none",
     "svg.hashsalt": "activetouch",
+    "pdf.fonttype": 42,  # TrueType, which publishers ask for
+    "legend.fontsize": 9.0,
+    "axes.prop_cycle": cycler(color=PALETTE),
 } | dict.fromkeys(("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"), INK)
 
 
 @contextmanager
-def figure(size: tuple[float, float], *paths: Path, dpi: int = 130) -> Iterator[Figure]:
+def figure(
+    size: tuple[float, float] | None, *paths: Path, dpi: int = 130, style: str | Path | None = None
+) -> Iterator[Figure]:
     """A figure in the common style, written to files at the end of the block; equal content gives equal SVG.
 
     Args:
-        size: width and height [inches].
+        size: width and height [inches]; those of the style if None.
         paths: files to write, atomically; the ending decides the format.
         dpi: pixels per inch of PNG files.
+        style: matplotlib style, by name or file, which comes before the common one.
 
     Raises:
         CannotWrite: The disk is full, or the folder is not writable.
     """
-    with matplotlib.rc_context(STYLE):
+    with matplotlib.rc_context(STYLE), matplotlib.style.context([] if style is None else [style]):
         drawn = Figure(figsize=size, layout="constrained")
         yield drawn
         for path in paths:

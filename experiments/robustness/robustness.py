@@ -21,11 +21,12 @@ from activetouch.shapes import EXTENDED_SHAPES
 from belief.claims import claim_folder, ends_claims
 from belief.files import write_text
 from belief.metrics import expected_calibration_error, negative_log_likelihood
+from belief.metrics.calibration_at_stop import Stops, stops
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.selection import log_posteriors
 from belief.statistics import clopper_pearson_interval, paired_bootstrap
 from belief.table import Table
-from experiments.calibration.sequences import Sequences, Stops, stops
+from experiments.calibration.sequences import Sequences
 from experiments.command_line.arguments import BadArgument, CountOrNone, Jobs, Seed, Within, check_arguments
 from experiments.parallel import default_jobs
 from experiments.robustness.report import robustness_tables, write_robustness_page

@@ -15,14 +15,12 @@ from activetouch import Scene, TactileSensor, TouchWorld
 from activetouch.named_scenes import NamedScene
 from activetouch.world import touch_many
 from belief.observation_model.model import ObservationModel
-from belief.problem import SearchProblem, Touch
-from belief.seeding import arrangement_rng
+from belief.problem import SearchProblem
 from belief.statistics import clopper_pearson_interval, cluster_bootstrap
-from belief.synthetic import sample_arrangement
 from experiments.parallel import run_tasks
+from experiments.search.play import make_world
 from planners import Decider, Episode, Outcome, make_decider, search_lockstep
 from planners.abstaining import ANSWER, Abstaining
-from planners.search import TouchRequest
 from planners.set_up import search_in_turn
 
 CONFIDENCE = 0.95
@@ -104,7 +102,8 @@ def _scores(
     decider: Decider = make_decider(_DECIDER, sensor.model.outcome_table(), sensor.model)
     seeds = [(seed, target, n) for target in range(problem.num_shapes) for n in range(number)]
     targets = [target for _, target, _ in seeds]
-    played = played_together(sensor, _worlds(sensor, problem, seeds), decider, problem, targets, sensor.model, seeds)
+    worlds = [make_world(problem, sensor, seed) for seed in seeds]
+    played = played_together(sensor, worlds, decider, problem, targets, sensor.model, seeds)
     confirmed = [episode for episode in played if episode.outcome is Outcome.CONFIRMED]
     stated = [float(episode.steps[-1].belief.probs[episode.target]) for episode in confirmed]
     scores = {
@@ -113,7 +112,7 @@ def _scores(
         "achieved": float(np.mean([episode.success for episode in confirmed])) if confirmed else None,
     }
     if abstain is not None:
-        worlds = _worlds(sensor, problem, seeds)
+        worlds = [make_world(problem, sensor, seed) for seed in seeds]
         order = np.random.default_rng(seed).permutation(len(seeds)).tolist()  # a robot seeks all targets from the start
         parts = [order[first::ROBOTS] for first in range(ROBOTS)]
         by_robot = search_in_turn(
@@ -123,19 +122,10 @@ def _scores(
             [[targets[n] for n in part] for part in parts],
             sensor.model,
             [[seeds[n] for n in part] for part in parts],
-            partial(_read_together, sensor),
+            lambda pending: touch_many(sensor, pending)[0],
         )
         scores["abstaining"] = _abstention(by_robot)
     return condition, scores
-
-
-def _worlds(sensor: TactileSensor, problem: SearchProblem, seeds: Sequence[tuple[int, int, int]]) -> list[TouchWorld]:
-    """The world of each search."""
-    worlds = []
-    for seed in seeds:
-        rng = arrangement_rng(seed)
-        worlds.append(TouchWorld.sample(sensor, sample_arrangement(problem, rng), rng))
-    return worlds
 
 
 def played_together(
@@ -161,13 +151,16 @@ def played_together(
     played: list[Episode] = []
     for first in range(0, len(seeds), _TOGETHER):
         part = slice(first, first + _TOGETHER)
-        touches = partial(_read_together, sensor)
-        played += search_lockstep(worlds[part], decider, problem, targets[part], model, seeds[part], touches)
+        played += search_lockstep(
+            worlds[part],
+            decider,
+            problem,
+            targets[part],
+            model,
+            seeds[part],
+            lambda pending: touch_many(sensor, pending)[0],
+        )
     return played
-
-
-def _read_together(sensor: TactileSensor, pending: Sequence[TouchRequest[TouchWorld]]) -> Sequence[Touch]:
-    return touch_many(sensor, pending)[0]
 
 
 def success_scores(played: Sequence[Episode]) -> dict[str, Any]:

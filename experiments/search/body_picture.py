@@ -8,24 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.placement import WorldObject
-from activetouch.poses import to_matrices
 from activetouch.sensor import TactileSensor
 from activetouch.solids.solid import Shape
+from activetouch.view.portrait import portraits
 from belief.observation_model.rigid_body import joint_model
 from belief.observation_model.rigid_body_evidence import RigidBodyEvidence
 
 Floats = NDArray[np.float64]
-
-_TOWARDS = np.array([0.80, -0.45, 0.40])  # from the body to the camera; the pad comes along x
-_LIGHT = np.array([0.55, -0.05, 0.85])
-_STEP = 1e-3  # between the rays that give a normal, relative to the bounding radius
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +57,9 @@ class Bodies:
         return cls(sensor.scene.solids, rests, sizes, pixels, draws)
 
     def likeliest(self, evidence: RigidBodyEvidence, probs: Floats, number: int) -> list[tuple[str, float, Floats]]:
-        """Label, probability and mean picture of the most probable shapes.
+        """Label, probability and mean picture of the likeliest shapes.
+
+        A picture is shade times coverage, and coverage, ``(H, W, 2)``.
 
         Args:
             evidence: about the object.
@@ -73,18 +70,17 @@ class Bodies:
         found = []
         for shape in np.argsort(-probs, kind="stable")[:number].tolist():
             rows, counts = _draws(evidence.log_weights[shape], self.draws)
-            rotations, solid = to_matrices(self.rests[rows]), self.shapes[labels[shape]]
-            each = [
-                _shaded(solid, turn, size, self._radius, self.pixels)
-                for turn, size in zip(rotations, self.sizes[rows], strict=True)
-            ]
-            found.append((labels[shape], float(probs[shape]), np.average(each, axis=0, weights=counts)))
+            solid = self.shapes[labels[shape]]
+            each = portraits(solid, self.rests[rows], self._radius, self.pixels, self.sizes[rows])
+            picture = np.stack([np.nan_to_num(each), np.isfinite(each)], axis=3)
+            found.append((labels[shape], float(probs[shape]), np.average(picture, axis=0, weights=counts)))
         return found
 
     def outline(self, label: str, body: WorldObject) -> Floats:
         """Whether the true body, whose shape has this label, covers each pixel, ``(H, W)``, for its outline."""
         solid = self.shapes[label] if body.member is None else body.member
-        return _shaded(solid, to_matrices(body.orientation[None])[0], body.scale, self._radius, self.pixels)[..., 1]
+        picture = portraits(solid, body.orientation[None], self._radius, self.pixels, body.scale)[0]
+        return np.isfinite(picture).astype(float)
 
     @property
     def _radius(self) -> float:
@@ -100,41 +96,3 @@ def _draws(log_weights: Floats, number: int) -> tuple[NDArray[np.int64], NDArray
     drawn = np.searchsorted(above, (np.arange(number) + 0.5) / number * above[-1])
     rows, counts = np.unique(order[np.minimum(drawn, len(order) - 1)], return_counts=True)
     return rows, counts
-
-
-@lru_cache(maxsize=1)
-def _camera() -> tuple[Floats, Floats, Floats]:
-    """Unit vectors along the view, to the right and up."""
-    forward = -_TOWARDS / np.linalg.norm(_TOWARDS)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    return forward, right, np.cross(right, forward)
-
-
-def _shaded(solid: Shape, rotation: Floats, size: float, reach: float, pixels: int) -> Floats:
-    """Shade times coverage, and coverage, of every pixel, ``(H, W, 2)``; row 0 is at the bottom.
-
-    Args:
-        solid: the shape.
-        rotation: from its frame to the world's, ``(3, 3)``.
-        size: its size factor.
-        reach: half of the picture's width [m].
-        pixels: width and height of the picture.
-    """
-    forward, right, up = _camera()
-    step, away = _STEP * reach, 2.0 * reach
-    place = reach * (2.0 * np.arange(pixels) + 1.0 - pixels) / pixels
-    across, high = (grid.ravel() for grid in np.meshgrid(place, place))
-
-    def distances(across: Floats, high: Floats) -> Floats:
-        starts = right[:, None] * across + up[:, None] * high - forward[:, None] * away
-        return size * solid.entry_distance(rotation.T @ starts / size, rotation.T @ forward)
-
-    depth = distances(across, high)
-    hit = np.isfinite(depth)
-    with np.errstate(invalid="ignore"):
-        slopes = [(distances(across + a, high + b) - depth) / step for a, b in ((step, 0.0), (0.0, step))]
-    along, upward = (np.where(np.isfinite(slope), slope, 0.0) for slope in slopes)
-    normals = along[:, None] * right + upward[:, None] * up - forward
-    light = np.clip(normals @ _LIGHT / np.linalg.norm(_LIGHT) / np.linalg.norm(normals, axis=1), 0.0, 1.0)
-    return np.stack([np.where(hit, 0.25 + 0.75 * light, 0.0), hit], axis=1).reshape(pixels, pixels, 2)

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from belief.files import require_writable
 from belief.observation_model.rigid_body import joint_model
 from belief.table import Table, Tabular
 from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments, check_value
+from experiments.command_line.trust import Trust
 from experiments.parallel import Shared, run_tasks
 from experiments.scene_choice import SceneChoice, as_named
 from experiments.search.certificate import certified_players, opened, with_unsure
@@ -37,6 +38,9 @@ from planners import Decider, make_decider
 from planners.abstaining import Abstaining
 from planners.certified import Certificate
 from planners.registry import DECIDERS, find_decider
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 DEFAULT_DECIDERS = ("information_gain", "point_based", "threshold", "random_confirm")
 """Deciders that are compared by default; the first is the reference."""
@@ -75,6 +79,49 @@ class Comparison(Summary, Tabular):
     def to_latex(self) -> str:
         """The table as a LaTeX ``tabular``, with the rules of the package booktabs, without times."""
         return self.table().without(["ms/touch"]).latex()
+
+    def plot(self, axes: Axes, name: str = "success") -> None:
+        """Draw a figure of the report, in the style of the caller.
+
+        Args:
+            axes: matplotlib axis.
+            name: ``success``, by target, or ``frontier``, against touches.
+
+        Raises:
+            UnknownName: there is no such figure.
+        """
+        from experiments.search.figures import FIGURES  # loads matplotlib
+
+        if name not in FIGURES:
+            raise UnknownName("figure", name, list(FIGURES))
+        FIGURES[name](axes, self.renamed(short_names(self.deciders)[0]))
+
+    @classmethod
+    def load(cls, folder: str | Path, *, trust: bool = False) -> Comparison:
+        """The latest comparison of a run folder; nothing is played, and no sensor is needed.
+
+        Args:
+            folder: folder of a finished comparison.
+            trust: whether to run code of your own that the folder names, such as a scene ``module:attribute``.
+
+        Raises:
+            FileNotFoundError: The folder holds no finished comparison.
+            CorruptFile: ``run.json`` is damaged, or the searches had objects of a program.
+            FileNamesCode: The folder names code, and ``trust`` is not set.
+        """
+        held = RunFolder(Path(folder))
+        run = held.read_run()
+        problem = Setting.from_dict(run["arguments"].get("setting"), Trust(Path(folder), everything=trust)).problem
+        labels = tuple(problem.shape_labels)
+        lines = held.latest(labels)
+        return cls.from_episodes(
+            problem,
+            {cell: [read_episode(line, labels) for line in own] for cell, own in lines.items()},
+            {cell: held.seconds(cell, own) for cell, own in lines.items()},
+            {target: held.solved(target, len(own)) for (_, target), own in lines.items()},
+            run["arguments"].get("reference") or next(iter(lines))[0],
+            np.random.default_rng(run["identity"]["seed"]),
+        )
 
     def verdict(self) -> list[str]:
         """Sentences: which decider is best, what differs significantly, and whether stated confidence is kept."""

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from functools import partial
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from matplotlib import rcParams
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 
-from experiments.reporting.style import INK, PALETTE, Picture
+from experiments.reporting.style import Picture
 from experiments.search.summary import ALL, Cell, Summary
 
 _WIDTH = 5.2  # inches; narrow, so that text stays readable on a phone
@@ -20,12 +23,16 @@ def pictures(comparison: Summary) -> list[Picture]:
     """All figures of a comparison."""
     num_deciders, num_groups = len(comparison.deciders), len(comparison.targets) + 1
     return [
-        Picture(name, caption, [partial(panel, comparison=comparison)], size=(_WIDTH, height))
-        for name, caption, height, panel in (
-            ("success", _SUCCESS, 1.0 + num_groups * (0.16 * num_deciders + 0.16), _draw_success),
-            ("frontier", _FRONTIER, 3.4, _draw_frontier),
+        Picture(name, caption, [partial(_draw, name, comparison)], size=(_WIDTH, height))
+        for name, caption, height in (
+            ("success", _SUCCESS, 1.0 + num_groups * (0.16 * num_deciders + 0.16)),
+            ("frontier", _FRONTIER, 3.4),
         )
     ]
+
+
+def _draw(name: str, comparison: Summary, axes: Axes) -> None:
+    FIGURES[name](axes, comparison)
 
 
 _SUCCESS = (
@@ -38,9 +45,10 @@ _FRONTIER = (
 )
 
 
-def _draw_success(axes: Axes, comparison: Summary) -> None:
+def draw_success(axes: Axes, comparison: Summary) -> None:
+    """Draw the fraction of failed searches by target."""
     groups, least = [*comparison.targets, ALL], _least_failure(comparison)
-    axes.axvline(1.0 - comparison.no_touch_baseline, color=INK, linestyle=":", linewidth=1)
+    axes.axvline(1.0 - comparison.no_touch_baseline, color=rcParams["text.color"], linestyle=":", linewidth=1)
     for index, decider in enumerate(comparison.deciders):
         for place, group in enumerate(groups):
             y = place + _offset(index, len(comparison.deciders))
@@ -53,9 +61,10 @@ def _draw_success(axes: Axes, comparison: Summary) -> None:
     _legend(axes, comparison)
 
 
-def _draw_frontier(axes: Axes, comparison: Summary) -> None:
+def draw_frontier(axes: Axes, comparison: Summary) -> None:
+    """Draw the fraction of failed searches against touches per search."""
     least, count = _least_failure(comparison), len(comparison.deciders)
-    axes.axhline(1.0 - comparison.no_touch_baseline, color=INK, linestyle=":", linewidth=1)
+    axes.axhline(1.0 - comparison.no_touch_baseline, color=rcParams["text.color"], linestyle=":", linewidth=1)
     for index, decider in enumerate(comparison.deciders):
         value, bars, style = _failures(comparison.cells[decider, ALL], least, index)
         style["markersize"] = 5 + 5.4 * _earlier(index, count)
@@ -64,6 +73,12 @@ def _draw_frontier(axes: Axes, comparison: Summary) -> None:
     _plain_numbers(axes.yaxis)
     axes.set_xlim(left=-0.04 * axes.get_xlim()[1])
     _legend(axes, comparison)
+
+
+FIGURES: Mapping[str, Callable[[Axes, Summary], None]] = MappingProxyType(
+    {"success": draw_success, "frontier": draw_frontier}
+)
+"""Functions that draw a figure of a comparison on an axis, by name."""
 
 
 def _least_failure(comparison: Summary) -> float:
@@ -91,11 +106,7 @@ def _plain_numbers(axis: Axis) -> None:
 def _style(index: int) -> dict[str, Any]:
     """Colour and marker of a decider; the marker helps readers who cannot tell the colours apart."""
     marker = _MARKERS[index % len(_MARKERS)]
-    return {"color": _colour(index), "marker": marker, "linestyle": "none", "markersize": 5, "linewidth": 1.3}
-
-
-def _colour(index: int) -> str:
-    return PALETTE[index % len(PALETTE)]
+    return {"color": f"C{index}", "marker": marker, "linestyle": "none", "markersize": 5, "linewidth": 1.3}
 
 
 def _offset(index: int, count: int) -> float:
@@ -110,5 +121,6 @@ def _earlier(index: int, count: int) -> float:
 
 def _legend(axes: Axes, comparison: Summary) -> None:
     widest = 0.55 + 0.075 * max(map(len, comparison.deciders))  # inches
-    columns = min(max(int(_WIDTH / widest), 1), len(comparison.deciders))
-    axes.legend(frameon=False, ncols=columns, loc="lower center", bbox_to_anchor=(0.5, 1), fontsize=9)
+    width = axes.get_window_extent().width / axes.figure.dpi / 0.78  # with the labels beside the axis, about
+    columns = min(max(int(width / widest), 1), len(comparison.deciders))
+    axes.legend(frameon=False, ncols=columns, loc="lower center", bbox_to_anchor=(0.5, 1))

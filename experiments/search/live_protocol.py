@@ -6,7 +6,6 @@ Whatever a line holds, it is answered, and a line that is answered with an error
 from __future__ import annotations
 
 import json
-import threading
 from collections.abc import Callable, Iterator, Mapping
 from io import BufferedIOBase
 from typing import IO, Any, BinaryIO, NoReturn
@@ -35,7 +34,7 @@ class BadLine(InvalidArgument):
 
 
 class Conversation:
-    """Answers the requests of one session, from any number of threads, one after the other.
+    """Answers the requests of one session.
 
     Args:
         session: that is driven.
@@ -44,7 +43,6 @@ class Conversation:
 
     def __init__(self, session: Session, sensor: TactileSensor) -> None:
         self.session, self.sensor = session, sensor
-        self._lock = threading.Lock()
         self._requests: Mapping[str, tuple[Callable[[dict[str, Any]], dict[str, Any]], set[str]]] = {
             "hello": (self._hello, set()),
             "ask": (self._ask, set()),
@@ -57,13 +55,12 @@ class Conversation:
     def answer(self, line: bytes | None) -> bytes:
         """The answer to a line, None for one that was too long; both end with a line break."""
         given: dict[str, Any] = {}
-        with self._lock:
-            try:
-                given = _parsed(line)
-                found = {"ok": True, **self._answer(given)}
-            except Exception as error:  # whatever it was, the next line is answered
-                found = {"ok": False, "error": type(error).__name__, "message": str(error)[:_LONGEST]}
-            found["step"] = self.session.step
+        try:
+            given = _parsed(line)
+            found = {"ok": True, **self._answer(given)}
+        except Exception as error:  # whatever it was, the next line is answered
+            found = {"ok": False, "error": type(error).__name__, "message": str(error)[:_LONGEST]}
+        found["step"] = self.session.step
         if "id" in given:
             found["id"] = given["id"]
         return (json.dumps(found, allow_nan=False) + "\n").encode("ascii")

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from activetouch import TactileSensor, TouchWorld
+from activetouch import TactileSensor
 from activetouch.named_scenes import SCENES
 from activetouch.sensor import RecordedSensor
 from activetouch.session_reader import SensorReader, session_reader
@@ -14,10 +14,9 @@ from belief.composition import Composition, Counts
 from belief.errors import InvalidArgument
 from belief.naming import Name, index_of, seed_words
 from belief.problem import SearchProblem
-from belief.seeding import arrangement_rng
-from belief.synthetic import sample_arrangement
 from experiments.scene_choice import as_named
 from experiments.search.certificate import made_for, opened, with_unsure
+from experiments.search.play import make_world
 from planners import Decider, Episode, Session, make_decider, search
 from planners.abstaining import Abstaining
 from planners.certified import Certificate, NotCertified
@@ -38,9 +37,7 @@ def search_with(
     """Search for a target among objects of the sensor's scene; see :meth:`activetouch.TactileSensor.search`."""
     problem = problem_of(sensor, num_objects, composition, touch_cost)
     shape, key, chosen = _played(sensor, problem, target, decider, seed)
-    rng = arrangement_rng(key)
-    world = TouchWorld.sample(sensor, sample_arrangement(problem, rng), rng)
-    return search(world, chosen, problem, shape, sensor.model, key)
+    return search(make_world(problem, sensor, key), chosen, problem, shape, sensor.model, key)
 
 
 def session_with(

@@ -12,7 +12,7 @@ from belief.files import atomic_path, require_writable_file
 from experiments.command_line.arguments import CountOrNone, Ending, check_arguments
 from experiments.command_line.trust import Trust
 from experiments.search.frames import replay
-from experiments.search.run_folder import RunFolder
+from experiments.search.run_folder import RunFolder, read_episode
 from experiments.search.setting import Setting
 from experiments.sensor_commands import command
 from planners import Episode
@@ -70,14 +70,10 @@ class Replay:
 
     def _episode(self, labels: tuple[str, ...]) -> Episode:
         """The requested search."""
-        held: dict[tuple[str, str], list[int]] = {}
-        for line in (self.folder / "episodes.jsonl").read_text(encoding="utf-8").splitlines():
-            fields = json.loads(line)
-            found, number = (fields["decider"], labels[fields["target"]]), fields["seed"][-1]
-            if (*found, number) == (self.decider, self.target, self.number):
-                return Episode.from_dict(fields, labels)
-            held.setdefault(found, []).append(number)
-        if numbers := held.get((self.decider, self.target)):
+        held, wanted = RunFolder(self.folder).latest(labels), (self.decider, self.target)
+        if numbers := [json.loads(line)["seed"][-1] for line in held.get(wanted, ())]:
+            if self.number in numbers:
+                return read_episode(held[wanted][numbers.index(self.number)], labels)
             more = command("compare", config=self.folder / "run.json", episodes=self.number + 1)
             raise NoSuchEpisode(
                 f"--number {self.number}: {self.folder} holds {len(numbers)} searches of {self.decider} for "

@@ -256,17 +256,13 @@ class ResultsComparison:
             corrected |= dict(zip(map(id, some), holm([pair.p_value for pair in some]), strict=True))
         return [replace(pair, p_value=corrected[id(pair)]) for pair in found]
 
+    @cached_property
     def beyond_controls(self) -> list[tuple[str, str, float, Interval]]:
         """Differences from the reference before and after each policy's own control is subtracted, by task.
 
-        Returns:
-            Rows of policy, task, difference before, and difference after with its 95 % bootstrap interval; none unless
-            every policy has a control of its own.
+        Rows of policy, task, difference before, and difference after with its 95 % bootstrap interval; none unless
+        every policy has a control of its own.
         """
-        return self._beyond_controls
-
-    @cached_property
-    def _beyond_controls(self) -> list[tuple[str, str, float, Interval]]:
         if len(set(self._control.values())) < 2:
             return []
         rng, rows = np.random.default_rng(self._seed), []
@@ -300,8 +296,8 @@ class ResultsComparison:
                 f"{name} fails in {len(failing)} of {len(self.tasks)} tasks; minus {self._control[name]} it is no "
                 f"worse in {no_worse} of these, and significantly worse in {worse}."
             )
-        for name in dict.fromkeys(row[0] for row in self.beyond_controls()):
-            rows = [row for row in self.beyond_controls() if row[0] == name and (row[1] != ALL or not singles)]
+        for name in dict.fromkeys(row[0] for row in self.beyond_controls):
+            rows = [row for row in self.beyond_controls if row[0] == name and (row[1] != ALL or not singles)]
             turned = sum(before * after[0] < 0.0 for _, _, before, after in rows)
             said.append(
                 f"Subtracting the controls changes the sign of {name} minus {self.reference} in {turned} of "
@@ -321,7 +317,7 @@ class ResultsComparison:
             length = float(steps.mean()) if np.isfinite(steps).all() else None
             rates.append((name, task, len(right), float(right.mean()), most, length))
         columns = [*("policy", ("task", ""), ("episodes", "d"), ("success", ".3f"), ("95 %", ".3f")), ("length", ".2f")]
-        after = [(name, task, before, found[0], found[1:]) for name, task, before, found in self.beyond_controls()]
+        after = [(name, task, before, found[0], found[1:]) for name, task, before, found in self.beyond_controls]
         return [
             Table("Success", columns, rates, "Wilson intervals.", "success"),
             _pairs_table(f"Difference from {self.reference} on the same episodes", self.differences, "differences"),

@@ -200,6 +200,36 @@ class RunFolder:
         except OSError as error:
             raise cannot_write(file, error) from error
 
+    def latest(self, labels: Sequence[str]) -> dict[Cell, list[str]]:
+        """JSON lines of the episodes of the latest comparison.
+
+        Args:
+            labels: of all shapes.
+
+        Raises:
+            FileNotFoundError: no comparison is finished.
+        """
+        assert self.path is not None, "only a folder has a file of episodes"
+        if not (file := self.path / "episodes.jsonl").exists():
+            again = command("compare", config=self.path / "run.json")
+            raise FileNotFoundError(f"{self.path} holds no finished comparison; finish it with:\n{again}")
+        found = dict[Cell, list[str]]()
+        for line in require_regular_file(file).read_text(encoding="utf-8").splitlines(keepends=True):
+            fields = json.loads(line)
+            found.setdefault((fields["decider"], labels[fields["target"]]), []).append(line)
+        return found
+
+    def seconds(self, cell: Cell, lines: Sequence[str]) -> Seconds:
+        """The time that the batches of these episodes took."""
+        known = set(lines)
+        spent = {n: batch.seconds for (_, n), batch in self.batches(cell).items() if batch.lines[0] in known}
+        return sum(spent.values(), Seconds())
+
+    def solved(self, target: str, most: int) -> list[bool]:
+        """Whether the full-information oracle solves the first episodes, at most so many."""
+        answers = {number: batch.lines for (_, number), batch in self.batches((ORACLE, target)).items()}
+        return [json.loads(line)["solved"] for number in sorted(answers) for line in answers[number]][:most]
+
     def write_episodes(self, lines: Iterable[str]) -> None:
         """Write ``episodes.jsonl``."""
         if self.path is not None:

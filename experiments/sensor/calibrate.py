@@ -29,10 +29,10 @@ from belief.metrics import confusion_matrix, expected_calibration_error, negativ
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.registry import Fit, fit_named, fits, require_readable
 from belief.observation_model.selection import NUM_FOLDS, ModelChoice, choose_observation_model, log_posteriors
-from belief.problem import Floats
 from belief.statistics import clopper_pearson_interval
 from belief.table import Table, Tabular
 from belief.touch_batch import TouchBatch
+from belief.validation import Floats
 from experiments.command_line.arguments import BadArgument, Count, Seed, check_arguments
 from experiments.command_line.trust import Trust
 from experiments.scene_choice import SceneChoice, in_file_names, named_scene, repeats_folder, training_folder

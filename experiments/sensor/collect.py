@@ -1,4 +1,4 @@
-"""``activetouch collect``: record touches, continue after an interruption, check them, or repeat a collection."""
+"""``activetouch collect``: record touches, continue after an interruption, or check them."""
 
 from __future__ import annotations
 
@@ -12,22 +12,20 @@ import tyro
 
 from activetouch import Scene
 from activetouch.data.dataset import CollectionPlan, num_redrawn, read_shard, record_shard, shard_path
-from activetouch.data.manifest import Manifest, read_manifest, seal, write_manifest
+from activetouch.data.manifest import Manifest, seal, write_manifest
 from activetouch.hand import require_no_hand
-from activetouch.scene_description import in_words, scene_differences, scene_fields
 from belief.errors import ActiveTouchError
 from experiments.command_line.arguments import Jobs, check_arguments
 from experiments.command_line.collection_arguments import PlanArguments
-from experiments.command_line.trust import Trust
 from experiments.parallel import run_tasks
 from experiments.scene_choice import SceneChoice, collection_folder
 from experiments.sensor_commands import choice_name
 
-_TEMPORARY = ("*/.?????.npz.*.npz", "*/.?????.seal.json.*.json", ".manifest.json.*.json")  # of atomic_path
+_TEMPORARY = ("*/.?????.npz.*.npz", ".manifest.json.*.json")  # of atomic_path
 
 
 class NotReproduced(ActiveTouchError):
-    """A collection cannot be made again from its manifest, or came out with other bytes."""
+    """Lost shards of a collection came out with other bytes."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +39,6 @@ class Collect:
 
         activetouch collect --scene gel --plan.train 2700
         activetouch collect --meshes mug.stl --out data/mug
-        activetouch collect --from-manifest data/mug --out data/mug-again
     """
 
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
@@ -50,47 +47,18 @@ class Collect:
     """Folder of the collection; data/SCENE by default, with the names of meshes."""
     plan: PlanArguments = field(default_factory=PlanArguments)
     """Objects per shape and split, and rounds of poses that each is touched in."""
-    from_manifest: Path | None = None
-    """Folder of a collection, or its manifest.json: make the same once more in another folder, and compare."""
-    trust: bool = False
-    """With --from-manifest: run code of your own that it names, such as a scene module:attribute."""
     jobs: Jobs | None = None
     """Processes; as many as processors by default. The bytes do not depend on it."""
 
     def run(self) -> None:
         """Record all missing shards, and check all."""
         check_arguments(self)
-        if self.from_manifest is not None:
-            self._make_again(self.from_manifest)
-        else:
-            name = choice_name(self.choice) if self.choice.meshes or self.choice.family else self.choice.scene
-            folder = self.out if self.out is not None else collection_folder(name)
-            manifest = collect(self.choice, self.plan.plan, folder, self.jobs)
-            print(f"{folder} is complete: {len(manifest.sha256 or ())} shards, each with the SHA-256 in its manifest")
-            if manifest.redrawn:
-                print(f"{manifest.redrawn} objects were drawn anew, because a press of the first did not settle")
-
-    def _make_again(self, source: Path) -> None:
-        """Make the collection of a manifest in another folder, and compare."""
-        if self.choice != SceneChoice() or self.plan != PlanArguments():
-            raise NotReproduced("--from-manifest says scene and plan; leave out --scene, --plan and the like")
-        recorded = read_manifest(source)
-        original = source.parent if source.is_file() else source
-        if self.out is None or self.out.resolve() == original.resolve():
-            raise NotReproduced(f"--from-manifest needs an --out other than {original}, to compare the two")
-        if recorded.sha256 is None:
-            raise NotReproduced(
-                f"{source} is not complete, there is no SHA-256 to compare with; finish it {recorded.how(original)}"
-            )
-        choice = _choice(recorded, Trust(source, everything=self.trust))
-        repeated = collect(choice, recorded.plan, self.out, self.jobs)
-        assert repeated.sha256 is not None, "a collection ends with its digests"
-        if differing := [name for name, digest in recorded.sha256.items() if repeated.sha256[name] != digest]:
-            raise NotReproduced(
-                f"{len(differing)} of {len(recorded.sha256)} shards in {self.out} differ from those of {source}: "
-                f"{_first_names(differing)}. {_sentence(recorded.differences(repeated))}."
-            )
-        print(f"{len(recorded.sha256)} shards identical")
+        name = choice_name(self.choice) if self.choice.meshes or self.choice.family else self.choice.scene
+        folder = self.out if self.out is not None else collection_folder(name)
+        manifest = collect(self.choice, self.plan.plan, folder, self.jobs)
+        print(f"{folder} is complete: {len(manifest.sha256 or ())} shards, each with the SHA-256 in its manifest")
+        if manifest.redrawn:
+            print(f"{manifest.redrawn} objects were drawn anew, because a press of the first did not settle")
 
 
 def collect(choice: SceneChoice, plan: CollectionPlan, folder: Path, jobs: int | None) -> Manifest:
@@ -122,10 +90,6 @@ def record(
     litter = [path for pattern in _TEMPORARY for path in folder.glob(pattern)]
     manifest = write_manifest(folder, scene, plan, choice)
     here = {shard: shard_path(folder, *shard[:2]).exists() for shard in manifest.shards()}
-    if unknown := [s for s, is_here in here.items() if is_here and manifest.digest(folder, *s[:2]) is None]:
-        names = [shard_path(Path(), *shard[:2]).as_posix() for shard in unknown]
-        print(f"{folder}: {_first_names(names)} do not say which collection they belong to; they are recorded again")
-        here |= dict.fromkeys(unknown, False)
     missing = [partial(_record, folder, scene, manifest, *shard) for shard, is_here in here.items() if not is_here]
     checks = [partial(_check, folder, manifest, *shard) for shard, is_here in here.items() if is_here]
     new = list(run_tasks(missing, jobs, f"touching objects → {folder}")) if missing else []
@@ -144,8 +108,7 @@ def _record(
     folder: Path, scene: Scene, manifest: Manifest, split: str, shard: int, objects: range
 ) -> tuple[str, str, int]:
     """What :func:`_check` says of a shard that is recorded now."""
-    seal = manifest.identity if manifest.sha256 is None else None
-    digest, redrawn = record_shard(scene, manifest.plan, split, objects, shard_path(folder, split, shard), seal)
+    digest, redrawn = record_shard(scene, manifest.plan, split, objects, shard_path(folder, split, shard))
     return shard_path(Path(), split, shard).as_posix(), digest, redrawn
 
 
@@ -164,29 +127,6 @@ def _require_recorded(folder: Path, manifest: Manifest, here: Manifest, sha256: 
             f"{_first_names(sorted(differing))}. {_sentence(manifest.differences(here))}. Restore them from a copy, or "
             "record all in another folder."
         )
-
-
-def _choice(recorded: Manifest, trust: Trust) -> SceneChoice:
-    """The scene of a manifest in words of the command line, if they still mean what they meant."""
-    source = trust.source
-    if recorded.choice is None:
-        raise NotReproduced(f"{source} was recorded by a program, not by this command; run that program again")
-    try:
-        choice = SceneChoice.from_dict(recorded.choice, trust)
-        scene = scene_fields(choice.named.scene)
-    except ActiveTouchError:
-        raise
-    except (TypeError, KeyError, AttributeError, ValueError) as error:
-        raise NotReproduced(
-            f"{source} chooses a scene in words this version does not know ({error}): {dict(recorded.choice)}"
-        ) from error
-    if scene != recorded.scene:
-        raise NotReproduced(
-            f"the scene that {source} names is another one now: "
-            f"{in_words(map(str, scene_differences(recorded.scene, scene, surroundings=True)))}. "
-            f"It was recorded by activetouch {recorded.versions.get('activetouch', 'of an unknown version')}."
-        )
-    return choice
 
 
 def _first_names(names: list[str]) -> str:

@@ -12,8 +12,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullForma
 from belief.statistics import pareto_front
 from experiments.reporting.style import INK, PALETTE, Picture
 from experiments.tradeoff.configuration import SHARES
-from experiments.tradeoff.measure import Measured
-from experiments.tradeoff.picks import Front
+from experiments.tradeoff.measure import Front, Measured
 
 _DEFAULT = "nothing"
 _STYLES = {  # colour, marker, and name in the legend, by what differs from the default
@@ -71,14 +70,11 @@ def _draw(axes: Axes, scene: str, points: Sequence[Measured]) -> None:
 
 def _dials(points: Sequence[Measured]) -> list[list[Measured]]:
     """Configurations that differ in one number, in the order of this number: one list for each decider."""
-
-    def setting(point: Measured) -> float:
-        c = point.configuration
-        return c.num_hypotheses or -c.touch_cost
-
-    numbered = [p for p in points if p.configuration.varied in ("hypotheses", "touch cost λ")]
+    numbered = sorted(
+        (p for p in points if p.configuration.number is not None), key=lambda p: p.configuration.number or 0.0
+    )
     deciders = dict.fromkeys(p.configuration.decider for p in numbered)
-    return [sorted((p for p in numbered if p.configuration.decider == name), key=setting) for name in deciders]
+    return [[p for p in numbered if p.configuration.decider == name] for name in deciders]
 
 
 def _front(points: Sequence[Measured]) -> list[tuple[float, float]]:

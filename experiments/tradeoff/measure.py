@@ -1,4 +1,6 @@
-"""Measurement of one configuration: results of its searches, and processor time of presses, readings and decisions.
+"""Measurement of configurations, Pareto fronts of time and success, and recommendations.
+
+Measured are the results of searches, and processor time of presses, readings and decisions.
 
 Processor time does not depend on other programs; on an idle core it equals the elapsed time.
 """
@@ -7,7 +9,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -16,21 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch import TactileSensor, TouchWorld
-from activetouch.data.dataset import read_split
-from activetouch.named_scenes import SCENES
-from activetouch.perception.reader import TactileReader
-from activetouch.sensor_files import OBSERVATION_FILE, POLICIES, READER_FILE, write_observation_model
+from activetouch.sensor_files import POLICIES
 from activetouch.world import touch_many
 from belief.files import require_regular_file, write_text
-from belief.observation_model.registry import fit_named
 from belief.problem import Touch
-from belief.statistics import wilson_interval
-from experiments.scene_choice import repeats_folder
+from belief.statistics import pareto_front, wilson_interval
 from experiments.search.play import episode_seed, make_world
-from experiments.sensor.calibrate import candidate_models
-from experiments.sensor.scores import read_touches
-from experiments.sensor_choice import open_collection, require_collection
-from experiments.tradeoff.configuration import SHIPPED, Configuration
+from experiments.tradeoff.configuration import Configuration
 from planners import Episode, make_decider, search_lockstep
 from planners.search import TouchRequest
 
@@ -108,22 +102,18 @@ def measured(configuration: Configuration, folder: Path) -> Measured:
     """Result of a configuration, read from its file, or measured and written if there is none."""
     path = folder / "results" / f"{configuration.key}.json"
     if not path.exists():
-        write_text(path, json.dumps(asdict(measure(configuration, folder))) + "\n")
+        write_text(path, json.dumps(asdict(measure(configuration))) + "\n")
     return Measured(**{**json.loads(require_regular_file(path).read_text()), "configuration": configuration})
 
 
-def measure(configuration: Configuration, folder: Path) -> Measured:
-    """Play the searches of a configuration and time its parts.
-
-    Args:
-        configuration: configuration to measure.
-        folder: where sensors are kept that do not come with the package.
-    """
+def measure(configuration: Configuration) -> Measured:
+    """Play the searches of a configuration and time its parts."""
     setting = configuration.setting
     problem = setting.problem
-    sensor = TactileSensor.load(sensor_of(configuration, folder), setting.scene, anyway=True)
-    policies, table = configuration.network.folder / POLICIES, sensor.model.outcome_table()
-    decider = make_decider(configuration.decider, table, sensor.model, policies)
+    sensor = TactileSensor.load(configuration.folder, setting.scene, anyway=True)
+    decider = make_decider(
+        configuration.decider, sensor.model.outcome_table(), sensor.model, configuration.folder / POLICIES
+    )
     touching = 0.0
 
     def touch_and_time(requests: Sequence[TouchRequest[TouchWorld]]) -> Sequence[Touch]:
@@ -179,28 +169,65 @@ def touch_times(sensor: TactileSensor) -> tuple[float, float]:
     return 1e3 * float(np.mean(presses[num_shapes:])), 1e3 * float(np.median(readings))
 
 
-def sensor_of(configuration: Configuration, folder: Path) -> Path:
-    """Folder of a configuration's sensor; unless it comes with the package, it is made once and kept.
+TASKS: Mapping[str, tuple[str, ...]] = {
+    "four objects of four shapes": ("paper", "coarse", "gel"),
+    "eight objects of twelve shapes, any mixture": ("hard",),
+    "twelve objects of twelve shapes": ("many",),
+}
+"""Scenes with the same search task and different sensors, by task; each task has a Pareto front."""
 
-    Its observation model is fitted to the recorded touches of the calibration split.
+
+@dataclass(frozen=True)
+class Front:
+    """Pareto front of a task.
+
+    Attributes:
+        task: key of :data:`TASKS`.
+        points: all configurations, fastest first.
+        on_front: whether each is on the front: no other is both faster and at least as successful.
     """
-    network, name = configuration.network, configuration.observation_model
-    if name == SHIPPED:
-        return network.folder
-    words = f"{network.scene}-{network.sha256[:12]}-{name.replace(' ', '')}{configuration.num_hypotheses or ''}"
-    out = folder / "sensors" / words
-    if not (out / OBSERVATION_FILE).exists():
-        reader, scene, data = (
-            TactileReader.load(network.path),
-            SCENES[network.scene].scene,
-            repeats_folder(network.scene),
-        )
-        manifest = open_collection(data, network.scene, repeats=True)
-        require_collection(data, manifest, reader.card, network.scene, repeats=True)
-        fit = candidate_models({name: fit_named(name)}, reader, scene, configuration.num_hypotheses)[name]
-        truth = read_split(data, "calibration")
-        touches = read_touches(reader, truth, f"{network.scene}, {network.label}: calibration").sequence(0)
-        labels = {"shape_labels": scene.shape_labels, "num_poses": len(scene.poses)}
-        reader.save(out / READER_FILE)
-        write_observation_model(out, fit(touches, truth.shapes, truth.object_ids, **labels), manifest.scene)
-    return out
+
+    task: str
+    points: Sequence[Measured]
+    on_front: NDArray[np.bool_]
+
+
+def fronts(points: Sequence[Measured]) -> list[Front]:
+    """Pareto front of time per search and success for every task that has configurations."""
+    found = []
+    for task, scenes in TASKS.items():
+        of_task = sorted((p for p in points if p.configuration.scene in scenes), key=lambda p: p.ms_per_search)
+        if of_task:
+            on_front = pareto_front([p.ms_per_search for p in of_task], [p.success for p in of_task])
+            found.append(Front(task, of_task, on_front))
+    return found
+
+
+@dataclass(frozen=True)
+class Pick:
+    """Recommended configuration for a question; None if no configuration satisfies it."""
+
+    question: str
+    point: Measured | None
+
+
+def picks(front: Front, least_success: float, most_ms: float) -> list[Pick]:
+    """Recommend the fastest configuration that is accurate enough, and the most accurate one that is fast enough.
+
+    Accuracy is the lower end of the interval of the success rate. Equally accurate configurations are ranked by touches
+    per search, because a touch of a real robot takes longer than the computation.
+
+    Args:
+        front: configurations of a task.
+        least_success: lowest acceptable accuracy.
+        most_ms: longest acceptable time per touch [ms].
+    """
+    good = [point for point in front.points if point.interval[0] >= least_success]
+    fast = [point for point in front.points if point.ms_per_touch <= most_ms]
+    return [
+        Pick(f"the fastest with success ≥ {least_success:g} (lower end of its interval)", good[0] if good else None),
+        Pick(
+            f"the most accurate under {most_ms:g} ms per touch, with the fewest touches among equals",
+            max(fast, key=lambda p: (p.interval[0], -p.mean_touches, -p.ms_per_search)) if fast else None,
+        ),
+    ]

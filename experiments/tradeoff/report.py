@@ -15,8 +15,7 @@ from belief.statistics import paired_bootstrap
 from belief.table import Table, Value, interval
 from experiments.reporting.page import Section, write_page
 from experiments.tradeoff.configuration import SHARES
-from experiments.tradeoff.measure import Measured, sensor_of
-from experiments.tradeoff.picks import Front, fronts, picks
+from experiments.tradeoff.measure import Front, Measured, fronts, picks
 
 _NOTE = (
     "Success: fraction of live searches, with its 95 % Wilson interval. Minus default: difference from the scene's "
@@ -36,13 +35,11 @@ class TradeoffReport:
 
     Attributes:
         points: all configurations.
-        folder: folder of the sensors that do not come with the package.
         least_success: lowest acceptable success.
         most_ms: longest acceptable time per touch [ms].
     """
 
     points: Sequence[Measured]
-    folder: Path
     least_success: float = 0.98
     most_ms: float = 50.0
 
@@ -64,7 +61,7 @@ class TradeoffReport:
                     f"{question}: {p.configuration.name}. Success {interval(p.success, *p.interval)} of "
                     f"{p.num_searches}, {p.mean_touches:.2f} touches and {p.ms_per_search:.1f} ms per search, "
                     f"{p.ms_per_touch:.2f} ms per touch. "
-                    f"Command: {p.configuration.command(sensor_of(p.configuration, self.folder))}"
+                    f"Command: {p.configuration.command()}"
                 )
         return lines
 

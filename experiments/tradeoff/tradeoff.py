@@ -1,4 +1,4 @@
-"""``activetouch tradeoff``: speed against accuracy of networks, observation models, presses and deciders."""
+"""``activetouch tradeoff``: speed against accuracy of sensors, presses and deciders."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
+from activetouch import TactileSensor
+from activetouch.named_scenes import SCENES
 from belief.claims import claim_folder, ends_claims
 from belief.errors import UnknownName
 from experiments.command_line.arguments import (
@@ -21,8 +23,7 @@ from experiments.command_line.arguments import (
     check_arguments,
 )
 from experiments.parallel import run_tasks
-from experiments.scene_choice import repeats_folder
-from experiments.tradeoff.configuration import SHARES, VARIED, Configuration, Network, shipped_networks, sweep
+from experiments.tradeoff.configuration import SHARES, VARIED, Configuration, sweep
 
 if TYPE_CHECKING:
     from experiments.tradeoff.measure import Measured
@@ -33,26 +34,23 @@ class Tradeoff:
     """Measure the trade-off between speed and accuracy, draw the Pareto front and recommend configurations.
 
     A scene's default is its sensor of one rigid body with information gain. Every other configuration differs in one
-    property: the decider, the touch cost, the shipped sensor, the network, the number of hypotheses or the fidelity.
-    All configurations of a scene play the same live searches.
-    Observation models of other networks and numbers are fitted to recorded touches (activetouch collect
-    --plan.repeats 6 --out data/SCENE-repeats); without recorded touches they are left out. Results are kept by
+    property: the decider, the touch cost, the sensor or the fidelity. All configurations of a scene play the same live
+    searches. Sensors with other networks or numbers of hypotheses come from activetouch calibrate. Results are kept by
     configuration: after an interruption, the same command continues.
 
     For example:
 
         activetouch tradeoff
         activetouch tradeoff --scenes coarse --episodes 50
-        activetouch tradeoff --readers gel=runs/train-gel-tiny-32/reader.safetensors
-        activetouch tradeoff --scenes coarse --vary hypotheses
+        activetouch tradeoff --scenes coarse --vary sensor --sensors coarse=runs/sensor-coarse-256
     """
 
     scenes: Annotated[tuple[str, ...], NotEmpty()] = tuple(SHARES)
     """Scenes to measure: gel, coarse, paper, hard or many."""
-    readers: tuple[str, ...] = ()
-    """Readers with other backbones or resolutions to measure as well, each as SCENE=FILE."""
+    sensors: tuple[str, ...] = ()
+    """Sensors to measure as well, each as SCENE=FOLDER."""
     vary: tuple[Literal[VARIED], ...] = ()  # type: ignore[valid-type]
-    """Properties to vary, such as hypotheses; all by default."""
+    """Properties to vary, such as sensor; all by default."""
     episodes: Count = 200
     """Searches for each target of gel; fewer in scenes that take longer."""
     success: Share = 0.98
@@ -71,7 +69,8 @@ class Tradeoff:
         """Measure what is missing, then write and print the report.
 
         Raises:
-            BadArgument: A reader is not given as SCENE=FILE.
+            BadArgument: A sensor is not given as SCENE=FOLDER.
+            LabelMismatch: A sensor knows other shapes than the scene has.
             UnknownName: There is no such scene.
         """
         from experiments.tradeoff.report import TradeoffReport  # loads jinja2
@@ -82,7 +81,7 @@ class Tradeoff:
                 raise UnknownName("scene of the trade-off", scene, list(SHARES))
         claim_folder(self.out)
         points = measure_all(self._configurations(), self.out, self.jobs)
-        found = TradeoffReport(points, self.out, self.success, self.milliseconds)
+        found = TradeoffReport(points, self.success, self.milliseconds)
         found.save(self.out)
         for table in found.short_tables():
             print(table, end="\n\n")
@@ -91,17 +90,16 @@ class Tradeoff:
         print(f"wrote {self.out}/report.html, tradeoff.md, .json, .csv, .svg and .png")
 
     def _configurations(self) -> list[Configuration]:
-        scenes = list(dict.fromkeys(self.scenes))
-        networks = [network for scene in scenes for network in shipped_networks(scene)]
-        for reader in self.readers:
-            scene, _, file = reader.partition("=")
-            if scene not in self.scenes or not file:
+        sensors: dict[str, list[str]] = {}
+        for given in self.sensors:
+            scene, _, folder = given.partition("=")
+            if scene not in self.scenes or not folder:
                 raise BadArgument(
-                    f"--readers must be SCENE=FILE with a scene of {', '.join(self.scenes)}; got {reader!r}"
+                    f"--sensors must be SCENE=FOLDER with a scene of {', '.join(self.scenes)}; got {given!r}"
                 )
-            networks.append(Network.in_file(scene, Path(file)))
-        calibrated = [scene for scene in self.scenes if (repeats_folder(scene) / "manifest.json").exists()]
-        found = sweep(networks, calibrated, self.episodes, self.seed)
+            TactileSensor.load(Configuration(scene, folder).folder, SCENES[scene].scene, anyway=True)
+            sensors.setdefault(scene, []).append(folder)
+        found = sweep(self.scenes, sensors, self.episodes, self.seed)
         return [c for c in found if not self.vary or c.varied in ("nothing", *self.vary)]
 
 
@@ -110,7 +108,7 @@ def measure_all(configurations: Sequence[Configuration], folder: Path, jobs: int
 
     Args:
         configurations: configurations to measure, such as those of :func:`experiments.tradeoff.configuration.sweep`.
-        folder: folder of the results, and of sensors that do not come with the package.
+        folder: folder of the results.
         jobs: number of processes.
     """
     from experiments.tradeoff.measure import measured  # loads MuJoCo

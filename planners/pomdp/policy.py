@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from belief.categorical import Belief
 from belief.errors import InvalidArgument
-from belief.validation import SUM_TOLERANCE, Floats, as_real, require_index
+from belief.validation import Floats, normalise_probs, require_index
 from planners.pomdp.alpha_vectors import AlphaVectors
 from planners.pomdp.problem import SearchTouchProblem, TouchProblem
 from planners.pomdp.stages import StagedProblem, stage_belief, staged
@@ -38,7 +38,7 @@ class TouchPolicy:
         Raises:
             InvalidArgument: a belief is not a distribution over the shapes.
         """
-        return np.asarray((checked_beliefs(belief, self.problem.num_shapes) @ self.vectors.alphas.T).max(axis=-1))
+        return np.asarray((_checked(belief, self.problem.num_shapes) @ self.vectors.alphas.T).max(axis=-1))
 
     def action(self, belief: ArrayLike | Belief) -> NDArray[np.int64]:
         """The best action at beliefs ``(..., K)``; ``(...)``.
@@ -46,7 +46,7 @@ class TouchPolicy:
         Raises:
             InvalidArgument: a belief is not a distribution over the shapes.
         """
-        beliefs = checked_beliefs(belief, self.problem.num_shapes)
+        beliefs = _checked(belief, self.problem.num_shapes)
         return self.vectors.actions[(beliefs @ self.vectors.alphas.T).argmax(axis=-1)]
 
     def q_values(self, belief: ArrayLike | Belief) -> Floats:
@@ -55,7 +55,7 @@ class TouchPolicy:
         Raises:
             InvalidArgument: a belief is not a distribution over the shapes.
         """
-        b = checked_beliefs(belief, self.problem.num_shapes)
+        b = _checked(belief, self.problem.num_shapes)
         confirm = 2.0 * b[..., self.problem.target] - b.sum(axis=-1)
         joint = b[..., None, :, None] * self.problem.outcome_probs  # (..., P, K, M)
         after = (np.moveaxis(joint, -2, -1) @ self.vectors.alphas.T).max(axis=-1).sum(axis=-1)
@@ -111,20 +111,6 @@ class SearchPolicy:
         """Belief about the hidden state at an object; see :func:`planners.pomdp.stages.stage_belief`."""
         return stage_belief(self.search, log_likelihoods, object_index)
 
-    def action(self, object_index: int, belief: ArrayLike, num_touches: int = 0) -> int:
-        """The best action at a belief ``(n,)`` about the hidden state of an object after ``num_touches`` touches.
-
-        Raises:
-            InvalidArgument: there is no such object, or the belief is not a distribution over its hidden states.
-        """
-        vectors, beliefs = self._stage(object_index, belief, num_touches)
-        return int(vectors.actions[vectors.best(beliefs)[0]])
-
-    def value(self, object_index: int, belief: ArrayLike, num_touches: int = 0) -> float:
-        """Lower bound on the value of the search from a belief on; arguments and errors as of :meth:`action`."""
-        vectors, beliefs = self._stage(object_index, belief, num_touches)
-        return float(vectors.value(beliefs)[0])
-
     def probe_values(
         self,
         object_index: int,
@@ -137,7 +123,7 @@ class SearchPolicy:
 
         ``weights (P,)`` are the probabilities that a touch gives new information; the value is -inf for weight zero.
         ``outcome_probs``, p(outcome | pose, shape) ``(P, K, M)``, are those of the next touch given the ones before; by
-        default those of the problem. Other arguments are those of :meth:`action`.
+        default those of the problem. ``belief (n,)`` is about the hidden state after ``num_touches`` touches.
         """
         after, table = self.at(object_index, num_touches + 1), self.search.outcome_probs
         probs = (table if outcome_probs is None else outcome_probs)[:, self.search.stages[object_index].shapes]
@@ -151,11 +137,6 @@ class SearchPolicy:
     def initial_value(self) -> float:
         """Lower bound on the value of the policy at the start."""
         return float(self.at(0).value(self.search.initial[None])[0])
-
-    @property
-    def initial_action(self) -> int:
-        """Its first action; integers as in :class:`TouchPolicy`."""
-        return int(self.at(0).actions[self.at(0).best(self.search.initial[None])[0]])
 
     @property
     def lower_bound(self) -> float:
@@ -173,39 +154,21 @@ class SearchPolicy:
             raise InvalidArgument("an upper bound needs a SearchTouchProblem; this policy was solved for stages")
         return max(upper_bound(self.problem), self.lower_bound)
 
-    def _stage(self, object_index: int, belief: ArrayLike, num_touches: int) -> tuple[AlphaVectors, Floats]:
-        """The alpha vectors for an object, and a belief about its hidden state as one row."""
-        vectors = self.at(object_index, num_touches)
-        checked = checked_beliefs(belief, vectors.alphas.shape[1])
-        if checked.ndim != 1:
-            raise InvalidArgument(f"one belief ({vectors.alphas.shape[1]},) is needed, got {checked.shape}")
-        return vectors, checked[None]
-
     def __str__(self) -> str:
         number = sum(len(vectors.alphas) for by_touches in self.vectors for vectors in by_touches)
         high = None if isinstance(self.problem, StagedProblem) else self.upper_bound
         return _summary(f"policy for {len(self.vectors)} objects", number, self.lower_bound, high)
 
 
-def checked_beliefs(belief: ArrayLike | Belief, num_states: int) -> Floats:
-    """Beliefs ``(..., num_states)`` as float64.
-
-    Raises:
-        InvalidArgument: another number of states, not numbers, a negative number, NaN, or a sum that is not one.
-
-    >>> checked_beliefs([0.7, 0.7], 2)
-    Traceback (most recent call last):
-    ...
-    belief.errors.InvalidArgument: a belief must be 2 probabilities that sum to one, got [0.7, 0.7]
-    """
-    given = belief.probs if isinstance(belief, Belief) else belief
+def _checked(belief: ArrayLike | Belief, num_states: int) -> Floats:
+    """Beliefs ``(..., num_states)`` as float64."""
+    wanted = f"a belief must be {num_states} probabilities"
     try:
-        beliefs = np.asarray(as_real(given, "a belief"), np.float64)
+        beliefs = normalise_probs(belief.probs if isinstance(belief, Belief) else belief, "a belief")
     except ValueError as error:
-        raise InvalidArgument(f"a belief must be {num_states} probabilities that sum to one: {error}") from error
-    is_fit = beliefs.shape[-1:] == (num_states,) and (beliefs >= 0.0).all()  # NaN fails
-    if not (is_fit and (np.abs(beliefs.sum(axis=-1) - 1.0) <= SUM_TOLERANCE).all()):
-        raise InvalidArgument(f"a belief must be {num_states} probabilities that sum to one, got {belief!r}")
+        raise InvalidArgument(f"{wanted} that sum to one: {error}") from error
+    if beliefs.shape[-1] != num_states:
+        raise InvalidArgument(f"{wanted}, got {beliefs.shape[-1]}")
     return beliefs
 
 

@@ -21,8 +21,22 @@ from belief.observation_model.outcome_table import OutcomeTable
 from belief.validation import Floats, as_real, normalise_probs, require_count, require_index
 
 
+class _Tabular:
+    outcome_probs: Floats
+
+    @property
+    def num_poses(self) -> int:
+        """P."""
+        return self.outcome_probs.shape[0]
+
+    @property
+    def num_shapes(self) -> int:
+        """K."""
+        return self.outcome_probs.shape[1]
+
+
 @dataclass(frozen=True, eq=False)
-class TouchProblem(FrozenArrays):
+class TouchProblem(_Tabular, FrozenArrays):
     """Decide whether one object is the target (paper §5.8).
 
     CONFIRM and REJECT end the problem with +1 if right and -1 if wrong; every probe costs ``touch_cost``.
@@ -55,19 +69,9 @@ class TouchProblem(FrozenArrays):
         object.__setattr__(self, "prior", distribution(self.prior, table.shape[1], "prior"))
         self.freeze()
 
-    @property
-    def num_poses(self) -> int:
-        """P."""
-        return self.outcome_probs.shape[0]
-
-    @property
-    def num_shapes(self) -> int:
-        """K."""
-        return self.outcome_probs.shape[1]
-
 
 @dataclass(frozen=True, eq=False)
-class SearchTouchProblem(FrozenArrays):
+class SearchTouchProblem(_Tabular, FrozenArrays):
     """Search for the target among several objects, one after the other, each visited once.
 
     CONFIRM ends the search with +1 on the target and -1 on any other shape. REJECT gives 0 and brings the next object.
@@ -127,16 +131,6 @@ class SearchTouchProblem(FrozenArrays):
         if self.composition is Composition.INDEPENDENT:
             return 2 * self.num_shapes
         return sum(comb(self.num_shapes, i) * (self.num_shapes - i) for i in range(self.num_objects))
-
-    @property
-    def num_poses(self) -> int:
-        """P."""
-        return self.outcome_probs.shape[0]
-
-    @property
-    def num_shapes(self) -> int:
-        """K."""
-        return self.outcome_probs.shape[1]
 
 
 def checked_table(outcome_probs: ArrayLike, target: int, touch_cost: float, discount: float) -> Floats:

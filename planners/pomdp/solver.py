@@ -9,6 +9,13 @@ vector of the best plan that probes once and continues with a known plan:
 Backups are made at beliefs that simulated searches reach under the current policy. Beliefs after most touches come
 first, because the values of the others depend on theirs; one pass in this order replaces many sweeps. Simulation and
 backups alternate, in rounds of increasing size. One matrix product serves all beliefs, poses and outcomes.
+
+There are few poses, and a touch in one that was used before gives less information than a new one. A policy that
+ignores this touches for too long. A repeat-aware policy has a set of vectors for each number of touches of an object:
+the t-th touch gives an outcome with probability w_t and nothing otherwise; after T touches one has to stop:
+
+    W_T = max(CONFIRM, REJECT)
+    W_t(b) = max(CONFIRM, REJECT, max_p -λ + w_t ∑_o p(o | b, p) W_{t+1}(b_o) + (1 - w_t) W_{t+1}(b))
 """
 
 from __future__ import annotations
@@ -27,6 +34,10 @@ _LEAST_GAIN = 1e-5  # in value at its own belief, for a vector to be kept
 _BLOCK = 3_000_000  # numbers in the largest array
 _MOST_BELIEFS = 6_000  # with a backup, per stage and round
 _DECIMALS = 3  # of beliefs; those that differ less count as one
+_REPEAT_SEARCHES = 200
+_REPEAT_EXPLORATION = 0.2
+_REPEAT_GAIN = 1e-6
+_NUM_BELIEFS = 250
 
 
 def point_based_value_iteration(
@@ -78,6 +89,32 @@ def _backward(
         )  # CONFIRM and REJECT are always kept
         solved.append(AlphaVectors(vectors.alphas[kept], vectors.actions[kept]))
     return solved[::-1]
+
+
+def repeat_aware_vectors(
+    problem: StagedProblem, vectors: Sequence[AlphaVectors], weights: Floats, rng: np.random.Generator
+) -> tuple[tuple[AlphaVectors, ...], ...]:
+    """Alpha vectors for every stage, by number of touches of its object, from 0 to T.
+
+    Args:
+        problem: to be solved.
+        vectors: solution without repeats; searches that follow it are simulated to sample beliefs.
+        weights: w_1 … w_T, ``(T,)``, each in [0, 1].
+        rng: of those searches.
+    """
+    sampled = sample_beliefs(problem, vectors, rng, _REPEAT_SEARCHES, _REPEAT_EXPLORATION)
+    found: list[tuple[AlphaVectors, ...]] = []
+    for number in reversed(range(len(problem.stages))):
+        beliefs = _some(different(np.concatenate(sampled[number])), rng)
+        following = found[-1][0] if found else None
+        stops = stopping_vectors(problem, problem.stages[number], following, beliefs)
+        likelihoods = np.ascontiguousarray(np.moveaxis(problem.likelihoods(number), 2, 1))  # (P, M, n)
+        by_touches = [stops]
+        for weight in weights[::-1]:
+            probing = backup(problem, likelihoods, by_touches[-1], beliefs, float(weight))
+            by_touches.append(stops.joined(improving(probing, beliefs, stops, _REPEAT_GAIN)))
+        found.append(tuple(by_touches[::-1]))
+    return tuple(found[::-1])
 
 
 def stopping_vectors(
@@ -140,10 +177,14 @@ def backup(
 
 
 def different(beliefs: Floats) -> Floats:
-    """Beliefs ``(B, n)`` in their order, without those that nearly equal another.
-
-    >>> different(np.array([[0.5, 0.5], [0.9, 0.1], [0.50001, 0.49999]])).tolist()
-    [[0.5, 0.5], [0.9, 0.1]]
-    """
+    """Beliefs ``(B, n)`` in their order, without those that nearly equal another."""
     _, index = np.unique(beliefs.round(_DECIMALS), axis=0, return_index=True)
     return beliefs[np.sort(index)]
+
+
+def _some(beliefs: Floats, rng: np.random.Generator) -> Floats:
+    """At most 250 of the beliefs; the first one, with which the stage begins, is always kept."""
+    if len(beliefs) <= _NUM_BELIEFS:
+        return beliefs
+    chosen = 1 + rng.choice(len(beliefs) - 1, _NUM_BELIEFS - 1, replace=False)
+    return beliefs[np.concatenate([[0], np.sort(chosen)])]

@@ -148,14 +148,6 @@ def stage_belief(problem: StagedProblem, log_likelihoods: Floats, number: int) -
         problem: the search.
         log_likelihoods: log p(touches of an object | shape), ``(N, K)``; finite or -inf.
         number: of the stage, from 0.
-
-    >>> import numpy as np
-    >>> from planners.solve import SearchTouchProblem
-    >>> problem = staged(SearchTouchProblem(np.full((1, 2, 1), 1.0), 2, "distinct", target=0, touch_cost=0.1))
-    >>> stage_belief(problem, np.log([[0.2, 0.8], [0.5, 0.5]]), 1)      # the target is probably not rejected yet
-    array([0.2, 0.8])
-    >>> problem.stages[1].shapes
-    array([1, 0])
     """
     belief = problem.initial
     for i in range(number + 1):

@@ -105,6 +105,12 @@ def test_a_finger_that_misses_and_an_empty_hand_are_legal():
     assert np.isfinite(read[0]).all()
 
 
+@pytest.mark.parametrize("number", [2, 3, 4, 5, 8])
+def test_pads_all_around_press_alike(number):
+    assert Hand.around(number).forces == pytest.approx(np.ones(number), abs=1e-6)
+    assert np.linalg.norm(Hand.around(number).net_force(Hand.around(number).forces)) < 1e-6
+
+
 @pytest.mark.parametrize(
     ("fingers", "message"),
     [

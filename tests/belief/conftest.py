@@ -11,11 +11,10 @@ from belief import Touch
 from belief.calibration import TemperatureScaling
 from belief.observation_model import ConfusionModel, GaussianModel, PLDAModel, RatioModel
 from belief.observation_model.logit_embedding import LogitEmbedding
-from belief.observation_model.variance_components import Components
+from belief.observation_model.plda import Components
 from belief.synthetic import random_model
 
 LABELS = ("ball", "cube", "cone")
-EDGES = (0.6, 0.9)
 
 
 def plda_world(of_object=0.2, of_pose=0.5, of_touch=0.5, num_poses=2, seed=0):
@@ -50,18 +49,16 @@ def parts():
     world = plda_world()
     once = collection(world, rounds=1)
     data = collection(world)
-    table = np.random.default_rng(2).dirichlet(np.ones(9), size=(2, 3))
+    table = np.random.default_rng(2).dirichlet(np.ones(3), size=(2, 3))
     zeros = table.copy()
-    zeros[0, 1, :4] = 0.0
+    zeros[0, 1, :2] = 0.0
     zeros /= zeros.sum(axis=2, keepdims=True)
     return SimpleNamespace(
         data=data,
-        once=once,
         alone=[part[::2] for part in once],  # one touch of each object, in pose 0
         no_cones=collection(world, shapes=2),
-        binned=ConfusionModel(LABELS, table, TemperatureScaling(1.7, "ok"), EDGES),
-        floored=ConfusionModel(LABELS, table, TemperatureScaling(1e-6, "separable", floor=0.05), (0.9, 0.95)),
-        impossible=ConfusionModel(LABELS, zeros, TemperatureScaling(1.0, "ok"), EDGES),
+        floored=ConfusionModel(LABELS, table, TemperatureScaling(1e-6, "separable", floor=0.05)),
+        impossible=ConfusionModel(LABELS, zeros, TemperatureScaling(1.0, "ok")),
     )
 
 
@@ -72,21 +69,16 @@ def fit(kind, collected, **options):
 
 MODELS = {
     "confusion": lambda: random_model(np.random.default_rng(1), num_shapes=3, num_poses=2),
-    "confusion, confidence bins": lambda: parts().binned,
     "confusion, floored calibration": lambda: parts().floored,
     "confusion, impossible outcomes": lambda: parts().impossible,
-    "confusion, fitted": lambda: fit(ConfusionModel, parts().data, confidence_edges=EDGES),
-    "confusion, a shape never seen": lambda: fit(ConfusionModel, parts().no_cones),
+    "confusion, fitted": lambda: fit(ConfusionModel, parts().data),
     "gaussian": lambda: fit(GaussianModel, parts().data),
-    "gaussian, a shape never seen": lambda: fit(GaussianModel, parts().no_cones),
     "plda": plda_world,
     "plda, fitted": lambda: fit(PLDAModel, parts().data),
-    "plda, no repeats": lambda: fit(PLDAModel, parts().once),
     "plda, one touch per object": lambda: fit(PLDAModel, parts().alone),
     "plda, a shape never seen": lambda: fit(PLDAModel, parts().no_cones),
     "ratio": lambda: fit(RatioModel, parts().data),
     "ratio of a temperature": lambda: fit(RatioModel, parts().data, calibration=TemperatureScaling()),
-    "ratio, no repeats": lambda: fit(RatioModel, parts().once),
     "ratio, a shape never seen": lambda: fit(RatioModel, parts().no_cones),
 }
 model_named = cache(lambda name: MODELS[name]())

@@ -201,14 +201,12 @@ def test_what_is_refused_is_what_has_too_many_multisets():
 
 
 def test_what_is_asked_of_too_many_multisets_is_refused_not_computed():
-    for ask in (log_arrangement_marginals, lambda weights: prob_shape_absent(weights, None, 0, np.ones(21, np.bool_))):
+    for ask in (log_arrangement_marginals, lambda weights: prob_shape_absent(weights, None, 0)):
         with pytest.raises(ValueError, match=r"21 objects from a bag of 21 in 21 shapes .* Use fewer"):
             ask(np.eye(21))
 
 
-@pytest.mark.parametrize(
-    ("counts", "advantage"), [((600, 700), -0.3), ((1200, 1200), 0.01), ((600, 700), 5.0), ((550, 550), 5.0)]
-)
+@pytest.mark.parametrize(("counts", "advantage"), [((600, 700), -0.3), ((550, 550), 5.0)])
 def test_marginals_of_a_thousand_alike_objects_of_two_shapes_are_binomial_sums(counts, advantage):
     """There are more than 1e308 arrangements. All objects are alike, so one has the first shape in the mean share."""
     number, (some, others) = 1100, counts
@@ -228,11 +226,10 @@ def test_the_probability_that_some_objects_lack_a_shape_equals_enumeration(bag, 
     if evidence == 0.0:
         return
     shape = data.draw(st.integers(0, len(counts) - 1))
-    among = data.draw(arrays(np.bool_, len(weights)))
     lacking = likelihoods.copy()
-    lacking[among, shape] = 0.0
+    lacking[:, shape] = 0.0
     expected = enumerate_draws(lacking, counts)[1] / evidence
-    assert prob_shape_absent(weights, counts, shape, among) == pytest.approx(expected, rel=1e-9, abs=1e-12)
+    assert prob_shape_absent(weights, counts, shape) == pytest.approx(expected, rel=1e-9, abs=1e-12)
 
 
 @given(log_weights(), st.sampled_from([1e3, 1e6, 1e9, 1e15, 1e300]))
@@ -249,4 +246,4 @@ def test_a_contradiction_of_any_size_leaves_the_other_evidence_in_force(weights,
 @pytest.mark.parametrize("shape", [-1, 4, True, 1.0, "cube"])
 def test_the_probability_of_lacking_what_is_no_shape_is_refused(shape):
     with pytest.raises(ValueError, match=r"shape must be an integer in \[0, 4\)"):
-        prob_shape_absent(np.zeros((2, 4)), None, shape, np.array([True, True]))
+        prob_shape_absent(np.zeros((2, 4)), None, shape)

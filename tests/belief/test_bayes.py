@@ -107,6 +107,11 @@ def test_relabelling_the_shapes_permutes_the_posterior(prior, log_likelihood, or
     np.testing.assert_allclose(relabelled, direct[order], atol=1e-12)
 
 
+def test_a_prior_of_float16_is_near_its_numbers():
+    found = update(np.log(np.float16([0.1, 0.2, 0.7])), np.zeros(3))[0]
+    np.testing.assert_allclose(found, np.log([0.1, 0.2, 0.7]), atol=2e-3)
+
+
 def test_certainty_recovers_when_later_touches_disagree():
     belief, against = np.log([0.5, 0.5]), np.log([0.3, 0.7])
     for _ in range(1000):

@@ -78,7 +78,6 @@ def test_leaves_are_all_bodies_in_all_cells_once():
     shares = np.array([CELLS.shares[level][0] for level in leaves.level])
     np.testing.assert_allclose(np.bincount(leaves.body, shares), 1.0)
     np.testing.assert_allclose(logsumexp(leaves.log_weight), logsumexp(belief.log_evidence + belief.log_prior))
-    assert 1.0 <= belief.effective_cells <= len(leaves.body)
 
 
 def test_parts_that_lost_the_posterior_are_set_aside_without_a_change_and_return():

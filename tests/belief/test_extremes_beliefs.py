@@ -176,12 +176,10 @@ def test_trackers_answer_or_refuse_and_then_are_unchanged(rounds):
 @given(
     st.sampled_from(["distinct", "independent", Counts({"a": 2, "b": 1}), Counts({"a": 2**53, "c": 1})]),
     st.lists(st.tuples(st.integers(0, 2), extremes(3, dtypes=(np.float64,))), min_size=1, max_size=4),
-    st.tuples(st.integers(0, 2), st.integers(0, 2)),
 )
-def test_scenes_answer_or_refuse_and_then_are_unchanged(composition, rounds, told):
+def test_scenes_answer_or_refuse_and_then_are_unchanged(composition, rounds):
     scene = SceneBelief(SearchProblem(LABELS, ("p",), 3, composition), Told())
     calls = [lambda i=i, scores=scores: scene.update(i, [Touch(0, scores)]) for i, scores in rounds]
-    calls.insert(1, lambda: scene.known(*told) or True)
     for call in calls:
         before = scene.log_marginals()
         if answer(call) is None:

@@ -61,12 +61,10 @@ def every_table(composition, num_objects):
     return tables, np.full(len(tables), 1.0 / len(tables))
 
 
-def joint(composition, weights, told):
-    """Marginals ``(N, K)``, and tables with their posterior, given likelihoods and shapes told by object."""
+def joint(composition, weights):
+    """Marginals ``(N, K)``, and tables with their posterior, given likelihoods."""
     tables, probs = every_table(composition, len(weights))
     posterior = probs * np.prod([weights[i, tables[:, i]] for i in range(len(weights))], axis=0)
-    for i, shape in told.items():
-        posterior = posterior * (tables[:, i] == shape)
     if posterior.sum() == 0.0:
         return None, tables, posterior
     posterior /= posterior.sum()
@@ -78,32 +76,23 @@ scores = st.one_of(st.floats(-10, 10), st.just(0.0), st.just(-np.inf))
 
 
 @compositions
-@given(
-    weights=arrays(np.float64, (3, 3), elements=scores),
-    told=st.dictionaries(st.integers(0, 2), st.integers(0, 2), max_size=3),
-    removed=st.sets(st.integers(0, 2)),
-)
-def test_beliefs_presence_and_contradictions_equal_enumeration_of_all_tables(composition, weights, told, removed):
-    marginals, tables, posterior = joint(composition, np.exp(weights), told)
+@given(weights=arrays(np.float64, (3, 3), elements=scores))
+def test_beliefs_presence_and_contradictions_equal_enumeration_of_all_tables(composition, weights):
+    marginals, tables, posterior = joint(composition, np.exp(weights))
     scene = scene_of(composition)
 
     def live():
         for i, row in enumerate(weights):
             scene.update(i, felt(row))
-        for i, shape in told.items():
-            scene.known(i, shape)
 
     if marginals is None:
         with pytest.raises(ImpossibleObservation):
             live()
         return
     live()
-    for i in removed:
-        scene.remove(i)
     np.testing.assert_allclose(scene.marginals(), marginals, atol=1e-12)
-    left = [i for i in range(3) if i not in removed]
     for target in range(3):
-        present = posterior[(tables[:, left] == target).any(axis=1)].sum()
+        present = posterior[(tables == target).any(axis=1)].sum()
         assert scene.prob_present(target) == pytest.approx(present, abs=1e-12)
 
 
@@ -114,22 +103,19 @@ def test_one_or_two_objects_are_no_special_case(composition, num_objects):
     scene = scene_of(composition, num_objects)
     for i, row in enumerate(weights):
         scene.update(i, felt(row))
-    np.testing.assert_allclose(scene.marginals(), joint(composition, np.exp(weights), {})[0], atol=1e-14)
+    np.testing.assert_allclose(scene.marginals(), joint(composition, np.exp(weights))[0], atol=1e-14)
 
 
 @compositions
-@given(weights=arrays(np.float64, (3, 3), elements=st.floats(-10, 10)), order=st.permutations(range(4)))
-def test_what_is_felt_and_what_is_told_come_in_any_order(composition, weights, order):
+@given(weights=arrays(np.float64, (3, 3), elements=st.floats(-10, 10)), order=st.permutations(range(3)))
+def test_objects_are_touched_in_any_order(composition, weights, order):
     def happen(events):
         scene = scene_of(composition)
         for event in events:
-            if event == 3:
-                scene.known(1, 0)
-            else:
-                scene.update(event, felt(weights[event]))
+            scene.update(event, felt(weights[event]))
         return scene
 
-    one, other = happen(range(4)), happen(order)
+    one, other = happen(range(3)), happen(order)
     np.testing.assert_allclose(one.log_marginals(), other.log_marginals(), atol=1e-9)
 
 
@@ -149,63 +135,6 @@ def test_before_any_touch_presence_is_the_problems_own():
         np.testing.assert_allclose(scene.marginals(), np.tile(problem.prior_probs, (2, 1)), atol=1e-15)
         present = [scene.prob_present(target) for target in range(3)]
         np.testing.assert_allclose(present, 1.0 - problem.prior_absent_probs, atol=1e-15)
-
-
-def test_indices_keep_their_meaning_when_objects_are_removed():
-    scene = scene_of(Counts({"a": 2, "b": 1}))
-    scene.update(2, felt([0.0, -3.0, 0.0]))
-    before = scene.touches(2)
-    scene.remove(0, shape=1)
-    assert scene.touches(2) == before
-    assert scene.marginals().tolist() == [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
-    assert [scene.prob_present(shape) for shape in range(3)] == [1.0, 0.0, 0.0]
-
-
-def test_an_object_put_aside_unseen_is_no_longer_present_but_still_tells_about_the_others():
-    scene = scene_of("distinct", num_objects=2)
-    scene.update(0, felt([5.0, 0.0, 0.0]))
-    before = scene.marginals()
-    scene.remove(0)
-    assert scene.marginals().tolist() == before.tolist()
-    assert scene.prob_present(0) == pytest.approx(before[1, 0], rel=1e-12)
-    with pytest.raises(ValueError, match="object 0 is no longer on the table"):
-        scene.update(0, felt([0.0, 0.0, 0.0]))
-
-
-@pytest.mark.parametrize(
-    ("composition", "touched", "told", "rules_out"),
-    [
-        ("distinct", (0, [0.0, -np.inf, 0.0]), (0, 1), "touches of object 0 rule out b"),
-        ("distinct", (1, [0.0, -np.inf, -np.inf]), (0, 0), "zero likelihood|same shape"),
-        (Counts({"a": 2, "b": 1}), (0, [0.0, 0.0, 0.0]), (0, 2), "the bag does not hold that many"),
-    ],
-)
-def test_being_told_what_is_ruled_out_is_refused_and_changes_nothing(composition, touched, told, rules_out):
-    scene = scene_of(composition)
-    scene.update(touched[0], felt(touched[1]))
-    before = scene.marginals()
-    for tell in (scene.known, scene.remove):
-        with pytest.raises(ImpossibleObservation, match=rules_out):
-            tell(*told)
-    assert scene.marginals().tolist() == before.tolist()
-    scene.update(told[0], felt([0.0, 0.0, 0.0]))  # still on the table
-
-
-def test_an_object_has_one_shape_only():
-    scene = scene_of("independent")
-    scene.known(0, 1)
-    scene.known(0, 1)
-    with pytest.raises(ImpossibleObservation, match="object 0 cannot be a c: it is known to be a b"):
-        scene.known(0, 2)
-    with pytest.raises(ImpossibleObservation, match="rule out b"):
-        scene.update(0, felt([0.0, -np.inf, 0.0]))
-
-
-def test_a_prior_that_rules_a_shape_out_is_not_talked_into_it():
-    scene = scene_of("independent", prior=Belief.from_probs(LABELS, [0.5, 0.5, 0.0]))
-    with pytest.raises(ImpossibleObservation, match="the prior rules it out"):
-        scene.known(0, 2)
-    assert scene.prob_present(2) == 0.0
 
 
 def test_a_target_without_a_chance_warns_once():
@@ -229,15 +158,12 @@ def test_what_does_not_fit_is_refused():
         lambda: scene_of("distinct").belief(7),
         lambda: scene_of("distinct").belief(0.0),
         lambda: scene_of("distinct").update(True, felt([0, 0, 0])),
-        lambda: scene_of("distinct").known(0, 3),
-        lambda: scene_of("distinct").remove(4),
         lambda: scene_of("distinct").prob_present(-1),
         lambda: scene_of("distinct", target=3),
     ):
         with pytest.raises(InvalidArgument, match=r"must be (an integer )?in"):
             call()
     for call in (
-        lambda: scene_of("distinct").known(0, "d"),
         lambda: scene_of("distinct").prob_present("d"),
         lambda: scene_of("distinct", target="d"),
     ):
@@ -298,6 +224,5 @@ def test_a_presence_far_below_the_rounding_error_of_one_is_kept():
     for i in range(3):
         scene.update(i, felt([-50.0, 0.0, 0.0]))
     assert scene.prob_present(0) == pytest.approx(3 * scene.marginals()[0, 0], rel=1e-12, abs=0.0)
-    for i in range(3):
-        scene.remove(i)
-    assert str(scene.prob_present(0)) == "0.0"
+    nothing = scene_of("independent", prior=Belief.from_probs(LABELS, [0.0, 0.5, 0.5]))
+    assert str(nothing.prob_present(0)) == "0.0"

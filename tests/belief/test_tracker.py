@@ -24,7 +24,7 @@ def joint_marginals(model, touches_by_object, composition, num_shapes=4):
         weight = 1.0
         for shape, touches in zip(shapes, touches_by_object, strict=True):
             for touch in touches:
-                weight *= model.probs[touch.pose, shape, model.outcomes_of(touch.logits)]
+                weight *= model.probs[touch.pose, shape, touch.logits.argmax()]
         for i, shape in enumerate(shapes):
             totals[i, shape] += weight
     return totals / totals.sum(axis=1, keepdims=True)

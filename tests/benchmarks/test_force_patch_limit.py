@@ -94,9 +94,9 @@ def test_the_findings_are_written(is_pixels, tmp_path):
     data = tmp_path / "data" if is_pixels else None
     if data is not None:
         collect(SceneChoice("paper"), CollectionPlan(train=4, calibration=1, test=1), data, jobs=1)
-    Main(data, touches=24, known=160, choice=40, out=tmp_path / "limit", jobs=1).run()
+    Main(data, touches=12, known=40, choice=20, out=tmp_path / "limit", jobs=1).run()
     numbers = json.loads((tmp_path / "limit" / "limit.json").read_text())
-    assert numbers["sizes"] == ([24, 48, 96] if is_pixels else [10, 20, 40, 80, 160])
+    assert numbers["sizes"] == ([24, 48, 96] if is_pixels else [2, 5, 10, 20, 40])
     assert 0.0 < numbers["classifier"]["value"] <= 1.0
     if is_pixels:
         assert numbers["views"][WHOLE_SPOT]["learned_from"] > 0.5  # four shapes

@@ -1,15 +1,20 @@
 """The front door: help on one screen, the version, the nearest command, and one import per command."""
 
+import re
 import shlex
 import subprocess
 import sys
+from dataclasses import fields, is_dataclass
 from importlib.metadata import version
 from pathlib import Path
+from typing import get_type_hints
 
 import pytest
+import tyro
 
 import activetouch
 from experiments import cli
+from experiments.reporting import page
 
 ROOT = Path(__file__).parents[2]
 
@@ -36,6 +41,40 @@ def test_every_command_can_be_imported_has_examples_and_a_summary(name):
     summary = cli.REGISTRY[name].summary
     assert summary
     assert not summary.endswith(".")
+
+
+@pytest.mark.parametrize("name", cli.REGISTRY)
+def test_the_help_of_a_command_fits_and_has_every_option_and_no_empty_default(name, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "80")
+    with pytest.raises(SystemExit) as end:
+        cli._parsed([name, "--help"])
+    text = capsys.readouterr().out
+    assert not end.value.code
+    options = text.partition("For example:")[2].partition("\n\n")[2].partition("\n\n")[2]
+    assert max(map(len, options.splitlines())) <= 80
+    for part in ("(default: )", "(default: None)", "(default: False)", "{None"):
+        assert part not in options
+    kind = cli.REGISTRY[name].load()
+    shown = set(re.findall(r"^  (--[\w.-]+)", options, re.M))
+    hints = get_type_hints(kind, include_extras=True)
+    own = {field.name for field in fields(kind) if not is_dataclass(get_type_hints(kind)[field.name])}
+    unseen = {tyro.conf.Suppress, tyro.conf.Positional}
+    seen = {field for field in own if unseen.isdisjoint(getattr(hints[field], "__metadata__", ()))}
+    assert {f"--{field.replace('_', '-')}" for field in seen} <= shown
+
+
+def test_open_shows_the_page_that_was_written_or_says_where_it_is(monkeypatch, tmp_path, capsys):
+    opened = []
+    monkeypatch.setattr("webbrowser.open", lambda page: opened.append(page) or len(opened) < 2)
+    monkeypatch.setattr(page, "written", [])
+    cli._open_page()
+    assert "wrote no page" in capsys.readouterr().err
+    files = [tmp_path / "one.html", tmp_path / "two.html"]
+    for file in files:
+        page.write_page(file, "title", [])
+        cli._open_page()
+    assert opened == [file.as_uri() for file in files]
+    assert opened[1] in capsys.readouterr().err
 
 
 def test_the_version_is_that_of_the_distribution():

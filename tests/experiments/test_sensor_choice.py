@@ -154,7 +154,7 @@ def test_calibrating_before_training_names_the_command_that_trains(quick, tmp_pa
 def test_a_sensor_remembers_the_scene_it_was_calibrated_in(tmp_path):
     data, out = tmp_path / "data", tmp_path / "sensor"
     collect(QUICK, CollectionPlan(0, 2, 1, repeats=2), data, jobs=1)
-    Calibrate(scene="coarse", data=data, reader=COARSE / READER_FILE, out=out).run()
+    Calibrate(scene="coarse", data=data, reader=COARSE / READER_FILE, observation_model=("ratio",), out=out).run()
     with pytest.warns(SceneShift, match="press_model is Quasistatic, not Dynamic"):
         sensor = TactileSensor.load(out, QUICK.named.scene)
     assert sensor.shift == ("press_model is Quasistatic, not Dynamic",)

@@ -97,10 +97,6 @@ def _named_like_a_shape(folder: Path) -> None:
     Collect(SceneChoice("gel", meshes=(mesh,)), folder / "out").run()
 
 
-def _of_no_manifest(folder: Path) -> None:
-    Collect(from_manifest=folder / "none", out=folder / "out").run()
-
-
 def _of_no_collection(folder: Path) -> None:
     Train(data=folder / "none", out=folder / "out").run()
 
@@ -125,7 +121,6 @@ CASES: tuple[Case, ...] = (
     refuses("touch", "a misspelt shape", TouchCommand(shape="conee").run, UnknownName, "Did you mean 'cone'"),
     refuses("explain", "an unknown scene", Explain(SceneChoice("nowhere")).run, UnknownName, "Known: paper"),
     refuses("collect", "a mesh named like a shape", in_folder(_named_like_a_shape), DuplicateShape, "other names"),
-    refuses("collect", "a missing manifest", in_folder(_of_no_manifest), CorruptFile, "none"),
     refuses("train", "a missing collection", in_folder(_of_no_collection), CorruptFile, "activetouch collect|manifest"),
     refuses("train", "a rate of NaN", lambda: _NAN_RATE.of(RECIPES["paper"]), ImpossibleRecipe, "learning_rate"),
     refuses("calibration-report", "a missing collection", _NO_COLLECTION.run, CorruptFile, "nowhere"),

@@ -19,8 +19,7 @@ from belief import (
 from belief.observation_model import OutcomeTable
 from belief.synthetic import SyntheticWorld, sample_arrangement
 from benchmarks.tabular_model import TabularModel
-from planners import DECIDERS, InformationState, Outcome, search_lockstep
-from planners import make_decider as make_any_decider
+from planners import DECIDERS, InformationState, Outcome, make_decider, search_lockstep
 from planners.registry import NEED_FILES
 
 # Confirming at random and the paper's rule on single frames use no belief, and are held to the laws of those that do
@@ -29,14 +28,7 @@ UNTRAINED = [name for name in DECIDERS if name not in NEED_FILES]
 BELIEVERS = [name for name in UNTRAINED if name not in ("random_confirm", "threshold")]
 every_decider = pytest.mark.parametrize("name", UNTRAINED)
 every_believer = pytest.mark.parametrize("name", BELIEVERS)
-# Their few simulations are no proof: what tree search does is a matter of chance where actions are nearly as good.
-TREE_SEARCHERS = ("pouct", "pomcp")
-every_exact_believer = pytest.mark.parametrize("name", [name for name in BELIEVERS if name not in TREE_SEARCHERS])
 COMPOSITIONS = (Composition.DISTINCT, Composition.INDEPENDENT, Counts({"a": 2, "b": 1, "c": 2}))
-
-
-def make_decider(name, table):
-    return make_any_decider(name, table, simulations=60)
 
 
 def random_table(rng, num_poses=3, num_shapes=4, num_outcomes=5):
@@ -81,7 +73,7 @@ def play(name, table, problem, number, target=0, absent=False):
 def test_every_decision_is_legal_and_can_be_written_down(name, rng):
     table = random_table(rng)
     decider = make_decider(name, table)
-    for info in information_states(table, 24, rng):
+    for info in information_states(table, 12, rng):
         decision = decider.decide(info, rng)
         match decision.action:
             case Probe(pose):
@@ -100,7 +92,7 @@ def test_a_decider_needs_no_joint_belief(name, rng):
         assert make_decider(name, table).decide(replace(info, scene=None), rng).action is not None
 
 
-@every_exact_believer
+@every_believer
 def test_certainty_stops_at_once(name, rng):
     decider = make_decider(name, random_table(rng))
     for composition in (Composition.DISTINCT, Composition.INDEPENDENT):
@@ -113,14 +105,14 @@ def test_certainty_stops_at_once(name, rng):
 def test_a_target_ruled_out_is_never_confirmed(name, rng):
     table = OutcomeTable(np.tile(np.eye(4)[[0, 1, 1, 2]], (3, 1, 1)))  # the first touch rules it in or out
     decider, confirmed = make_decider(name, table), 0
-    for info in information_states(table, 60, rng):
+    for info in information_states(table, 30, rng):
         if isinstance(decider.decide(info, rng).action, Confirm):
             confirmed += 1
             assert info.target_prob > 0.0
     assert confirmed
 
 
-@every_exact_believer
+@every_believer
 @pytest.mark.parametrize("num_shapes", [1, 2, 12])
 def test_one_object_and_twelve_are_searched(name, num_shapes):
     table = OutcomeTable(np.tile(0.9 * np.eye(num_shapes) + 0.1 / num_shapes, (2, 1, 1)))
@@ -140,7 +132,7 @@ def test_an_absent_target_is_rightly_not_found(name):
     assert sum(e.outcome is Outcome.EXHAUSTED and e.success for e in episodes) >= 26
 
 
-@every_exact_believer
+@every_believer
 def test_a_perfect_pose_needs_one_touch_an_object(name):
     table = OutcomeTable(np.tile(np.eye(4), (2, 1, 1)))
     problem = SearchProblem(tuple("abcd"), ("p", "q"), 4)

@@ -64,6 +64,40 @@ def test_it_sees_what_the_environment_shows(state, model):
     assert type(decided.action).__name__ == ("Confirm" if info.target_prob >= 0.5 else "Reject")  # the limit
 
 
+class Counts:
+    """Probes the pose after the last one, and counts for itself what it was shown."""
+
+    def __init__(self):
+        self.seen = []
+
+    def __call__(self, observation):
+        self.seen.append(observation)
+        return 4 if len(self.seen) == 4 else (len(self.seen) - 1) % 3
+
+
+def test_an_agent_with_a_memory_sees_every_observation_of_an_object_in_order(model):
+    label, players = model.shape_labels[1], []
+
+    class Agent(Counts):
+        def __init__(self):
+            super().__init__()
+            players.append(self)
+
+    env = ObjectTestEnv(touches=SampledTouches(model, ("a", "b", "c")), target=label)
+    decider, shown, poses = FunctionPolicy(Agent, remembers=True, sees_target=True), [env.reset(seed=3)[0]], []
+    while True:
+        action = decider.decide(InformationState(env.problem, env.target, env.belief, env.history), None).action
+        np.testing.assert_array_equal([row[:-4] for row in players[-1].seen], shown)
+        if not hasattr(action, "pose"):
+            break
+        poses.append(action.pose)
+        shown.append(env.step(action.pose)[0])
+    assert (poses, type(action).__name__, len(players)) == ([0, 1, 2], "Reject", 4)
+    assert check_decider(FunctionPolicy(Counts, remembers=True), np.random.default_rng(0), model, num_searches=4)
+    with pytest.raises(InvalidArgument, match="state"):
+        FunctionPolicy(Counts, "posterior", remembers=True)
+
+
 @pytest.mark.parametrize("given", [-1, 99, 0.0, None, [0, 1], "0", True])
 def test_what_is_no_action_is_said(given, model):
     env = ObjectTestEnv(touches=SampledTouches(model, ("a", "b", "c")), target=model.shape_labels[0])

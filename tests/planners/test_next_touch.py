@@ -71,7 +71,7 @@ def test_the_value_of_touches_agrees_with_recursion(seed, depth):
     np.testing.assert_allclose(decider.probe_values(info, payoffs), expected, atol=1e-5)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(st.integers(0, 10_000), st.integers(0, 4))
 def test_two_touches_ahead_are_worth_at_least_one_and_gains_are_never_negative(seed, number):
     rng = np.random.default_rng(seed)

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from belief.calibration import TemperatureScaling
 from belief.observation_model import PLDAModel, RatioModel
 from belief.observation_model.logit_embedding import LogitEmbedding
+from belief.observation_model.plda import Components
 from belief.observation_model.repeat_discount import effective_touches
-from belief.observation_model.variance_components import Components
 from planners.repeats import CorrelatedRepeats, LeastUsedFirst, repeat_discount
 
 uses = st.lists(st.integers(0, 10_000), min_size=1, max_size=12)

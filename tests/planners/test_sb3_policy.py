@@ -1,11 +1,12 @@
 """A policy that Stable-Baselines3 saved plays as a decider, whatever it observes."""
 
+import pickle
 import zipfile
 
 import numpy as np
 import pytest
 
-from belief import Belief, SearchProblem
+from belief import Belief, Confirm, Probe, Reject, SearchProblem
 from planners import InformationState, check_decider, make_decider
 from planners.ppo import BadPolicy, MissingPolicy
 from planners.sb3_policy import SB3Policy
@@ -135,6 +136,8 @@ def normalised(folder, algorithm, **options):
     env = VecNormalize(DummyVecEnv([Short]), **options)
     learner = getattr(stable_baselines3, algorithm)("MlpPolicy", env, seed=0, device="cpu", **settings)
     learner.learn(32).save(folder / "policy.zip")
+    env.save(folder / "vecnormalize.pkl")
+    return learner, env
 
 
 def first_decision(path, model, decider=None):
@@ -145,12 +148,32 @@ def first_decision(path, model, decider=None):
 
 
 @pytest.mark.parametrize("algorithm", ["PPO", "DQN"])
-def test_a_policy_that_learned_from_normalised_observations_is_refused(algorithm, tmp_path, model):
-    normalised(tmp_path, algorithm)
-    with pytest.raises(BadPolicy, match=r"VecNormalize changed; train with .*norm_obs=False"):
-        first_decision(tmp_path / "policy.zip", model)
+def test_a_policy_that_learned_from_normalised_observations_plays_with_their_normalisation(algorithm, tmp_path, model):
+    learner, env = normalised(tmp_path, algorithm)
+    path = tmp_path / "policy.zip"
+    with pytest.raises(BadPolicy, match=r"VecNormalize changed; name the file .*normalize='vecnormalize.pkl'"):
+        first_decision(path, model)
+    decider = make_decider(f"sb3:{path}(normalize='{tmp_path}/vecnormalize.pkl')", model.outcome_table())
+    assert [file.name for file in decider.files("cone")] == ["policy.zip", "vecnormalize.pkl"]
+    learner.observation_space = env.observation_space
+    taken = first_decision(path, model, decider).action
+    seen = np.array([0.25] * 4 + [0.0] * 6, np.float32)
+    action = int(learner.predict(env.normalize_obs(seen), deterministic=True)[0])
+    assert taken == [*(Probe(i) for i in range(P)), Confirm(), Reject()][action]
     normalised(tmp_path, algorithm, norm_obs=False)
-    assert first_decision(tmp_path / "policy.zip", model)
+    assert first_decision(path, model)
+    assert first_decision(path, model, decider)
+
+
+@pytest.mark.parametrize(("content", "said"), [(b"nonsense", "no VecNormalize"), (pickle.dumps(3), "no VecNormalize")])
+def test_a_normalisation_that_is_none_is_refused(content, said, tmp_path, model):
+    normalised(tmp_path, "PPO")
+    decider = SB3Policy(str(tmp_path / "policy.zip"), normalize=str(tmp_path / "other.pkl"))
+    with pytest.raises(MissingPolicy, match=r"there is no file .*other\.pkl"):
+        first_decision(None, model, decider)
+    (tmp_path / "other.pkl").write_bytes(content)
+    with pytest.raises(BadPolicy, match=said):
+        first_decision(None, model, decider)
 
 
 def test_a_policy_that_learned_in_longer_tests_names_their_touch_limit(tmp_path, model):
@@ -159,7 +182,5 @@ def test_a_policy_that_learned_in_longer_tests_names_their_touch_limit(tmp_path,
     PPO("MlpPolicy", Short(25), seed=0, device="cpu", n_steps=64, batch_size=32).learn(64).save(tmp_path / "long.zip")
     with pytest.raises(BadPolicy, match=r"up to 25 steps.*touch limit of 12.*touch_limit=24"):
         first_decision(tmp_path / "long.zip", model)
-    decider = make_decider(
-        f"planners.sb3_policy:SB3Policy(path='{tmp_path / 'long.zip'}',touch_limit=24)", model.outcome_table()
-    )
+    decider = make_decider(f"sb3:{tmp_path / 'long.zip'}(touch_limit=24)", model.outcome_table())
     assert first_decision(tmp_path / "long.zip", model, decider)

@@ -58,6 +58,10 @@ def value_with_repeats(problem, joint, weights):
     return best
 
 
+def value_at(policy, object_index, belief, touches=0):
+    return policy.at(object_index, touches).value(np.array([belief]))[0]
+
+
 @pytest.mark.parametrize("weights", [(), (1.0,), (1.0, 1.0, 0.5, 0.25), (1.0, 0.3, 0.0, 1.0)])
 @pytest.mark.parametrize("discount", [1.0, 0.9])
 def test_a_repeat_aware_policy_has_the_values_of_the_recursion(weights, discount):
@@ -70,10 +74,10 @@ def test_a_repeat_aware_policy_has_the_values_of_the_recursion(weights, discount
         for touches in range(len(weights) + 2):
             for prior in ([0.5, 0.3, 0.2], [0.2, 0.5, 0.3], [0.3, 0.1, 0.6]):
                 most = value_with_repeats(problem, np.array(prior), weights[touches:])
-                found = policy.value(0, [*prior, 0.0, 0.0, 0.0], touches)  # no object was rejected before
+                found = value_at(policy, 0, [*prior, 0.0, 0.0, 0.0], touches)  # no object was rejected before
                 assert most - 0.05 <= found <= most + 1e-9
                 nothing = policy.probe_values(0, np.array([*prior, 0.0, 0.0, 0.0]), touches, np.full(2, 1e-12))
-                later = policy.value(0, [*prior, 0.0, 0.0, 0.0], touches + 1)  # after a touch that showed nothing
+                later = value_at(policy, 0, [*prior, 0.0, 0.0, 0.0], touches + 1)  # after a touch that showed nothing
                 assert nothing == pytest.approx(discount * later - 0.03)
 
 
@@ -287,7 +291,6 @@ def test_search_bounds_enclose_what_brute_force_finds(composition, num_objects, 
     # touches are dear, so that three in all are nearly as good as any number
     assert policy.lower_bound >= least - 0.01
     assert policy.initial_value == policy.lower_bound
-    assert policy.initial_action == policy.action(0, staged(problem).initial)
 
 
 @pytest.mark.parametrize("composition", ["distinct", "independent"])
@@ -320,10 +323,12 @@ def test_the_last_of_all_distinct_objects_is_confirmed_untouched():
     problem = SearchTouchProblem(np.full((2, 3, 2), 0.5), 3, "distinct", 1, 0.01)
     policy = solve(problem)
     assert policy.initial_value == pytest.approx(-1 / 3)  # nothing is told: confirm one of three
-    assert policy.initial_action >= problem.num_poses  # and no touch before it
+    first = policy.at(0)
+    assert first.actions[first.best(staged(problem).initial[None])[0]] >= problem.num_poses  # and no touch before it
     belief = stage_belief(staged(problem), np.array([[0.0, -np.inf, 0.0], [0.0, -np.inf, 0.0], [0.0, 0.0, 0.0]]), 2)
-    assert policy.action(2, belief) == problem.num_poses  # CONFIRM
-    assert policy.value(2, belief) == pytest.approx(1.0)
+    vectors = policy.at(2)
+    assert vectors.actions[vectors.best(belief[None])].tolist() == [problem.num_poses]  # CONFIRM
+    assert value_at(policy, 2, belief) == pytest.approx(1.0)
 
 
 @given(st.integers(0, 1000))

@@ -55,18 +55,11 @@ def test_what_is_no_belief_gets_no_answer_of_a_policy(single, what, asked):
             getattr(single, asked)(given)
 
 
-@pytest.mark.parametrize("what", BAD_BELIEFS)
-@pytest.mark.parametrize("asked", ["action", "value"])
-def test_nor_of_a_policy_for_a_search(whole, what, asked):
-    with pytest.raises(InvalidArgument, match="a belief must be 4 probabilities"):
-        getattr(whole, asked)(0, BAD_BELIEFS[what])
-
-
 @pytest.mark.parametrize("index", [-1, 2, 0.0, None, "first", True])
 def test_an_object_that_is_none_gets_no_answer(whole, index):
     problem = SearchProblem(("a", "b"), ("p",), 2)
     for ask in (
-        lambda: whole.action(index, [0.5, 0.5, 0.0, 0.0]),
+        lambda: whole.at(index),
         lambda: InformationState(problem, 0, Belief.uniform(("a", "b")), object_index=index),
     ):
         with pytest.raises(InvalidArgument, match=r"object_index must be an integer in \[0, 2\)"):
@@ -192,8 +185,6 @@ def test_a_model_in_place_of_its_table_is_told_what_works(name, model):
         ({"model": OutcomeTable(TABLE)}, "model"),
         ({"model": "coarse"}, "model"),
         ({"policies": "runs/ppo"}, "policies"),
-        ({"simulations": 10.5}, "simulations"),
-        ({"simulations": "many"}, "simulations"),
         ({"name": None}, "name"),
         ({"name": DECIDERS["threshold"]}, "name"),
     ],
@@ -214,7 +205,7 @@ def test_a_table_of_other_poses_or_shapes_than_the_search_is_refused(name, shape
     table = OutcomeTable(np.random.default_rng(0).dirichlet(np.ones(shape[2]), size=shape[:2]))
     problem = SearchProblem(model.shape_labels, ("p0", "p1", "p2"), 4)
     with pytest.raises(TableMismatch, match=f"{shape[0]} poses and {shape[1]} shapes"):
-        search(SyntheticWorld(model, (0, 1, 2, 3)), make_decider(name, table, simulations=20), problem, 0, model, (0,))
+        search(SyntheticWorld(model, (0, 1, 2, 3)), make_decider(name, table), problem, 0, model, (0,))
 
 
 @pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64])

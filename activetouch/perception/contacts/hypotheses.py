@@ -45,6 +45,26 @@ CONTACTS_IN_ALL = 300_000
 """Predicted contacts of all shapes in all poses, as many as fit: two to three minutes of one core."""
 
 
+class Hypotheses(Protocol):
+    """Embeds hypotheses about an object: its shape, how it lies, and its size.
+
+    The product of the embeddings of an image and of a hypothesis is log p(image | hypothesis) / p(image), up to a
+    constant of the image.
+    """
+
+    def bound_to(self, scene: Scene) -> Hypotheses:
+        """The same for the objects of a scene, where they are of any objects."""
+
+    def embedded(self, scene: Scene, bodies: Bodies, pose: int) -> Floats32:
+        """Embeddings of N hypotheses of each of the K shapes of a scene, in one of its poses, ``(K, N, D)``."""
+
+    def shape_logits(self, embeddings: Floats32) -> NDArray[np.float64]:
+        """Log p(image | shape) / p(image) of the embeddings of N images, ``(N, K)``: the mean ratio of each shape."""
+
+    def tensors(self) -> dict[str, NDArray[Any]]:
+        """The arrays by name, as a file has them."""
+
+
 @dataclass(frozen=True, eq=False)
 class ContactHypotheses:
     """Embeds hypotheses of the objects of a scene, whatever their shapes.
@@ -64,7 +84,7 @@ class ContactHypotheses:
         return replace(self, scene=scene)
 
     def embedded(self, scene: Scene, bodies: Bodies, pose: int) -> Floats32:
-        """See :class:`activetouch.perception.reader.Hypotheses`."""
+        """See :class:`activetouch.perception.contacts.hypotheses.Hypotheses`."""
         return self.embedded_in(scene, bodies, pose, sensor_state(self.imaging, scene).code())[0]
 
     def embedded_in(self, scene: Scene, bodies: Bodies, pose: int, codes: Floats32) -> Floats32:
@@ -129,7 +149,7 @@ class ContactHypotheses:
         return found
 
     def shape_logits(self, embeddings: Floats32) -> NDArray[np.float64]:
-        """See :class:`activetouch.perception.reader.Hypotheses`; the mean is over all poses.
+        """See :class:`activetouch.perception.contacts.hypotheses.Hypotheses`; the mean is over all poses.
 
         Raises:
             ValueError: it is not bound to a scene.
@@ -141,7 +161,7 @@ class ContactHypotheses:
         """Hypotheses of each shape that take turns in the poses, ``(K, M, D)``."""
         if self.scene is None:
             raise ValueError("this reader reads any object and is about none yet; bound_to(scene) says which there are")
-        return taking_turns(self, self.scene)
+        return taking_turns(self, self.scene, num_hypotheses(self.scene))
 
     @cached_property
     def digest(self) -> str:
@@ -177,13 +197,9 @@ class ContactHypotheses:
             raise ValueError(f"its imaging is {imaging!r:.200}: {error}") from error
 
 
-class _Embeds(Protocol):
-    def embedded(self, scene: Scene, bodies: Bodies, pose: int) -> Floats32: ...
-
-
-def taking_turns(hypotheses: _Embeds, scene: Scene) -> Floats32:
-    """Embedded hypotheses of each shape of a scene that take turns in its poses, ``(K, N, D)``."""
-    bodies, num_poses = scene.hypotheses(num_hypotheses(scene)), len(scene.poses)
+def taking_turns(hypotheses: Hypotheses, scene: Scene, number: int) -> Floats32:
+    """Embedded hypotheses of each shape of a scene, N = ``number``, that take turns in its poses, ``(K, N, D)``."""
+    bodies, num_poses = scene.hypotheses(number), len(scene.poses)
     parts = [hypotheses.embedded(scene, bodies, pose)[:, pose::num_poses] for pose in range(num_poses)]
     return np.concatenate(parts, axis=1)
 
@@ -206,16 +222,21 @@ def mean_ratios(embeddings: Floats32, hypotheses: Floats32) -> NDArray[np.float6
     return found - np.log(number)
 
 
-def num_hypotheses(scene: Scene) -> int:
+def num_hypotheses(scene: Scene, places: int = 1) -> int:
     """How many hypotheses of each shape a model of new objects has: a power of two.
+
+    Args:
+        scene: with the objects.
+        places: in the palm of the scene's hand in which each is embedded.
 
     >>> from activetouch import SCENES
     >>> [num_hypotheses(SCENES[name].scene) for name in ("gel", "many", "keyed")]
     [4096, 4096, 1024]
     """
     fingers = 1 if scene.hand is None else len(scene.hand)
-    fitting = CONTACTS_IN_ALL / (len(scene.shapes) * len(scene.poses) * fingers)
-    return int(2 ** np.floor(np.log2(np.clip(fitting, FEWEST, MOST))))
+    fitting = CONTACTS_IN_ALL / (len(scene.shapes) * len(scene.poses) * fingers * places)
+    fewest = FEWEST if places == 1 else FEWEST // 2
+    return int(2 ** np.floor(np.log2(np.clip(fitting, fewest, MOST))))
 
 
 def cell_of(num_hypotheses: int) -> float:

@@ -6,8 +6,10 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+from gymnasium.wrappers import vector as wrappers
 
-from activetouch.envs import IDS, MOST_STEPS
+from activetouch.envs import BANK_ID, IDS, MOST_STEPS
 from activetouch.envs.base import STATES, BadOption
 from activetouch.envs.batched_episodes import BankEpisodes
 from activetouch.envs.touch_bank import TouchBank
@@ -74,3 +76,50 @@ def test_a_bank_refuses_settings_that_a_live_environment_refuses(setting, sample
 def test_episodes_of_a_bank_refuse_what_the_shaping_wrapper_refuses(setting):
     with pytest.raises(BadOption, match=next(iter(setting))):
         BankEpisodes.shipped(**{"scene": "paper", "target": "cone", "num_envs": 2} | setting)
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+def test_many_tests_on_recorded_touches_restart_as_they_are_asked_to(mode):
+    envs = gymnasium.make_vec(BANK_ID, num_envs=8, state="posterior", touch_limit=3, autoreset_mode=mode)
+    alone, rng = BankEpisodes.shipped("paper", "cone", 8, state="posterior", touch_limit=3), np.random.default_rng(0)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        envs.step(np.zeros(8, int))
+    observations, _ = envs.reset(seed=5)
+    assert observations in envs.observation_space
+    alone.reset(np.arange(8), gymnasium.utils.seeding.np_random(5)[0])
+    np.testing.assert_array_equal(observations, alone.observe())
+    was_over, ends, chance = np.zeros(8, bool), set(), envs.unwrapped.np_random
+    for _ in range(40):
+        actions, before = rng.integers(8, size=8), observations
+        observations, rewards, terminated, truncated, infos = envs.step(actions)
+        assert not (rewards[was_over].any())
+        assert not (terminated[was_over].any())
+        assert not (infos["is_success"][was_over].any())
+        is_new = was_over if mode is AutoresetMode.NEXT_STEP else terminated | truncated
+        assert (observations[is_new, -1] == 0.0).all()  # no touch
+        np.testing.assert_array_equal(terminated, (actions >= 6) & ~was_over)
+        if mode is AutoresetMode.SAME_STEP and is_new.any():
+            final = np.stack(infos["final_obs"][is_new])
+            np.testing.assert_array_equal(final[:, -1] > before[is_new, -1], np.zeros(is_new.sum()))
+            assert infos["final_info"]["num_touches"][is_new] * 1.0 == pytest.approx(3 * final[:, -1])
+        ends |= set(zip(terminated.tolist(), truncated.tolist(), strict=True))
+        was_over = (terminated | truncated) & (mode is AutoresetMode.NEXT_STEP)
+    assert ends == {(False, False), (True, False), (False, True)}
+    assert chance is envs.unwrapped.np_random
+    with pytest.raises(BadOption, match="NEXT_STEP or SAME_STEP"):
+        gymnasium.make_vec(BANK_ID, autoreset_mode=AutoresetMode.DISABLED)
+
+
+def test_the_wrappers_of_gymnasium_take_the_vector_environment():
+    envs = gymnasium.make_vec(BANK_ID, num_envs=16, target="cube")
+    for wrap in (
+        wrappers.RecordEpisodeStatistics,
+        wrappers.NormalizeObservation,
+        wrappers.NormalizeReward,
+        wrappers.FlattenObservation,
+        wrappers.DictInfoToList,
+    ):
+        envs = wrap(envs)
+    envs.reset(seed=0)
+    returns = [info["episode"]["r"] for _ in range(30) for info in envs.step(np.full(16, 6))[4] if "episode" in info]
+    assert set(np.round(returns, 6)) == {-1.0, 1.0}

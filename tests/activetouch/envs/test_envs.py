@@ -19,7 +19,7 @@ from activetouch.envs.base import BadAction, BadOption
 from activetouch.envs.object_search import ObjectSearchEnv
 from activetouch.envs.object_test import ObjectTestEnv
 from activetouch.envs.touch_source import LiveTouches, SampledTouches
-from activetouch.envs.wrappers import BeliefShaping, NoImage, RawImage
+from activetouch.envs.wrappers import NoImage, RawImage
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.poses import aimed
 from belief import Confirm, Probe, Reject, SceneBelief, Unsure
@@ -36,7 +36,6 @@ KINDS = {
     "posterior": lambda env_of: env_of("posterior"),
     "gains": lambda env_of: env_of("gains"),
     "image": lambda env_of: RawImage(env_of("paper")),
-    "shaped": lambda env_of: BeliefShaping(RawImage(env_of("paper")), beta=0.1, discount=0.99),
 }
 every_id = pytest.mark.parametrize("name", [name for name in IDS if "Goal" not in name])
 
@@ -51,17 +50,13 @@ def sampled(model):
     return SampledTouches(model, ("p0", "p1", "p2"))
 
 
-def shaped(env):
-    return BeliefShaping(env, beta=0.1, discount=0.99)
-
-
 def test_an_image_in_place_of_another_replaced_observation_is_refused(coarse):
     for env in (
         ObjectTestEnv(touches=coarse, state="posterior"),
         FlattenObservation(RawImage(ObjectTestEnv(touches=coarse))),
     ):
         with pytest.raises(NoImage, match="inside of other wrappers"):
-            RawImage(shaped(env))
+            RawImage(env)
     wrapped = RawImage(gymnasium.wrappers.RecordEpisodeStatistics(ObjectTestEnv(touches=coarse)))
     assert wrapped.reset(seed=0)[0] in wrapped.observation_space
 
@@ -263,18 +258,6 @@ def test_observations_say_what_they_are_documented_to(sampled):
     np.testing.assert_allclose(posterior[4:], [np.tanh(np.log(odds) / 4), 0, 0, 2 / 3, 2 / 12], atol=1e-6)
 
 
-def test_shaping_sums_to_nothing_but_a_constant(sampled):
-    # With γ = 1 the potentials cancel: an episode that ends in a decision pays -β Φ(start) on top, whatever was done.
-    env = BeliefShaping(ObjectTestEnv(touches=sampled, target="shape_0", target_prob=0.2), beta=0.5, discount=1.0)
-    for seed in range(20):
-        env.reset(seed=seed)
-        shaped = plain = 0.0
-        for action in [*([seed % 3] * (seed % 7)), 3]:
-            _, reward, _, _, info = env.step(action)
-            shaped, plain = shaped + reward, plain + info["reward"]
-        assert shaped - plain == pytest.approx(-0.5 * np.tanh(np.log(4.0) / 4))
-
-
 def test_a_frame_shows_touch_and_belief(coarse):
     env = ObjectTestEnv(touches=coarse, render_mode="rgb_array")
     env.reset(seed=0)
@@ -340,13 +323,11 @@ def test_what_cannot_be_is_refused_by_name(sampled):
     with pytest.raises(NoImage, match="SampledTouches"):
         RawImage(ObjectTestEnv(touches=sampled, target="shape_0"))
     with pytest.raises(TypeError, match="this wrapper"):
-        shaped(gymnasium.make("CartPole-v1"))
+        RawImage(gymnasium.make("CartPole-v1"))
     with pytest.raises(NoGains, match="independent touches"):
         ObjectTestEnv(touches=sampled, target="shape_0", state="gains")
     with pytest.raises(UnknownName, match="posterior"):
         ObjectTestEnv(touches=sampled, target="shape_0", state="posteriour")
-    with pytest.raises(ValueError, match="beta"):
-        BeliefShaping(ObjectTestEnv(touches=sampled, target="shape_0"), np.nan, 1.0)
     env = ObjectTestEnv(touches=sampled, target="shape_0", render_mode="rgb_array")
     for asked in (lambda: env.step(0), env.render, lambda: env.belief):
         with pytest.raises(gymnasium.error.ResetNeeded, match="call reset"):

@@ -6,13 +6,12 @@ from scipy import stats
 from scipy.special import log_softmax
 
 from activetouch import TactileSensor
+from activetouch.envs.bank_evidence import WeighedTouches
 from activetouch.envs.base import BadOption
 from activetouch.envs.batched_episodes import BankEpisodes
-from activetouch.envs.joint_evidence import WeighedTouches
 from activetouch.envs.object_test import ObjectTestEnv
 from activetouch.envs.touch_bank import TouchBank
 from activetouch.envs.touch_source import LiveTouches, SampledTouches
-from activetouch.envs.wrappers import BeliefShaping
 from activetouch.errors import LabelMismatch
 from belief import Touch
 from belief.calibration import TemperatureScaling
@@ -20,7 +19,7 @@ from belief.errors import CorruptFile, UnknownName
 from belief.files import sealed_json, unsealed_json
 from belief.observation_model import RatioModel
 from belief.observation_model.registry import fits
-from belief.policy_state import NoGains
+from belief.policy_state import NoGains, certainty
 
 POSES = ("p0", "p1", "p2")
 
@@ -55,11 +54,32 @@ def recorded(env, num_objects, num_rounds):
     return TouchBank(np.array(logits, np.float32).reshape(by_round), np.array(shapes), *labels, read)
 
 
+def potential(env):
+    """Φ of the shaping reward."""
+    return float(abs(certainty(env.belief.log_probs, env.target)))
+
+
+def test_shaping_sums_to_nothing_but_a_constant(model, bank):
+    # With γ = 1 the potentials cancel: an episode that ends in a decision pays -β Φ(start) on top, whatever was done.
+    rewards = []
+    for beta in (0.0, 0.5):
+        episodes = BankEpisodes(bank, model, "shape_0", 60, target_prob=0.2, beta=beta)
+        episodes.begin(np.arange(60), np.arange(60))
+        actions = [np.where(np.arange(60) % 7 > turn, np.arange(60) % 3, 3) for turn in range(7)]
+        rewards.append(np.zeros(60))
+        running = np.ones(60, bool)
+        for some in actions:
+            result = episodes.step(some)
+            rewards[-1] += np.where(running, result.reward, 0.0)
+            running &= ~result.terminated
+    np.testing.assert_allclose(rewards[1] - rewards[0], -0.5 * np.tanh(np.log(4.0) / 4))
+
+
 def assert_same_episodes(env, target, bank, model, state, **settings):
     """The same actions in the environment, live, and on its own recording: states, rewards and ends agree."""
     episodes = BankEpisodes(bank, model, target, 1, state, **settings)
     rng, num_poses = np.random.default_rng(5), episodes.num_poses
-    ends = set()
+    ends, (beta, discount) = set(), (settings.get(name, 0.0) for name in ("beta", "discount"))
     for index in range(bank.num_objects):
         live, info = env.reset(options={"seed": (index, 7)})
         episodes.begin(np.array([0]), np.array([index]), target_probs=info["target_prob"])
@@ -68,7 +88,9 @@ def assert_same_episodes(env, target, bank, model, state, **settings):
             np.testing.assert_allclose(episodes.observe()[0], live, atol=2e-5)
             np.testing.assert_array_equal(episodes.action_masks()[0], env.unwrapped.action_masks())
             action = num_poses + int(rng.integers(2)) if rng.random() < 0.07 else poses.pop()
+            before = potential(env)
             live, reward, terminated, truncated, info = env.step(action)
+            reward += beta * (discount * (0.0 if terminated else potential(env)) - before)
             result = episodes.step(np.array([action]))
             assert result.reward[0] == pytest.approx(reward, abs=1e-5)
             assert (result.terminated[0], result.truncated[0]) == (terminated, truncated)
@@ -95,7 +117,7 @@ def test_episodes_by_arrays_are_those_of_the_environment(state, kind, target_pro
     used = ratio if kind == "ratio" else model
     task = {"touches": SampledTouches(used, POSES), "target": "shape_0", "target_prob": target_prob}
     bank = recorded(ObjectTestEnv(**task, touch_limit=30), num_objects=60, num_rounds=10)
-    env = BeliefShaping(ObjectTestEnv(**task, state=state), beta=0.3, discount=0.9)
+    env = ObjectTestEnv(**task, state=state)
     ends = assert_same_episodes(env, "shape_0", bank, used, state, target_prob=target_prob, beta=0.3, discount=0.9)
     assert ends == {(3, True), (3, False), (4, True), (4, False), ("truncated", False)}
 
@@ -124,7 +146,7 @@ def test_the_gains_of_a_bank_are_those_of_the_environment(target, state, body):
 def test_touches_that_were_forgotten_are_weighed_again(body, monkeypatch):
     bank = recorded(ObjectTestEnv(touches=SampledTouches(body, POSES), target="shape_1", touch_limit=30), 20, 2)
     all_known = WeighedTouches(bank, body)
-    monkeypatch.setattr("activetouch.envs.joint_evidence.MOST_BYTES", 2 * all_known.untouched.nbytes)
+    monkeypatch.setattr("activetouch.envs.bank_evidence.MOST_BYTES", 2 * all_known.untouched.nbytes)
     few_known = WeighedTouches(bank, body)
     touches = np.arange(6), np.zeros((6, 2), int), np.tile([0, 1], (6, 1))
     for _ in range(2):

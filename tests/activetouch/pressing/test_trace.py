@@ -9,7 +9,7 @@ from activetouch.placement import Placement
 from activetouch.poses import random_orientation
 from activetouch.pressing.setup import Setup
 from activetouch.pressing.trace import COLUMNS, Phase, write_csv
-from experiments.press.cycles import record_cycles
+from experiments.press.touch import record_cycles
 
 pytestmark = pytest.mark.mujoco
 PAPER = SCENES["paper"].scene

@@ -205,7 +205,9 @@ def test_blocks_of_rows_add_up(rng):
     penalty, coefficients = rng.uniform(0.1, 1.0, size=(4, 3)), rng.normal(size=(4, 3))
     penalty[1, 2] = np.inf
     centre = np.where(np.isfinite(penalty), 0.0, coefficients)
-    value, gradient = SoftmaxRegression(features, labels, penalty, centre).value_and_gradient(coefficients)
+    value, gradient = SoftmaxRegression(features, labels, np.ones(len(labels)), penalty, centre).value_and_gradient(
+        coefficients
+    )
     log_probs = log_softmax((coefficients @ features).T, axis=1)
     free = np.isfinite(penalty)
     ridge = (penalty[free] * coefficients[free] ** 2).sum()

@@ -48,6 +48,24 @@ def test_fitting_leaves_the_object_alone_and_lowers_the_loss(name, rng):
 
 
 @every_calibration
+@pytest.mark.parametrize("separable", [False, True])
+def test_a_row_of_weight_two_counts_as_two_rows_and_one_of_weight_zero_not_at_all(name, rng, separable):
+    logits, labels = sample(rng)
+    labels = logits.argmax(axis=1) if separable else labels
+    counts = rng.integers(4, size=len(labels))
+    weighted = CALIBRATIONS[name]().fit(np.where(counts[:, None], logits, 1e300), labels, counts)
+    repeated = CALIBRATIONS[name]().fit(logits.repeat(counts, axis=0), labels.repeat(counts))
+    assert weighted.status == repeated.status
+    probs = [one.predict_log_proba(logits) for one in (weighted, repeated)]
+    np.testing.assert_allclose(*probs, rtol=1e-7, atol=1e-9)
+    plain, ones = (CALIBRATIONS[name]().fit(logits, labels, w).predict_log_proba(logits) for w in (None, np.ones(300)))
+    np.testing.assert_array_equal(plain, ones)
+    one = {name: CALIBRATIONS[name]()}
+    chosen = choose_calibration(logits, labels, np.arange(300), one, num_folds=2, weights=3.0 * np.ones(300))
+    assert np.isfinite(chosen.losses[name])
+
+
+@every_calibration
 @pytest.mark.parametrize("unit", [1e-300, 1.0, 1e4, 1e307])
 def test_the_gradient_of_the_objective_vanishes_at_the_fit(name, rng, unit):
     logits, labels = sample(rng)

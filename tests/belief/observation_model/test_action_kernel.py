@@ -17,7 +17,7 @@ from belief.observation_model.repeat_discount import effective_touches
 LABELS = ("mug", "ball", "can")
 
 
-def correlated(rng, num_objects=400, shared=1.0):
+def correlated(rng, num_objects=120, shared=1.0):
     """Touches of objects in three poses; poses 0 and 1 share an error, pose 2 has its own: log likelihood ratios."""
     truth = np.arange(num_objects) % 3
     common = shared * rng.normal(size=(num_objects, 3))
@@ -28,9 +28,9 @@ def correlated(rng, num_objects=400, shared=1.0):
     return touches, truth.repeat(3), np.arange(num_objects).repeat(3)
 
 
-@pytest.fixture
-def model(rng):
-    return ActionKernelModel.fit(*correlated(rng), shape_labels=LABELS)
+@pytest.fixture(scope="module")
+def model():
+    return ActionKernelModel.fit(*correlated(np.random.default_rng(0)), shape_labels=LABELS)
 
 
 def test_the_weights_of_one_pose_are_the_law_of_repeats():

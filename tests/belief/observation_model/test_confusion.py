@@ -24,10 +24,10 @@ def touches_from(table: np.ndarray, n: int, rng) -> tuple[list[Touch], np.ndarra
 
 def test_fitting_recovers_the_matrix_that_made_the_data(rng):
     truth = rng.dirichlet(np.ones(3) * 2, size=(2, 3))
-    touches, shapes = touches_from(truth, 30_000, rng)
+    touches, shapes = touches_from(truth, 6_000, rng)
     fitted = ConfusionModel.fit(touches, shapes, pooling=0.0)
-    # 5 000 touches per pose and shape: standard error at most .0071, six of them .043.
-    np.testing.assert_allclose(fitted.probs, truth, atol=0.043)
+    # 1 000 touches per pose and shape: standard error at most .016, six of them .095.
+    np.testing.assert_allclose(fitted.probs, truth, atol=0.095)
 
 
 def test_an_outcome_never_seen_is_unlikely_but_not_impossible():
@@ -67,37 +67,19 @@ def test_bad_calibration_data_raise_and_say_why(touches, shapes, options, messag
         ConfusionModel.fit(touches, np.array(shapes, int), **options)
 
 
-@pytest.mark.parametrize("edges", [(0.9, 0.5), (0.2,), (1.0,)])
-def test_confidence_edges_that_do_not_rise_are_refused(edges):
-    with pytest.raises(ValueError, match="must rise"):
-        ConfusionModel(
-            ("a", "b"), np.full((1, 2, 2 * len(edges) + 2), 1 / (2 * len(edges) + 2)), TemperatureScaling(), edges
-        )
-
-
 @pytest.mark.parametrize("labels", [("a",), ()])
 def test_a_model_of_one_shape_is_refused(labels):
     with pytest.raises(ValueError, match="at least two shapes"):
         ConfusionModel(labels, np.ones((1, 1, 1)), TemperatureScaling())
 
 
-@pytest.mark.parametrize("edges", [(), (0.5, 0.8)])
 @pytest.mark.parametrize("calibration", [TemperatureScaling(2.5, "ok"), TemperatureScaling(1e-6, "separable", 0.01)])
-def test_samples_have_the_outcome_frequencies_of_the_table(edges, calibration, rng):
+def test_samples_have_the_outcome_frequencies_of_the_table(calibration, rng):
     # Pearson's chi-square on 4 000 samples; a right model fails with probability 1e-4, the seed is fixed.
-    table = rng.dirichlet(np.ones(3 * len(edges) + 3), size=(2, 3))
-    model = ConfusionModel(LABELS, table, calibration, edges)
-    observed = np.bincount(
-        model.outcomes_of(np.array([touch.logits for touch in model.sample(1, [1] * 4000, rng)])),
-        minlength=table.shape[2],
-    )
+    table = rng.dirichlet(np.ones(3), size=(2, 3))
+    touches = ConfusionModel(LABELS, table, calibration).sample(1, [1] * 4000, rng)
+    observed = np.bincount([touch.logits.argmax() for touch in touches], minlength=3)
     assert stats.chisquare(observed, table[1, 1] * 4000).pvalue > 1e-4
-
-
-def test_an_outcome_is_bin_times_k_plus_the_predicted_shape():
-    model = ConfusionModel(LABELS, np.full((1, 3, 6), 1 / 6), TemperatureScaling(2.0, "ok"), (0.7,))
-    logits = 2.0 * np.log([[0.2, 0.6, 0.2], [0.1, 0.1, 0.8], [0.71, 0.19, 0.1], [0.69, 0.2, 0.11]])
-    assert model.outcomes_of(np.array(logits)).tolist() == [1, 5, 3, 0]
 
 
 def test_a_million_touches_of_one_object_are_summed_to_rounding(rng):

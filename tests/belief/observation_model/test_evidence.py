@@ -47,8 +47,8 @@ def test_touch_by_touch_is_as_all_at_once(any_model, rng):
     assert not evidence.log_likelihood.flags.writeable
 
 
-def test_hundreds_of_touches_add_up_to_the_same(any_model, rng):
-    touches = any_model.sample(1, rng.integers(2, size=600), rng)
+def test_very_many_touches_add_up_to_the_same(any_model, rng):
+    touches = any_model.sample(1, rng.integers(2, size=150), rng)
     found = any_model.log_likelihood(touches)
     np.testing.assert_allclose(fold(any_model, touches).log_likelihood, found, rtol=1e-9, atol=1e-9)
 
@@ -69,8 +69,8 @@ def numbers_held(part):
     return sum(map(numbers_held, part)) if isinstance(part, tuple) else 1
 
 
-def test_evidence_of_a_thousand_touches_is_as_large_as_that_of_ten(any_model, rng):
-    few, many = (fold(any_model, any_model.sample(0, [0, 1] * n, rng)) for n in (5, 500))
+def test_evidence_of_a_hundred_touches_is_as_large_as_that_of_ten(any_model, rng):
+    few, many = (fold(any_model, any_model.sample(0, [0, 1] * n, rng)) for n in (5, 50))
     assert isinstance(many, SummarisedEvidence)
     assert numbers_held(few.statistics) == numbers_held(many.statistics)
 

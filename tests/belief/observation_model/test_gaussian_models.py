@@ -10,8 +10,8 @@ from belief import Touch
 from belief.observation_model import GaussianModel, PLDAModel
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.logit_embedding import LogitEmbedding
+from belief.observation_model.plda import Components, covariance, estimate_components
 from belief.observation_model.selection import log_posteriors
-from belief.observation_model.variance_components import Components, covariance, estimate_components
 from belief.touch_batch import TouchBatch
 
 LABELS = ("ball", "cube", "cone")
@@ -85,13 +85,6 @@ def test_objects_touched_in_different_patterns_are_told_apart_in_one_batch(poses
     np.testing.assert_allclose(without_constant(found), without_constant(expected), rtol=1e-6, atol=1e-8)
 
 
-def test_with_nothing_shared_it_is_the_gaussian_model(rng):
-    model = random_plda(rng, scales=(0.0, 0.0, 0.6))
-    gaussian = GaussianModel(LABELS, WIDE, model.means, model.components.of_touch)
-    batch = TouchBatch(rng.integers(3, size=(20, 7)), rng.normal(size=(20, 7, 3)))
-    np.testing.assert_allclose(model.log_likelihood_batch(batch), gaussian.log_likelihood_batch(batch), rtol=1e-10)
-
-
 def test_samples_have_the_covariances_of_the_model(rng):
     # 40 000 objects: entries of a covariance of size 2 have a standard error of at most .02.
     model = random_plda(rng)
@@ -116,37 +109,35 @@ def fitted_parts(model):
 
 
 def test_fitting_recovers_what_made_the_data(rng):
-    # 2 000 objects, two poses, three touches each. Standard errors of a variance: of B (.2 + .5/2 + .5/6) √(2/2000)
-    # = .017, of V (.5 + .5/3) √(2/2000) = .021, of W .5 √(2/8000) = .008; four of each.
+    # 800 objects, two poses, three touches each. Standard errors of a variance: of B (.2 + .5/2 + .5/6) √(2/800)
+    # = .027, of V (.5 + .5/3) √(2/800) = .033, of W .5 √(2/3200) = .0125; four of each.
     parts = [variance * np.array([[1.0, rho], [rho, 1.0]]) for variance, rho in ((0.2, 0.5), (0.5, -0.3), (0.5, 0))]
     source = PLDAModel(LABELS, WIDE, rng.normal(size=(2, 3, 2)), Components(*parts))
-    found = PLDAModel.fit(*collected(source, rng, 2000, [0, 1] * 3))
+    found = PLDAModel.fit(*collected(source, rng, 800, [0, 1] * 3))
     assert found.status == "ok"
-    for estimate, truth, tolerance in zip(fitted_parts(found), parts, (0.07, 0.085, 0.032), strict=True):
+    for estimate, truth, tolerance in zip(fitted_parts(found), parts, (0.11, 0.135, 0.05), strict=True):
         np.testing.assert_allclose(estimate, truth, atol=tolerance)
-    np.testing.assert_allclose(found.means * found.embedding.unit, source.means, atol=0.15)
+    np.testing.assert_allclose(found.means * found.embedding.unit, source.means, atol=0.24)
 
 
-@pytest.mark.parametrize(("poses", "has_repeats"), [([0, 0, 1, 2, 2, 2], True), ([0, 1, 2], False)])
-def test_expectation_maximisation_never_lowers_the_likelihood(poses, has_repeats, rng):
+@pytest.mark.parametrize("poses", [[0, 0, 1, 2, 2, 2], [0, 1, 2], [0, 0, 0]])
+def test_components_are_those_of_unbalanced_collections_on_average(poses, rng):
+    # 3 000 objects, every other of which has one touch less: a standard error of each moment of at most .04.
     source = random_plda(rng)
-    data = LabelledTouches.of(*collected(source, rng, 36, poses))
-    rest = rng.normal(size=(36, 1, 2)).repeat(len(poses), axis=1).reshape(-1, 2) + 0.5 * rng.normal(
-        size=(36 * len(poses), 2)
-    )
-    likelihoods = []
-    for rounds in (0, 1, 2, 3, 5, 10, 30, 100):
-        parts = estimate_components(rest, data, has_repeats=has_repeats, num_rounds=rounds)
-        model = PLDAModel(LABELS, WIDE, np.zeros((3, 3, 2)), parts)
-        of_objects = rest.reshape(36, -1)
-        total = 0.0
-        for k in range(3):
-            density = multivariate_normal(np.zeros(of_objects.shape[1]), dense_covariance(model, np.array(poses)))
-            total += density.logpdf(of_objects[k::3]).sum()
-        likelihoods.append(total)
-    # The floor under W, a millionth of the variance, is added in every round.
-    assert (np.diff(likelihoods) > -1e-2).all()
-    assert likelihoods[-1] > likelihoods[0] + 1.0
+    rows, ids = np.tile(poses, 3000), np.arange(3000).repeat(len(poses))
+    batch = source.sample_batch(0, np.tile(poses, (3000, 1)), rng)
+    rest = (source.embedding(batch) - source.means[batch.poses, 0]).reshape(len(ids), -1)
+    kept = (np.arange(len(ids)) % len(poses) > 0) | (ids % 2 == 0)
+    touches = [Touch(int(pose), np.zeros(3)) for pose in rows[kept]]
+    found = estimate_components(rest[kept], LabelledTouches.of(touches, np.zeros(kept.sum(), int), ids[kept]))
+    expected = source.components
+    if len(set(poses)) == 1:  # of the object or of the object in its only pose
+        np.testing.assert_allclose(found[0] + found[1], expected[0] + expected[1], atol=0.2)
+    elif len(poses) == 3:  # no repeats
+        np.testing.assert_allclose(found[1] + found[2], expected[1] + expected[2], atol=0.2)
+    else:
+        for estimate, truth in zip(found, expected, strict=True):
+            np.testing.assert_allclose(estimate, truth, atol=0.2)
 
 
 def test_without_repeats_half_of_what_a_pose_does_not_share_is_taken_to_repeat(rng):
@@ -176,12 +167,12 @@ def stops(model, batch, shapes, threshold=0.95):
     return claimed, right
 
 
-@pytest.mark.parametrize("correlation", [0.3, 0.6, 0.9])
+@pytest.mark.parametrize("correlation", [0.3, 0.9])
 def test_where_touches_repeat_it_claims_what_it_keeps_and_naive_bayes_claims_more(correlation, rng):
     parts = (variance * np.eye(2) for variance in (0.0, correlation, 1.0 - correlation))
     means = np.stack([1.6 * WIDE(TouchBatch(np.zeros((1, 3), int), np.eye(3)[None]))[0]] * 2)
     source = PLDAModel(LABELS, WIDE, means, Components(*parts))
-    data = collected(source, rng, 600, [0, 1] * 5)
+    data = collected(source, rng, 300, [0, 1] * 5)
     careful, naive = PLDAModel.fit(*data), GaussianModel.fit(*data)
     num = 3000
     batches = [source.sample_batch(k, np.zeros((num, 12), int), rng) for k in range(3)]
@@ -242,13 +233,14 @@ def test_what_cannot_be_is_refused(change, message, rng):
 
 
 def test_fitting_the_gaussian_model_recovers_what_made_the_data(rng):
-    # 30 000 touches, 10 000 of each shape: standard errors below .03 for means and .06 for covariances of size 3.
-    source = GaussianModel(LABELS, WIDE, rng.normal(size=(2, 3, 2)), np.array([[2.0, 0.5], [0.5, 1.0]]))
-    touches, shapes, _ = collected(source, rng, 15_000, [0, 1])
+    # 6 000 touches, 2 000 of each shape: standard errors below .05 for means of two poses and .04 for the covariance.
+    nothing, own = np.zeros((2, 2)), np.array([[2.0, 0.5], [0.5, 1.0]])
+    source = GaussianModel(LABELS, WIDE, rng.normal(size=(2, 3, 2)), Components(nothing, nothing, own))
+    touches, shapes, _ = collected(source, rng, 3_000, [0, 1])
     found = GaussianModel.fit(touches, shapes)
     unit = found.embedding.unit
-    np.testing.assert_allclose(found.means * unit, source.means, atol=0.12)
-    np.testing.assert_allclose(found.covariance * unit**2, source.covariance, atol=0.25)
+    np.testing.assert_allclose(found.means * unit, source.means, atol=0.2)
+    np.testing.assert_allclose(found.components.of_touch * unit**2, own, atol=0.25)
 
 
 def test_a_pose_or_shape_never_seen_gets_what_is_common(rng):

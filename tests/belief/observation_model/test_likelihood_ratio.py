@@ -113,7 +113,7 @@ def test_the_discount_is_fitted_to_objects_the_calibration_has_not_seen(rng):
     class Counting(TemperatureScaling):
         seen: list = []  # noqa: RUF012
 
-        def fit_logits(self, logits, labels):
+        def fit_logits(self, logits, labels, weights=None):
             self.seen.append(len(logits))
             return super().fit_logits(logits, labels)
 

@@ -1,7 +1,5 @@
 """Tables of outcomes: what is refused, what they tell, and how they are merged."""
 
-import itertools
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -66,40 +64,3 @@ def test_information_is_that_of_the_joint_distribution(table, seed):
         independent = joint.sum(axis=1, keepdims=True) * joint.sum(axis=2, keepdims=True)
         ratio = np.divide(joint, independent, out=np.ones_like(joint), where=joint > 0.0)
         np.testing.assert_allclose(table.information(asked), (joint * np.log(ratio)).sum(axis=(1, 2)), atol=1e-12)
-
-
-@given(tables(), st.integers(1, 5))
-def test_merged_tables_tell_less_and_have_as_many_outcomes_as_asked_for(table, num_outcomes):
-    merged = table.merged(num_outcomes)
-    assert merged.num_outcomes == min(num_outcomes, table.num_outcomes)
-    assert (merged.information() <= table.information() + 1e-12).all()
-    np.testing.assert_allclose(merged.probs.sum(axis=2), 1.0, rtol=1e-12)
-    if table.num_outcomes <= num_outcomes:
-        assert merged is table
-
-
-@given(tables())
-def test_the_best_pair_of_all_is_merged(table):
-    if table.num_outcomes < 2:
-        return
-    best = -np.inf
-    for one, other in itertools.combinations(range(table.num_outcomes), 2):
-        probs = np.delete(table.probs, other, axis=2)
-        probs[..., one] += table.probs[..., other]
-        best = max(best, OutcomeTable(probs).information().mean())
-    found = table.merged(table.num_outcomes - 1).information().mean()
-    assert found == pytest.approx(best, abs=1e-12)
-
-
-def test_outcomes_of_equal_meaning_are_merged_at_no_loss():
-    # The first and the third outcome both say 3 : 1, the second and the fourth 1 : 1.
-    table = OutcomeTable([[[0.45, 0.3, 0.15, 0.1], [0.15, 0.6, 0.05, 0.2]]])
-    merged = table.merged(2)
-    np.testing.assert_allclose(merged.information(), table.information(), rtol=1e-12)
-    assert sorted(merged.probs[0, 0].round(12)) == [0.4, 0.6]
-
-
-@pytest.mark.parametrize("number", [0, -1])
-def test_a_table_without_outcomes_is_refused(number):
-    with pytest.raises(ValueError, match=r"num_outcomes must be .* at least 1"):
-        OutcomeTable(np.full((1, 2, 2), 0.5)).merged(number)

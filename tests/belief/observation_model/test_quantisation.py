@@ -24,14 +24,14 @@ def test_every_posterior_goes_to_the_centroid_of_least_divergence(rng):
 
 
 def test_few_touches_are_clustered_nearly_as_well_as_can_be(rng):
-    # All ways to put eight touches into three clusters, by the information that is kept.
-    some = log_posteriors(rng, n=8)
+    # All ways to put six touches into three clusters, by the information that is kept.
+    some = log_posteriors(rng, n=6)
     shares = np.exp(some) / np.exp(some).sum(axis=0)
 
     def kept(assigned):
         return OutcomeTable((shares.T @ np.eye(3)[list(assigned)])[None]).information()[0]
 
-    best = max(kept(assigned) for assigned in itertools.product(range(3), repeat=8))
+    best = max(kept(assigned) for assigned in itertools.product(range(3), repeat=6))
     found = max(kept(nearest(some, cluster(some, 3, np.random.default_rng(seed)))) for seed in range(5))
     assert 0.98 * best < found <= best + 1e-12
 

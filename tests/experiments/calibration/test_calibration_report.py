@@ -12,15 +12,15 @@ import pytest
 
 from activetouch.data.dataset import CollectionPlan, TouchSet
 from belief.calibration import TemperatureScaling
-from belief.metrics import CalibrationError, StopScore, calibration_at_stop
+from belief.metrics import StopScore
+from belief.metrics.calibration_at_stop import stops
 from belief.observation_model import RatioModel
 from belief.touch_batch import TouchBatch
 from experiments.calibration import calibration_report
 from experiments.calibration.calibration_report import CalibrationReport, NoRepeats
-from experiments.calibration.models import Fused, ModelScores, StopScores, score_model
+from experiments.calibration.models import ModelScores, score_model
 from experiments.calibration.report import Measurements
-from experiments.calibration.sequences import KINDS, Rounds, stops
-from experiments.calibration.targets import judge_model, judge_touches, verdict
+from experiments.calibration.sequences import KINDS, Rounds
 from experiments.calibration.touches import CALIBRATION_FITS, RAW, score_touches
 from experiments.scene_choice import SceneChoice
 from experiments.sensor.collect import collect
@@ -113,58 +113,6 @@ def test_a_search_stops_at_the_first_touch_that_is_sure_enough():
     assert len(stops(np.log(probs[1:2]), np.array([0]), 0.95).sequences) == 0
 
 
-def fused(ece, num_touches=1):
-    return Fused(num_touches, 0.9, 0.2, CalibrationError(ece, 0.005))
-
-
-def stopped(claims, correct, num_touches):
-    return StopScores(10_000, calibration_at_stop(claims, correct, num_touches), (float(np.mean(correct)), 0.9, 1.0))
-
-
-def scores(name, loss, ece, found):
-    return ModelScores(name, loss, {"one pose": [fused(0.001), fused(ece, 2)]}, {"one pose": found})
-
-
-def test_targets_hold_up_to_their_limits_and_say_by_how_much_they_are_missed():
-    right = np.arange(4000) % 100 < 98
-    good = scores("good", 0.1, 0.0199, stopped(np.full(4000, 0.97), right, np.arange(4000) % 2 + 1))
-    assert [check.holds for check in judge_model(good, 0.95)["one pose"]] == [True] * 3
-    wrong = np.arange(4000) % 100 < 93
-    bad = scores("bad", 0.2, 0.031, stopped(np.full(4000, 0.97), wrong, np.ones(4000, int)))
-    error, share, gap = judge_model(bad, 0.95)["one pose"]
-    assert error.missed_by == pytest.approx(0.011)
-    assert "after 2 touches" in error.detail
-    assert share.missed_by == pytest.approx(0.95 - calibration_at_stop([1.0] * 4000, wrong, [1] * 4000).overall.low)
-    assert gap.missed_by == pytest.approx(0.02)
-    assert "outside" in gap.detail
-
-
-def test_few_stops_are_not_judged_and_none_are_no_error():
-    few = scores("few", 0.1, 0.01, stopped(np.full(150, 0.97), np.ones(150, bool), np.ones(150, int)))
-    _, share, gap = judge_model(few, 0.95)["one pose"]
-    assert (share.missed_by, gap.missed_by, share.holds) == (None, None, False)
-    assert "150 stops" in share.detail
-    none = replace(few, stops={"one pose": StopScores(10, None, None)})
-    assert all(check.missed_by is None for check in judge_model(none, 0.95)["one pose"][1:])
-
-
-def test_the_verdict_names_what_is_missed_and_counts_only_what_was_judged():
-    right = np.arange(4000) % 100 < 93
-    bad = judge_model(scores("bad", 0.2, 0.031, stopped(np.full(4000, 0.97), right, np.ones(4000, int))), 0.95)
-    good = judge_model(
-        scores("good", 0.1, 0.01, stopped(np.full(150, 0.97), np.ones(150, bool), np.ones(150, int))), 0.95
-    )
-    touch = bad["one pose"][0]
-    text = verdict(replace(touch, missed_by=-0.01), good, "temperature", "good")
-    assert "temperature" in text
-    assert "misses" not in text
-    assert "1 of 1 targets (2 more" in text
-    text = verdict(touch, bad, "temperature", "bad")
-    assert "misses its target by 0.011" in text
-    assert "0 of 3 targets" in text
-    assert "Missed by 0.020 on one pose" in text
-
-
 def world(rng, num_objects, num_rounds, shared=1.0, scale=1.0):
     """Logits that are log-likelihood ratios of Gaussian touches, of which a part repeats in a pose."""
     shapes = np.arange(num_objects) % K
@@ -178,7 +126,6 @@ def test_raw_overconfidence_shows_and_calibration_takes_it_away(rng):
     known, test = (world(rng, 400, 2, 0.0, scale=3.0).singles() for _ in range(2))
     raw, calibrated = (score_touches(name, known, test, rng, 50) for name in (RAW, "temperature"))
     assert raw.cross_validated_nll is None
-    assert not judge_touches(raw).holds
     assert raw.report.ece_width.value > 0.05 > 3 * calibrated.classwise[0]
 
 
@@ -232,6 +179,9 @@ def test_the_report_of_a_joint_sensor_has_its_model_and_stands_alone(collection,
     assert {path.name for path in tmp_path.iterdir()} >= {"report.html", "numbers.json", "tables.md"} | pictures
     assert not re.search(r"(src|href)=\"(?!#)|@import|<link|<script[^>]*src|url\((?!#)", page)
     assert numbers["num_objects"] == {"calibration": 16, "test": 12}
+    error = numbers["models"][0]["fused"]["one pose"][0]["ece"]["value"]
+    assert f"({error:.4f}"[1:] in page
+    assert "the largest error after any number of touches is: distinct poses" in page
 
 
 @pytest.mark.mujoco

@@ -17,7 +17,6 @@ from experiments.search.replay import Replay
 from experiments.search.run_folder import RunFolder
 from experiments.search.setting import Setting
 from experiments.sensor.calibrate import scene_of
-from experiments.sensor.collect import Collect
 
 CODE = "open('it_ran', 'w').close()\nfrom activetouch.named_scenes import SCENES\nscene = SCENES['coarse']\n"
 
@@ -37,9 +36,6 @@ def folder(tmp_path, monkeypatch):
     (tmp_path / "own_code.py").write_text(CODE)
     choice = SceneChoice("own_code:scene")
     RunFolder(tmp_path).start({}, arguments(choice))
-    manifest = Manifest.of(SCENES["coarse"].scene, CollectionPlan(1, 1, 1), choice.to_dict())
-    shards = {f"{split}/00000.npz": "0" * 64 for split in ("train", "calibration", "test")}
-    replace(manifest, sha256=shards, redrawn=0).write(tmp_path)
     yield tmp_path
     sys.modules.pop("own_code", None)
 
@@ -52,12 +48,11 @@ def commands(folder, trust):
         "compare --merge": merging.run,
         "replay": Replay(folder, trust=trust).run,
         "compare": config.run,
-        "collect": Collect(from_manifest=folder, out=folder / "again", trust=trust).run,
         "calibrate": partial(scene_of, manifest, Trust(folder, everything=trust)),
     }
 
 
-@pytest.mark.parametrize("name", ["compare --merge", "replay", "compare", "collect", "calibrate"])
+@pytest.mark.parametrize("name", ["compare --merge", "replay", "compare", "calibrate"])
 def test_a_file_runs_no_code_unless_it_is_trusted(folder, name):
     with pytest.raises(FileNamesCode, match=r"names code: own_code:scene\..*add --trust"):
         commands(folder, trust=False)[name]()

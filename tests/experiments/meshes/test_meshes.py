@@ -145,7 +145,8 @@ def test_what_cannot_be_sought_is_refused(folder):
         MeshSetting.of({})
 
 
-def test_the_fixed_order_meets_each_direction_once_and_is_followed():
+def test_the_fixed_order_meets_each_direction_once_and_is_followed(monkeypatch):
+    monkeypatch.setattr("experiments.meshes.setting._AVERAGED_ORDER", 2)
     bodies = {"cube": box(0.012, 0.012, 0.012), "bar": box(0.024, 0.012, 0.012)}
     setting = MeshSetting.of(bodies, plan=PLAN, levels=(0,), pressed=4, jobs=1)
     order = setting.best_order

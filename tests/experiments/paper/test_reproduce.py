@@ -75,6 +75,7 @@ def test_windows_are_pressed_once_and_read_from_their_file_afterwards(tmp_path):
 def test_table_2_is_played_with_the_shipped_policies_and_every_file_is_written(tmp_path, monkeypatch):
     assert set(DECIDERS) == {"threshold", "ppo", "ppo_confident", "ppo_posterior", "point_based"}
     monkeypatch.setattr(table2, "DECIDERS", ("threshold", "ppo"))
+    monkeypatch.setattr("experiments.search.run.ORACLE_EPISODES", 1)
     few = table1.Settings(WindowPlan(objects=2, presses=1, images=3))
     found = reproduce(("table2", "figure2", "figure3"), tmp_path, few, episodes=1)
     found.save(tmp_path)

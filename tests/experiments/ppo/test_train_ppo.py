@@ -111,6 +111,15 @@ def test_a_training_leaves_global_chance_and_the_temporary_folder_alone(bank, sh
     assert list(temporary.iterdir()) == []
 
 
+def test_tensorboard_gets_a_log_of_each_training_where_it_is_asked_for(bank, sharp, tmp_path):
+    pytest.importorskip("tensorboard")
+    short = replace(TINY, steps=128)
+    train_policies(bank, bank, sharp, tmp_path, [short], ["shape_0", "shape_1"], 1, tensorboard=tmp_path / "logs")
+    found = sorted(path.parent.name for path in (tmp_path / "logs").glob("*/events.out.tfevents.*"))
+    assert found == ["paper-shape_0-0_1", "paper-shape_1-0_1"]
+    assert not list(tmp_path.glob("paper*/*events*"))
+
+
 def test_a_training_that_diverges_says_so_with_advice(bank, sharp, tmp_path):
     with pytest.raises(TrainingDiverged, match="outputs are not finite"):
         training(bank, sharp, tmp_path, replace(TINY, learning_rate=1e30)).run()

@@ -11,10 +11,9 @@ from activetouch.distributions import Constant, Uniform
 from activetouch.named_scenes import NamedScene
 from activetouch.orientations import Inexact, Resampled, Tumbled, Upright
 from activetouch.shapes import EXTENDED_SHAPES, Box, Cone, Sphere, Union
+from experiments.meshes.near_twins import NearTwins
 from experiments.press import explain
-from experiments.press.alike import Alike, Likeness
-from experiments.press.explain import Explain, alike_table, bearing_forces
-from experiments.press.inventory import inventory, latent
+from experiments.press.explain import Explain, bearing_forces, inventory, latent
 from experiments.scene_choice import SceneChoice
 
 COARSE = SCENES["coarse"]
@@ -88,29 +87,22 @@ def test_explain_describes_only_sensors_that_fit_the_scene(change, fits, capsys)
     assert ("No shipped sensor with a joint model" in text) != fits
     assert "A press takes" in text
     assert "layer bottoms out" in text
-    assert "feel most alike" not in text
+    assert "feel nearly alike" not in text
 
 
-def test_explain_prints_one_screen_on_parts_costs_and_shapes(monkeypatch, capsys):
-    known = Alike((), {label: (0.7 if label == "cone" else 1.0, 0.3) for label in COARSE.scene.shapes}, 6)
-    monkeypatch.setattr(explain, "alike", lambda scene, jobs: known)
+def test_explain_names_shapes_that_feel_nearly_alike(monkeypatch, capsys):
+    twins = [NearTwins("cube", "cone", 0.5)]
+    monkeypatch.setattr(explain, "near_twins", lambda setting: twins)
+    monkeypatch.setattr(explain.MeshSetting, "of", lambda solids, sensor, jobs: None)
     Explain(SceneChoice("coarse"), presses=1).run()
     printed = capsys.readouterr().out
     text = " ".join(printed.split())
-    for words in ("contact pair", "ms on one core", "feel most alike"):
+    for words in ("contact pair", "ms on one core", "cube and cone feel nearly alike: a touch tells 0.50 nats."):
         assert words in text
-    assert "No touch meets all of cone: aim" in text
     assert len(printed.splitlines()) < 45
-
-
-def test_the_table_of_alike_shapes_names_those_that_are_hardly_distinguished():
-    same = Likeness(("left", "right"), 0.5, (0.42, 0.5), 0.5, 0.49, (0.4, 0.5), 0.5, 0.0, 0.2)
-    other = Likeness(("left", "ball"), 0.01, (0.0, 0.05), 0.02, 0.0, (0.0, 0.04), 0.0, 1.0)
-    table = alike_table(Alike((other, same), {}, 6))
-    assert table.rows[0] == ("left", "right", (0.42, 0.5), (0.4, 0.5), 0.0, 0.2)
-    assert table.rows[1] == ("left", "ball", (0.0, 0.05), (0.0, 0.04), 1.0, None)
-    assert "Hardly distinguished: left and right; try --poses directions26" in table.note
-    assert "Hardly distinguished: none." in alike_table(Alike((other,), {}, 6)).note
+    twins.clear()
+    assert "No two shapes feel nearly alike" in explain._alike_words(COARSE.scene, "coarse", 1)[0]
+    assert "no sensor that reads any object" in explain._alike_words(COARSE.scene, "paper", 1)[0]
 
 
 def test_a_layer_bottoms_out_from_the_bearing_force_on(rng):

@@ -10,7 +10,7 @@ import pytest
 
 from activetouch import TactileSensor
 from activetouch.errors import BadRecording
-from activetouch.recorded import RecordedTouches, read_recorded
+from activetouch.recorded import RecordedTouches, read_recorded, reader
 from activetouch.recorded.reader import read
 from activetouch.recorded.splits import by_object
 from belief.errors import UnknownName
@@ -43,6 +43,12 @@ def own(tmp_path_factory):
     small = {"objects": 3, "scenes": 2, "rounds": 1, "deciders": deciders}
     Recorded(folder, "csv", out=folder / "run", save=folder / "sensor", **small).run()
     return folder / "run"
+
+
+@pytest.fixture
+def one_classifier(monkeypatch):
+    """Only one kind of classifier to choose from, which saves most of the time."""
+    monkeypatch.setattr(reader, "KINDS", dict(list(reader.KINDS.items())[1:2]))
 
 
 def test_a_csv_gives_a_comparison_of_deciders(own):
@@ -130,6 +136,7 @@ def test_touches_that_are_saved_by_being_wrong_are_not_saved():
 
 
 @pytest.mark.parametrize("is_easy", [False, True])
+@pytest.mark.usefixtures("one_classifier")
 def test_the_printed_verdict_says_how_many_objects_are_named_and_what_a_control_knows(is_easy, tmp_path, rng, capsys):
     lines = ["object,action,session,x,untouched:x"]
     for session in range(5):
@@ -153,6 +160,7 @@ def test_the_printed_verdict_says_how_many_objects_are_named_and_what_a_control_
         assert re.match("Few objects are named with probability 0.9 within 2 touches: information gain 0.", verdict[0])
 
 
+@pytest.mark.usefixtures("one_classifier")
 def test_objects_that_lack_an_action_are_left_out_if_asked(own, tmp_path, capsys):
     lines = (own.parent / "touches.csv").read_text().splitlines()
     kept = [line for line in lines if not line.startswith(("thing1,rub", "thing4,press"))]
@@ -174,6 +182,7 @@ def test_the_searches_are_recorded_as_episodes(own):
     assert sorted(episode.arrangement) == [0, 1, 2]
 
 
+@pytest.mark.usefixtures("one_classifier")
 def test_bts3_is_read_in_both_splits(tmp_path):
     small = {"scenes": 1, "rounds": 1, "max_touches": 2, "deciders": ("random_confirm",)}
     Recorded(BTS3, "bts3", out=tmp_path, **small).run()
@@ -183,6 +192,7 @@ def test_bts3_is_read_in_both_splits(tmp_path):
     assert 1 / 41 < accuracy["in order of recording", "all features"] < 0.36  # the order of recording matters
 
 
+@pytest.mark.usefixtures("one_classifier")
 def test_splits_without_searches_are_said(tmp_path, rng, capsys):
     lines = ["object,session,category,x"]
     for thing in range(9):
@@ -212,6 +222,7 @@ def test_a_decider_that_needs_a_sensor_is_refused_before_anything_is_read(tmp_pa
         Recorded(tmp_path / "nowhere", "csv", deciders=("best_order",), out=tmp_path).run()
 
 
+@pytest.mark.usefixtures("one_classifier")
 def test_categories_of_objects_with_few_sessions_have_no_control_by_random_sessions(tmp_path, rng):
     lines = ["object,session,category,f0,f1"]
     for session in range(2):

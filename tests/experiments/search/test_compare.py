@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
 
 from belief.errors import UnknownName
 from belief.files import sealed_json
@@ -15,6 +16,8 @@ from experiments.cli import main
 from experiments.command_line.trust import Trust
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import BadArgument, Compare
+from experiments.search.comparison import Comparison
+from experiments.search.export import Export
 from experiments.search.frames import replay
 from experiments.search.play import Seconds
 from experiments.search.replay import Replay
@@ -118,6 +121,27 @@ def test_the_report_is_one_file_that_needs_nothing_else(page):
     assert len(html) < 5_000_000
     ids = re.findall(r'<[^>]* id="([^"]+)"', html)
     assert len(ids) == len(set(ids))  # of both figures
+
+
+def test_a_paper_gets_figures_in_its_style_and_tables_from_the_folder_alone(finished, page, tmp_path):
+    folder, comparison = finished
+    found = Comparison.load(folder)
+    assert (str(found), found.rows(), found.verdict()) == (str(comparison), comparison.rows(), comparison.verdict())
+    style = tmp_path / "thesis.mplstyle"
+    style.write_text("figure.figsize: 2, 3\nsavefig.dpi: 50\n")
+    Export(folder=folder, out=tmp_path / "paper", style=str(style), format="svg").run()
+    for name in ("success", "frontier"):
+        assert "<svg" in (text := (tmp_path / "paper" / f"{name}.svg").read_text())
+        assert 'viewBox="0 0 144 216"' in text  # points
+    assert (tmp_path / "paper" / "table.tex").read_text() == comparison.to_latex() + "\n"
+    axes = Figure().subplots()
+    comparison.plot(axes, "frontier")
+    assert axes.get_xlabel() == "touches per search"
+    with pytest.raises(UnknownName, match="success"):
+        comparison.plot(axes, "sucess")
+    for wrong in ({"style": "nothing.mplstyle", "folder": folder}, {}, {"folder": folder, "target": "cone"}):
+        with pytest.raises(BadArgument):
+            Export(out=tmp_path / "no", **wrong).run()
 
 
 def test_figures_and_tables_are_files_too(finished, page):

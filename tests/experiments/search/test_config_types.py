@@ -59,8 +59,8 @@ READERS = {
 def test_a_field_of_a_wrong_type_is_a_clear_error_or_works(reader, run, tmp_path, monkeypatch):
     monkeypatch.setattr(Run, "play", stop)
     refused = 0
-    for path in paths(run["arguments"]):
-        for wrong in WRONG:
+    for number, path in enumerate(paths(run["arguments"])):
+        for wrong in (WRONG[(number + step) % len(WRONG)] for step in range(2)):
             (tmp_path / "run.json").write_text(
                 sealed_json({**run, "arguments": changed(run["arguments"], path, wrong)})
             )

@@ -2,11 +2,8 @@
 
 import io
 import json
-import socket
 import subprocess
 import sys
-import threading
-from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -25,8 +22,6 @@ from belief.errors import InvalidArgument
 from belief.observation_model import RigidBodyModel
 from belief.seeding import arrangement_rng, touch_rng
 from belief.synthetic import sample_arrangement
-from experiments.command_line.arguments import BadArgument
-from experiments.search.live import Server, _address
 from experiments.search.live_protocol import MOST_BYTES, Conversation, converse, requests
 from experiments.search.one_search import problem_of, session_with
 
@@ -74,31 +69,24 @@ def test_a_search_over_a_pipe_that_is_killed_is_the_search(tmp_path):
     expected, robot, log = sensor().search("cone", seed=7), Robot(), tmp_path / "log.jsonl"
     command = [sys.executable, "-m", "experiments.cli", "live", "--sensor", "coarse", "--target", "cone", "--seed", "7"]
     command += ["--never-unsure", "--log", str(log)]
-    pending, ended = None, None
-    for number in range(2):
-        with subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
-        ) as live:
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as live:
 
-            def says(live=live, **request):
-                live.stdin.write((json.dumps(request) + "\n").encode())
-                live.stdin.flush()
-                return json.loads(live.stdout.readline())
+        def says(**request):
+            live.stdin.write((json.dumps(request) + "\n").encode())
+            live.stdin.flush()
+            return json.loads(live.stdout.readline())
 
-            if pending is not None:  # nobody knows whether it was told: tell it again
-                again = says(do="tell", **pending)
-                assert again["ok"] or again["error"] == "AlreadyTold"
-            for _ in range(4 if number < 1 else 20):
-                question = says(do="ask")
-                if question["action"] is None:
-                    break
-                pending = {"step": question["step"], **robot.carries_out(question)}
-                assert says(do="tell", **pending)["ok"]
-            if number < 1:
-                live.kill()
-                continue
-            ended = says(do="reveal", arrangement=[sensor().shape_labels[s] for s in robot.world.arrangement])
-            live.stdin.close()
+        for _ in range(4):
+            pending = {"step": (question := says(do="ask"))["step"], **robot.carries_out(question)}
+            assert says(do="tell", **pending)["ok"]
+        live.kill()
+    begun = session_with(sensor(), "cone", "information_gain", 7, log=log, abstain=False)
+    talk = Conversation(begun, sensor())
+    assert asked(talk, do="tell", **pending)["error"] == "AlreadyTold"  # nobody knows whether it was told: tell again
+    while (question := asked(talk, do="ask"))["action"] is not None:
+        assert asked(talk, do="tell", step=question["step"], **robot.carries_out(question))["ok"]
+    ended = asked(talk, do="reveal", arrangement=[sensor().shape_labels[s] for s in robot.world.arrangement])
+    begun.close()
     assert (ended["outcome"], ended["success"]) == (str(expected.outcome), expected.success)
     session = session_with(sensor(), "cone", "information_gain", 7, log=log)
     assert json.dumps(session.episode.to_dict()) == json.dumps(expected.to_dict())
@@ -197,56 +185,6 @@ def test_a_misled_robot_is_told_so():
     assert asked(talk, do="hello")["image"] == {"shape": [4, 4], "dtype": "uint8"}
     touch = sensor().read(np.array(told["image"], np.uint8)[None], [0])[0]
     assert asked(talk, do="tell", step=4, features=touch.features.tolist())["ok"]
-
-
-@contextmanager
-def served(talk):
-    with Server(("127.0.0.1", 0), talk) as server:
-        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
-        thread.start()
-        try:
-            yield server.socket.getsockname()
-        finally:
-            server.shutdown()
-            thread.join()
-
-
-def test_two_clients_at_once_are_answered_and_no_step_counts_twice():
-    talk, image = conversation(), np.zeros((4, 4), np.uint8).tolist()
-    with served(talk) as address:
-
-        def client(found):
-            with socket.create_connection(address) as link, link.makefile("rwb") as lines:
-                for _ in range(10):
-                    lines.write(b'{"do": "ask"}\n')
-                    lines.flush()
-                    step = json.loads(lines.readline())["step"]
-                    lines.write((json.dumps({"do": "tell", "step": step, "image": image, "pose": 0}) + "\n").encode())
-                    lines.flush()
-                    found.append(json.loads(lines.readline()))
-
-        answers = [], []
-        clients = [threading.Thread(target=client, args=(found,)) for found in answers]
-        for thread in clients:
-            thread.start()
-        for thread in clients:
-            thread.join()
-        told = [answer for found in answers for answer in found if answer["ok"]]
-        assert len(answers[0]) == len(answers[1]) == 10
-        assert len(told) == talk.session.step
-        with socket.create_connection(address) as link:  # a web page that a browser shows is not answered
-            link.sendall(b'POST / HTTP/1.1\r\n\r\n{"do": "undo"}\n')
-            assert link.recv(100) == b""
-    assert talk.session.step == len(told)
-
-
-def test_only_this_machine_may_drive_unless_told_otherwise():
-    assert _address("localhost:0", False)[1] == 0
-    assert _address("[::1]:7007", False) == ("::1", 7007)
-    assert _address("0.0.0.0:7007", True) == ("0.0.0.0", 7007)
-    for given, why in (("0.0.0.0:7007", "other machines"), ("7007", "HOST:PORT"), ("localhost:99999", "HOST:PORT")):
-        with pytest.raises(BadArgument, match=why):
-            _address(given, False)
 
 
 @pytest.mark.parametrize("target", ["cube", "cone"])

@@ -15,6 +15,7 @@ from experiments.search.page import _story
 from experiments.search.play import play_episodes
 from experiments.search.replay import NoSuchEpisode, Replay
 from experiments.search.replay_figures import animate_search, draw_search
+from experiments.search.run_folder import read_episode
 from experiments.search.setting import Setting
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch]
@@ -23,19 +24,26 @@ COARSE = Setting(SceneChoice("coarse", fidelity="quasistatic"))
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """A folder with 25 searches, and these."""
-    found = prepared(COARSE, "threshold", targets="sphere", episodes=25, out=tmp_path_factory.mktemp("run"), jobs=1)
+    """A folder with 8 searches, and these."""
+    found = prepared(COARSE, "threshold", targets="sphere", episodes=8, out=tmp_path_factory.mktemp("run"), jobs=1)
     found.play(jobs=1)
-    return found.folder.path, play(found)
+    labels = found.searches.problem.shape_labels
+    return found.folder.path, [read_episode(line, labels) for line in found.lines("threshold", "sphere")]
 
 
-def play(run, numbers=range(25)):
+@pytest.fixture(autouse=True)
+def small_bodies(monkeypatch):
+    """Pictures of bodies with fewer pixels, of fewer draws."""
+    monkeypatch.setattr(Bodies.of.__func__, "__defaults__", (24, 8))
+
+
+def play(run, numbers):
     return play_episodes(run.searches, run.deciders["threshold"], 0, numbers)[0]
 
 
 def test_an_animation_has_a_picture_for_every_step_and_dwells_on_the_last(run, tmp_path):
     folder, episodes = run
-    number = next(n for n in range(25) if 2 <= episodes[n].num_touches <= 5)  # few pictures
+    number = min(range(8), key=lambda n: (episodes[n].num_touches < 2, len(episodes[n].steps)))  # few pictures
     out = tmp_path / "search.gif"
     Replay(folder, decider="threshold", target="sphere", number=number, out=out).run()
     with Image.open(out) as picture:
@@ -49,7 +57,7 @@ def test_an_animation_has_a_picture_for_every_step_and_dwells_on_the_last(run, t
 
 
 def test_a_still_picture_is_drawn_of_the_last_search(run, tmp_path):
-    Replay(run[0], decider="threshold", target="sphere", number=24, out=tmp_path / "search.png").run()
+    Replay(run[0], decider="threshold", target="sphere", number=7, out=tmp_path / "search.png").run()
     with Image.open(tmp_path / "search.png") as picture:
         assert picture.width > 400
 
@@ -79,7 +87,7 @@ def test_a_search_with_a_joint_belief_shows_the_bodies_it_believes_in(tmp_path):
 @pytest.mark.parametrize(
     ("asked", "message"),
     [
-        ({"number": 99}, "--number 99.*25 searches of threshold for sphere, numbers 0 to 24"),
+        ({"number": 99}, "--number 99.*8 searches of threshold for sphere, numbers 0 to 7"),
         ({"target": "cone"}, "no searches of 'threshold' for 'cone'.*: threshold for sphere"),
     ],
 )

@@ -59,7 +59,7 @@ def test_subtracting_controls_changes_the_sign_where_the_policies_fail_without_a
     paths = {name: write(tmp_path / f"{name}.csv", some) for name, some in rows.items()}
     controls = [paths["weak clean"], paths["strong clean"]]
     found = compare_results([paths["weak"], paths["strong"]], control=controls)
-    before_and_after = {task: (before, after[0]) for _, task, before, after in found.beyond_controls()}
+    before_and_after = {task: (before, after[0]) for _, task, before, after in found.beyond_controls}
     assert before_and_after["family 0"] == pytest.approx((7 / 40, -1 / 40))
     assert before_and_after["family 3"] == pytest.approx((-3 / 40, -11 / 40))
     assert "the sign of strong minus weak in 3 of 4 tasks." in found.verdict()[-1]
@@ -68,7 +68,7 @@ def test_subtracting_controls_changes_the_sign_where_the_policies_fail_without_a
     )
     common = compare_results([paths["weak"], paths["strong"]], control=controls[:1])
     assert [pair.second for pair in common.over_control] == ["weak clean"] * 10
-    assert common.beyond_controls() == []
+    assert common.beyond_controls == []
 
 
 def test_files_of_lerobot_are_read_in_both_forms(tmp_path):

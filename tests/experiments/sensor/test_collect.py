@@ -6,15 +6,12 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from activetouch.data.dataset import read_manifest, read_split, record_shard
-from activetouch.rendering import Noise
-from activetouch.scene_description import scene_fields
+from activetouch.data.dataset import read_manifest, record_shard
 from belief.errors import CorruptFile
 from belief.files import sealed_json, unsealed_json
 from experiments.command_line.collection_arguments import PlanArguments
@@ -57,52 +54,19 @@ def test_a_complete_collection_has_a_digest_of_every_shard(original):
     assert manifest.versions["numpy"] == np.__version__
 
 
-def test_a_collection_made_again_from_its_manifest_has_the_same_bytes(original, tmp_path, capsys):
-    Collect(from_manifest=original / "manifest.json", out=tmp_path / "again", jobs=1).run()
-    assert contents(tmp_path / "again") == contents(original)
-    assert "4 shards identical" in capsys.readouterr().out
-
-
-def test_what_came_out_different_is_named_and_why_it_may(folder, tmp_path):
+def test_a_lost_shard_that_comes_out_different_is_named_and_why_it_may(folder):
     sha256, versions = dict(read_manifest(folder).sha256), dict(read_manifest(folder).versions)
+    (folder / "train" / "00001.npz").unlink()
     change_manifest(folder, shards={**sha256, "train/00001.npz": "0" * 64}, versions={**versions, "numpy": "2.0.9"})
-    with pytest.raises(NotReproduced, match=rf"1 of 4 .*train/00001\.npz\. Numpy 2\.0\.9 there, {np.__version__} here"):
-        Collect(from_manifest=folder, out=tmp_path / "again", jobs=1).run()
+    with pytest.raises(NotReproduced, match=rf"train/00001\.npz\. Numpy 2\.0\.9 there, {np.__version__} here"):
+        collect(COARSE, PLAN.plan, folder, jobs=1)
+    (folder / "train" / "00001.npz").unlink()
     change_manifest(folder, versions=versions)
     with pytest.raises(NotReproduced, match=r"versions are the same\. Another kind of processor"):
-        Collect(from_manifest=folder, out=tmp_path / "again", jobs=1).run()
+        collect(COARSE, PLAN.plan, folder, jobs=1)
 
 
-def test_a_scene_that_has_changed_since_is_not_recorded_in_its_name(folder, tmp_path):
-    scene = COARSE.named.scene
-    noisier = replace(scene, faults=(scene.faults[0], Noise(0.07), scene.faults[2]))
-    change_manifest(folder, scene=scene_fields(noisier))
-    with pytest.raises(NotReproduced, match=r"another one now: faults\.1\.std is 0\.05, not 0\.07"):
-        Collect(from_manifest=folder, out=tmp_path / "again", jobs=1).run()
-    assert not (tmp_path / "again").exists()
-
-
-@pytest.mark.parametrize(
-    ("command", "changes", "told"),
-    [
-        ({"out": None}, {}, "needs an --out other than"),
-        ({"choice": COARSE}, {}, "leave out --scene"),
-        ({"plan": PLAN}, {}, "leave out --scene, --plan"),
-        ({}, {"shards": None}, "is not complete.*finish it with: activetouch collect --scene coarse"),
-        ({}, {"choice": None}, "recorded by a program"),
-        ({}, {"choice": {"scene": "gel"}}, r"does not know \('meshes'\)"),
-        ({}, {"choice": {**COARSE.to_dict(), "weather": "rain"}}, "does not know .*weather"),
-    ],
-)
-def test_what_cannot_be_made_again_says_why(folder, tmp_path, command, changes, told):
-    change_manifest(folder, **changes)
-    with pytest.raises(NotReproduced, match=told):
-        replace(Collect(from_manifest=folder, out=tmp_path / "again", jobs=1), **command).run()
-
-
-@pytest.mark.parametrize(
-    "left", ["train/.00000.npz.abc.npz", "train/.00001.seal.json.abc.json", ".manifest.json.abc.json"]
-)
+@pytest.mark.parametrize("left", ["train/.00000.npz.abc.npz", ".manifest.json.abc.json"])
 def test_what_a_killed_run_was_writing_is_removed(folder, left, original):
     (folder / left).write_bytes(b"half a file")
     collect(COARSE, PLAN.plan, folder, jobs=1)
@@ -113,14 +77,14 @@ KILLED = """
 from pathlib import Path
 from experiments.sensor.collect import Collect, PlanArguments, SceneChoice
 if __name__ == "__main__":
-    Collect(SceneChoice("coarse", fidelity="quasistatic"), Path({out!r}), PlanArguments(96, 1, 1), jobs=2).run()
+    Collect(SceneChoice("coarse", fidelity="quasistatic"), Path({out!r}), PlanArguments(60, 1, 1), jobs=2).run()
 """
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="kills a group of processes, which only POSIX has")
 def test_a_killed_run_goes_on_to_the_bytes_of_one_that_was_not(tmp_path):
-    choice, plan = SceneChoice("coarse", fidelity="quasistatic"), PlanArguments(96, 1, 1)
+    choice, plan = SceneChoice("coarse", fidelity="quasistatic"), PlanArguments(60, 1, 1)
     killed, whole = tmp_path / "killed", tmp_path / "whole"
     program = [sys.executable, "-c", KILLED.format(out=str(killed))]
     with subprocess.Popen(program, start_new_session=True, stdout=subprocess.DEVNULL) as process:
@@ -132,7 +96,7 @@ def test_a_killed_run_goes_on_to_the_bytes_of_one_that_was_not(tmp_path):
         shutil.rmtree(left) if left.is_dir() else left.unlink()
     assert process.returncode == -signal.SIGKILL
     finished = {path: path.stat().st_mtime_ns for path in killed.glob("*/0*.npz")}
-    assert 0 < len(finished) < 10
+    assert 0 < len(finished) < 7
     assert read_manifest(killed).sha256 is None
     Collect(choice, killed, plan, jobs=1).run()
     Collect(choice, whole, plan, jobs=1).run()
@@ -173,17 +137,6 @@ def test_a_shard_that_was_damaged_before_the_collection_was_complete_never_gets_
     interrupted(tmp_path, monkeypatch)
     path = tmp_path / "train" / "00000.npz"
     path.write_bytes(path.read_bytes()[:-30])
-    with pytest.raises(CorruptFile, match="was changed after it was recorded"):
+    with pytest.raises(CorruptFile, match="is truncated or damaged"):
         collect(COARSE, PLAN.plan, tmp_path, jobs=1)
     assert read_manifest(tmp_path).sha256 is None
-
-
-def test_a_shard_and_its_seal_from_another_collection_are_refused(tmp_path, monkeypatch):
-    mine, theirs = tmp_path / "mine", tmp_path / "theirs"
-    interrupted(mine, monkeypatch)
-    interrupted(theirs, monkeypatch, replace(PLAN, seed=1))
-    for path in theirs.glob("train/00000.*"):
-        shutil.copy(path, mine / "train" / path.name)
-    for use in (lambda: collect(COARSE, PLAN.plan, mine, jobs=1), lambda: read_split(mine, "train")):
-        with pytest.raises(CorruptFile, match=r"train/00000\.npz was recorded for another collection"):
-            use()

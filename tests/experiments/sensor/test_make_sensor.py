@@ -43,7 +43,7 @@ def test_a_scene_becomes_a_sensor_in_one_call_and_stays_one(tmp_path):
 def _only_a_readable_model_is_written(folder):
     trained, out = folder / "training" / "reader.safetensors", folder / "again"
     how = {"reader": trained, "data": folder / "repeats", "out": out}
-    Calibrate(**how, observation_model=("ratio", "confusion(confidence_edges=(0.9,))")).run()
+    Calibrate(**how, observation_model=("ratio", "confusion(smoothing=1.0)")).run()
     assert (out / "observation_model.json").exists()
     assert sorted(read_order(out)) == sorted(SCENES["coarse"].scene.pose_labels)
     with pytest.raises(BadReference, match="unexpected"):

@@ -3,112 +3,68 @@
 import csv
 import json
 import shlex
+import shutil
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
 import pytest
 
-from activetouch import TactileSensor
-from activetouch.data.dataset import CollectionPlan
+from activetouch.errors import LabelMismatch
 from activetouch.named_scenes import SCENES
+from activetouch.sensor_files import MODELS
 from belief.errors import UnknownName
 from experiments.command_line.arguments import BadArgument
-from experiments.scene_choice import SceneChoice
-from experiments.sensor.collect import collect
-from experiments.tradeoff.configuration import (
-    FITTED,
-    JOINT,
-    NUM_HYPOTHESES,
-    SHARES,
-    SHIPPED,
-    Configuration,
-    Network,
-    sweep,
-)
-from experiments.tradeoff.measure import Measured, measured, sensor_of
-from experiments.tradeoff.picks import fronts, picks
+from experiments.tradeoff.configuration import SHARES, Configuration, sweep
+from experiments.tradeoff.measure import Measured, fronts, picks
 from experiments.tradeoff.report import TradeoffReport
 from experiments.tradeoff.tradeoff import Tradeoff, measure_all
 from planners import DECIDERS
 from planners.registry import NEED_FILES
 
-COARSE = Network("coarse", "coarse", "", "cnn 16 px", "ab" * 32, knows_orientation=True)
-GEL = Network("gel", "gel", "", "cnn 32 px", "cd" * 32, knows_orientation=True)
-PAPER = Network("paper", "paper", "", "cnn 32 px", "56" * 32, knows_orientation=True)
-PLAIN = Network("paper", "paper-independent", "", "atto 32 px", "34" * 32)
-SMALL = Network("gel", "", "runs/small.safetensors", "cnn 8 px", "ef" * 32)
+GEL = Configuration("gel")
 
 
 def point(name: str, successes: int, touches: float, press: float = 1.0, **changes) -> Measured:
     """Of 400 searches."""
-    configuration = replace(Configuration(GEL, decider=name), **changes)
+    configuration = replace(GEL, decider=name, **changes)
     right = [1] * successes + [0] * (400 - successes)
     return Measured(configuration, right, [int(touches)] * 400, [int(touches) + 1] * 400, [0.0] * 400, 0.0, press, 0.0)
 
 
-def test_a_key_follows_from_what_decides_the_result_and_from_nothing_else():
-    base = Configuration(SMALL)
-    moved = replace(base, network=replace(SMALL, file="elsewhere/small.safetensors"))
-    assert moved.key == base.key
+def test_a_key_follows_from_what_decides_the_result_and_from_nothing_else(tmp_path):
+    base = replace(GEL, sensor=str(shutil.copytree(MODELS / "gel", tmp_path / "one")))
+    moved = replace(base, sensor=str(shutil.copytree(MODELS / "gel", tmp_path / "other")))
+    assert moved.key == base.key == GEL.key
+    (tmp_path / "other" / "reader.safetensors").write_bytes(b"another")
     changes = [
-        {"decider": "threshold"}, {"touch_cost": 0.03}, {"observation_model": "plda"},
-        {"fidelity": "quasistatic"}, {"episodes": 9}, {"seed": 1},
-        {"network": replace(SMALL, sha256="00" * 32)},
+        {"decider": "threshold"}, {"touch_cost": 0.03}, {"fidelity": "quasistatic"}, {"episodes": 9}, {"seed": 1},
+        {"sensor": moved.sensor},
     ]  # fmt: skip
     keys = [replace(base, **change).key for change in changes]
     assert len({base.key, *keys}) == len(changes) + 1
 
 
 def test_a_sweep_names_every_decider_that_needs_no_training_and_nothing_twice():
-    found = sweep([COARSE, GEL, PAPER, PLAIN, SMALL], ["coarse", "gel"], episodes=100, seed=0)
-    assert len({c.key for c in found}) == len({c.name for c in found}) == len(found) >= 40
-    left_out = {"random_confirm", "pouct", "pomcp", *NEED_FILES}
+    found = sweep(["coarse", "gel", "paper"], {"gel": ["runs/small"]}, episodes=100, seed=0)
+    assert len({c.name for c in found}) == len(found) >= 30
+    left_out = {"random_confirm", *NEED_FILES}
     wanted = {name for name in DECIDERS if name not in left_out}
     assert {c.decider for c in found if c.scene == "coarse"} == wanted
-    assert {c.decider for c in found if c.network == PLAIN} == {"information_gain", "point_based"}
-    assert {c.observation_model for c in found if c.network == PLAIN} == {SHIPPED}
+    for sensor in ("paper-independent", "runs/small"):
+        assert {c.decider for c in found if c.sensor == sensor} == {"information_gain", "point_based"}
     priced = {(c.decider, c.touch_cost) for c in found if c.scene == "coarse" and c.touch_cost != 0.02}
     assert priced == set(product(("point_based", "value_of_information"), (0.005, 0.05, 0.1)))
-    assert {c.observation_model for c in found if c.network == SMALL} == {FITTED}
     assert {c.fidelity for c in found} == {None, "quasistatic", "guarded_move"}
 
 
-def test_the_default_sensor_is_measured_with_every_number_of_hypotheses():
-    other = replace(SMALL, knows_orientation=True)
-    found = [c for c in sweep([GEL, other], ["gel"], episodes=100, seed=0) if c.observation_model == JOINT]
-    assert [c.num_hypotheses for c in found if c.network == GEL] == list(NUM_HYPOTHESES)
-    assert [c.num_hypotheses for c in found if c.network == other] == [2048]
-    assert len({c.key for c in found}) == len({c.name for c in found}) == len(NUM_HYPOTHESES) + 1
-    unknown = replace(found[0], network=replace(found[0].network, knows_orientation=False))
-    assert unknown.key == found[0].key  # it is part of the file
-
-
-@pytest.mark.mujoco
-def test_a_joint_model_of_few_hypotheses_is_fitted_once_and_plays(tmp_path, monkeypatch):
-    plan = CollectionPlan(train=0, calibration=3, test=1, repeats=2)
-    collect(SceneChoice("coarse"), plan, tmp_path / "coarse-repeats", jobs=1)
-    monkeypatch.setattr("experiments.tradeoff.measure.repeats_folder", lambda scene: tmp_path / f"{scene}-repeats")
-    network = Network.of_sensor("coarse", "coarse")
-    configuration = Configuration(network, JOINT, "information_gain", episodes=1, num_hypotheses=64)
-    result = measured(configuration, tmp_path)
-    assert min(result.touches) > 0
-    monkeypatch.setattr("experiments.tradeoff.measure.fit_named", None)  # a model is fitted once
-    same = replace(configuration, network=Network.in_file("coarse", network.path))  # as if it were a user's
-    again = measured(same, tmp_path)
-    assert (again.successes, again.touches) == (result.successes, result.touches)
-    folder = sensor_of(configuration, tmp_path)
-    assert TactileSensor.load(folder, SCENES["coarse"].scene).model.num_hypotheses == 64
-    assert f"--sensor {folder}" in configuration.command(folder)
-
-
-def test_the_command_of_a_configuration_is_one_for_a_shell():
-    words = shlex.split(Configuration(SMALL, fidelity="dynamic").command(Path("my runs/sensor")))
-    assert words[words.index("--sensor") + 1] == "my runs/sensor"
+def test_the_command_of_a_configuration_is_one_for_a_shell(tmp_path):
+    folder = str(shutil.copytree(MODELS / "gel", tmp_path / "my sensor"))
+    words = shlex.split(replace(GEL, sensor=folder, fidelity="dynamic").command())
+    assert words[words.index("--sensor") + 1] == folder
     assert words[words.index("--fidelity") + 1] == "dynamic"
-    base = Configuration(GEL)
-    assert base.command(base.network.folder) == (
-        f"activetouch compare --scene gel --deciders information_gain --touch-cost 0.02 --out runs/compare-{base.key}"
+    assert GEL.command() == (
+        f"activetouch compare --scene gel --deciders information_gain --touch-cost 0.02 --out runs/compare-{GEL.key}"
     )
 
 
@@ -129,8 +85,8 @@ def test_the_report_says_of_each_configuration_what_was_measured(tmp_path):
     better = point("value_of_information", 390, 4)
     fewer = replace(point("threshold", 400, 9), successes=[1] * 90, touches=[9] * 90, decisions=[10] * 90,
                     rewards=[0.5] * 90)  # fmt: skip
-    other = replace(base, configuration=Configuration(COARSE, decider="fixed_poses"))
-    found = TradeoffReport([base, better, fewer, other], tmp_path, 0.9, 0.5)
+    other = replace(base, configuration=Configuration("coarse", decider="fixed_poses"))
+    found = TradeoffReport([base, better, fewer, other], 0.9, 0.5)
     found.save(tmp_path)
     numbers = json.loads((tmp_path / "tradeoff.json").read_text())
     entries = {entry["key"]: entry for entry in numbers["points"]}
@@ -158,16 +114,16 @@ def test_what_makes_no_sense_is_refused(tmp_path):
     for scene in ("coarze", "keyed"):
         with pytest.raises(UnknownName, match="coarse"):
             Tradeoff(scenes=(scene,), out=tmp_path).run()
-    for reader in ("runs/mine.safetensors", "hard=runs/mine.safetensors", "coarse="):
-        with pytest.raises(BadArgument, match="SCENE=FILE"):
-            Tradeoff(scenes=("coarse",), readers=(reader,), out=tmp_path).run()
+    for sensor in ("runs/mine", "hard=runs/mine", "coarse="):
+        with pytest.raises(BadArgument, match="SCENE=FOLDER"):
+            Tradeoff(scenes=("coarse",), sensors=(sensor,), out=tmp_path).run()
+    with pytest.raises(LabelMismatch):
+        Tradeoff(scenes=("coarse",), sensors=("coarse=many",), out=tmp_path).run()
 
 
 @pytest.mark.mujoco
-@pytest.mark.torch
 def test_results_are_kept_and_read_not_searched_again(tmp_path):
-    network = Network.of_sensor("coarse", "coarse")
-    two = [Configuration(network, episodes=1, decider=name) for name in ("threshold", "information_gain")]
+    two = [Configuration("coarse", episodes=1, decider=name) for name in ("threshold", "information_gain")]
     first = measure_all(two, tmp_path)
     assert [one.configuration for one in first] == two
     shard = tmp_path / "results" / f"{two[0].key}.json"

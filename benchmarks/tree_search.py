@@ -1,4 +1,6 @@
-r"""Online planning by tree search with pomdp-py: POUCT and POMCP (Silver & Veness 2010).
+r"""Online planning by tree search with pomdp-py: POUCT and POMCP (Silver & Veness 2010), as deciders of a user's own.
+
+Run: activetouch compare --deciders "benchmarks.tree_search:Pouct(simulations=400)"   (in a clone; needs pomdp-py)
 
 A state is (object, its shape, whether a target was rejected), or the end. CONFIRM and the last REJECT lead to the end;
 an earlier REJECT brings the next object. Its probability of being the target is hypergeometric; that the other shapes
@@ -13,7 +15,7 @@ The constant of exploration is a quarter of the range of returns with 100 simula
 of their number up to the whole range, which Silver & Veness use. With a quarter, an action whose first rollouts were
 poor is not tried again by any number of simulations; a hundred simulations are too few to explore more.
 
-Only this module needs pomdp-py, the extra ``pomdp``. It draws from Python's global generator, which is seeded for each
+It draws from Python's global generator, which is seeded for each
 plan and restored afterwards; plans of several threads run one after the other.
 
 >>> from belief import Belief
@@ -92,6 +94,18 @@ class Rules:
     def is_missed(self, state: SimpleState) -> bool:
         """Whether a target is among the rejected objects after the current one is rejected."""
         return bool(state.data[2] or self.is_target(state))
+
+    def histogram(self, info: InformationState) -> dict[SimpleState, float]:
+        """The belief as probabilities of states, without states of probability zero."""
+        missed = prob_missed(info)
+        counts = info.problem.counts
+        histogram: dict[SimpleState, float] = {}
+        for shape, prob in enumerate(info.belief.probs.tolist()):
+            only_target = shape == info.target and counts is not None and counts[shape] == 1
+            for given_away, share in enumerate((1.0, 0.0) if only_target else (1.0 - missed, missed)):
+                if prob * share > 0.0:
+                    histogram[self.states[info.object_index, shape, given_away]] = prob * share
+        return histogram
 
 
 class TransitionModel(pomdp_py.TransitionModel):
@@ -203,9 +217,9 @@ class Pouct:
 
     def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.Decider`."""
-        rules = Rules(info.problem, info.target, self.table)
+        rules = self.rules(info)
         policy = self.rollout(rules, rng, _root_actions(rules, info))
-        belief = self._belief(belief_histogram(rules, info), rng)
+        belief = self._belief(rules.histogram(info), rng)
         models = TransitionModel(rules, rng), ObservationModel(rules, rng), RewardModel(rules)
         agent = pomdp_py.Agent(belief, policy, *models)
         depth = _DEPTH + 2 * info.num_left
@@ -226,6 +240,10 @@ class Pouct:
         ]
         scores = {f"value_{name}": value for name, value in zip(names, values.values(), strict=True)}
         return Decision(max(values, key=values.__getitem__), {"target_prob": info.target_prob, **scores})
+
+    def rules(self, info: InformationState) -> Rules:
+        """The search as the tree sees it from an information state."""
+        return Rules(info.problem, info.target, self.table)
 
     def _belief(self, histogram: dict[SimpleState, float], rng: np.random.Generator) -> pomdp_py.GenerativeDistribution:
         return pomdp_py.Histogram(histogram)
@@ -272,19 +290,6 @@ def useful_poses(problem: SearchProblem, table: OutcomeTable) -> list[int]:
     if np.sqrt(2.0 * divergence.max()) <= problem.touch_cost:
         return []
     return np.flatnonzero(divergence > _ROUNDING).tolist()
-
-
-def belief_histogram(rules: Rules, info: InformationState) -> dict[SimpleState, float]:
-    """The belief as probabilities of states, without states of probability zero."""
-    missed = prob_missed(info)
-    counts = info.problem.counts
-    histogram: dict[SimpleState, float] = {}
-    for shape, prob in enumerate(info.belief.probs.tolist()):
-        only_target = shape == info.target and counts is not None and counts[shape] == 1
-        for given_away, share in enumerate((1.0, 0.0) if only_target else (1.0 - missed, missed)):
-            if prob * share > 0.0:
-                histogram[rules.states[info.object_index, shape, given_away]] = prob * share
-    return histogram
 
 
 def _shape_probs(problem: SearchProblem, target: int) -> Floats:

@@ -1,4 +1,4 @@
-"""The joint belief of many episodes on a touch bank: shape, and what the next touch tells."""
+"""What touches of a bank say about the objects of B episodes, touch by touch: log-likelihoods, and gains of poses."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import NDArray
 
-from activetouch.envs.running_evidence import RecomputedBankEvidence
 from activetouch.envs.touch_bank import TouchBank
 from belief.observation_model.log_weights import log_means, some_hypotheses
 from belief.observation_model.model import ArrayModel
@@ -25,6 +24,79 @@ Ints = NDArray[np.int64]
 MOST_BYTES = 1 << 28
 """Size of the outcome tables that are kept at most; after that, the oldest are computed again where they are needed."""
 _AT_ONCE = 32  # objects whose hypotheses are weighed at a time; they fit the cache
+
+
+class BankEvidence:
+    """Log-likelihoods by any model, computed from all touches of a row after each of them.
+
+    Args:
+        bank: the touches.
+        model: the observation model.
+        num_envs: B.
+        touch_limit: maximum number of touches of a row.
+
+    Attributes:
+        log_likelihoods: log p(touches | shape) of every row, ``(B, K)``, up to a constant of the row.
+    """
+
+    def __init__(self, bank: TouchBank, model: ArrayModel, num_envs: int, touch_limit: int) -> None:
+        self._bank, self._model = bank, model
+        self._touched = np.zeros((3, num_envs, touch_limit), np.int64)  # object, round, pose
+        self._counts = np.zeros(num_envs, np.int64)
+        self.log_likelihoods = np.zeros((num_envs, bank.logits.shape[3]))
+
+    def add(self, rows: Ints, objects: Ints, rounds: Ints, poses: Ints) -> None:
+        """Add a touch of the bank to each of some rows; all arguments ``(n,)``."""
+        self._touched[:, rows, self._counts[rows]] = objects, rounds, poses
+        self._counts[rows] += 1
+        for number in np.unique(self._counts[rows]).tolist():
+            some = rows[self._counts[rows] == number]
+            self._compute(some, *self._touched[:, some, :number])
+
+    def _compute(self, rows: Ints, objects: Ints, rounds: Ints, poses: Ints) -> None:
+        """Set what is known of rows from all their touches, ``(n, t)`` each."""
+        self.log_likelihoods[rows] = self._model.log_likelihood_batch(self._bank.batch(objects, rounds, poses))
+
+    def forget(self, rows: Ints) -> None:
+        """Remove all touches of these rows."""
+        self._counts[rows] = 0
+        self.log_likelihoods[rows] = 0.0
+
+
+class SummedEvidence(BankEvidence):
+    """The same, faster, where the log-likelihood is a weighted sum, over poses, of the sum over a pose's touches.
+
+    Args:
+        bank: the touches.
+        model: the observation model.
+        num_envs: B.
+        weights: of sums of 0, 1, … touches (:meth:`belief.observation_model.ArrayModel.weights_of_sums`), ``(n,)``.
+    """
+
+    def __init__(self, bank: TouchBank, model: ArrayModel, num_envs: int, weights: Floats) -> None:
+        super().__init__(bank, model, num_envs, 0)
+        every = np.indices(bank.logits.shape[:3]).reshape(3, -1, 1)
+        self._single = model.log_likelihood_batch(bank.batch(*every)).reshape(bank.logits.shape)
+        self._weights, self._sums = weights, np.zeros((num_envs, *bank.logits.shape[2:]))
+        self._uses = np.zeros(self._sums.shape[:2], np.int64)
+
+    def add(self, rows: Ints, objects: Ints, rounds: Ints, poses: Ints) -> None:
+        """See :class:`BankEvidence`."""
+        self._sums[rows, poses] += self._single[objects, rounds, poses]
+        self._uses[rows, poses] += 1
+        self.log_likelihoods = (self._weights[self._uses][:, None, :] @ self._sums)[:, 0]
+
+    def forget(self, rows: Ints) -> None:
+        """See :class:`BankEvidence`."""
+        self._sums[rows], self._uses[rows], self.log_likelihoods[rows] = 0.0, 0, 0.0
+
+
+def evidence_of(bank: TouchBank, model: ArrayModel, num_envs: int, touch_limit: int) -> BankEvidence:
+    """The fastest evidence for an observation model; arguments as of :class:`BankEvidence`."""
+    weights = model.weights_of_sums(np.arange(touch_limit + 1))
+    if weights is None:
+        return BankEvidence(bank, model, num_envs, touch_limit)
+    return SummedEvidence(bank, model, num_envs, weights)
 
 
 class WeighedTouches:
@@ -103,17 +175,10 @@ def weighed_touches(bank: TouchBank, model: ArrayModel) -> WeighedTouches:
     return WeighedTouches(bank, model)
 
 
-class JointBankEvidence(RecomputedBankEvidence):
+class JointEvidence(BankEvidence):
     """Evidence about one rigid body, with the gain of each pose.
 
-    Args:
-        bank: the touches, with features.
-        model: the joint model, with its hypotheses.
-        num_envs: B.
-        touch_limit: maximum number of touches of a row.
-
-    Raises:
-        NoGains: the model is no joint model, or the bank has no features.
+    Arguments as of :class:`BankEvidence`, errors as of :class:`WeighedTouches`.
     """
 
     def __init__(self, bank: TouchBank, model: ArrayModel, num_envs: int, touch_limit: int) -> None:
@@ -122,24 +187,22 @@ class JointBankEvidence(RecomputedBankEvidence):
         self._tables = np.repeat(self._weighed.untouched[None], num_envs, axis=0)
 
     def _compute(self, rows: Ints, objects: Ints, rounds: Ints, poses: Ints) -> None:
-        self._found[rows], self._tables[rows] = self._weighed.of(objects[:, 0], rounds, poses)
+        self.log_likelihoods[rows], self._tables[rows] = self._weighed.of(objects[:, 0], rounds, poses)
 
     def forget(self, rows: Ints) -> None:
-        """See :class:`~activetouch.envs.running_evidence.BankEvidence`."""
+        """See :class:`BankEvidence`."""
         super().forget(rows)
         self._tables[rows] = self._weighed.untouched
 
-    def gains(self, rows: Ints, log_probs: Floats, targets: Ints) -> Floats:
+    def gains(self, rows: Ints, log_probs: Floats, targets: Ints, uses: Ints) -> Floats:
         """Expected information of the next touch of these rows about their targets [nats], ``(n, P)``.
 
         Args:
             rows: of the batch, ``(n,)``.
             log_probs: their log posteriors, ``(n, K)``.
             targets: index of each row's target, ``(n,)``.
+            uses: number of their touches in each pose, ``(n, P)``.
         """
-        body, inside = self._weighed.model, np.arange(self._touched.shape[2]) < self._counts[rows, None]
-        poses = np.where(inside, self._touched[2, rows], -1)
-        uses = (poses[:, :, None] == np.arange(body.num_poses)).sum(axis=1)
-        new = new_shares(uses, body.correlation, body.drift)
         shares = target_shares(np.exp(log_probs), targets)[:, None]
+        new = new_shares(uses, self._weighed.model.correlation, self._weighed.model.drift)
         return information(shares @ self._tables[rows].astype(np.float64)) * new

@@ -4,7 +4,7 @@
 
 Nothing is trained. Two images at a distance d, in units of the noise, are confused with probability Φ(-d / 2). The
 distance from the other shape is the smallest over its orientation and size, which the touches of an object share, and
-over the offset of each touch (:mod:`experiments.press.contact_fit`).
+over the offset of each touch (:mod:`benchmarks.contact_fit`).
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from activetouch.solids.twins import find_twins
 from belief.errors import InvalidArgument
 from belief.statistics import wilson_interval
 from belief.validation import require_count
+from benchmarks.contact_fit import ContactFit, Floats
 from experiments.parallel import run_tasks
-from experiments.press.contact_fit import ContactFit, Floats
 
 SHOWN = 0.05
 """A difference shows if two shapes are confused with less than this probability."""

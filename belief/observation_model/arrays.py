@@ -1,0 +1,143 @@
+"""Observation models from arrays: what a classifier of your own said of objects that you know."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from belief.cross_validation import numbered_objects
+from belief.metrics.calibration_at_stop import CalibrationAtStop, calibration_at_stop, stops
+from belief.observation_model.model import ArrayModel
+from belief.observation_model.registry import Fit, fits
+from belief.observation_model.selection import (
+    NUM_FOLDS,
+    ModelChoice,
+    choose_observation_model,
+    grouped,
+    log_posteriors_by_touch,
+)
+from belief.touch_batch import TouchBatch
+from belief.validation import labelled_logits, pose_count, require_fraction, unmasked
+
+
+def fit_observation_model(
+    logits: ArrayLike,
+    labels: ArrayLike,
+    groups: ArrayLike,
+    poses: ArrayLike | None = None,
+    *,
+    shape_labels: Sequence[str] | None = None,
+    num_poses: int | None = None,
+    candidates: Mapping[str, Fit] | None = None,
+    num_folds: int = NUM_FOLDS,
+) -> ModelChoice:
+    """Fit the observation models to touches of known objects, and choose the one with the least cross-validated loss.
+
+    The objects must be others than those with which the classifier was trained. Where they were touched several times
+    in a pose, the models learn how far such touches repeat each other.
+
+    Args:
+        logits: ``(n, K)``; :func:`~belief.calibration.logits_from_probs` makes them from probabilities.
+        labels: true shape of each touch, ``(n,)``, in [0, K).
+        groups: object of each touch, ``(n,)``, any labels that can be sorted.
+        poses: pose, view or sensor of each touch, ``(n,)``, integers from 0; one and the same by default.
+        shape_labels: names of the K shapes; "0", "1", … by default.
+        num_poses: P; by default one more than the largest pose.
+        candidates: functions that fit a model, by name; by default all that read logits.
+        num_folds: folds of whole objects, at most the number of objects.
+
+    Returns:
+        The choice, which prints as a table; its ``model`` is ready for a :class:`~belief.BeliefTracker`.
+
+    Raises:
+        ValueError: arrays that do not fit, NaN or infinite logits, labels or poses out of range, an object with two
+            labels, or fewer objects than folds.
+
+    Example:
+        >>> from belief.synthetic import random_model
+        >>> rng, groups = np.random.default_rng(0), np.arange(400) // 4
+        >>> source = random_model(rng, num_shapes=2, num_poses=1)
+        >>> logits = [touch.logits for i in range(100) for touch in source.sample(i % 2, [0] * 4, rng)]
+        >>> choice = fit_observation_model(logits, groups % 2, groups, shape_labels=("mug", "ball"))
+        >>> choice.name == min(choice.losses, key=choice.losses.get), choice.model.shape_labels
+        (True, ('mug', 'ball'))
+    """
+    batch, y = _batch(logits, labels, groups, poses)
+    return choose_observation_model(
+        batch.sequence(0),
+        y,
+        groups,
+        shape_labels=tuple(map(str, range(batch.num_shapes))) if shape_labels is None else shape_labels,
+        num_poses=pose_count(batch.poses[0], num_poses),
+        candidates=fits() if candidates is None else candidates,
+        num_folds=num_folds,
+    )
+
+
+def calibration_of_stops(
+    model: ArrayModel,
+    logits: ArrayLike,
+    labels: ArrayLike,
+    groups: ArrayLike,
+    threshold: float = 0.95,
+    poses: ArrayLike | None = None,
+) -> CalibrationAtStop:
+    """Touch each object until a shape has a given posterior; compare what is stated then with what is right.
+
+    Args:
+        model: the observation model, under a uniform prior.
+        logits: ``(n, K)``, of objects other than those to which the model was fitted; the touches of an object are in
+            the order of the rows.
+        labels: true shape of each touch, ``(n,)``.
+        groups: object of each touch, ``(n,)``.
+        threshold: posterior at which to stop, in (1/K, 1).
+        poses: pose of each touch, ``(n,)``; 0 by default.
+
+    Returns:
+        Stated confidence and accuracy by number of touches; objects for which no shape becomes so probable are left
+        out.
+
+    Raises:
+        ValueError: as :func:`fit_observation_model`; a threshold out of range, or one that no object reaches.
+
+    Example:
+        >>> from belief.synthetic import random_model
+        >>> rng, groups = np.random.default_rng(0), np.arange(400) // 4
+        >>> model = random_model(rng, num_shapes=2, num_poses=1)
+        >>> logits = [touch.logits for i in range(100) for touch in model.sample(i % 2, [0] * 4, rng)]
+        >>> print(calibration_of_stops(model, logits, groups % 2, groups))
+        touches  count  stated  right           95 %
+        ────────────────────────────────────────────
+        2           73   0.971  1.000  0.951 … 1.000
+        4           18   0.992  1.000  0.815 … 1.000
+        all         91   0.975  1.000  0.960 … 1.000
+    """
+    require_fraction("threshold", threshold)
+    batch, y = _batch(logits, labels, groups, poses)
+    if threshold * batch.num_shapes <= 1.0:
+        raise ValueError(f"threshold must be above 1/K = {1 / batch.num_shapes:.3g}, got {threshold}")
+    found = [
+        stops(log_posteriors_by_touch(model, some), y[rows[:, 0]], threshold) for some, rows in grouped(batch, groups)
+    ]
+    stated, correct, touches = (
+        np.concatenate([getattr(part, name) for part in found]) for name in ("claims", "correct", "num_touches")
+    )
+    if not len(stated):
+        raise ValueError(f"no object reaches a posterior of {threshold} with its touches; lower the threshold")
+    return calibration_at_stop(np.minimum(stated, 1.0), correct, touches)
+
+
+def _batch(
+    logits: ArrayLike, labels: ArrayLike, groups: ArrayLike, poses: ArrayLike | None
+) -> tuple[TouchBatch, NDArray[np.int64]]:
+    """All touches as one sequence, and their labels."""
+    z, y = labelled_logits(logits, labels)
+    ids = unmasked(groups, "groups")
+    p = np.zeros(len(y), np.int64) if poses is None else unmasked(poses, "poses")
+    for name, values in (("groups", ids), ("poses", p)):
+        if values.shape != y.shape:
+            raise ValueError(f"need one of {name} for each of {len(y)} touches, got shape {values.shape}")
+    numbered_objects(y, ids)  # raises for an object with two labels
+    return TouchBatch(p[None], z[None]), y
