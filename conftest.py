@@ -1,4 +1,4 @@
-"""What all tests and doctests share: one thread, caches in a temporary folder."""
+"""What all tests and doctests share: one thread, no module whose packages are missing, caches in a temporary folder."""
 
 import os
 from collections.abc import Iterator
@@ -8,6 +8,7 @@ import pytest
 
 # As in worker processes, before numpy is imported: the last bit of a sum depends on the number of threads.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+collect_ignore = [] if find_spec("pomdp_py") else ["planners/pomdp_py_adapter.py"]
 
 if find_spec("ap_gym") is None:
     collect_ignore = ["activetouch/envs/apgym.py"]  # it has no examples, and is not imported without ap_gym

@@ -19,6 +19,7 @@ EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "rl": ("gymnasium", "stable_baselines3", "torch"),
         "contrib": ("sb3_contrib",),
         "tensorboard": ("tensorboard",),
+        "pomdp": ("pomdp_py",),
         "recorded": ("sklearn",),  # of examples
         "formats": ("pyarrow", "mcap"),
     }

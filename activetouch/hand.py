@@ -30,13 +30,14 @@ from activetouch.distributions import Distribution, Uniform
 from activetouch.errors import WrongScene
 from activetouch.hypotheses import quantiles
 from activetouch.poses import Quaternion, multiply, require_unit, to_matrix, turn
-from activetouch.pressing.contact import Contact, first_touch
 from belief.errors import InvalidArgument, UnknownName
 from belief.naming import few
 from belief.validation import require_choice, require_number
 
 if TYPE_CHECKING:
     from activetouch.placement import Placement
+    from activetouch.pressing.press import Grasp, Press
+    from activetouch.pressing.setup import Setup
 
 _UNBALANCED = 0.02  # of the forces of all fingers together
 _SAME_PLACE = 1e-3  # rad
@@ -46,6 +47,12 @@ _MOST_ALONG = 3  # places along each axis
 
 PalmOffset = Literal["averaged", "anew", "kept"]
 Quaternions = tuple[tuple[float, float, float, float], ...]
+_ALLEGRO: Quaternions = (  # index, middle, ring finger and thumb, in the frame of the palm
+    (-0.4836, 0.6335, -0.6021, 0.0463),
+    (0.7964, -0.0862, 0.5871, 0.1169),
+    (0.5660, 0.4477, 0.6110, 0.3255),
+    (-0.0894, 0.5844, 0.0395, 0.8055),
+)
 
 
 @dataclass(frozen=True)
@@ -115,6 +122,11 @@ class Hand:
         return cls.around(3)
 
     @classmethod
+    def allegro_fingertips(cls) -> Hand:
+        """Pads on the four fingertips of an Allegro hand that closes (:mod:`activetouch.pressing.allegro`)."""
+        return cls(_ALLEGRO)
+
+    @classmethod
     def around(cls, number: int) -> Hand:
         """Pads evenly about the palm's z axis."""
         return cls(tuple(tuple(turn("z", 2 * np.pi * finger / number)) for finger in range(number)))
@@ -132,9 +144,14 @@ class Hand:
         return np.round(found / found.mean(), 9)
 
     @property
+    def rotations(self) -> NDArray[np.float64]:
+        """The rotations of the fingers as matrices, ``(m, 3, 3)``."""
+        return np.stack([to_matrix(np.array(finger)) for finger in self.fingers])
+
+    @property
     def axes(self) -> NDArray[np.float64]:
         """Directions in which the fingers press, in the palm's frame, ``(m, 3)``."""
-        return np.stack([to_matrix(np.array(finger))[:, 0] for finger in self.fingers])
+        return self.rotations[:, :, 0]
 
     def net_force(self, forces: ArrayLike) -> NDArray[np.float64]:
         """The sum of the fingers' forces in the palm's frame, ``(3,)`` [N]: that which the palm has to hold.
@@ -188,16 +205,22 @@ class Hand:
         across = self.across((depth, *in_palm.offset))
         return [replace(in_palm, orientation=q, offset=place) for q, place in zip(turned, across, strict=True)]
 
-    def stops(self, met: Sequence[Placement], contacts: Sequence[Contact], middle: ArrayLike) -> NDArray[np.float64]:
-        """Where the fingers stop, from the middle of the palm, ``(m,)`` [m]: 0 for one that misses and closes.
+    def close(self, in_palm: Placement, depth: float, force: float, setup: Setup, press_model: Press) -> Grasp:
+        """What all fingers feel.
 
         Args:
-            met: what each finger meets.
-            contacts: of the fingers.
-            middle: of the body, along the palm's axes, ``(3,)`` [m].
+            in_palm: the body, in front of a finger that is not turned.
+            depth: of the body's centre along the palm's x axis [m].
+            force: of the fingers, on average [N].
+            setup: of one pad.
+            press_model: how the fingers close.
+
+        Raises:
+            UnstablePress: the simulation diverged.
         """
-        each = zip(met, contacts, self.axes @ np.asarray(middle, float), strict=True)
-        return np.array([first_touch(c.pad, one)[1] - m - c.depth if c.force > 0.0 else 0.0 for one, c, m in each])
+        centre = np.array([depth, *in_palm.offset])
+        forces = (self.forces * force).tolist()
+        return press_model.close(setup, self.placements(in_palm, depth), self.rotations, centre, forces)
 
     def joined(self, images: Sequence[NDArray[np.uint8]], stops: ArrayLike) -> NDArray[np.uint8]:
         """The image of a grasp: those of its fingers side by side, ``(H, m · W)`` or ``(H, m · W, 3)``.
@@ -250,7 +273,12 @@ class Hand:
 
 
 HANDS: Mapping[str, Callable[[], Hand]] = MappingProxyType(
-    {"one_finger": Hand.one_finger, "parallel": Hand.parallel, "three_finger": Hand.three_finger}
+    {
+        "one_finger": Hand.one_finger,
+        "parallel": Hand.parallel,
+        "three_finger": Hand.three_finger,
+        "allegro": Hand.allegro_fingertips,
+    }
 )
 """Hands by name."""
 

@@ -86,7 +86,7 @@ class Scene:
         aims: where a pose brings the object's centre, from the approach axis along y and z [m], by label of the pose;
             to the axis where nothing is said. The offset of the variation is added. :func:`activetouch.poses.aimed`
             makes poses and aims.
-        hand: whose pads close on the object in each pose, by :class:`Quasistatic`; None for the pad alone.
+        hand: whose pads close on the object in each pose, quasistatically or by ``Closing``; None for the pad alone.
 
     Warns:
         MeshWarning: two meshes are alike, see :func:`activetouch.solids.twins.find_twins`; once a process.
@@ -142,8 +142,8 @@ class Scene:
                 raise InvalidArgument(f"{name} must be an object such as {works}, got {given!r}")
         if self.hand is not None:
             object.__setattr__(self, "hand", hand_named(self.hand))
-            if not isinstance(self.press_model, Quasistatic):
-                raise InvalidArgument(f"a hand closes by Quasistatic(), not {self.press_model!r}; use with_hand")
+            if self.press_model.moves and not hasattr(self.press_model, "settle"):
+                raise InvalidArgument(f"a hand closes by Quasistatic() or Closing(), not by {self.press_model!r}")
         if not (isinstance(self.height, Real) and isfinite(self.height)):
             raise InvalidArgument(f"height must be a finite number [m], got {self.height!r}")
         if getattr(self.press_model, "moves", False):  # in a MuJoCo model, which is kept by its shape
@@ -218,13 +218,13 @@ class Scene:
         each = [] if self.hand is None else self.hand.single(self.rotations, self.aims)
         return tuple(replace(self, hand=None, poses=poses, aims=aims) for poses, aims in each) or (self,)
 
-    def with_hand(self, hand: Hand | str) -> Scene:
-        """The scene with a hand, or one of :data:`activetouch.hand.HANDS` by name, whose fingers close quasistatically.
+    def with_hand(self, hand: Hand | str, press_model: Press | None = None) -> Scene:
+        """The scene with a hand, or one of :data:`activetouch.hand.HANDS` by name, closed quasistatically by default.
 
         Raises:
             UnknownName: there is no hand of this name.
         """
-        return replace(self, hand=hand_named(hand), press_model=Quasistatic())
+        return replace(self, hand=hand_named(hand), press_model=press_model or Quasistatic())
 
     def image(self, contact: Contact) -> NDArray[np.floating]:
         """The ideal image of a contact.
@@ -361,11 +361,11 @@ class Scene:
         """
         require_count("attempts", attempts)
         force_rng = rng if force_rng is None else force_rng
-        if self.hand is not None:
-            return self._grasp(self.hand, obj, pose, rng, force_rng)
         for num_unsettled in range(attempts):
-            placement = self.place(obj, pose, rng)
             try:
+                if self.hand is not None:
+                    return self._grasp(self.hand, obj, pose, rng, force_rng)._replace(num_unsettled=num_unsettled)
+                placement = self.place(obj, pose, rng)
                 contact = self.contact(placement, force_rng)
             except UnstablePress as error:
                 last = error
@@ -381,18 +381,20 @@ class Scene:
         self, hand: Hand, obj: WorldObject, pose: Name, rng: np.random.Generator, force_rng: np.random.Generator
     ) -> PressedObject:
         """Close all fingers on a body in the palm: their images, side by side."""
-        in_palm = self.place(obj, pose, rng)
-        depth = self.variation.offset.sample(rng) if len(hand) > 1 or hand.travel is not None else 0.0
+        in_palm, depth = self.place_in_palm(obj, pose, rng)
+        found = hand.close(in_palm, depth, self.variation.force.sample(force_rng), self.setup, self.press_model)
+        ideals = [self.image(contact) for contact in found.contacts]
+        images = [read_out(ideal, self.faults, rng) for ideal in ideals]
+        stops = np.zeros(len(hand)) if hand.travel is None else rng.normal(np.nan_to_num(found.stops), hand.travel)
+        image, ideal = hand.joined(images, stops), np.concatenate(ideals, axis=1)
+        return PressedObject(found.contacts[0], image, 0, in_palm, ideal, found.contacts)
+
+    def place_in_palm(self, obj: WorldObject, pose: Name, rng: np.random.Generator) -> tuple[Placement, float]:
+        """An object in the palm, in front of a finger that is not turned, and its depth along the palm's x axis [m]."""
+        in_palm, hand = self.place(obj, pose, rng), self.hand
+        depth = self.variation.offset.sample(rng) if hand and (len(hand) > 1 or hand.travel is not None) else 0.0
         if obj.offset is not None:
             index = index_of("pose", self.pose_labels, pose)
             depth, *across = to_matrix(self.rotations[self.pose_labels[index]]) @ obj.offset
             in_palm = replace(in_palm, offset=self.aim_offsets[index] + across)
-        met, force = hand.placements(in_palm, depth), self.variation.force.sample(force_rng)
-        each = zip(met, hand.forces * force, strict=True)
-        contacts = tuple(self.press_model.press(self.setup, some, float(part)) for some, part in each)
-        ideals = [self.image(contact) for contact in contacts]
-        images, stops = [read_out(ideal, self.faults, rng) for ideal in ideals], np.zeros(len(hand))
-        if hand.travel is not None:
-            stops = rng.normal(hand.stops(met, contacts, (depth, *in_palm.offset)), hand.travel)
-        image, ideal = hand.joined(images, stops), np.concatenate(ideals, axis=1)
-        return PressedObject(contacts[0], image, 0, in_palm, ideal, contacts)
+        return in_palm, depth

@@ -32,7 +32,7 @@ from planners.registry import NEED_FILES
 from planners.solve import SearchTouchProblem, solve
 
 NUM_OBJECTS, TOUCH_COST = 4, 0.02
-TREES = {"pouct": "Pouct", "pomcp": "Pomcp"}
+TREES = ("pouct", "pomcp")
 
 
 @dataclass(frozen=True)
@@ -63,25 +63,20 @@ def deciders(table: OutcomeTable, episodes: int, trees: Sequence[int]) -> list[t
     """Name, number of episodes and builder of each decider that needs no trained policies."""
     found: list[tuple[str, int, Callable[[], Decider]]] = [
         (name, episodes, lambda name=name: make_decider(name, table))
-        for name in ("point_based", *(n for n in DECIDERS if n not in (*NEED_FILES, "point_based")))
+        for name in ("point_based", *(n for n in DECIDERS if n not in (*NEED_FILES, *TREES, "point_based")))
     ]
     for simulations, number in zip((100, 1000, 10_000), trees, strict=True):
         for name in TREES:
-            found.append((f"{name} {simulations}", number, lambda n=name, s=simulations: tree_search(n, table, s)))
+            found.append(
+                (f"{name} {simulations}", number, lambda n=name, s=simulations: make_decider(n, table, simulations=s))
+            )
     found.append(("pouct 1000, random rollouts", trees[1], lambda: with_random_rollouts(table)))
     return [entry for entry in found if entry[1]]
 
 
-def tree_search(name: str, table: OutcomeTable, simulations: int) -> Decider:
-    """Tree search with informed rollouts."""
-    import tree_search  # pomdp-py may not be installed
-
-    return getattr(tree_search, TREES[name])(table, simulations)
-
-
 def with_random_rollouts(table: OutcomeTable) -> Decider:
     """Tree search with pomdp-py's own rollouts."""
-    from tree_search import InformedRollout, Pouct
+    from planners.pomdp_py_adapter import InformedRollout, Pouct  # pomdp-py may not be installed
 
     class RandomRollout(InformedRollout):
         def rollout(self, state: object, history: tuple[object, ...]) -> object:

@@ -108,11 +108,9 @@ def measure_planners(searches: int) -> None:
     """The same searches by the point-based planner, by pomdp-py's tree searches, and without a touch."""
     table, first, milliseconds = deciders.tables()["coarse"], np.empty(0), []
     print(f"\n{searches} searches among four objects, table of scene coarse, touch cost {deciders.TOUCH_COST}, seed 0")
-    made = {name: make_decider(name, table) for name in ("point_based", "random_confirm")}
-    if has("pomdp-py"):
-        made |= {f"{tree}(simulations=100)": deciders.tree_search(tree, table, 100) for tree in deciders.TREES}
-    for name, decider in made.items():
-        timed = deciders.Timed(decider)
+    trees = [f"{tree}(simulations=100)" for tree in deciders.TREES] if has("pomdp-py") else []
+    for name in ("point_based", "random_confirm", *trees):
+        timed = deciders.Timed(make_decider(name, table))
         episodes, problem = deciders.play(table, timed, searches, seed=0)
         returns = np.array([episode.reward(problem) for episode in episodes])
         first = first if first.size else returns

@@ -3,7 +3,7 @@
 Run: OMP_NUM_THREADS=1 python benchmarks/peers_joint.py [--searches 40] [--figure peers_joint.svg]
 
 All play the same searches of scene ``coarse`` with its sensor's own joint belief. POUCT is played in two ways. On the
-table of ``benchmarks/tree_search.py``, touches in the tree are independent given the shape. On the
+table of :mod:`planners.pomdp_py_adapter`, touches in the tree are independent given the shape. On the
 joint problem, a state of the tree is an object's shape and one of the orientations that its touches leave likely, so
 that what a simulated touch shows depends on both, as in the belief.
 """
@@ -21,7 +21,6 @@ import numpy as np
 from matplotlib.figure import Figure
 from pomdp_py.utils.templates import SimpleObservation, SimpleState
 from timed import Timed
-from tree_search import Pouct, Rules
 
 from activetouch import TactileSensor, TouchWorld
 from belief import SearchProblem
@@ -32,6 +31,7 @@ from belief.statistics import paired_bootstrap, wilson_interval
 from belief.synthetic import sample_arrangement
 from belief.touch_batch import TouchBatch
 from planners import Decider, InformationState, make_decider, search_lockstep
+from planners.pomdp_py_adapter import Pouct, Rules
 
 SCENE, NUM_OBJECTS, TOUCH_COST = "coarse", 4, 0.02
 SIMULATIONS = (100, 400)

@@ -233,9 +233,13 @@ class SceneChoice:
         if sizes is not None or self.only:
             changes["variation"] = replace(named.scene.variation, size=Constant(1.0) if sizes is None else sizes)
         if self.hand is not None:
-            if self.fidelity not in (None, "quasistatic"):
-                raise InvalidArgument(f"--hand closes quasistatically; leave out --fidelity {self.fidelity}")
+            if self.fidelity == "guarded_move":
+                raise InvalidArgument("--hand closes by --fidelity quasistatic, the default, or dynamic")
             changes |= {"hand": hand_named(self.hand), "press_model": Quasistatic()}
+            if self.fidelity == "dynamic":
+                from activetouch.pressing.closing import Closing  # loads MuJoCo
+
+                changes["press_model"] = Closing()
         scene = replace(named.scene, **changes)
         num_objects = min(named.num_objects, len(scene.shapes)) if self.only else named.num_objects
         return replace(named, scene=scene, num_objects=num_objects)

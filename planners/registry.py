@@ -9,11 +9,12 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
+from numbers import Integral
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
 
-from belief.errors import ActiveTouchError
+from belief.errors import ActiveTouchError, MissingPackage, install_command
 from belief.observation_model.model import ObservationModel
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.references import BadReference, Reference, build, find
@@ -50,6 +51,16 @@ def _loaded(reference: str) -> Any:
     return getattr(import_module(module), name)
 
 
+def _tree_search(name: str) -> Any:
+    try:
+        return _loaded(f"planners.pomdp_py_adapter:{name}")
+    except ImportError as error:
+        raise MissingPackage(
+            f"the deciders 'pouct' and 'pomcp' need pomdp-py: {install_command('pomdp')} (wheels exist for Linux and "
+            "Python 3.11 and 3.12; elsewhere it is built from source)"
+        ) from error
+
+
 def _sequential(summary: str, stopping: Callable[..., StoppingRule], probing: Callable[..., ProbeSelector]) -> Builder:
     """A builder of a sequential decider with the settings of its two parts; ``summary`` is its docstring.
 
@@ -68,6 +79,18 @@ def _sequential(summary: str, stopping: Callable[..., StoppingRule], probing: Ca
     sequential.__doc__ = summary
     sequential.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     return sequential
+
+
+def _pouct(table: OutcomeTable, simulations: int = 1000) -> Decider:
+    """Tree search by POUCT of pomdp-py, from the belief as a histogram."""
+    decider: Decider = _tree_search("Pouct")(table, simulations)
+    return decider
+
+
+def _pomcp(table: OutcomeTable, simulations: int = 1000) -> Decider:
+    """Tree search by POMCP of pomdp-py, from particles drawn from the belief."""
+    decider: Decider = _tree_search("Pomcp")(table, simulations)
+    return decider
 
 
 def _point_based(
@@ -144,6 +167,8 @@ DECIDERS: Mapping[str, Builder] = MappingProxyType(
         "ppo_gains": _ppo("PPO policies on the joint belief and the gain of each pose, one per target.", "gains"),
         "ppo_goal": _ppo("One PPO policy for all targets, on the joint belief and the gain of each pose.", "goal"),
         "ppo_confident": confident_ppo,
+        "pouct": _pouct,
+        "pomcp": _pomcp,
         "point_based": _point_based,
     }
 )
@@ -201,6 +226,7 @@ def make_decider(
     table: OutcomeTable,
     model: ObservationModel | None = None,
     policies: Path | None = None,
+    simulations: int | None = None,
 ) -> Decider:
     """Make a decider from its name.
 
@@ -211,10 +237,12 @@ def make_decider(
         table: p(outcome | pose, shape) of single touches.
         model: the observation model, which some deciders need.
         policies: folder of trained policies, which some deciders need.
+        simulations: number per decision of tree-search deciders; the name may also set it.
 
     Raises:
         UnknownName: there is no such name; the message suggests the nearest.
         BadReference: the name is malformed, its settings do not fit, or it refers to something that is not a decider.
+        MissingPackage: it needs a package that is not installed.
         WrongType: an argument has the wrong type, such as a model in place of its table.
 
     >>> import numpy as np
@@ -226,15 +254,18 @@ def make_decider(
         ("name", name, str, f"one of {', '.join(DECIDERS)}, or module:attribute"),
         ("table", table, OutcomeTable, "an observation model's: model.outcome_table()"),
         ("policies", policies, Path | None, "a pathlib.Path"),
+        ("simulations", simulations, Integral | None, "an integer"),
     ):
-        if not isinstance(value, kind):
+        if not isinstance(value, kind) or isinstance(value, bool):
             raise WrongType(f"{argument} must be {works}; got {_what(value)}")
     if model is not None and not callable(getattr(model, "log_likelihood", None)):
         raise WrongType(
             f"model must be an observation model, such as TactileSensor.shipped('gel').model; got {_what(model)}"
         )
     found, reference = find_decider(name)
-    offered = {"table": table, "model": model, "policies": policies}
+    offered: dict[str, Any] = {"table": table, "model": model, "policies": policies}
+    if simulations is not None:
+        offered["simulations"] = simulations
     try:
         made = build(reference.name, found, reference.settings, offered, reference.is_called)
     except ActiveTouchError:

@@ -58,6 +58,7 @@ NEED = {
     ("reproduce", "--parts", "table1"): "train",
     ("train-ppo",): "rl",
     ("train-ppo", "--tensorboard", "logs"): "rl",
+    ("compare", "--deciders", "pouct", "--episodes", "1", "--jobs", "1"): "pomdp",
 }
 ONE_AFTER_THE_OTHER = f"""
 import sys
@@ -87,7 +88,7 @@ def test_a_command_that_needs_an_extra_names_it_before_any_work(python, tmp_path
 
 def test_every_module_of_an_extra_is_required_by_it_and_by_nothing_else():
     distributions = {"sklearn": "scikit-learn"} | {
-        module: module.replace("_", "-") for module in ("stable_baselines3", "sb3_contrib")
+        module: module.replace("_", "-") for module in ("stable_baselines3", "sb3_contrib", "pomdp_py")
     }
     needed = [line.replace('"', "'") for line in requires("activetouch")]
     for extra, modules in EXTRAS.items():

@@ -8,19 +8,46 @@ one force law (:func:`activetouch.pressing.contact.elastic_contact`).
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from activetouch.errors import WrongPress
 from activetouch.placement import Placement
 from activetouch.poses import Quaternion
-from activetouch.pressing.contact import Contact, elastic_contact, surface_gap
+from activetouch.pressing.contact import Contact, elastic_contact, first_touch, surface_gap
 from activetouch.pressing.setup import Setup
 from activetouch.pressing.trace import Trace
 from activetouch.solids.solid import Shape
 
 if TYPE_CHECKING:
     import mujoco
+
+
+@dataclass(frozen=True, eq=False)
+class Grasp:
+    """What m fingers feel that closed on a body.
+
+    Attributes:
+        contacts: of the fingers; the force of one that misses is 0.
+        met: what each finger has in front of it in the end.
+        centre: of the body, from the middle of the palm along each finger's axis, ``(m,)`` [m].
+        net_force: sum of the fingers' forces, with friction where it is simulated, ``(3,)`` [N]: what the palm holds.
+    """
+
+    contacts: tuple[Contact, ...]
+    met: tuple[Placement, ...]
+    centre: NDArray[np.float64]
+    net_force: NDArray[np.float64]
+
+    @property
+    def stops(self) -> NDArray[np.float64]:
+        """Where the pads' faces stop, from the middle of the palm, ``(m,)`` [m]; ``nan`` for a finger that misses."""
+        each = zip(self.contacts, self.met, strict=True)
+        return np.array([first_touch(one.pad, seen)[1] - one.depth for one, seen in each]) - self.centre
 
 
 class Press(Protocol):
@@ -57,6 +84,31 @@ class Press(Protocol):
     def with_trace(self) -> Press:
         """This press with a trace of its complete motion, if it can record one."""
         return self
+
+    def close(
+        self,
+        setup: Setup,
+        met: Sequence[Placement],
+        fingers: NDArray[np.float64],
+        centre: NDArray[np.float64],
+        forces: Sequence[float],
+    ) -> Grasp:
+        """What fingers feel when they close on a body; by default, each presses by itself.
+
+        Args:
+            setup: of one pad and its surroundings.
+            met: what each of the m fingers has in front of it.
+            fingers: rotations of the pads about the middle of the palm, ``(m, 3, 3)``; they press along the first
+                columns.
+            centre: of the body in the palm, ``(3,)`` [m].
+            forces: of the fingers [N].
+
+        Raises:
+            UnstablePress: the simulation diverged.
+        """
+        contacts = tuple(self.press(setup, seen, float(force)) for seen, force in zip(met, forces, strict=True))
+        axes = fingers[:, :, 0]
+        return Grasp(contacts, tuple(met), axes @ centre, np.array([one.force for one in contacts]) @ axes)
 
     def rotate(self, setup: Setup, placement: Placement, orientation: Quaternion) -> Trace:
         """The time series of a rotation of the withdrawn object to another orientation.

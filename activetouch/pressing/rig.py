@@ -32,7 +32,7 @@ if tuple(int(part) for part in mujoco.__version__.split(".")[:3]) < _OLDEST:
 
 _MASS = 0.5  # of object and guide together [kg]; with the pad's contact it gives 1.5-2.4 mm at 2 N
 _SERVO_STIFFNESS = 20_000.0  # of the guide's position servo [N/m]
-_PAD_SOLIMP = (0.7, 0.9, 0.003, 0.5, 2.0)  # impedance from 0.7 to 0.9 over 3 mm
+PAD_SOLIMP = (0.7, 0.9, 0.003, 0.5, 2.0)  # impedance from 0.7 to 0.9 over 3 mm
 LARGEST_SCALE = 2.0
 """Size at which an object is compiled, relative to nominal: the largest size of a press."""
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION  # all that determines the next step
@@ -90,7 +90,7 @@ def build_spec(
     geom = shape.geom if facing is None else facing
     add_solid(spec, body, "object", geom, largest_scale, mass=_MASS, rgba=_ORANGE, **_NO_CONTACT)
     softness = [pad.contact_time, pad.damping_ratio]
-    spec.add_pair(name="touch", geomname1="pad", geomname2="object", solref=softness, solimp=_PAD_SOLIMP)
+    spec.add_pair(name="touch", geomname1="pad", geomname2="object", solref=softness, solimp=PAD_SOLIMP)
     actuator = spec.add_actuator(name="guide", target="guide", trntype=mujoco.mjtTrn.mjTRN_JOINT)
     actuator.set_to_position(kp=_SERVO_STIFFNESS, dampratio=1.0)
     for place, parked in enumerate(setup.loaded):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +18,8 @@ _SKY = (237, 240, 245)
 _LIGHT = np.array([0.45, -0.55, 0.7])  # direction towards the light
 _AZIMUTH, _ELEVATION = np.deg2rad([128.0, -27.0])  # of the camera: from the front right and above
 _FIELD_OF_VIEW = np.deg2rad(35.0)  # vertical
-_OVERSAMPLING = 2
+_SEEN = np.array([1, 1, 1, 0, 0, 0], np.uint8)  # groups of geoms; in the others stands what only collides
+_MOST_FRAMES, _FRAME = 40, (320, 240)  # of an animation [pixels]
 
 
 def press_picture(
@@ -45,24 +49,62 @@ def press_picture(
     distance = 5.5 * max(setup.pad.half_width, placement.bounding_radius)
     if setup.loaded:
         middle, distance = np.array([0.0, 0.1, setup.height]), 0.45
-    return _cast_rays(rig.model, rig.data, middle, distance, (width, height), sky)
+    return cast_rays(rig.model, rig.data, middle, distance, (width, height), sky)
 
 
-def _cast_rays(
+def write_motion(
+    path: Path,
+    model: mujoco.MjModel,
+    states: Sequence[NDArray[np.float64]],
+    middle: NDArray[np.float64],
+    distance: float,
+) -> None:
+    """Write a motion as an animated picture, at half its speed, with the last state for a second.
+
+    Args:
+        path: file that ends in .gif or .webp.
+        model: what moves.
+        states: positions of its joints, one a time step, at least one.
+        middle: of the picture, ``(3,)`` [m].
+        distance: of the camera from it [m].
+    """
+    from PIL import Image
+
+    data, every, frames = mujoco.MjData(model), -(-len(states) // _MOST_FRAMES), []
+    for state in [*states[::every], states[-1]]:
+        data.qpos[:] = state
+        mujoco.mj_forward(model, data)
+        frames.append(Image.fromarray(cast_rays(model, data, middle, distance, _FRAME, oversampling=1)))
+    durations = [round(2000 * every * model.opt.timestep)] * (len(frames) - 1) + [1000]
+    frames[0].save(path, save_all=True, append_images=frames[1:], duration=durations, loop=0, quality=80)
+
+
+def cast_rays(
     model: mujoco.MjModel,
     data: mujoco.MjData,
     middle: NDArray[np.float64],
     distance: float,
-    size: tuple[int, int],
-    sky: tuple[int, int, int],
+    size: tuple[int, int] = (640, 480),
+    sky: tuple[int, int, int] = _SKY,
+    oversampling: int = 2,
 ) -> NDArray[np.uint8]:
-    """What a camera sees at a distance from the middle of the picture [m], with Lambert shading."""
+    """What a camera sees, ``(height, width, 3)``, with Lambert shading.
+
+    Args:
+        model: what is seen, but for its geoms of the groups 3 to 5.
+        data: its state.
+        middle: of the picture, ``(3,)`` [m].
+        distance: of the camera from it [m].
+        size: width and height of the picture [pixels].
+        sky: colour of the background, in [0, 255].
+        oversampling: rays along each edge of a pixel.
+    """
     width, height = size
     level = np.cos(_ELEVATION)
     forward = np.array([level * np.cos(_AZIMUTH), level * np.sin(_AZIMUTH), np.sin(_ELEVATION)])
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
-    rows, columns = height * _OVERSAMPLING, width * _OVERSAMPLING
+    rows, columns = height * oversampling, width * oversampling
     span = np.tan(_FIELD_OF_VIEW / 2)
     y = (1 - (2 * np.arange(rows) + 1) / rows) * span
     x = ((2 * np.arange(columns) + 1) / columns - 1) * span * columns / rows
@@ -71,9 +113,11 @@ def _cast_rays(
     geoms, gaps, normals = np.full(len(rays), -1, np.int32), np.zeros(len(rays)), np.zeros((len(rays), 3))
     camera, farthest = middle - distance * forward, mujoco.mjMAXVAL
     mujoco.mj_multiRay(
-        model, data, camera, rays.ravel(), None, True, -1, geoms, gaps, normals.ravel(), len(rays), farthest
+        model, data, camera, rays.ravel(), _SEEN, True, -1, geoms, gaps, normals.ravel(), len(rays), farthest
     )
     shade = 0.35 + 0.65 * np.clip(normals @ _LIGHT / np.linalg.norm(_LIGHT), 0.0, 1.0)
-    colours = np.where((geoms >= 0)[:, None], model.geom_rgba[geoms, :3] * shade[:, None], np.array(sky) / 255)
-    image = colours.reshape(height, _OVERSAMPLING, width, _OVERSAMPLING, 3).mean(axis=(1, 3))
+    paint, material = model.geom_rgba[:, :3].copy(), model.geom_matid
+    paint[material >= 0] = model.mat_rgba[material[material >= 0], :3]
+    colours = np.where((geoms >= 0)[:, None], paint[geoms] * shade[:, None], np.array(sky) / 255)
+    image = colours.reshape(height, oversampling, width, oversampling, 3).mean(axis=(1, 3))
     return np.rint(255 * np.clip(image, 0.0, 1.0)).astype(np.uint8)

@@ -45,6 +45,21 @@ def draw_touch(title: str, view: NDArray[np.uint8], contact: Contact, path: Path
             axes.set_title(name)
 
 
+def draw_grasp(title: str, view: NDArray[np.uint8], images: Sequence[NDArray[np.float64]], path: Path) -> None:
+    """Draw one grasp: the hand, and the image of each finger."""
+    with figure((7.2, 4.2), path, dpi=110) as drawn:
+        scene, grid = np.asarray(drawn.subfigures(1, 2, width_ratios=(2.2, 1)))
+        drawn.suptitle(title)
+        axes = scene.subplots()
+        axes.imshow(view)
+        axes.set_axis_off()
+        for number, (axes, image) in enumerate(
+            zip(np.ravel(grid.subplots(-(-len(images) // 2), 2, squeeze=False)), images, strict=False), 1
+        ):
+            _show(axes, image)
+            axes.set_title(f"finger {number}")
+
+
 def _draw_trace(axes: Axes, trace: Trace | None) -> None:
     if trace is None:
         axes.set_axis_off()

@@ -29,6 +29,7 @@ SHARES: Mapping[str, float] = MappingProxyType({"gel": 1.0, "coarse": 1.0, "pape
 """Number of searches per target relative to ``gel``: fewer where they take longer."""
 _WHOLE = ("gel", "coarse")  # scenes in which everything is varied
 _MAIN = ("information_gain", "point_based", "threshold", "value_of_information")
+_SLOW = ("pouct", "pomcp")  # tree searches, whose decisions take hundreds of times as long
 _TOUCH_COSTS = (0.005, 0.05, 0.1)  # besides the default
 _WEIGH_COSTS = ("point_based", "value_of_information")  # deciders that weigh the cost of a touch
 
@@ -133,7 +134,7 @@ def _variants(base: Configuration, sensors: Sequence[str]) -> list[list[Configur
     presses = [] if base.scene == "paper" else list(FIDELITIES)  # force patches need a guarded move
     independent = base.scene + INDEPENDENT_SUFFIX
     others = [*([independent] if (MODELS / independent).is_dir() else []), *sensors]
-    not_varied = {"random_confirm", *NEED_FILES}
+    not_varied = {"random_confirm", *NEED_FILES, *_SLOW}
     return [
         [replace(base, decider=decider) for decider in _MAIN],
         [replace(base, sensor=sensor, decider=decider) for sensor in others for decider in _MAIN[:2]],

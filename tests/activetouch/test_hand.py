@@ -9,7 +9,7 @@ import pytest
 from activetouch import SCENES, Quasistatic, TactileSensor
 from activetouch.distributions import Constant
 from activetouch.errors import NoIndependentModel, WrongScene
-from activetouch.hand import HANDS, Hand
+from activetouch.hand import Hand
 from activetouch.orientations import Inexact, Resampled
 from activetouch.perception import preparation
 from activetouch.perception.contacts import hypotheses as contact_hypotheses
@@ -54,7 +54,7 @@ def test_one_finger_is_read_as_a_touch_to_the_last_bit(path):
     assert np.array_equal(HypothesisTable(alone, COARSE)(8, [2]), HypothesisTable(held, scene)(8, [2]))
 
 
-@pytest.mark.parametrize("name", HANDS)
+@pytest.mark.parametrize("name", ["one_finger", "parallel", "three_finger"])  # whose forces are equal
 def test_a_grasp_shows_what_single_pads_feel_there(name):
     scene = replace(EXACT, aims={"z45": (0.002, -0.001)}).with_hand(name)
     fingers = scene.fingers

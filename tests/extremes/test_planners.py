@@ -36,7 +36,7 @@ _PROBLEM = SearchProblem(_LABELS, _POSES, 3, touch_cost=0.02, touch_limit=20)
 
 @cache
 def _decider(name: str, model: ConfusionModel) -> Decider:
-    return make_decider(name, model.outcome_table(), model, _UNTRAINED)
+    return make_decider(name, model.outcome_table(), model, _UNTRAINED, simulations=20)
 
 
 _MODEL_BASED = tuple(name for name in DECIDERS if name not in NEED_FILES)

@@ -16,6 +16,7 @@ from planners import DECIDERS, Decision, Episode, Outcome, make_decider, search,
 from planners.episode import Step
 from planners.registry import NEED_FILES
 
+SIMULATIONS = 20  # enough to be legal, too few to be good
 UNTRAINED = [name for name in DECIDERS if name not in NEED_FILES]
 every_decider = pytest.mark.parametrize("name", UNTRAINED)
 every_composition = pytest.mark.parametrize("composition", list(Composition))
@@ -30,7 +31,7 @@ def problem_for(model, composition=Composition.DISTINCT, num_objects=None, touch
 
 def play(name, model, problem, seeds, target=0):
     worlds = [SyntheticWorld(model, sample_arrangement(problem, np.random.default_rng([s, 99]))) for s in seeds]
-    decider = make_decider(name, model.outcome_table())
+    decider = make_decider(name, model.outcome_table(), simulations=SIMULATIONS)
     return search_lockstep(worlds, decider, problem, [target] * len(worlds), model, [(s,) for s in seeds])
 
 
@@ -128,7 +129,7 @@ def test_fusing_touches_beats_the_rule_on_single_frames():
 
 @every_decider
 def test_a_world_can_be_searched_again(name, model):
-    problem, decider = problem_for(model), make_decider(name, model.outcome_table())
+    problem, decider = problem_for(model), make_decider(name, model.outcome_table(), simulations=SIMULATIONS)
     world = SyntheticWorld(model, (3, 1, 0, 2))
     first, again = (search(world, decider, problem, 0, model, (5,)).to_dict() for _ in range(2))
     assert first == again

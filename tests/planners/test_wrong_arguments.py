@@ -185,6 +185,8 @@ def test_a_model_in_place_of_its_table_is_told_what_works(name, model):
         ({"model": OutcomeTable(TABLE)}, "model"),
         ({"model": "coarse"}, "model"),
         ({"policies": "runs/ppo"}, "policies"),
+        ({"simulations": 10.5}, "simulations"),
+        ({"simulations": "many"}, "simulations"),
         ({"name": None}, "name"),
         ({"name": DECIDERS["threshold"]}, "name"),
     ],
@@ -205,7 +207,7 @@ def test_a_table_of_other_poses_or_shapes_than_the_search_is_refused(name, shape
     table = OutcomeTable(np.random.default_rng(0).dirichlet(np.ones(shape[2]), size=shape[:2]))
     problem = SearchProblem(model.shape_labels, ("p0", "p1", "p2"), 4)
     with pytest.raises(TableMismatch, match=f"{shape[0]} poses and {shape[1]} shapes"):
-        search(SyntheticWorld(model, (0, 1, 2, 3)), make_decider(name, table), problem, 0, model, (0,))
+        search(SyntheticWorld(model, (0, 1, 2, 3)), make_decider(name, table, simulations=20), problem, 0, model, (0,))
 
 
 @pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64])

@@ -1,5 +1,7 @@
 """The command that shows presses writes what it says."""
 
+from pathlib import Path
+
 import pandas
 import pytest
 import trimesh
@@ -8,6 +10,7 @@ from PIL import Image
 from activetouch import SCENES, SHAPES
 from activetouch.errors import WrongPress
 from activetouch.pressing.trace import Phase
+from activetouch.view import picture
 from belief.errors import MissingPackage, UnknownName
 from experiments.command_line.arguments import BadArgument
 from experiments.press.touch import TouchCommand, press_new_object, write_presses
@@ -64,9 +67,9 @@ def test_the_viewer_says_what_it_lacks(monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(MissingPackage, match=r"\[viewer\]'|no display"):
-        TouchCommand(view=True).run()
+        TouchCommand(view=Path("window")).run()
     with pytest.raises(WrongPress, match="nothing moves"):
-        TouchCommand(SceneChoice(fidelity="quasistatic"), view=True).run()
+        TouchCommand(SceneChoice(fidelity="quasistatic"), view=Path("window")).run()
 
 
 def test_a_log_of_another_press_than_the_papers_is_refused(tmp_path):
@@ -77,3 +80,20 @@ def test_a_log_of_another_press_than_the_papers_is_refused(tmp_path):
 def test_two_outputs_at_once_are_refused(tmp_path):
     with pytest.raises(BadArgument, match="--all, --view and --csv"):
         TouchCommand(all=True, csv=tmp_path).run()
+
+
+def test_a_grasp_and_its_motion_are_drawn(tmp_path, monkeypatch):
+    monkeypatch.setattr(picture, "_FRAME", (32, 24))
+    choice = SceneChoice("coarse", hand="parallel")
+    TouchCommand(choice, shape="cube", out=tmp_path / "grasp.png").run()
+    TouchCommand(choice, shape="cube", view=tmp_path / "grasp.gif").run()
+    with Image.open(tmp_path / "grasp.png") as still, Image.open(tmp_path / "grasp.gif") as motion:
+        assert len(still.convert("RGB").getcolors(maxcolors=10**7)) > 500
+        assert 20 < motion.n_frames <= 60
+    for wrong in ({"all": True}, {"csv": tmp_path}, {"view": Path("window")}):
+        with pytest.raises(BadArgument, match="--hand draws a grasp"):
+            TouchCommand(choice, **wrong).run()
+    with pytest.raises(BadArgument, match="add --hand allegro"):
+        TouchCommand(choice, menagerie=tmp_path).run()
+    with pytest.raises(FileNotFoundError, match="copy of MuJoCo Menagerie"):
+        TouchCommand(SceneChoice("coarse", hand="allegro"), menagerie=tmp_path).run()

@@ -186,6 +186,9 @@ def coarse_table():
 @pytest.mark.usefixtures("folder")
 def test_a_builder_gets_what_it_asks_for_by_name(coarse_table):
     assert make_decider("own_parts:with_all", coarse_table).touches == 1
+    assert make_decider("pouct(simulations=50)", coarse_table).simulations == 50
+    assert make_decider("pouct", coarse_table, simulations=60).simulations == 60
+    assert make_decider("pouct(simulations=50)", coarse_table, simulations=60).simulations == 50
     assert make_decider("value_of_information(depth=1)", coarse_table).depth == 1
 
 

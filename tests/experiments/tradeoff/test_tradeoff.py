@@ -48,7 +48,7 @@ def test_a_key_follows_from_what_decides_the_result_and_from_nothing_else(tmp_pa
 def test_a_sweep_names_every_decider_that_needs_no_training_and_nothing_twice():
     found = sweep(["coarse", "gel", "paper"], {"gel": ["runs/small"]}, episodes=100, seed=0)
     assert len({c.name for c in found}) == len(found) >= 30
-    left_out = {"random_confirm", *NEED_FILES}
+    left_out = {"random_confirm", "pouct", "pomcp", *NEED_FILES}
     wanted = {name for name in DECIDERS if name not in left_out}
     assert {c.decider for c in found if c.scene == "coarse"} == wanted
     for sensor in ("paper-independent", "runs/small"):

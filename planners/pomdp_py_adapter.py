@@ -1,6 +1,4 @@
-r"""Online planning by tree search with pomdp-py: POUCT and POMCP (Silver & Veness 2010), as deciders of a user's own.
-
-Run: activetouch compare --deciders "benchmarks.tree_search:Pouct(simulations=400)"   (in a clone; needs pomdp-py)
+r"""Online planning by tree search with pomdp-py: POUCT and POMCP (Silver & Veness 2010).
 
 A state is (object, its shape, whether a target was rejected), or the end. CONFIRM and the last REJECT lead to the end;
 an earlier REJECT brings the next object. Its probability of being the target is hypergeometric; that the other shapes
@@ -15,7 +13,7 @@ The constant of exploration is a quarter of the range of returns with 100 simula
 of their number up to the whole range, which Silver & Veness use. With a quarter, an action whose first rollouts were
 poor is not tried again by any number of simulations; a hundred simulations are too few to explore more.
 
-It draws from Python's global generator, which is seeded for each
+Only this module needs pomdp-py, the extra ``pomdp``. It draws from Python's global generator, which is seeded for each
 plan and restored afterwards; plans of several threads run one after the other.
 
 >>> from belief import Belief

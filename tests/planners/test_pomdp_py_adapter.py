@@ -1,6 +1,8 @@
 """pomdp-py's planners: models that agree with themselves and with the search, and what a rollout makes of them."""
 
 import random
+import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from belief.observation_model import OutcomeTable
 from benchmarks.tabular_model import TabularModel
 from planners import InformationState, make_decider
 
-adapter = pytest.importorskip("pomdp_py") and pytest.importorskip("benchmarks.tree_search")
+adapter = pytest.importorskip("pomdp_py") and pytest.importorskip("planners.pomdp_py_adapter")
 
 TABLE = OutcomeTable(
     [[[0.8, 0.1, 0.1], [0.1, 0.8, 0.1], [0.1, 0.2, 0.7]], [[0.6, 0.4, 0.0], [0.2, 0.2, 0.6], [0, 0, 1]]]
@@ -106,21 +108,16 @@ def test_enough_simulations_touch_when_unsure_and_stop_when_sure(kind):
         assert isinstance(decider.decide(info, np.random.default_rng(0)).action, expected)
 
 
-def test_a_user_names_it_like_a_decider_of_their_own():
-    made = make_decider("benchmarks.tree_search:Pomcp(simulations=50)", TABLE)
-    assert (type(made), made.table, made.simulations) == (adapter.Pomcp, TABLE, 50)
-
-
 def test_too_few_simulations_to_try_every_action_are_refused():
     with pytest.raises(ValueError, match="2 poses need at least 5 simulations, got 4"):
-        adapter.Pouct(TABLE, 4)
+        make_decider("pouct", TABLE, simulations=4)
 
 
 def test_a_target_ruled_out_is_not_confirmed_by_few_simulations():
     problem = problem_of(Composition.INDEPENDENT, 2)
     info = InformationState(problem, 0, Belief.from_probs(tuple("abc"), [0, 0.5, 0.5]))
     for seed in range(20):
-        action = adapter.Pouct(TABLE, 5).decide(info, np.random.default_rng(seed)).action
+        action = make_decider("pouct", TABLE, simulations=5).decide(info, np.random.default_rng(seed)).action
         assert not isinstance(action, Confirm)
 
 
@@ -139,6 +136,36 @@ def test_the_only_pose_that_tells_anything_is_touched_again():
     problem = SearchProblem(("a", "b"), POSES, 1, "independent", touch_cost=0.001)
     info = InformationState(problem, 0, Belief.from_probs(("a", "b"), [0.8, 0.2]), (Touch(1, np.zeros(2)),))
     assert adapter.Pouct(table, 500).decide(info, np.random.default_rng(0)).action == Probe(1)
+
+
+def test_no_touch_is_planned_where_those_of_the_search_are_used():
+    model, problem = TabularModel(tuple("abc"), TABLE), SearchProblem(tuple("abc"), POSES, 3, touch_limit=1)
+    scene = SceneBelief(problem, model)
+    for index, is_over in ((0, False), (1, True)):
+        rules, info = adapter.Rules(problem, 0, TABLE), InformationState.of(problem, 0, scene, index)
+        names = [action.name for action in adapter._root_actions(rules, info)]
+        assert names == ["confirm", "reject"] + ([] if is_over else ["probe_0", "probe_1"])
+        scene.update(0, [Touch(0, np.log([0.1, 0.5, 0.4]))])
+
+
+@pytest.mark.parametrize("kind", ["Pouct", "Pomcp"])
+def test_several_threads_decide_as_each_would_alone(kind):
+    decider, problem = getattr(adapter, kind)(TABLE, 120), problem_of()
+    infos = [
+        InformationState(problem, 0, Belief.from_probs(tuple("abc"), [p, 0.9 - p, 0.1])) for p in (0.2, 0.4, 0.6, 0.7)
+    ]
+
+    def decide(number):
+        return decider.decide(infos[number % 4], np.random.default_rng(number))
+
+    alone = [decide(number) for number in range(24)]
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)  # threads are interrupted in the middle of a plan
+    try:
+        with ThreadPoolExecutor(8) as threads:
+            assert list(threads.map(decide, range(24))) == alone
+    finally:
+        sys.setswitchinterval(interval)
 
 
 @pytest.mark.parametrize("sharpness", [0.0, 1e-3], ids=["useless", "not worth its cost"])

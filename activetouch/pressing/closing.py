@@ -1,0 +1,307 @@
+"""Grasps simulated step by step in MuJoCo: fingers close on one body, which is free to move and to turn.
+
+>>> from activetouch import SCENES
+>>> scene, rng = SCENES["coarse"].scene.with_hand("three_finger", Closing()), np.random.default_rng(0)
+>>> grasp = scene.press(scene.sample_object("sphere", rng), "front", rng)
+>>> [contact.force > 1.0 for contact in grasp.contacts]
+[True, True, True]
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from activetouch.errors import UnstablePress
+from activetouch.placement import Placement
+from activetouch.poses import to_matrix
+from activetouch.pressing.contact import elastic_contact, first_touch, missed
+from activetouch.pressing.dynamic import Dynamic, require_force
+from activetouch.pressing.facing import facing_geom
+from activetouch.pressing.pad import Pad
+from activetouch.pressing.press import Grasp
+from activetouch.pressing.rig import PAD_SOLIMP, add_solid, stop_clock
+from activetouch.pressing.setup import Setup
+
+Floats = NDArray[np.float64]
+Watch = Callable[[mujoco.MjModel, mujoco.MjData], None]
+
+BODY_MASS = 0.1  # [kg]
+_SERVO_STIFFNESS, _MOST_FORCE = 20_000.0, 50.0  # of a sliding finger's servo [N/m], [N]
+_TORSION = 0.003  # friction of a pad's contact against turning about its normal, relative to that against sliding [m]
+_STICKS = (0.004, 1.0)  # of that friction: soft friction lets a body creep
+_LIGHT = 0.05  # force that a finger keeps until the others touch, too [N]
+_CALM = 0.001  # speed of a body that rests [m/s]
+_FORCE, _NET_FORCE = 1 << 1, 3  # settings of MuJoCo's contact sensor
+_ORANGE, _BLUE = (0.9, 0.45, 0.1, 1), (0.3, 0.5, 0.75, 1)
+NO_CONTACT = {"contype": 0, "conaffinity": 0}
+
+
+class Gripper(ABC):
+    """A compiled model of m fingers, with the geoms ``pad0``, ``pad1``, … and a body ``object`` between them.
+
+    Attributes:
+        in_unison: whether all fingers squeeze by the same distance, until their mean force is right.
+        camera: middle of a picture and distance of the camera from it [m].
+
+    Args:
+        spec: the model, to which :func:`add_pad` and :func:`add_body` were applied.
+        law: how the fingers close.
+        pad: of every finger.
+        radius: of the body [m].
+        open_at: distance of the pads' faces from the palm's centre [m].
+    """
+
+    in_unison: ClassVar[bool] = False
+    camera: ClassVar[tuple[tuple[float, float, float], float]] = (0.0, 0.0, 0.0), 0.25
+
+    def __init__(self, spec: mujoco.MjSpec, law: Closing, pad: Pad, radius: float, open_at: float) -> None:
+        stop_clock()
+        spec.option.timestep = law.timestep
+        spec.option.gravity = [0.0, 0.0, 0.0]  # the palm carries the body
+        spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+        spec.option.impratio = 10.0
+        spec.option.noslip_iterations = 3  # else bodies creep
+        spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_ISLAND
+        self.model, self.pad, self.open_at = spec.compile(), pad, open_at
+        self.data = mujoco.MjData(self.model)
+        self._pads = [self.model.geom(f"pad{number}").id for number in range(self.model.nsensor)]
+        self._body, self._radius = self.model.body("object").id, radius
+        first, free = self.model.body_dofadr[self._body], self.model.body_dofnum[self._body]
+        damping = law.damping * np.array([1, 1, 1, *[(radius / 2) ** 2] * 3])
+        self.model.dof_damping[first : first + free] = damping[:free]
+        self._velocity = self.data.qvel[first : first + free]
+        mujoco.mj_forward(self.model, self.data)
+
+    def __len__(self) -> int:
+        return len(self._pads)
+
+    @abstractmethod
+    def advance(self, moves: Floats) -> None:
+        """Command each pad along its own axis by a distance, ``(m,)`` [m]."""
+
+    @abstractmethod
+    def stop(self, fingers: NDArray[np.bool_]) -> None:
+        """Command fingers to stay where they are, those of a mask ``(m,)``."""
+
+    @property
+    def forces(self) -> Floats:
+        """Of each pad on the body, in the world, ``(m, 3)`` [N]."""
+        return self.data.sensordata.reshape(-1, 3)
+
+    @property
+    def rotations(self) -> Floats:
+        """Of the pads, ``(m, 3, 3)``; their first columns are the axes."""
+        return self.data.geom_xmat[self._pads].reshape(-1, 3, 3)
+
+    @property
+    def faces(self) -> Floats:
+        """Centres of the pads' faces, ``(m, 3)`` [m]."""
+        return self.data.geom_xpos[self._pads] + self.pad.half_thickness * self.rotations[:, :, 0]
+
+    @property
+    def speed(self) -> float:
+        """Of the body's surface, at most [m/s]."""
+        return float(np.abs(self._velocity[:3]).max() + self._radius * np.abs(self._velocity[3:]).max(initial=0.0))
+
+    def met(self, placement: Placement) -> tuple[list[Placement], Floats]:
+        """See :func:`in_front`."""
+        body = self.data.xpos[self._body], self.data.xmat[self._body].reshape(3, 3)
+        return in_front(self.faces, self.rotations, *body, placement)
+
+
+def in_front(
+    faces: Floats, rotations: Floats, position: Floats, turned: Floats, placement: Placement
+) -> tuple[list[Placement], Floats]:
+    """A body in the frames of pads, and the distances of its centre from their faces, ``(m,)`` [m].
+
+    Args:
+        faces: centres of the pads' faces, ``(m, 3)`` [m].
+        rotations: of the pads, ``(m, 3, 3)``.
+        position: of the body's centre, ``(3,)`` [m].
+        turned: its rotation, ``(3, 3)``.
+        placement: of the same body elsewhere.
+    """
+    found, centres = [], np.einsum("mij,mi->mj", rotations, position - faces)
+    for rotation, centre in zip(rotations, centres, strict=True):
+        found.append(replace(placement, orientation=to_quaternion(rotation.T @ turned), offset=centre[1:]))
+    return found, centres[:, 0]
+
+
+def add_pad(
+    spec: mujoco.MjSpec, body: mujoco.MjsBody, number: int, pad: Pad, place: Sequence[float], mass: float = 0.1
+) -> None:
+    """Add a pad to the last segment of a finger, with its face at a place [m], and a sensor of its force."""
+    size = [pad.half_thickness, pad.half_width, pad.half_width]
+    centre = [place[0] - pad.half_thickness, place[1], place[2]]
+    kind = mujoco.mjtGeom.mjGEOM_BOX
+    body.add_geom(name=f"pad{number}", type=kind, size=size, pos=centre, mass=mass, rgba=_BLUE, **NO_CONTACT)
+    kind, geom = mujoco.mjtSensor.mjSENS_CONTACT, mujoco.mjtObj.mjOBJ_GEOM
+    sensor = spec.add_sensor(name=f"pad{number}", type=kind, objtype=geom, objname=f"pad{number}")
+    sensor.intprm[:3] = [_FORCE, _NET_FORCE, 1]
+
+
+def to_quaternion(rotation: Floats) -> Floats:
+    """The unit quaternion ``wxyz`` of a rotation matrix."""
+    found = np.empty(4)
+    mujoco.mju_mat2Quat(found, rotation.ravel())
+    return found
+
+
+def add_body(spec: mujoco.MjSpec, turned: Floats, centre: Floats, pad: Pad, met: Sequence[Placement]) -> mujoco.MjsBody:
+    """Add a body without joints, which only the pads touch.
+
+    Args:
+        spec: the model.
+        turned: rotation of the body, ``(3, 3)``.
+        centre: of the body, ``(3,)`` [m].
+        pad: of every finger.
+        met: what each finger has in front of it; it stands for a hollow body there.
+    """
+    placement, orientation = met[0], to_quaternion(turned)
+    body, scale = spec.worldbody.add_body(name="object", pos=centre, quat=orientation), placement.scale
+    add_solid(spec, body, "object", placement.shape.geom, scale, mass=BODY_MASS, rgba=_ORANGE, **NO_CONTACT)
+    softness, slides = [pad.contact_time, pad.damping_ratio], placement.friction
+    friction = [slides, slides, _TORSION * slides, 1e-4, 1e-4]
+    for number, seen in enumerate(met):
+        facing, name = facing_geom(pad, seen, *first_touch(pad, seen)), "object"
+        if facing is not None:
+            name = f"facing{number}"
+            add_solid(spec, body, name, facing, scale, mass=0.0, group=4, rgba=(0, 0, 0, 0), **NO_CONTACT)
+        pair = spec.add_pair(name=f"touch{number}", geomname1=f"pad{number}", geomname2=name, condim=4)
+        pair.friction, pair.solref, pair.solimp = friction, softness, PAD_SOLIMP
+        pair.solreffriction = _STICKS
+    return body
+
+
+class SlidingPads(Gripper):
+    """Pads that slide along their axes in the frame of the palm."""
+
+    def __init__(self, law: Closing, setup: Setup, met: Sequence[Placement], fingers: Floats, centre: Floats) -> None:
+        spec, pad, radius = mujoco.MjSpec(), setup.pad, met[0].bounding_radius
+        open_at = max(law.start, float(np.linalg.norm(centre)) + radius + pad.max_depth)
+        for number, rotation in enumerate(fingers):
+            name = f"finger{number}"
+            carriage = spec.worldbody.add_body(name=name, quat=to_quaternion(rotation))
+            carriage.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1.0, 0.0, 0.0])
+            add_pad(spec, carriage, number, pad, (-open_at, 0.0, 0.0))
+            servo = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+            servo.set_to_position(kp=_SERVO_STIFFNESS, dampratio=1.0)
+            servo.forcerange = [-_MOST_FORCE, _MOST_FORCE]
+        body = add_body(spec, fingers[0] @ to_matrix(met[0].orientation), centre, pad, met)
+        if law.turns:
+            body.add_freejoint()
+        else:
+            for axis in np.eye(3):
+                body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
+        super().__init__(spec, law, pad, radius, open_at)
+
+    def advance(self, moves: Floats) -> None:
+        """See :class:`Gripper`."""
+        self.data.ctrl[:] += moves
+
+    def stop(self, fingers: NDArray[np.bool_]) -> None:
+        """See :class:`Gripper`."""
+        self.data.ctrl[fingers] = self.data.qpos[: len(self)][fingers]
+
+
+@dataclass(frozen=True)
+class Closing(Dynamic):
+    """Position-controlled fingers that close on a body until each has its force; a single pad presses as by Dynamic.
+
+    Each finger advances along its axis and keeps a light touch until all others touch or are at their end. Then all
+    squeeze: the velocity is proportional to the force error, up to ``speed``. The grasp ends when the errors of all
+    fingers that touch have stayed within the tolerance, and the body at rest, for the whole ``pause``. A finger that
+    meets nothing ends behind the body's centre. The body is in the palm, which slows it down and carries its weight.
+
+    Attributes:
+        timestep: of the simulation [s].
+        speed: of a finger, at most [m/s].
+        admittance: velocity per newton of force error [m/s/N].
+        tolerance: largest relative force error in the pause.
+        pause: time during which the forces must stay within the tolerance [s].
+        patience: time after which the grasp fails [s].
+        start: distance of each pad's face from the palm's centre at the start [m]; larger bodies start further away.
+        travel: distance past the body's centre, or the first touch if that is behind it, at which a finger ends [m].
+        traced: whether presses of a single pad record a trace.
+        turns: whether the body can turn; else the palm holds its orientation, as in a quasistatic grasp.
+        damping: force per velocity by which the palm slows the body down [N s/m].
+    """
+
+    admittance: float = 0.04
+    turns: bool = True
+    damping: float = 10.0
+
+    def close(
+        self, setup: Setup, met: Sequence[Placement], fingers: Floats, centre: Floats, forces: Sequence[float]
+    ) -> Grasp:
+        """See :class:`activetouch.pressing.press.Press`."""
+        if len(met) == 1:  # the palm holds the body
+            return super().close(setup, met, fingers, centre, forces)
+        for force in forces:
+            require_force(force)
+        return self.settle(SlidingPads(self, setup, met, fingers, centre), met[0], np.asarray(forces, float))
+
+    def settle(self, gripper: Gripper, placement: Placement, forces: Floats, watch: Watch | None = None) -> Grasp:
+        """Close the fingers of a model until they and the body rest.
+
+        Args:
+            gripper: with the body in place and the fingers open.
+            placement: of the body.
+            forces: of the fingers, ``(m,)`` [N].
+            watch: is shown the model after every step.
+
+        Raises:
+            UnstablePress: the forces do not settle.
+        """
+        model, data, pad = gripper.model, gripper.data, gripper.pad
+        faces, axes = gripper.faces, gripper.rotations[:, :, 0]
+        met, distances = gripper.met(placement)
+        touching = np.array([first_touch(pad, seen)[1] for seen in met])
+        end = distances + self.travel - np.fmin(touching, 0.0)
+        advance, gain = self.timestep * self.speed, self.timestep * self.admittance
+        wanted, longest = self.pause / self.timestep, (self.patience + end.max() / self.speed) / self.timestep
+        moved, touched, num_settled, squeezes = np.zeros(len(gripper)), np.zeros(len(gripper), bool), 0, False
+        for _ in range(round(longest)):
+            felt = np.einsum("mi,mi->m", gripper.forces, gripper.rotations[:, :, 0])
+            touches = felt > 0.0
+            if not squeezes and (touches & ~touched).any():
+                gripper.stop(touches & ~touched)
+            touched |= touches
+            squeezes = squeezes or bool((touches | (moved >= end)).all())
+            errors = (forces if squeezes else np.fmin(forces, _LIGHT)) - felt
+            if squeezes and gripper.in_unison:
+                errors[:] = errors.mean()
+            rests = np.abs(errors) <= self.tolerance * forces
+            eager = ~touches & ~(gripper.in_unison & squeezes)
+            moves = np.where(rests, 0.0, np.clip(gain * errors, -advance, advance))
+            moves = np.fmin(np.where(eager, advance, moves), end - moved)
+            calm = squeezes and gripper.speed < _CALM and rests[touches].all()
+            num_settled = num_settled + 1 if calm else 0
+            if num_settled > wanted:
+                break
+            gripper.advance(moves)
+            moved += moves
+            mujoco.mj_step(model, data)
+            if watch is not None:
+                watch(model, data)
+        if num_settled <= wanted or data.warning.number.sum():
+            raise UnstablePress(
+                f"grasping {placement}: the forces did not settle at {forces.round(3).tolist()} N (last "
+                f"{felt.round(3).tolist()} N). Try a smaller timestep or speed, or more patience, than in {self}."
+            )
+        met, distances = gripper.met(placement)
+        contacts = []
+        for seen, normal in zip(met, felt.tolist(), strict=True):
+            gap, _ = first_touch(pad, seen)
+            is_met = normal > 0.0 and np.isfinite(gap.min())
+            contacts.append(elastic_contact(pad, gap, normal, placement.stiffness) if is_met else missed(pad))
+        centre = distances - gripper.open_at + np.einsum("mi,mi->m", gripper.faces - faces, axes)
+        return Grasp(tuple(contacts), tuple(met), centre, gripper.forces.sum(axis=0))
