@@ -1,6 +1,6 @@
-"""Certificates of one decider in one scene: errors in fresh searches, extra touches, and how often promises are broken.
+"""Certificates of one decider in one scene: errors in fresh searches, extra touches, broken promises, and alarms.
 
-    python -m benchmarks.certificates coarse --calibration 4000 --fresh 2000
+    python -m benchmarks.certificates coarse --calibration 4000 --fresh 2000 --worlds "noise × 2" "stiffness × 0.7"
 
 For risks of 0.05 and 0.01: the certificate; stops and errors by number of touches in fresh searches, with exact 95 %
 limits; touches with and without the certificate in the same fresh searches, with a bootstrap interval of the mean
@@ -8,6 +8,12 @@ difference; and the share of 50 certificates, made from calibration searches tha
 promise. For the last, all searches of this run are the world: calibration searches are drawn from them with
 replacement, and the errors of a certificate are its errors in all of them. A search that confirms nothing lists every
 moment at which an object could have been confirmed, so one set of searches serves all certificates.
+
+Then the alarms that withdraw a certificate. In the certified world: after all fresh searches, one after the other; and
+in sessions of 250 searches, for which all searches of this run are shuffled and divided into calibration and sessions
+anew, 200 times. In each other world, a condition of ``robustness`` or "blunt cone" (of 0.6 times the height): eight
+robots make 40 searches each. Printed are the robots with an alarm, their median searches and touches until then, and
+how many stops are right: of all that a certificate for a risk of 0.05 allows, and of those before the alarm.
 """
 
 from __future__ import annotations
@@ -16,15 +22,24 @@ import argparse
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from belief.statistics import clopper_pearson_interval, paired_bootstrap
+from activetouch import Scene
+from activetouch.solids.conical import Cone
+from belief.statistics import clopper_pearson_interval, cluster_bootstrap, paired_bootstrap
+from belief.statistics.exchangeability import log_e_values
 from belief.statistics.stop_thresholds import CandidateStops, certified_thresholds
+from experiments.robustness.conditions import CONDITIONS, DoesNotApply
 from experiments.scene_choice import SceneChoice
 from experiments.search.certify import Calibration, play_calibration, with_unsure
 from experiments.search.comparison import prepared
 from experiments.search.setting import Setting
+from planners.certified import FALSE_ALARM
 
 RISKS, CERTIFICATES = (0.05, 0.01), 50
+ROBOTS, SEARCHES = 8, 40
+SESSION, SHUFFLES = 250, 200
+BLUNT = "blunt cone"
 
 
 def show(
@@ -61,6 +76,59 @@ def show(
     )
 
 
+def first_alarm(known: np.ndarray, since: np.ndarray, seed: int) -> int:
+    """Number of searches until the alarm, or one more than there are; searches are rows of target and fit."""
+    found = log_e_values(known[:, 1:], known[:, 0], since[:, 1:], since[:, 0], seed) >= -np.log(FALSE_ALARM)
+    return 1 + int(found.argmax() if found.any() else len(found))
+
+
+def show_false_alarms(calibration: np.ndarray, fresh: np.ndarray) -> None:
+    """False alarms among searches of the certified world."""
+    number, every, rng = len(calibration), np.concatenate([calibration, fresh]), np.random.default_rng(2)
+    first, alarms = first_alarm(calibration, fresh, 0), []
+    for _ in range(SHUFFLES):
+        mixed = rng.permutation(every)
+        sessions = [mixed[begin : begin + SESSION] for begin in range(number, len(mixed) - SESSION + 1, SESSION)]
+        alarms.append([first_alarm(mixed[:number], one, seed) <= SESSION for seed, one in enumerate(sessions)])
+    told = f"an alarm in search {first}" if first <= len(fresh) else "no alarm"
+    rows = np.repeat(np.arange(SHUFFLES), len(alarms[0]))
+    share, low, high = cluster_bootstrap(np.ravel(alarms), rows, rng) if alarms[0] else (np.nan,) * 3
+    print(f"\nalarms in the certified world, at most {FALSE_ALARM:g}: {told} in {len(fresh)} fresh searches in turn;")
+    print(f"in sessions of {SESSION} searches {share:.4f} [{low:.4f}, {high:.4f}], {np.size(alarms)} sessions")
+
+
+def show_world(world: str, calibration: np.ndarray, played: Calibration, thresholds: ArrayLike) -> None:
+    """When robots in another world have an alarm, and which stops are right."""
+    candidates, fits = played.candidates, np.array(played.fits)
+    stops, touches = candidates.stops(thresholds), played.touches_with(np.asarray(thresholds).tolist())
+    is_wrong, ends = dict(zip(candidates.searches[stops], candidates.is_wrong[stops], strict=True)), []
+    right: list[list[bool]] = [[], []]
+    for robot in range(ROBOTS):
+        own = np.arange(robot * SEARCHES, (robot + 1) * SEARCHES)
+        end = first_alarm(calibration, fits[own], robot)
+        ends += [(end, touches[own[:end]].sum())] if end <= SEARCHES else []
+        for group, searches in zip(right, (own, own[:end]), strict=True):
+            group += [not is_wrong[search] for search in searches if search in is_wrong]
+    median = ", {:g} searches, {:g} touches".format(*np.median(ends, axis=0)) if ends else ""
+    shares = [
+        f"{sum(group)} of {len(group)} right [{low:.3f}, {high:.3f}]"
+        for group in right
+        for low, high in [clopper_pearson_interval(sum(group), len(group)) if group else (0.0, 1.0)]
+    ]
+    print(
+        f"{world}: {len(ends)} of {ROBOTS} robots{median}; stops {shares[0]}, before the alarm {shares[1]}", flush=True
+    )
+
+
+def changed(scene: Scene, world: str) -> Scene:
+    """A scene in another world."""
+    if world != BLUNT:
+        return CONDITIONS[world](scene)
+    cone = scene.shapes["cone"]
+    assert isinstance(cone, Cone)
+    return replace(scene, shapes={**scene.shapes, "cone": replace(cone, height=0.6 * cone.height)})
+
+
 def main() -> None:
     """Play, and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -71,6 +139,7 @@ def main() -> None:
     parser.add_argument("--max-touches", type=int, default=6)
     parser.add_argument("--confidence", type=float, default=0.9)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--worlds", nargs="*", default=[])
     given = parser.parse_args()
     run = prepared(Setting(SceneChoice(given.scene)), given.decider, seed=given.seed, jobs=1)
     searches = replace(run.searches, problem=with_unsure(run.searches.problem))
@@ -78,7 +147,8 @@ def main() -> None:
     played = play_calibration(searches, run.deciders[given.decider], number, run.targets, given.max_touches, jobs=1)
     every, first = played.candidates, given.calibration
     rows = every.searches >= first
-    fresh = Calibration(every.between(first, number), played.spent[rows], played.num_touches[first:])
+    later = every.between(first, number)
+    fresh = Calibration(later, played.spent[rows], played.num_touches[first:], played.fits[first:])
     stops, wrong = every.counts([0.0] * (given.max_touches + 1))
     print(
         f"{given.decider} in {given.scene}, {number} searches, seed {given.seed}: uncertified stops by touches, wrong"
@@ -87,6 +157,19 @@ def main() -> None:
         print(f"{touches:>9d}{stop:8d}{error:7d}")
     for risk in RISKS:
         show(every.between(0, first), fresh, every, risk, given.confidence)
+    fits, made = np.array(played.fits), certified_thresholds(every.between(0, first), RISKS[0], given.confidence)
+    show_false_alarms(fits[:first], fits[first:])
+    print("\nalarms in other worlds")
+    for world in given.worlds:
+        try:
+            scene = changed(searches.sensor.scene, world)
+        except DoesNotApply as reason:
+            print(f"{world}: {reason}")
+            continue
+        there = replace(searches, sensor=replace(searches.sensor, scene=scene))
+        player, number = run.deciders[given.decider], ROBOTS * SEARCHES
+        found = play_calibration(there, player, number, run.targets, given.max_touches, jobs=1)
+        show_world(world, fits[:first], found, made.thresholds)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Measure how often the conflict test raises a false alarm in worlds of which some objects are odd.
+"""Measure how often the conflict test and the alarm of certificates sound in unchanged worlds with odd objects.
 
 Run: python benchmarks/false_alarms.py         (some minutes on one core)
 
@@ -7,6 +7,10 @@ object one to six times in turn, 25 touches in all; its test is read after every
 Embeddings have three normal numbers, misfits are exponential. In all touches of an odd object, embeddings are four
 times as far away, and misfits five times as large. In those of a heavy-tailed object both are multiplied by |t|, where
 t has Student's distribution with two degrees of freedom.
+
+Then the same worlds with the alarm of :mod:`belief.statistics.exchangeability`, at 1 / 0.05: a set-up makes 1000
+searches of five objects; the calibration are other searches. Scores of a search are those of certificates: the sum of
+misfits by the square root of their number, and the mean squared length of embeddings.
 """
 
 from __future__ import annotations
@@ -14,7 +18,8 @@ from __future__ import annotations
 import numpy as np
 
 from belief.conflict import ConflictTest, log_conflict
-from belief.statistics import cluster_bootstrap
+from belief.statistics import clopper_pearson_interval, cluster_bootstrap
+from belief.statistics.exchangeability import log_e_values
 from belief.validation import Floats
 
 TOUCHES, MOST_OF_AN_OBJECT, ALARM = 25, 6, np.log(1 / 0.02)
@@ -22,6 +27,7 @@ NUM_TESTS, NUM_SEARCHES = 40, 50
 CALIBRATION_OBJECTS = (20, 200, 1200)
 ODD = {"no odd objects": 0.0, "0.5 % odd objects": 0.005, "1 % odd objects": 0.01, "3 % odd objects": 0.03}
 HEAVY = "heavy-tailed objects"
+CALIBRATION_SEARCHES, SET_UPS, SEARCHES, OBJECTS = (200, 2000), 300, 1000, 5
 
 
 def draw(rng: np.random.Generator, world: str, number: int) -> tuple[Floats, Floats]:
@@ -50,6 +56,16 @@ def has_alarm(rng: np.random.Generator, test: ConflictTest, world: str) -> bool:
     return False
 
 
+def scores(rng: np.random.Generator, world: str, number: int) -> Floats:
+    """Scores of some searches, ``(number, 2)``."""
+    embeddings, misfits = draw(rng, world, number * OBJECTS)
+    felt = np.arange(MOST_OF_AN_OBJECT) < rng.integers(1, MOST_OF_AN_OBJECT + 1, number * OBJECTS)[:, None]
+    felt, later = felt.reshape(number, -1), (felt & (np.arange(MOST_OF_AN_OBJECT) > 0)).reshape(number, -1)
+    total = (misfits.reshape(number, -1) * later).sum(axis=1) / np.sqrt(np.maximum(later.sum(axis=1), 1))
+    lengths = np.square(embeddings).sum(axis=2).reshape(number, -1)
+    return np.stack([total, (lengths * felt).sum(axis=1) / felt.sum(axis=1)], axis=1)
+
+
 def main() -> None:
     rng = np.random.default_rng(0)
     print(
@@ -65,6 +81,16 @@ def main() -> None:
             tests = np.repeat(np.arange(NUM_TESTS), NUM_SEARCHES)
             mean, low, high = cluster_bootstrap(alarms.ravel(), tests, rng)
             print(f"{world:<24}{number:>8}   {mean:.3f} [{low:.3f}, {high:.3f}]", flush=True)
+    print(f"\n{'world':<24}{'searches':>8}   alarms of certificates, 95 % interval ({SET_UPS} set-ups)")
+    for world in (*ODD, HEAVY):
+        for number in CALIBRATION_SEARCHES:
+            heard = 0
+            for seed in range(SET_UPS):
+                known, since = scores(rng, world, number), scores(rng, world, SEARCHES)
+                e_values = log_e_values(known, np.zeros(number), since, np.zeros(SEARCHES), seed)
+                heard += int(e_values.max() >= np.log(1 / 0.05))
+            low, high = clopper_pearson_interval(heard, SET_UPS)
+            print(f"{world:<24}{number:>8}   {heard / SET_UPS:.3f} [{low:.3f}, {high:.3f}]", flush=True)
 
 
 if __name__ == "__main__":

@@ -6,11 +6,17 @@
 A session touches twelve objects one after the other, each in different poses, at most six times, until a shape is
 stated with 0.95. Worlds are conditions of ``robustness``, or several joined by +; all that apply by default. Three
 sensors feel the same touches: ``own``, the shipped one; ``as described``, its reader of any object in the state that
-the scene describes; ``unknown``, the same with its state inferred over the session. A stop is withheld, as by an
-abstaining decider, where the e-value of the conflict test is 3.5 or more.
+the scene describes; ``unknown``, the same with its state inferred over the session.
+
+Two ways to withhold stops are compared. ``conflict``: as by an abstaining decider, where the e-value of the conflict
+test is 3.5 or more; the last sensor has no such test. ``alarm``: after an alarm of
+:func:`belief.statistics.exchangeability.log_e_values` at 1 / 0.05, whose calibration are the objects of other sessions
+in the sensor's own world; an object is one item, with the fit of its touches to the likeliest world.
 
 Prints, for each: the stops, what they state, the share that is right with its 95 % Wilson interval, touches of an
-object, the share withheld; and what the last holds most probable after its last object, with the number of sessions.
+object; sessions with an alarm, and the median number of objects until then; the share of stops that are withheld, and
+how many of the others are right; and what the last holds most probable after its last object, with the number of
+sessions.
 """
 
 from __future__ import annotations
@@ -33,8 +39,11 @@ from activetouch.perception.sensor_worlds import EmbeddedWorlds, changed_worlds
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
 from belief import SceneBelief, SearchProblem
 from belief.statistics import wilson_interval
+from belief.statistics.exchangeability import log_e_values
+from belief.touch_fit import touch_fit
 from experiments.parallel import Shared, run_tasks
 from experiments.robustness.conditions import CONDITIONS, DoesNotApply
+from planners.certified import FALSE_ALARM
 
 STATED, SUSPICION = 0.95, np.log(3.5)
 OBJECTS, TOUCHES = 12, 6
@@ -56,13 +65,15 @@ class Stop(NamedTuple):
         stated: probability of the named shape; 0 where none reached the threshold.
         is_right: whether it is the true one.
         touches: of the object.
-        is_withheld: whether an abstaining decider would not name it.
+        is_conflict: whether an abstaining decider would not name it.
+        fit: of the touches to the likeliest world of the sensor.
     """
 
     stated: float
     is_right: bool
     touches: int
-    is_withheld: bool
+    is_conflict: bool
+    fit: tuple[float, float]
 
 
 class Session(NamedTuple):
@@ -90,13 +101,13 @@ def played(shared: Shared[Mapping[str, TactileSensor]], world: str, scene: Scene
                 probs = belief.update(0, [touch]).probs
                 if probs.max() >= STATED:
                     break
-            view, number = belief.view(), len(belief.touches(0))
-            is_stop, is_withheld = probs.max() >= STATED, view.log_conflict >= SUSPICION
-            stated = float(probs.max()) if is_stop else 0.0
-            stops[name].append(Stop(stated, int(probs.argmax()) == shape, number, bool(is_stop and is_withheld)))
-            bets[name] = view.log_bets
-            if view.sensor_health is not None:
-                likeliest = view.sensor_health.labels[int(view.sensor_health.probs.argmax())]
+            view, bets[name], component = belief.view(), belief.log_bets, 0
+            if (health := view.sensor_health) is not None:
+                component, likeliest = int(health.probs[:-1].argmax()), health.labels[int(health.probs.argmax())]
+            stated = float(probs.max()) if probs.max() >= STATED else 0.0
+            is_right, is_conflict = int(probs.argmax()) == shape, health is None and view.log_conflict >= SUSPICION
+            fit = touch_fit(sensor.model, [view.touches(0)], component)
+            stops[name].append(Stop(stated, is_right, len(view.touches(0)), bool(is_conflict), fit))
     return Session(world, stops, likeliest)
 
 
@@ -116,26 +127,41 @@ def changed(name: str, world: str) -> Scene:
     return scene
 
 
-def line(stops: list[Stop]) -> str:
-    """The figures of a sensor."""
-    named = [stop for stop in stops if stop.stated]
+def line(sessions: list[list[Stop]], usual: list[Stop]) -> str:
+    """The figures of a sensor in some sessions, whose alarm knows some objects in its own world."""
+    every = [stop for stops in sessions for stop in stops]
+    named = [stop for stop in every if stop.stated]
     if not named:
-        return f"no stop of {len(stops)}"
-    right, low, high = share(named)
-    kept = [stop for stop in named if not stop.is_withheld]
-    touches = np.mean([stop.touches for stop in stops])
-    sure = "none kept" if not kept else "kept {:.3f} [{:.3f}, {:.3f}]".format(*share(kept))
+        return f"no stop of {len(every)}"
+    alarms = [alarm(stops, usual, seed) for seed, stops in enumerate(sessions)]
+    heard = [number for number in alarms if number < OBJECTS]
+    kept = [stop for stops, end in zip(sessions, alarms, strict=True) for stop in stops[:end] if stop.stated]
+    median = f" after {np.median(heard):g} objects" if heard else ""
     return (
-        f"{len(named):4} stops of {len(stops)}, stated {np.mean([stop.stated for stop in named]):.3f}, "
-        f"right {right:.3f} [{low:.3f}, {high:.3f}], {touches:.2f} touches; "
-        f"withheld {1 - len(kept) / len(named):.3f}, {sure}"
+        f"{len(named):4} stops of {len(every)}, stated {np.mean([stop.stated for stop in named]):.3f}, "
+        f"right {share(named)}, {np.mean([stop.touches for stop in every]):.2f} touches; "
+        f"conflict {withheld(named, [stop for stop in named if not stop.is_conflict])}; "
+        f"{len(heard)} of {len(sessions)} alarms{median}, {withheld(named, kept)}"
     )
 
 
-def share(stops: list[Stop]) -> tuple[float, float, float]:
+def alarm(stops: list[Stop], usual: list[Stop], seed: int) -> int:
+    """Number of objects of a session after which no more are named; all if there is no alarm."""
+    known, since = np.array([stop.fit for stop in usual]), np.array([stop.fit for stop in stops])
+    found = log_e_values(known, np.zeros(len(known)), since, np.zeros(len(since)), seed) >= -np.log(FALSE_ALARM)
+    return 1 + int(found.argmax()) if found.any() else len(stops)
+
+
+def withheld(named: list[Stop], kept: list[Stop]) -> str:
+    """The share of stops that are not kept, and how many of the kept ones are right."""
+    return f"withheld {1 - len(kept) / len(named):.3f}, " + (f"kept {share(kept)}" if kept else "none kept")
+
+
+def share(stops: list[Stop]) -> str:
     """Right of stops, with an interval."""
     right = sum(stop.is_right for stop in stops)
-    return right / len(stops), *wilson_interval(right, len(stops))
+    low, high = wilson_interval(right, len(stops))
+    return f"{right / len(stops):.3f} [{low:.3f}, {high:.3f}]"
 
 
 def main() -> None:
@@ -145,6 +171,7 @@ def main() -> None:
     parser.add_argument("worlds", nargs="*")
     parser.add_argument("--sensor", default=None, help="a shipped one with a reader of any object")
     parser.add_argument("--sessions", type=int, default=20)
+    parser.add_argument("--calibration", type=int, default=60, help="sessions that the alarm knows")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=2)
     given = parser.parse_args()
@@ -156,8 +183,8 @@ def main() -> None:
     for pose in range(len(described.poses)):
         plain.model.worlds.in_pose(pose)  # from the cache, before there are other processes
     scenes: dict[str, Scene] = {}
-    usual = [*(world for world in CONDITIONS if not world.startswith(_OTHERS)), *_PAIRS]
-    for world in [USUAL, *(given.worlds or usual)]:
+    every = [*(world for world in CONDITIONS if not world.startswith(_OTHERS)), *_PAIRS]
+    for world in [USUAL, *(given.worlds or every)]:
         try:
             scenes[world] = changed(given.scene, world)
         except DoesNotApply as reason:
@@ -168,14 +195,19 @@ def main() -> None:
         for world, scene in scenes.items()
         for number in range(given.sessions)
     ]
-    found = list(run_tasks(tasks, given.jobs, "sessions"))
-    print(f"scene {given.scene}, {given.sessions} sessions of {OBJECTS} objects in each world, seed {given.seed}")
+    usual = [partial(played, shared, "", described, [given.seed, 1, n]) for n in range(given.calibration)]
+    found = list(run_tasks([*usual, *tasks], given.jobs, "sessions"))
+    print(
+        f"scene {given.scene}, {given.sessions} sessions of {OBJECTS} objects in each world, alarms from "
+        f"{given.calibration} others, seed {given.seed}"
+    )
+    known = {name: [stop for one in found if not one.world for stop in one.stops[name]] for name in sensors}
     for world in scenes:
         here = [session for session in found if session.world == world]
         likeliest = Counter(session.likeliest for session in here).most_common(3)
         print(f"{world}: {', '.join(f'{label} ({number})' for label, number in likeliest)}")
         for name in sensors:
-            print(f"  {name:12} {line([stop for session in here for stop in session.stops[name]])}")
+            print(f"  {name:12} {line([session.stops[name] for session in here], known[name])}")
 
 
 if __name__ == "__main__":

@@ -7,23 +7,34 @@ docs/certificate.md.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from belief.errors import ActiveTouchError, CorruptFile, InvalidArgument
 from belief.files import require_regular_file, sealed_json, unsealed_json, write_text
-from belief.problem import Confirm, Probe, Unsure
+from belief.observation_model.model import ObservationModel
+from belief.problem import Confirm, Probe, Touch, Unsure
+from belief.statistics.exchangeability import log_e_values
+from belief.touch_fit import touch_fit
 from belief.validation import require_count
 from planners.answers import checked_decision
 from planners.decider import Decider, Decision, InformationState, are_touches_used
+from planners.episode import Step
+from planners.session import Session
 
-SCHEMA = "activetouch certificate 1"
-WANTED = "confirm_prob"
-"""Score of a decision where the decider would confirm: the stated probability that this is right."""
+SCHEMA = "activetouch certificate 2"
+WANTED, WORLD = "confirm_prob", "sensor_world"
+"""Scores of a decision. The first, where the decider would confirm: the stated probability that this is right. The
+second, where the state of the sensor is unknown: index of its likeliest world, 0 as described."""
+FALSE_ALARM = 0.05
+"""Largest probability that a certificate is ever withdrawn in the world that it was made for."""
+_LARGEST = 1e9  # nats
 NEVER = (math.inf,)
 """Thresholds with which nothing is confirmed: calibration searches list all that could be."""
 
@@ -69,6 +80,8 @@ class Certified:
                 "SearchProblem(unsure_reward=0.0)"
             )
         wanted = checked_decision(self.decider.decide(info, rng), self.decider, info.problem)
+        if info.scene is not None and (health := info.scene.sensor_health) is not None:
+            wanted = replace(wanted, scores={**wanted.scores, WORLD: float(health.probs[:-1].argmax())})
         if not isinstance(wanted.action, Confirm):
             return wanted
         touches, prob = len(info.history), min(info.target_prob, 1.0)
@@ -80,12 +93,42 @@ class Certified:
         return Decision(Probe(int(info.uses.argmin())), {**scores, "overruled": 1.0})
 
 
+Fit = tuple[int, float, float]
+"""Target of a search, and how well its touches fit: misfit and strangeness (:func:`belief.touch_fit.touch_fit`)."""
+
+
+def fit_of_search(target: int, steps: Sequence[Step], model: ObservationModel) -> Fit:
+    """How well the touches of a search fit the likeliest world of its sensor, up to where it first could confirm.
+
+    So far, a search is the same with all certificates.
+
+    Args:
+        target: index of the shape that is sought.
+        steps: of the search.
+        model: likelihood of touches.
+    """
+    objects, world = dict[int, list[Touch]](), 0.0
+    for step in steps:
+        world = step.decision.scores.get(WORLD, world)
+        if WANTED in step.decision.scores:
+            break
+        if step.touch is not None:
+            objects.setdefault(step.object_index, []).append(step.touch)
+    misfit, strangeness = touch_fit(model, objects.values(), int(world))
+    limited = np.clip([misfit, strangeness], -_LARGEST, _LARGEST).round(4)
+    return target, float(limited[0]), float(limited[1])
+
+
 @dataclass(frozen=True)
 class Certificate:
     """Thresholds for the stops of one decider with one sensor in one world, and what they were made from.
 
     With probability ``confidence`` over the calibration searches, P(wrong | confirmed after k touches) ≤ ``risk`` for
     every k, over searches of the world that is named: its objects, and a target drawn uniformly from its targets.
+
+    The certificate is withdrawn when the searches of a set-up (:meth:`after`) no longer look like the calibration
+    searches for the same targets: by :func:`belief.statistics.exchangeability.log_e_values`, with a probability of at
+    most :data:`FALSE_ALARM` ever, however many searches there are, if they are of that world.
 
     Attributes:
         decider: its name, with settings.
@@ -99,6 +142,8 @@ class Certificate:
         abstain: false-alarm rate and promise of the conflict test (:class:`planners.abstaining.Abstaining`) with which
             the decider was followed; None without the test.
         made_for: JSON types that name the world, the objects, the decider, the sensor and the rules.
+        usual: of each calibration search.
+        since: of each search of the set-up, in their order.
     """
 
     decider: str
@@ -111,6 +156,8 @@ class Certificate:
     max_touches: int
     abstain: tuple[float, float] | None
     made_for: Mapping[str, Any] = field(repr=False)
+    usual: tuple[Fit, ...] = field(default=(), repr=False)
+    since: tuple[Fit, ...] = field(default=(), repr=False)
 
     def __str__(self) -> str:
         """The certificate as a table, with what it promises."""
@@ -123,7 +170,42 @@ class Certificate:
             name = f"≥ {touches}" if touches == len(self.thresholds) - 1 else str(touches)
             limit = f"{threshold:.6f}" if math.isfinite(threshold) else "never"
             lines.append(f"{name:>9s}{limit:>12s}{self.stops[touches]:8d}{self.wrong[touches]:8d}")
+        if self.is_withdrawn:
+            lines.append(self._withdrawal)
         return "\n".join(lines)
+
+    @cached_property
+    def log_alarms(self) -> NDArray[np.float64]:
+        """Log e-value against "the world is that of the calibration searches" after each search since, ``(T,)``."""
+        usual, since = (np.array(some).reshape(-1, 3) for some in (self.usual, self.since))
+        return log_e_values(usual[:, 1:], usual[:, 0], since[:, 1:], since[:, 0])
+
+    @property
+    def is_withdrawn(self) -> bool:
+        """Whether the searches since no longer look like those that it was made from; it stays so."""
+        return bool((self.log_alarms >= -math.log(FALSE_ALARM)).any())
+
+    @property
+    def _withdrawal(self) -> str:
+        number = int(np.argmax(self.log_alarms >= -math.log(FALSE_ALARM))) + 1
+        return (
+            f"the certificate is withdrawn after {number} searches: their touches do not look like those of its own "
+            "searches, so stops are no longer certified. Calibrate the sensor in its world (activetouch calibrate), or "
+            "let searches infer what has changed (--unknown-state, unknown_state=True), and certify again"
+        )
+
+    def after(self, session: Session) -> Certificate:
+        """The certificate after a search of the set-up that stopped by it; withdrawn if the world has changed.
+
+        Count all searches, for targets that are chosen without looking at what was felt.
+
+        Raises:
+            InvalidArgument: the search has not ended, or sought another target.
+        """
+        target = session.problem.shape_labels[session.target]
+        if session.outcome is None or target not in self.made_for["targets"]:
+            raise InvalidArgument(f"the certificate counts ended searches for its targets, got one for {target}")
+        return replace(self, since=(*self.since, fit_of_search(session.target, session.steps, session.model)))
 
     def wrap(self, decider: Decider, made_for: Mapping[str, Any]) -> Certified:
         """The decider, with the stops of this certificate.
@@ -133,8 +215,10 @@ class Certificate:
             made_for: what it is to be used for, as the attribute.
 
         Raises:
-            NotCertified: it was made for something else; the message says what differs.
+            NotCertified: it was withdrawn, or made for something else; the message says what differs.
         """
+        if self.is_withdrawn:
+            raise NotCertified(self._withdrawal)
         names = dict.fromkeys([*self.made_for, *made_for])
         if other := [name for name in names if self.made_for.get(name) != made_for.get(name)]:
             told = "; ".join(f"the {name}: {_differing(self.made_for.get(name), made_for.get(name))}" for name in other)
@@ -165,7 +249,11 @@ class Certificate:
             limits = tuple(math.inf if limit is None else float(limit) for limit in given["thresholds"])
             counts = {name: tuple(int(number) for number in given[name]) for name in ("stops", "wrong")}
             tested = None if given["abstain"] is None else (float(given["abstain"][0]), float(given["abstain"][1]))
-            found = cls(**{**given, "thresholds": limits, **counts, "abstain": tested})
+            fits = {
+                name: tuple((int(target), float(misfit), float(strange)) for target, misfit, strange in given[name])
+                for name in ("usual", "since")
+            }
+            found = cls(**{**given, "thresholds": limits, **counts, **fits, "abstain": tested})
             if (
                 not isinstance(found.made_for["targets"], list)
                 or not len(limits) == len(found.stops) == len(found.wrong) > 0

@@ -327,7 +327,7 @@ class RigidBodyModel(FittedRigidBody):
         """One for all objects, so that what it has computed is computed once."""
         conflict = None if self.conflict is None else self.conflict.start()
         zeros = np.zeros((len(self.shape_labels), self.num_hypotheses))
-        return RigidBodyEvidence(self, frozen(zeros), frozen(zeros[:, 0]), conflict=conflict)
+        return RigidBodyEvidence(self, frozen(zeros), frozen(zeros[:, 0]), tested=conflict)
 
     def log_weights(
         self, batch: TouchBatch, dtype: type[np.floating] = np.float64, shapes: slice = slice(None)

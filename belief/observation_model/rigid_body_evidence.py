@@ -23,7 +23,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from belief.conflict import ObjectConflict, log_conflict
+from belief.conflict import MOST_TOUCHES, ObjectConflict, log_conflict
 from belief.frozen import Kind, frozen
 from belief.observation_model.evidence import ObjectEvidence
 from belief.observation_model.log_weights import largest_posterior, log_means, misfit, some_hypotheses
@@ -92,6 +92,15 @@ class Diagnostics(NamedTuple):
     misfit: float
 
 
+class _Felt(NamedTuple):
+    """A touch that the conflict test has not counted yet: its embedding and scores, and the log mean weights before."""
+
+    embedding: Floats
+    scores: NDArray[Any]
+    before: Floats
+    after: Floats
+
+
 @dataclass(frozen=True, eq=False)
 class RigidBodyEvidence:
     """The evidence about one body: the log weight of every hypothesis. A frozen value; an update makes a new one.
@@ -103,7 +112,8 @@ class RigidBodyEvidence:
         num_touches: how many touches it holds.
         in_pose: for every pose, and every other place, in which the object was touched, the number of touches and the
             sum of their scores, ``(K, N)`` up to a constant; empty where the model discounts neither repeats nor drift.
-        conflict: test that they come from the world that the model was fitted to; None if the model has none.
+        tested: conflict test of the first touches; None if the model has none.
+        waiting: the touches since, which are tested when :attr:`conflict` is asked for, because few deciders do.
         constant: what both logarithms are less by.
     """
 
@@ -112,7 +122,8 @@ class RigidBodyEvidence:
     log_likelihood: Floats
     num_touches: int = 0
     in_pose: SumsByPlace = field(default_factory=dict)
-    conflict: ObjectConflict | None = None
+    tested: ObjectConflict | None = None
+    waiting: tuple[_Felt, ...] = ()
     constant: float = 0.0
 
     def update(self, touch: Touch) -> RigidBodyEvidence:
@@ -124,15 +135,28 @@ class RigidBodyEvidence:
         embedding = self.model.embedding_of(touch)
         scores = self.model.scores_of(touch, embedding)
         log_weights, log_likelihood, largest = relative(self.log_weights + scores)
-        constant, conflict = self.constant + float(largest), self.conflict
-        if conflict is not None:
-            surprise = misfit(scores, self.log_likelihood, log_likelihood + largest)
-            conflict = conflict.update(embedding[0], float(surprise), float(largest_posterior(self.log_likelihood)))
+        constant, tested, waiting = self.constant + float(largest), self.tested, self.waiting
+        if tested is not None:
+            if "conflict" in vars(self) or len(waiting) == MOST_TOUCHES:
+                tested, waiting = self.conflict, ()
+            waiting = (*waiting, _Felt(embedding[0], scores, self.log_likelihood, log_likelihood + largest))
         in_pose, discounted = with_touch(self.in_pose, touch, scores, self.model.correlation, self.model.drift)
         if discounted is not None:
             log_weights, log_likelihood, constant = relative(discounted)
         number = self.num_touches + 1
-        return RigidBodyEvidence(self.model, log_weights, log_likelihood, number, in_pose, conflict, float(constant))
+        return RigidBodyEvidence(
+            self.model, log_weights, log_likelihood, number, in_pose, tested, waiting, float(constant)
+        )
+
+    @cached_property
+    def conflict(self) -> ObjectConflict | None:
+        """Test that the touches come from the world that the model was fitted to; None if the model has none."""
+        if (found := self.tested) is None:
+            return None
+        for felt in self.waiting:
+            surprise = float(misfit(felt.scores, felt.before, felt.after))
+            found = found.update(felt.embedding, surprise, float(largest_posterior(felt.before)))
+        return found
 
     @property
     def log_bets(self) -> Floats | None:

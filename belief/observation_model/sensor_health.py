@@ -62,6 +62,7 @@ from belief.problem import Touch
 from belief.touch_batch import TouchBatch
 from belief.validation import SUM_TOLERANCE, Floats, renormalised, require_number
 
+_KEPT_BYTES = 2**27  # of tables in single precision
 _LEAST = -1e4  # log of a posterior by its prior: an impossible world may come back
 
 
@@ -119,7 +120,7 @@ class SensorHealthModel(ArrayModel):
     def start_in(self, awake: NDArray[np.int64]) -> SensorEvidence:
         """The evidence before the first touch of an object about which only some worlds are asked."""
         nothing = np.zeros((len(awake), len(self.shape_labels), 1))
-        return SensorEvidence(self, replace(self.nominal.start(), conflict=None), frozen(awake), frozen(nothing))
+        return SensorEvidence(self, replace(self.nominal.start(), tested=None), frozen(awake), frozen(nothing))
 
     def scores_of(self, touch: Touch, embedding: Floats, awake: NDArray[np.int64]) -> NDArray[np.float32]:
         """Log ratio of a touch under the hypotheses of some worlds, ``(A, K, N')``.
@@ -140,14 +141,31 @@ class SensorHealthModel(ArrayModel):
             self._checked.add(place)
         one = scaled(embedding, self.nominal.temperature)[0]
         scores = np.empty((len(awake), *found.shape[1:3]), np.float32)
-        room = np.empty_like(found[0], np.int32)
+        room, kept = np.empty_like(found[0], np.int32), self._kept
+        is_settled = found.dtype == np.float16 and 2 * len(awake) < len(found)  # then the same are asked for again
         for row, world in enumerate(awake.tolist()):
-            scores[row] = (_single(found[world], room).reshape(-1, len(one)) @ one).reshape(scores.shape[1:])
+            table = kept.pop((place, world), None)
+            if table is None:
+                table = _single(found[world], np.empty_like(room) if is_settled else room)
+            scores[row] = (table.reshape(-1, len(one)) @ one).reshape(scores.shape[1:])
+            if is_settled:
+                kept[place, world] = table
+        while len(kept) * room.nbytes > _KEPT_BYTES:
+            del kept[next(iter(kept))]
         return scores
 
     @cached_property
     def _checked(self) -> set[int | tuple[float, ...]]:
         return set()
+
+    @cached_property
+    def _kept(self) -> dict[tuple[int | tuple[float, ...], int], NDArray[np.float32]]:
+        """Tables of single worlds in single precision, the one that was used last at the end."""
+        return {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What another process is sent: without the copies of tables."""
+        return {name: value for name, value in vars(self).items() if name != "_kept"}
 
     def health(self, log_bets: ArrayLike = 0.0, is_clear: bool = True) -> SensorHealth:
         """What a session knows that has had this evidence (:attr:`SensorHealth.log_bets`), or none."""

@@ -26,6 +26,18 @@ CALIBRATED = {
     "paper-independent": ("paper_independent", ("ratio", "independent")),
 }
 """Record and observation models by sensor."""
+_HEALTH = re.compile(
+    r"(?P<stops>\d+) stops .* stated (?P<stated>[\d.]+), right (?P<right>[\d.]+).*; "
+    r"(?P<alarms>\d+) of (?P<sessions>\d+) alarms"
+)
+INFERRED = (
+    *("usual", "size ± 25 %", "hysteresis 5 %", "stiffness × 0.7", "stiffness × 1.5"),
+    *(f"noise × {factor}" for factor in (1.5, 2, 3, 6)),
+    *("cylinder twice as long", "19 % more dead", "stiffness × 0.4", "force 0.3 to 1 N"),
+    *("stiffness × 0.4 + force 0.5 to 1.5 N", "shifted by 1 taxel", "blurred by 1 taxel", "6 % stuck at full scale"),
+    "noise × 2 + 6 % stuck at full scale",
+)
+"""Worlds that a sensor in an unknown state infers."""
 _PROMISED = 0.93  # accuracy of stops below which a number is bold
 
 
@@ -46,7 +58,25 @@ def robustness(page: str) -> str:
             first = found["knows of strangers"]
             cells = (f"{_interval(some)}, {some['wrong'][0]:.3f}, {some['touches']:.1f}" for some in found.values())
             among.append(_row(f"`{scene}`, {first['number']} searches", *cells, f"{first['no_touch']:.2f}"))
+    page = _with_rows(page, "## A sensor that finds out", [_row(name, *_health(name)) for name in INFERRED])
     return _with_rows(_with_rows(page, "## Unknown objects", unknown), "**Searches among unknown objects.**", among)
+
+
+def health_of(scene: str, world: str, sensor: str) -> dict[str, str] | None:
+    """Numbers of a sensor in a world from the records of benchmarks/sensor_health.py; None if it was not measured."""
+    found = (RECORDS / f"perception/health_{scene}.txt").read_text(encoding="utf-8")
+    text = re.search(rf"^{re.escape(world)}: .*\n(?:  .*\n)*?  {sensor} +(\d.*)", found, re.M)
+    numbers = None if text is None else _HEALTH.match(text[1])
+    return None if numbers is None else numbers.groupdict()
+
+
+def _health(world: str) -> Iterator[str]:
+    """What a sensor with its own reader, and one in an unknown state, state at stops, what is right, and alarms."""
+    for scene in ("coarse", "gel"):
+        for sensor in ("own", "unknown"):
+            found = health_of(scene, world, sensor)
+            yield "–" if found is None else f"{found['stated']}, {_kept(float(found['right']))}"
+            yield "–" if found is None else found["alarms"]
 
 
 def perception(page: str) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Annotated, Any, NamedTuple, cast
 
 import numpy as np
 import tyro
@@ -15,6 +15,7 @@ from activetouch import Scene, TactileSensor
 from activetouch.named_scenes import NamedScene
 from belief.errors import ActiveTouchError
 from belief.files import in_file_name, require_writable_file
+from belief.observation_model.model import ObservationModel
 from belief.seeding import keyed_rng
 from belief.statistics.stop_thresholds import CandidateStops, certified_thresholds, least_searches
 from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, Within, check_arguments, check_value
@@ -24,7 +25,7 @@ from experiments.search.comparison import prepared, scene_of
 from experiments.search.play import EPISODES_PER_BATCH, Searches, play_episodes
 from experiments.search.setting import Setting
 from planners import Decider, Episode
-from planners.certified import NEVER, WANTED, Certificate, Certified
+from planners.certified import NEVER, WANTED, Certificate, Certified, Fit, fit_of_search
 
 _SEEDS = 0xCE47 << 32  # added to the seed: no comparison plays the searches of a certificate
 Probability = Annotated[float, Within(0.0, 1.0, open_low=True, open_high=True)]
@@ -44,11 +45,13 @@ class Calibration:
         candidates: moments at which an object could have been confirmed, M of N searches.
         spent: touches of the whole search before each, ``(M,)``.
         num_touches: of each whole search, ``(N,)``.
+        fits: how well the touches of each fit the world, N.
     """
 
     candidates: CandidateStops
     spent: NDArray[np.int64]
     num_touches: NDArray[np.int64]
+    fits: tuple[Fit, ...]
 
     def touches_with(self, thresholds: Sequence[float]) -> NDArray[np.int64]:
         """Touches of each search that stops by these thresholds, ``(N,)``; ``[0.0]`` is the decider alone."""
@@ -63,14 +66,27 @@ class _Task:
     target: int
     numbers: range
 
-    def __call__(self) -> tuple[int, range, list[tuple[list[tuple[int, float, bool, int]], int]]]:
+    def __call__(self) -> tuple[int, range, list[_Row]]:
         searches, decider = self.shared.value
         episodes, _ = play_episodes(searches, decider, self.target, self.numbers)
-        return self.target, self.numbers, [_candidates(episode) for episode in episodes]
+        return self.target, self.numbers, [_row(episode, searches.sensor.model) for episode in episodes]
 
 
-def _candidates(episode: Episode) -> tuple[list[tuple[int, float, bool, int]], int]:
-    """Touches of the object, stated probability, error and touches of the search at each candidate; of the search."""
+class _Row(NamedTuple):
+    """Of a search.
+
+    Attributes:
+        candidates: touches of the object, stated probability, error and touches of the search at each.
+        num_touches: of the search.
+        fit: of its touches to the world.
+    """
+
+    candidates: list[tuple[int, float, bool, int]]
+    num_touches: int
+    fit: Fit
+
+
+def _row(episode: Episode, model: ObservationModel) -> _Row:
     found, spent, on_object = [], 0, dict[int, int]()
     for step in episode.steps:
         index, scores = step.object_index, step.decision.scores
@@ -79,7 +95,7 @@ def _candidates(episode: Episode) -> tuple[list[tuple[int, float, bool, int]], i
             found.append((on_object.get(index, 0), scores[WANTED], wrong, spent))
         spent += step.touch is not None
         on_object[index] = on_object.get(index, 0) + (step.touch is not None)
-    return found, spent
+    return _Row(found, spent, fit_of_search(episode.target, episode.steps, model))
 
 
 def play_calibration(
@@ -109,14 +125,15 @@ def play_calibration(
         number = int(np.count_nonzero(drawn == target))
         for first in range(0, number, EPISODES_PER_BATCH):
             tasks.append(_Task(shared, target, range(first, min(first + EPISODES_PER_BATCH, number))))
-    rows: list[tuple[list[tuple[int, float, bool, int]], int]] = [([], 0)] * num_searches
+    rows = [_Row([], 0, (0, 0.0, 0.0))] * num_searches
     for target, numbers, found in run_tasks(tasks, jobs, "calibrating"):
         for number, row in zip(np.flatnonzero(drawn == target)[numbers], found, strict=True):
             rows[number] = row
-    flat = [(number, *one) for number, row in enumerate(rows) for one in row[0]]
+    flat = [(number, *one) for number, row in enumerate(rows) for one in row.candidates]
     columns: list[Any] = [np.array([row[column] for row in flat]) for column in range(5)] if flat else [np.zeros(0)] * 5
     candidates = CandidateStops(columns[0], columns[1], columns[2], columns[3], num_searches)
-    return Calibration(candidates, columns[4].astype(int), np.array([row[1] for row in rows], int))
+    touches = np.array([row.num_touches for row in rows], int)
+    return Calibration(candidates, columns[4].astype(int), touches, tuple(row.fit for row in rows))
 
 
 def certify(
@@ -230,7 +247,9 @@ def _certified(
     what = made_for(searches.sensor, searches.problem, run.targets, decider, player, run.known)
     tested = None if setting.abstain is None else (setting.abstain, setting.promise)
     numbers = found.thresholds, found.stops, found.wrong, max_touches
-    certificate = Certificate(decider, risk, confidence, num_searches, *numbers, abstain=tested, made_for=what)
+    certificate = Certificate(
+        decider, risk, confidence, num_searches, *numbers, abstain=tested, made_for=what, usual=played.fits
+    )
     if out is not None:
         certificate.save(out)
     return certificate

@@ -48,6 +48,30 @@ def test_a_session_stops_by_the_certificate_and_refuses_another_search(made):
         sensor.session("cone", certificate=made[1], abstain=True)
 
 
+def test_searches_that_do_not_look_like_those_of_the_certificate_withdraw_it(made, tmp_path):
+    certificate, sensor = made[1], TactileSensor.shipped("coarse")
+    with pytest.raises(InvalidArgument, match="ended searches"):
+        certificate.after(sensor.session("cone", certificate=certificate))
+    rng = np.random.default_rng(0)
+    for seed in range(20):
+        if certificate.is_withdrawn:
+            break
+        session = sensor.session("cone", seed=seed, certificate=certificate)
+        while session.outcome is None:
+            is_touch = session.ask().__class__.__name__ == "Probe"
+            session.tell(image=rng.integers(256, size=sensor.scene.image_shape, dtype=np.uint8) if is_touch else None)
+        certificate = certificate.after(session)
+    assert certificate.is_withdrawn
+    assert not made[1].is_withdrawn
+    assert f"withdrawn after {len(certificate.since)} searches" in str(certificate)
+    certificate.save(tmp_path / "withdrawn.json")
+    assert Certificate.load(tmp_path / "withdrawn.json") == certificate
+    with pytest.raises(NotCertified, match=r"no longer certified. Calibrate the sensor"):
+        sensor.session("cone", certificate=tmp_path / "withdrawn.json")
+    with pytest.raises(NotCertified, match="withdrawn"):
+        activetouch.compare("coarse", "information_gain", episodes=1, certificate=certificate, jobs=1)
+
+
 def test_what_cannot_be_certified_is_refused(tmp_path):
     with pytest.raises(TooFewSearches, match="--searches"):
         Certify(risk=0.01, searches=4, max_touches=1, out=tmp_path / "a.json", jobs=1).run()
