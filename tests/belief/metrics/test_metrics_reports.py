@@ -1,6 +1,5 @@
 """Reliability curves, claims at the stop, and the calibration report."""
 
-
 import numpy as np
 import pytest
 from hypothesis import given
