@@ -21,14 +21,21 @@ from mkdocs.structure.files import File  # noqa: E402
 OF_ROOT = {"README.md": "index.md", "CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
 """Files outside of the folder that are pages."""
 NAV: dict[str, list[str]] = {
-    "Start": ["index.md", "start.md", "install.md", "your_own_objects.md", "find.md", "toy.md"],
+    "Start": [
+        "index.md",
+        "start.md",
+        "install.md",
+        "your_own_objects.md",
+        "your_classifier.md",
+        "find.md",
+        "toy.md",
+    ],
     "Learn": [
         "philosophy.md",
         "world.md",
         "perception.md",
         "likelihood.md",
         "calibration.md",
-        "your_classifier.md",
         "certificate.md",
         "planners.md",
         "where_to_touch.md",
@@ -53,8 +60,6 @@ NAV: dict[str, list[str]] = {
 FOLDERS = ("deciders", "worlds", "reference/api")
 REPOSITORY = "https://github.com/activetouch/activetouch/blob/main"
 _LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s#]*)(#[^)\s]*)?\)")
-
-
 _PICTURE = re.compile(r'<picture>.*?srcset="([^"]+)".*?src="([^"]+)".*?alt="([^"]+)".*?</picture>', re.S)
 
 
