@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -64,16 +63,6 @@ class CalibrationReport(Tabular):
     ece_classwise: CalibrationError
     smooth: CalibrationError
     curve: ReliabilityCurve
-
-    def to_dict(self) -> dict[str, Any]:
-        """Nested dictionaries, lists and numbers; an infinite likelihood is not valid in strict JSON.
-
-        >>> calibration_report([[0.8, 0.2]] * 5, [0, 0, 0, 0, 1], num_resamples=20).to_dict()["curve"]["accuracy"]
-        [0.8]
-        """
-        plain = asdict(self)
-        plain["curve"] = {name: values.tolist() for name, values in plain["curve"].items()}
-        return plain
 
     def table(self) -> Table:
         """The calibration errors, under the scores."""

@@ -141,9 +141,7 @@ class Run:
 
     def seconds(self, decider: str, target: str) -> Seconds:
         """The time that the batches of these episodes took."""
-        held = self.folder.held((decider, target), self.keys[decider, target])
-        numbers = range(-(-self._wanted(decider) // EPISODES_PER_BATCH))
-        return sum((held[number].seconds for number in numbers if number in held), Seconds())
+        return self.folder.seconds((decider, target), self.lines(decider, target))
 
     def _wanted(self, decider: str) -> int:
         return min(self.episodes, ORACLE_EPISODES) if decider == ORACLE else self.episodes
