@@ -65,7 +65,7 @@ def test_the_first_live_search_fits_on_a_screen():
 
 def test_the_readme_is_a_screen_and_a_half():
     unfolded = re.sub(r"<details.*?</details>", "", (ROOT / "README.md").read_text(), flags=re.S)
-    assert len(unfolded.splitlines()) <= 85
+    assert len(unfolded.splitlines()) <= 90
 
 
 SHORT = {"04_a_mesh_of_your_own.py": ("--episodes", "1", "--jobs", "1")}
