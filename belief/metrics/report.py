@@ -52,6 +52,10 @@ class CalibrationReport(Tabular):
         ece_classwise: classwise calibration error.
         smooth: smECE.
         curve: reliability curve of the top shape.
+
+    >>> probs, labels = np.repeat([[0.9, 0.1]], 50, axis=0), np.arange(50) % 2       # right in half, states 0.9
+    >>> calibration_report(probs, labels).ece_width.exceeds_chance
+    True
     """
 
     num_rows: int

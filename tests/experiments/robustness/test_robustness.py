@@ -227,7 +227,7 @@ def read(logits):
 
 
 def test_strangers_are_distinguished_by_their_e_values_and_alarms_are_counted_of_each_shape(model, monkeypatch):
-    model = replace(model, shape_labels=("a", "b", "c"), probs=np.full((4, 3, 3), 1 / 3), confidence_edges=())
+    model = replace(model, shape_labels=("a", "b", "c"), probs=np.full((4, 3, 3), 1 / 3))
     assert e_values(model, read([0.0]).singles()) is None  # no test
     assert stranger_scores(read([0.0] * 3), read([0.0] * 3), model, ("x", "y", "z"), 0) == {}
     monkeypatch.setattr(type(model), "start", lambda self: Evidence())
