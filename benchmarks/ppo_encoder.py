@@ -14,6 +14,7 @@ the certainty of the shipped belief. All are tested without it, on objects of an
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -66,14 +67,13 @@ class SeenEpisodes(BankEpisodes):
         super()._touch(rows, poses)
 
     def begin(self, rows: NDArray[np.int64], *given: Any) -> None:
-        """See :meth:`BankEpisodes.begin`."""
         self._memory[rows] = 0.0
         super().begin(rows, *given)
 
     def observe(self) -> Floats32:
         """Memory, uses of the poses n/(n + 1) and time, ``(B, P D + P + 1)``; in [-1, 1]."""
-        time_share = self._num_touches[:, None] / self.touch_limit
-        parts = [self._memory.reshape(self.num_envs, -1), self.uses / (1.0 + self.uses), time_share]
+        memory, time = self._memory.reshape(self.num_envs, -1), self._num_touches[:, None] / self.touch_limit
+        parts = [memory, self.uses / (1.0 + self.uses), time]
         return np.concatenate(parts, axis=1).astype(np.float32)
 
 
@@ -136,11 +136,11 @@ def report(name: str, found: list[tuple[NDArray[np.bool_], NDArray[np.int64]]]) 
             f"success {success.mean():.3f} [{low:.3f}, {high:.3f}], {touches.mean():.2f} touches, "
             f"return {returns.mean():.3f} ± {1.96 * error:.3f}"
         )
-    print(f"{name}: {' | '.join(cells)}", flush=True)
+    for file in (sys.stdout, sys.stderr):  # the second tells of progress where the first is kept for a record
+        print(f"{name}: {' | '.join(cells)}", file=file, flush=True)
 
 
 def main(data: Path, target: str, steps: int, seeds: int) -> None:
-    """Train and test all policies."""
     torch.set_num_threads(1)
     sensor = TactileSensor.shipped("coarse")
     model, height_width = sensor.model, sensor.scene.image_shape[:2]
@@ -182,8 +182,6 @@ def _learner(sees: str, episodes: BankEpisodes, seed: int, image_shape: tuple[in
 
 
 def _choice(learner: PPO) -> Choose:
-    """The most probable action that is valid."""
-
     def choose(episodes: BankEpisodes) -> NDArray[np.int64]:
         with torch.no_grad():
             logits = learner.policy.get_distribution(torch.as_tensor(episodes.observe())).distribution.logits.numpy()
@@ -196,7 +194,7 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, default=Path("build/coarse-repeats"))
     parser.add_argument("--target", default="cone")
-    parser.add_argument("--steps", type=int, default=81_920, help="of each training, all environments together")
+    parser.add_argument("--steps", type=int, default=61_440, help="of each training, all environments together")
     parser.add_argument("--seeds", type=int, default=2)
     given = parser.parse_args()
     main(given.data, given.target, given.steps, given.seeds)
