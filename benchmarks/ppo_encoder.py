@@ -55,11 +55,11 @@ class _NoEvidence(BankEvidence):
 class SeenEpisodes(BankEpisodes):
     """Tests in which the policy observes what is ``seen`` of each touch, ``(N, R, P, D)``, instead of the belief."""
 
-    def __init__(self, seen: Floats32, beta: float, *task: Any) -> None:
-        super().__init__(*task, "gains", beta=beta)
-        self._seen, self._memory = seen, np.zeros((self.num_envs, *seen.shape[2:]), np.float32)
+    def __init__(self, seen: Floats32, bank: TouchBank, model: Any, target: str, num_envs: int, beta: float) -> None:
+        super().__init__(bank, model, target, num_envs, "gains", beta=beta)
+        self._seen, self._memory = seen, np.zeros((num_envs, *seen.shape[2:]), np.float32)
         if not beta:
-            self._evidence = _NoEvidence(*task[:2], self.num_envs, self.touch_limit)
+            self._evidence = _NoEvidence(bank, model, num_envs, self.touch_limit)
 
     def _touch(self, rows: NDArray[np.int64], poses: NDArray[np.int64]) -> None:
         rounds = (self._first_rounds[rows, poses] + self.uses[rows, poses]) % self.bank.num_rounds
@@ -67,6 +67,7 @@ class SeenEpisodes(BankEpisodes):
         super()._touch(rows, poses)
 
     def begin(self, rows: NDArray[np.int64], *given: Any) -> None:
+        """See :meth:`BankEpisodes.begin`."""
         self._memory[rows] = 0.0
         super().begin(rows, *given)
 
@@ -80,7 +81,7 @@ class SeenEpisodes(BankEpisodes):
 class ImageEncoder(BaseFeaturesExtractor):
     """Two dense layers from the image (H, W) of each pose to a code, the same for all; unused poses have the code 0."""
 
-    def __init__(self, space: spaces.Box, image_shape: tuple[int, int], num_poses: int) -> None:
+    def __init__(self, space: spaces.Box, image_shape: tuple[int, ...], num_poses: int) -> None:
         super().__init__(space, num_poses * (CODE + 1) + 1)
         layers = nn.Linear(int(np.prod(image_shape)), 64), nn.ReLU(), nn.Linear(64, CODE), nn.Tanh()
         self.network, self._num_poses = nn.Sequential(*layers), num_poses
@@ -120,7 +121,8 @@ def played(choose: Choose, episodes: BankEpisodes) -> tuple[NDArray[np.bool_], N
 def information_gain(episodes: BankEpisodes) -> NDArray[np.int64]:
     """The rule of the shipped decider at a prior of one half: thresholds 0.99 and 0.01, the pose of most gain."""
     prob = np.exp(episodes.log_probs[:, episodes.targets[0]])
-    has_to, actions = episodes.num_touches >= episodes.touch_limit, episodes.situation().gains.argmax(axis=1)
+    has_to = episodes.num_touches >= episodes.touch_limit
+    actions = np.asarray(episodes.situation().gains).argmax(axis=1)
     actions = np.where((prob <= 0.01) | (has_to & (prob < 0.5)), episodes.num_poses + 1, actions)
     return np.where((prob >= 0.99) | (has_to & (prob >= 0.5)), episodes.num_poses, actions)
 
@@ -132,28 +134,26 @@ def report(name: str, found: list[tuple[NDArray[np.bool_], NDArray[np.int64]]]) 
         low, high = wilson_interval(int(success.sum()), len(success))
         returns = 2.0 * success - 1.0 - RECIPE.touch_cost * touches
         error = returns.std() / np.sqrt(len(returns))
-        cells.append(
-            f"success {success.mean():.3f} [{low:.3f}, {high:.3f}], {touches.mean():.2f} touches, "
-            f"return {returns.mean():.3f} ± {1.96 * error:.3f}"
-        )
+        cells.append(f"success {success.mean():.3f} [{low:.3f}, {high:.3f}], {touches.mean():.2f} touches, ")
+        cells[-1] += f"return {returns.mean():.3f} ± {1.96 * error:.3f}"
     for file in (sys.stdout, sys.stderr):  # the second tells of progress where the first is kept for a record
         print(f"{name}: {' | '.join(cells)}", file=file, flush=True)
 
 
 def main(data: Path, target: str, steps: int, seeds: int) -> None:
+    """Train and test all policies."""
     torch.set_num_threads(1)
     sensor = TactileSensor.shipped("coarse")
-    model, height_width = sensor.model, sensor.scene.image_shape[:2]
     banks = {split: make_bank(sensor.reader, data, split) for split in (TRAINING, TEST)}
     images = {split: read_split(data, split).images for split in banks}
     number = 2 * int((banks[TEST].shapes == banks[TEST].shape_labels.index(target)).sum())
     print(f"{banks[TRAINING].num_objects} objects to learn from, {number} tests, {target}, {steps} steps, β = {BETA}")
 
     def episodes_of(sees: str, split: str, num_envs: int, beta: float) -> BankEpisodes:
-        bank = banks[split]
         if sees == "posterior":
-            return BankEpisodes(bank, model, target, num_envs, "gains", beta=beta)
-        return SeenEpisodes(seen_in(bank, images[split], sees), beta, bank, model, target, num_envs)
+            return BankEpisodes(banks[split], sensor.model, target, num_envs, "gains", beta=beta)
+        seen = seen_in(banks[split], images[split], sees)
+        return SeenEpisodes(seen, banks[split], sensor.model, target, num_envs, beta)
 
     untouched = episodes_of("logits", TEST, number, 0.0)
     report("no touch, always CONFIRM", [played(lambda now: np.full(number, now.num_poses), untouched)])
@@ -162,18 +162,18 @@ def main(data: Path, target: str, steps: int, seeds: int) -> None:
         for weight in (0.0, BETA):
             found = []
             for seed in range(seeds):
-                learner = _learner(sees, episodes_of(sees, TRAINING, RECIPE.num_envs, weight), seed, height_width)
-                learner.learn(steps)
+                episodes = episodes_of(sees, TRAINING, RECIPE.num_envs, weight)
+                learner = _learner(sees, episodes, seed, sensor.scene.image_shape).learn(steps)
                 found.append(played(_choice(learner), episodes_of(sees, TEST, number, 0.0)))
             report(f"{sees}, {'shaped' if weight else 'not shaped'}", found)
 
 
-def _learner(sees: str, episodes: BankEpisodes, seed: int, image_shape: tuple[int, int]) -> PPO:
+def _learner(sees: str, episodes: BankEpisodes, seed: int, image_shape: tuple[int, ...]) -> PPO:
     network: dict[str, Any] = {"net_arch": list(RECIPE.hidden)}
     if sees == "images":
         network["features_extractor_class"] = ImageEncoder
         network["features_extractor_kwargs"] = {"image_shape": image_shape, "num_poses": episodes.num_poses}
-    settings = {"n_steps": RECIPE.rollout, "batch_size": RECIPE.batch_size, "n_epochs": RECIPE.epochs}
+    settings: dict[str, Any] = {"n_steps": RECIPE.rollout, "batch_size": RECIPE.batch_size, "n_epochs": RECIPE.epochs}
     settings |= {"ent_coef": RECIPE.entropy, "gamma": RECIPE.discount, "gae_lambda": RECIPE.gae}
     rate, envs = (lambda left: RECIPE.learning_rate * left), BankVecEnv(episodes, seed=[seed, 0])
     learner = PPO("MlpPolicy", envs, rate, policy_kwargs=network, seed=seed, device="cpu", **settings)
@@ -184,8 +184,8 @@ def _learner(sees: str, episodes: BankEpisodes, seed: int, image_shape: tuple[in
 def _choice(learner: PPO) -> Choose:
     def choose(episodes: BankEpisodes) -> NDArray[np.int64]:
         with torch.no_grad():
-            logits = learner.policy.get_distribution(torch.as_tensor(episodes.observe())).distribution.logits.numpy()
-        return np.where(episodes.action_masks(), logits, -np.inf).argmax(axis=1)
+            found: Any = learner.policy.get_distribution(torch.as_tensor(episodes.observe())).distribution
+        return np.where(episodes.action_masks(), found.logits.numpy(), -np.inf).argmax(axis=1)
 
     return choose
 
