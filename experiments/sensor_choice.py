@@ -127,6 +127,8 @@ def open_sensor(
             where = f"{chosen} holds no sensor: there is no {path.name} in it"
             none = f"no sensor comes with the scene {name}; name one with --sensor"
             raise NoSensor(f"{where if chosen.parent != MODELS else none}. {_remedy(choice, name, scene)}")
+    if unknown_state or scene.hand is not None:
+        print("preparing the sensor: up to two minutes the first time, then kept in the cache", file=sys.stderr)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SceneShift)  # printed below, also where it is accepted

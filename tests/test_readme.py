@@ -11,7 +11,8 @@ import pytest
 ROOT = Path(__file__).parent.parent
 
 
-def test_the_code_for_your_own_classifier_prints_what_the_page_says(capsys):
+def test_the_code_for_your_own_classifier_prints_what_the_page_says(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)  # it writes a figure
     text = (ROOT / "docs" / "your_classifier.md").read_text()
     [(code, printed)] = re.findall(r"```python\n(.*?)```.*?```text\n(.*?)```", text, flags=re.S)
     exec(compile(code, "docs/your_classifier.md", "exec"), {})

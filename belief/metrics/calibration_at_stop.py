@@ -52,6 +52,7 @@ class CalibrationAtStop(Tabular):
         by_num_touches: one score for each number of touches that occurs, in ascending order.
         overall: of all episodes.
         confidence: of the intervals.
+        never: number of further episodes that reached no stop; they are in no score.
 
     >>> print(calibration_at_stop([0.9, 0.99, 0.97], [True, True, False], [1, 2, 2]))
     touches  count  stated  right           95 %
@@ -64,6 +65,7 @@ class CalibrationAtStop(Tabular):
     by_num_touches: tuple[StopScore, ...]
     overall: StopScore
     confidence: float = 0.95
+    never: int = 0
 
     def table(self) -> Table:
         """Stated confidence and accuracy by number of touches, and over all."""
@@ -81,6 +83,7 @@ class CalibrationAtStop(Tabular):
                 )
                 for s in (*self.by_num_touches, self.overall)
             ],
+            f"{self.never} more never reach the threshold." if self.never else "",
         )
 
 

@@ -8,7 +8,7 @@ To add a model, derive from :class:`ArrayModel`, and enter it in
 :data:`belief.observation_model.registry.OBSERVATION_MODELS`.
 """
 
-from belief.observation_model.arrays import calibration_of_stops, fit_observation_model
+from belief.observation_model.arrays import calibration_of_stops, certified_stops, fit_observation_model
 from belief.observation_model.check import check_observation_model
 from belief.observation_model.confusion import ConfusionModel
 from belief.observation_model.embedded_hypotheses import FixedHypotheses
@@ -35,6 +35,7 @@ __all__ = [
     "RigidBodyModel",
     "SensorHealthModel",
     "calibration_of_stops",
+    "certified_stops",
     "check_observation_model",
     "fit_observation_model",
     "read_observation_model",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +19,7 @@ from belief.observation_model.selection import (
     grouped,
     log_posteriors_by_touch,
 )
+from belief.statistics.stop_thresholds import CandidateStops, CertifiedThresholds, certified_thresholds
 from belief.touch_batch import TouchBatch
 from belief.validation import labelled_logits, pose_count, require_fraction, unmasked
 
@@ -96,8 +98,8 @@ def calibration_of_stops(
         poses: pose of each touch, ``(n,)``; 0 by default.
 
     Returns:
-        Stated confidence and accuracy by number of touches; objects for which no shape becomes so probable are left
-        out.
+        Stated confidence and accuracy by number of touches; objects for which no shape becomes so probable are counted
+        in ``never``.
 
     Raises:
         ValueError: as :func:`fit_observation_model`; a threshold out of range, or one that no object reaches.
@@ -113,6 +115,7 @@ def calibration_of_stops(
         2           73   0.971  1.000  0.951 … 1.000
         4           18   0.992  1.000  0.815 … 1.000
         all         91   0.975  1.000  0.960 … 1.000
+        9 more never reach the threshold.
     """
     require_fraction("threshold", threshold)
     batch, y = _batch(logits, labels, groups, poses)
@@ -126,7 +129,66 @@ def calibration_of_stops(
     )
     if not len(stated):
         raise ValueError(f"no object reaches a posterior of {threshold} with its touches; lower the threshold")
-    return calibration_at_stop(np.minimum(stated, 1.0), correct, touches)
+    never = len(np.unique(np.asarray(groups))) - len(stated)
+    return replace(calibration_at_stop(np.minimum(stated, 1.0), correct, touches), never=never)
+
+
+def certified_stops(
+    model: ArrayModel,
+    logits: ArrayLike,
+    labels: ArrayLike,
+    groups: ArrayLike,
+    risk: float = 0.05,
+    confidence: float = 0.9,
+    poses: ArrayLike | None = None,
+) -> CertifiedThresholds:
+    """Posteriors at which to stop, so that at every number of touches at most a given fraction of stops is wrong.
+
+    The thresholds belong together: for each object, stop at the first touch k at which some shape has a posterior of at
+    least ``thresholds[k - 1]``, of the last one for more touches. :mod:`belief.statistics.stop_thresholds` has the
+    theorem and its proof. The promise is for objects drawn as these, touched in the same way.
+
+    Args:
+        model: the observation model, under a uniform prior; stated posteriors need not be right.
+        logits: ``(n, K)``, of independent objects other than those to which the model was fitted; the touches of an
+            object are in the order of the rows.
+        labels: true shape of each touch, ``(n,)``.
+        groups: object of each touch, ``(n,)``.
+        risk: the fraction, in (0, 1).
+        confidence: with which the promise holds, in (0, 1).
+        poses: pose of each touch, ``(n,)``; 0 by default.
+
+    Returns:
+        The thresholds; infinite where nothing is promised. All are if there are too few objects: fewer than
+        :func:`~belief.statistics.stop_thresholds.least_searches`, or some times as many where some stops are wrong.
+
+    Raises:
+        ValueError: as :func:`fit_observation_model`; a number out of its range, or fewer than two objects.
+
+    Example:
+        >>> from belief.synthetic import random_model
+        >>> rng, groups = np.random.default_rng(0), np.arange(1600) // 4
+        >>> model = random_model(rng, num_shapes=2, num_poses=1)
+        >>> logits = [touch.logits for i in range(400) for touch in model.sample(i % 2, [0] * 4, rng)]
+        >>> certified_stops(model, logits, groups % 2, groups, risk=0.1).thresholds  # from the second touch on
+        (inf, 0.9)
+    """
+    batch, y = _batch(logits, labels, groups, poses)
+    found = [(log_posteriors_by_touch(model, some), rows) for some, rows in grouped(batch, groups)]
+    objects = sum(len(rows) for _, rows in found)
+    place = np.random.default_rng(0).permutation(objects)  # an order that says nothing about them
+    parts, before = [], 0
+    for log_probs, rows in found:
+        number, length = rows.shape
+        index = np.repeat(place[before : before + number], length)
+        touches = np.tile(np.arange(1, length + 1), number)
+        stated = np.exp(np.minimum(log_probs.max(axis=2), 0.0)).ravel()
+        parts.append((index, touches, stated, (log_probs.argmax(axis=2) != y[rows]).ravel()))
+        before += number
+    index, touches, stated, is_wrong = (np.concatenate(part) for part in zip(*parts, strict=True))
+    order = np.argsort(index, kind="stable")
+    candidates = CandidateStops(index[order], touches[order], stated[order], is_wrong[order], objects)
+    return certified_thresholds(candidates, risk, confidence)
 
 
 def _batch(

@@ -34,7 +34,6 @@ def record(folder: Path) -> dict[str, Any]:
     if changed := list(_changed(arguments, json.loads(json.dumps(asdict(Compare()), default=str)))):
         raise SystemExit(f"no record of {folder}, because it was made with other settings: {', '.join(changed)}")
     sensor = setting["sensor"] or setting["choice"]["scene"]
-    returns = {row["decider"]: float(row["return"]) for row in _rows(folder, "returns")}
     return {
         "command": f"activetouch compare --scene {setting['choice']['scene']} --sensor {Path(sensor).name} "
         f"--deciders {shlex.join(arguments['deciders'])} --episodes {arguments['episodes']} --seed {identity['seed']}",
@@ -46,7 +45,7 @@ def record(folder: Path) -> dict[str, Any]:
                 "searches": int(row["episodes"]),
                 "success": [float(row[name]) for name in ("success", "success_low", "success_high")],
                 "touches": float(row["touches"]),
-                "return": returns[row["decider"]],
+                "return": float(row["return"]),
             }
             for row in _rows(folder, "results")
             if row["target"] == "all"

@@ -92,11 +92,11 @@ def _best(comparison: Summary) -> str:
     )
     if len(names) == 1:
         return said.replace("is best: it succeeds", "succeeds")
-    highest = said.replace("is best: it", "has the highest return: it")
+    highest = said.replace("is best: it", "has the highest return in the mean: it")
     if is_small(comparison):
         return f"{highest} To call a decider the best takes at least {ENOUGH} searches."
     if len(equals) > 1:
-        return f"{highest} {tie_sentence(equals, comparison)}"
+        return f"{tie_sentence(equals, comparison)} {highest}"
     sure = comparison.prob_best[names[0]]
     if sure > 0.999:
         return f"{said} Its return is almost certainly the highest of the {len(names)}."

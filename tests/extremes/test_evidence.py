@@ -25,6 +25,7 @@ from belief.observation_model import (
     RigidBodyModel,
     SensorHealthModel,
     calibration_of_stops,
+    certified_stops,
     fit_observation_model,
     spread_prior,
 )
@@ -165,6 +166,21 @@ def _of_arrays() -> list[Case]:
             ),
             ValueError,
             "no object reaches",
+        ),
+        answers(
+            "certified_stops",
+            "two objects: nothing is promised",
+            lambda: certified_stops(
+                random_model(np.random.default_rng(0)), np.zeros((4, 4)), [0, 0, 1, 1], [0, 0, 1, 1]
+            ),
+            such_that("infinite thresholds", lambda found: set(found.thresholds) == {np.inf}),
+        ),
+        refuses(
+            "certified_stops",
+            "a risk of zero",
+            lambda: certified_stops(random_model(np.random.default_rng(0)), np.zeros((2, 4)), [0, 1], [0, 1], risk=0.0),
+            ValueError,
+            "risk",
         ),
         answers(
             "metrics.reliability_diagram",

@@ -222,6 +222,11 @@ CALLS = {
             world(np.eye(3) * 0.9 + 1 / 30), np.vstack([a, a]), np.tile(SHAPES, 2), np.tile(SHAPES, 2), 0.5
         ).confidence
     ),
+    "certified_stops": lambda a: (
+        observation_model.certified_stops(
+            world(np.eye(3) * 0.9 + 1 / 30), np.vstack([a, a]), np.tile(SHAPES, 2), np.tile(SHAPES, 2), 0.5
+        ).stops
+    ),
     "FixedHypotheses": lambda a: observation_model.FixedHypotheses(a[None, None])(4),
     "FixedWorlds": lambda a: observation_model.FixedWorlds(a[None, None, None]).in_pose(0),
     "SensorHealthModel": lambda a: observation_model.SensorHealthModel(
