@@ -21,7 +21,7 @@ from belief.observation_model.selection import (
 )
 from belief.statistics.stop_thresholds import CandidateStops, CertifiedThresholds, certified_thresholds
 from belief.touch_batch import TouchBatch
-from belief.validation import labelled_logits, pose_count, require_fraction, unmasked
+from belief.validation import Floats, labelled_logits, pose_count, require_fraction, unmasked
 
 
 def fit_observation_model(
@@ -118,18 +118,17 @@ def calibration_of_stops(
         9 more never reach the threshold.
     """
     require_fraction("threshold", threshold)
-    batch, y = _batch(logits, labels, groups, poses)
-    if threshold * batch.num_shapes <= 1.0:
-        raise ValueError(f"threshold must be above 1/K = {1 / batch.num_shapes:.3g}, got {threshold}")
-    found = [
-        stops(log_posteriors_by_touch(model, some), y[rows[:, 0]], threshold) for some, rows in grouped(batch, groups)
-    ]
+    num_shapes = len(model.shape_labels)
+    if threshold * num_shapes <= 1.0:
+        raise ValueError(f"threshold must be above 1/K = {1 / num_shapes:.3g}, got {threshold}")
+    every = _posteriors(model, logits, labels, groups, poses)
+    found = [stops(log_probs, shapes, threshold) for log_probs, shapes in every]
     stated, correct, touches = (
         np.concatenate([getattr(part, name) for part in found]) for name in ("claims", "correct", "num_touches")
     )
     if not len(stated):
         raise ValueError(f"no object reaches a posterior of {threshold} with its touches; lower the threshold")
-    never = len(np.unique(np.asarray(groups))) - len(stated)
+    never = sum(len(shapes) for _, shapes in every) - len(stated)
     return replace(calibration_at_stop(np.minimum(stated, 1.0), correct, touches), never=never)
 
 
@@ -173,22 +172,29 @@ def certified_stops(
         >>> certified_stops(model, logits, groups % 2, groups, risk=0.1).thresholds  # from the second touch on
         (inf, 0.9)
     """
-    batch, y = _batch(logits, labels, groups, poses)
-    found = [(log_posteriors_by_touch(model, some), rows) for some, rows in grouped(batch, groups)]
-    objects = sum(len(rows) for _, rows in found)
+    every = _posteriors(model, logits, labels, groups, poses)
+    objects = sum(len(shapes) for _, shapes in every)
     place = np.random.default_rng(0).permutation(objects)  # an order that says nothing about them
     parts, before = [], 0
-    for log_probs, rows in found:
-        number, length = rows.shape
+    for log_probs, shapes in every:
+        number, length, _ = log_probs.shape
         index = np.repeat(place[before : before + number], length)
         touches = np.tile(np.arange(1, length + 1), number)
         stated = np.exp(np.minimum(log_probs.max(axis=2), 0.0)).ravel()
-        parts.append((index, touches, stated, (log_probs.argmax(axis=2) != y[rows]).ravel()))
+        parts.append((index, touches, stated, (log_probs.argmax(axis=2) != shapes[:, None]).ravel()))
         before += number
     index, touches, stated, is_wrong = (np.concatenate(part) for part in zip(*parts, strict=True))
     order = np.argsort(index, kind="stable")
     candidates = CandidateStops(index[order], touches[order], stated[order], is_wrong[order], objects)
     return certified_thresholds(candidates, risk, confidence)
+
+
+def _posteriors(
+    model: ArrayModel, logits: ArrayLike, labels: ArrayLike, groups: ArrayLike, poses: ArrayLike | None
+) -> list[tuple[Floats, NDArray[np.int64]]]:
+    """Log posteriors after each touch, ``(S, n, K)``, and true shapes, ``(S,)``, of the objects with n touches."""
+    batch, y = _batch(logits, labels, groups, poses)
+    return [(log_posteriors_by_touch(model, some), y[rows[:, 0]]) for some, rows in grouped(batch, groups)]
 
 
 def _batch(
