@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal, get_args
@@ -31,6 +32,7 @@ from activetouch.errors import WrongScene
 from activetouch.hypotheses import quantiles
 from activetouch.poses import Quaternion, multiply, require_unit, to_matrix, turn
 from belief.errors import InvalidArgument, UnknownName
+from belief.frozen import frozen
 from belief.naming import few
 from belief.validation import require_choice, require_number
 
@@ -131,22 +133,22 @@ class Hand:
         """Pads evenly about the palm's z axis."""
         return cls(tuple(tuple(turn("z", 2 * np.pi * finger / number)) for finger in range(number)))
 
-    @property
+    @cached_property
     def forces(self) -> NDArray[np.float64]:
-        """Force of each finger, relative to that of a press, ``(m,)``.
+        """Force of each finger, relative to that of a press, ``(m,)``, read-only.
 
         The sum of their vectors is least, and they are as equal as that allows.
         """
         if len(self) == 1:
-            return np.ones(1)
+            return frozen(np.ones(1))
         rows = np.vstack([self.axes.T, 1e-4 * np.eye(len(self))])
         found = scipy.optimize.nnls(rows, np.append(np.zeros(3), np.full(len(self), 1e-4)))[0]
-        return np.round(found / found.mean(), 9)
+        return frozen(np.round(found / found.mean(), 9))
 
-    @property
+    @cached_property
     def rotations(self) -> NDArray[np.float64]:
-        """The rotations of the fingers as matrices, ``(m, 3, 3)``."""
-        return np.stack([to_matrix(np.array(finger)) for finger in self.fingers])
+        """The rotations of the fingers as matrices, ``(m, 3, 3)``, read-only."""
+        return frozen(np.stack([to_matrix(np.array(finger)) for finger in self.fingers]))
 
     @property
     def axes(self) -> NDArray[np.float64]:
@@ -167,7 +169,7 @@ class Hand:
         Args:
             place: along the palm's axes, ``(3,)`` [m].
         """
-        return np.stack([(to_matrix(np.array(finger)).T @ np.asarray(place, float))[1:] for finger in self.fingers])
+        return np.stack([(rotation.T @ np.asarray(place, float))[1:] for rotation in self.rotations])
 
     def places(self, offset: Distribution, reach: float) -> NDArray[np.float64]:
         """Positions of a body in the palm that stand for all, equally likely, ``(O, 3)`` [m].

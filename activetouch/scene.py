@@ -142,7 +142,7 @@ class Scene:
                 raise InvalidArgument(f"{name} must be an object such as {works}, got {given!r}")
         if self.hand is not None:
             object.__setattr__(self, "hand", hand_named(self.hand))
-            if self.press_model.moves and not hasattr(self.press_model, "settle"):
+            if not self.press_model.closes:
                 raise InvalidArgument(f"a hand closes by Quasistatic() or Closing(), not by {self.press_model!r}")
         if not (isinstance(self.height, Real) and isfinite(self.height)):
             raise InvalidArgument(f"height must be a finite number [m], got {self.height!r}")

@@ -235,6 +235,8 @@ class Closing(Dynamic):
         damping: force per velocity by which the palm slows the body down [N s/m].
     """
 
+    closes: ClassVar[bool] = True
+
     admittance: float = 0.04
     turns: bool = True
     damping: float = 10.0

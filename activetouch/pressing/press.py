@@ -64,6 +64,11 @@ class Press(Protocol):
         """Whether contacts carry a time series of force and contact point (``Contact.trace``)."""
         return False
 
+    @property
+    def closes(self) -> bool:
+        """Whether the fingers of a hand can close by it; where nothing moves, each presses by itself."""
+        return not self.moves
+
     @abstractmethod
     def press(self, setup: Setup, placement: Placement, target_force: float) -> Contact:
         """The contact in the pause; its force is 0 for a miss.
