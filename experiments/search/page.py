@@ -63,10 +63,14 @@ def write_page_of(run: RunFolder, comparison: Summary, searches: Searches, verdi
     for table in comparison_tables(comparison):
         table.write_csv(folder / "tables" / f"{table.name}.csv")
     comparison = comparison.renamed(short_names(comparison.deciders)[0])
-    chosen = choose(comparison)
+    pair = where_two_differ(comparison)
+    chosen = [*pair, *(one for one in longest(comparison) if one not in pair)]
     bodies = Bodies.of(searches.sensor, pixels=48, draws=24) if chosen else None
-    stories, left_out = _stories([_story(searches, decider, episode, bodies) for decider, episode in chosen])
-    num_linked = 2 * bool(where_two_differ(comparison)) if len(stories) > 1 else 0
+    told = [_story(searches, decider, episode, bodies) for decider, episode in chosen]
+    stories, left_out = _stories(told)
+    linked = [story for story in told[: len(pair)] if story in stories]
+    linked = linked if len(linked) == 2 else []
+    others = [story for story in stories if story not in linked]
     write_page(
         path,
         f"Searching by touch in the scene “{searches.scene_name}”",
@@ -75,14 +79,14 @@ def write_page_of(run: RunFolder, comparison: Summary, searches: Searches, verdi
         comparison=comparison,
         composition=getattr(comparison.problem.composition, "value", comparison.problem.composition),
         verdict=[*shift_sentences(searches.sensor.shift), *verdict],
-        linked=stories[:num_linked],
-        stories=stories[num_linked:],
+        linked=linked,
+        stories=others,
         left_out=left_out,
         run=run.read_run(),
         again=command("compare", config=folder / "run.json"),
         replay=command("replay", folder=folder, decider="NAME", target="SHAPE", number="N", out="search.png"),
-        before=["One search, touch by touch"] * bool(num_linked),
-        also=["More searches"] * (len(stories) > num_linked) + ["How this was made"],
+        before=["One search, touch by touch"] * bool(linked),
+        also=["More searches"] * bool(others) + ["How this was made"],
         seed=searches.seed,
         longest_label=max(map(len, comparison.problem.shape_labels)),
     )
@@ -152,13 +156,13 @@ def where_two_differ(comparison: Summary) -> list[tuple[str, Episode]]:
     return [(first, one), (rest[0], other)]
 
 
-def choose(comparison: Summary) -> list[tuple[str, Episode]]:
-    """Select the search in which two deciders differ most, then the longest failure of each, or its longest search."""
-    chosen = where_two_differ(comparison)
+def longest(comparison: Summary) -> list[tuple[str, Episode]]:
+    """The longest failure of each decider that touches, or its longest search if it never fails."""
+    found = []
     for decider in comparison.deciders:
         if touched := [episode for episode in comparison.of(decider) if episode.num_touches]:
-            chosen.append((decider, max(touched, key=lambda episode: (not episode.success, episode.num_touches))))
-    return list(dict.fromkeys(chosen))
+            found.append((decider, max(touched, key=lambda episode: (not episode.success, episode.num_touches))))
+    return found
 
 
 def _story(searches: Searches, decider: str, episode: Episode, bodies: Bodies | None) -> Story:
@@ -216,8 +220,9 @@ def scores_in_words(scores: Mapping[str, float]) -> str:
 
 
 def _picture(image: NDArray[np.uint8], scale: int | None = None) -> str:
-    shades = image / (scale or 255)
-    colours = image if image.ndim == 3 else (colormaps["magma"](shades)[:, :, :3] * 255).astype(np.uint8)
+    colours = image
+    if image.ndim == 2:
+        colours = (colormaps["magma"](image / (scale or 255))[:, :, :3] * 255).astype(np.uint8)
     buffer = io.BytesIO()
     Image.fromarray(colours[::-1]).quantize(64).save(buffer, format="PNG", optimize=True)
     return data_uri(buffer.getvalue(), "image/png")
