@@ -24,7 +24,6 @@ from belief import (
     metrics,
     multisets,
     observation_model,
-    out_of_distribution,
     statistics,
     synthetic,
     touch_batch,
@@ -49,7 +48,6 @@ MODULES = (
     cross_validation,
     metrics,
     multisets,
-    out_of_distribution,
     observation_model,
     validation,
     selection,
@@ -191,10 +189,6 @@ CALLS = {
     "risk_coverage": lambda a: metrics.risk_coverage(a[:, 0], a[:, 1] > 0.5, rng(), num_resamples=3),
     "shape_scores": lambda a: metrics.shape_scores(a[:3]),
     "smooth_calibration_error": lambda a: metrics.smooth_calibration_error(a, SHAPES),
-    # novelty
-    "MahalanobisScore": lambda a: out_of_distribution.MahalanobisScore.fit(a, SHAPES).score(a),
-    "auroc": lambda a: out_of_distribution.auroc(a[0], a[1]),
-    "auroc_interval": lambda a: out_of_distribution.auroc_interval(a[0], a[1]),
     # observation models
     "ConfusionModel": lambda a: (likelihood(observation_model.ConfusionModel)(a), world(a).log_likelihood(touches(a))),
     "GaussianModel": lambda a: (
