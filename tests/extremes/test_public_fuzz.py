@@ -166,16 +166,10 @@ CALLS = {
     "StructuredMatrixScaling": about_logits(calibration.StructuredMatrixScaling),
     "TemperatureScaling": about_logits(calibration.TemperatureScaling),
     "VectorScaling": about_logits(calibration.VectorScaling),
-    "PerPose": lambda a: calibration.PerPose().fit(a, SHAPES, np.arange(4) % 2, 2).predict_proba(a, np.arange(4) % 2),
-    "choose_calibration": lambda a: calibration.choose_calibration(
-        np.tile(a, (2, 1)), np.tile(SHAPES, 2), np.arange(8), num_folds=2
-    ).calibration.predict_proba(a),
+    "PerPose": lambda a: calibration.PerPose().fit(a, SHAPES, SHAPES % 2).predict_log_proba(a, SHAPES % 2),
     "logits_from_probs": calibration.logits_from_probs,
     # metrics
     "accuracy": lambda a: metrics.accuracy(a, SHAPES),
-    "bias_corrected_interval": lambda a: metrics.bias_corrected_interval(
-        a, SHAPES, metrics.brier_score, rng(), num_resamples=3
-    ),
     "brier_score": lambda a: metrics.brier_score(a, SHAPES),
     "calibration_report": lambda a: metrics.calibration_report(a, SHAPES, num_resamples=2),
     "calibration_at_stop": lambda a: metrics.calibration_at_stop(a[:, 0], a[:, 1] > 0.5, np.arange(4)),
@@ -290,7 +284,6 @@ CALLS = {
 }
 NO_NUMBERS = {
     "check_observation_model": "of a model",
-    "losses_table": "prints losses",
     "SceneView": "of a scene",
     "at": "an index",
     "pose_count": "indices",
