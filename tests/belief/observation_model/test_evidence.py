@@ -113,4 +113,4 @@ def test_a_model_with_a_likelihood_alone_is_asked_about_all_touches():
 def test_a_touch_that_does_not_fit_is_refused(any_model):
     for touch in (Touch(7, np.zeros(3), np.zeros(5)), Touch(0, np.zeros(2), np.zeros(5))):
         with pytest.raises(ValueError, match=r"pose 7|2 logits"):
-            start(any_model).update(touch)
+            assert start(any_model).update(touch).log_likelihood.size
