@@ -237,9 +237,6 @@ def log_conflict(log_bets: Iterable[Floats]) -> float:
 
     Args:
         log_bets: of each object; 0.0 for none.
-
-    >>> log_conflict([]), round(log_conflict([np.log([3.0, 0.5]), np.log([3.0, 0.5])]), 3)
-    (0.0, 1.531)
     """
     total = sum(log_bets, start=np.zeros(1))
     largest = total.max()
@@ -253,11 +250,6 @@ def log_stranger(log_bets: Floats) -> float:
 
     Args:
         log_bets: of the object; those of another test than :class:`ConflictTest` all count.
-
-    >>> bets = np.zeros(12)
-    >>> bets[1:3] = 2.0
-    >>> log_stranger(bets), log_stranger(np.ones(3))
-    (2.0, 1.0)
     """
     return log_conflict([log_bets[_ON_MISFIT] if len(log_bets) == _NUM_BETS else log_bets])
 
@@ -271,9 +263,6 @@ def continued_bets(log_bets: ArrayLike, like: ArrayLike | None) -> Floats:
 
     Raises:
         ValueError: a number is not finite, or their number is not that of the model's strategies.
-
-    >>> continued_bets(0.0, np.zeros(3)), continued_bets([0.5, -0.5, 0.0], np.zeros(3))
-    (array([0., 0., 0.]), array([ 0.5, -0.5,  0. ]))
     """
     given, wanted = np.asarray(log_bets, np.float64), np.zeros(1) if like is None else np.zeros(np.shape(like))
     if given.shape not in ((), wanted.shape) or not np.isfinite(given).all():

@@ -259,11 +259,6 @@ def pose_means(vectors: Floats, data: LabelledTouches, pooling: float = _MEAN_PO
     """Mean vector of each shape in each pose, ``(P, K, D)``, and the residuals of the touches, ``(n, D)``.
 
     Each mean is shrunk towards the shape's mean over all poses. A shape without touches gets the mean of all touches.
-
-    >>> data = LabelledTouches.of([Touch(pose, np.zeros(2)) for pose in (0, 0, 1)], [0, 0, 0], None)
-    >>> means, rest = pose_means(np.array([[1.0], [1.0], [4.0]]), data, pooling=1.0)
-    >>> means[:, 0].round(2).tolist(), rest.round(2).tolist()                # 2 is the mean over both poses
-    ([[1.33], [3.0]], [[-0.33], [-0.33], [1.0]])
     """
     sums = np.zeros((data.num_poses, data.num_shapes, vectors.shape[1]))
     counts = np.zeros((data.num_poses, data.num_shapes, 1))

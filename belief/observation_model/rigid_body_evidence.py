@@ -239,11 +239,6 @@ def with_touch(
 
     Returns:
         The new sums; and log weights ``(..., K, N)``, or None where every touch counts in full.
-
-    >>> score, once = np.ones((1, 1)), Touch(0, features=np.zeros(2))
-    >>> sums, alone = with_touch({}, once, score, correlation=1.0, drift=0.0)
-    >>> alone is None, with_touch(sums, once, score, correlation=1.0, drift=0.0)[1].tolist()   # a repeat tells nothing
-    (True, [[1.0]])
     """
     if not (correlation or drift):
         return sums, None
