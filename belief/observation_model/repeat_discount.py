@@ -50,7 +50,7 @@ def repeat_shares(poses: NDArray[np.int64], correlation: float, drift: float = 0
 
 
 def drift_share(num_touches: ArrayLike, drift: float) -> Floats:
-    """Weight of each of n touches in different poses where the reader errs alike about one object: 1 / (1 + (n - 1) κ)."""
+    """Weight of each of n touches in different poses where the reader errs alike: 1 / (1 + (n - 1) κ)."""
     n = np.asarray(num_touches, np.float64)
     return np.asarray(1.0 / (1.0 + np.maximum(n - 1.0, 0.0) * drift))
 
