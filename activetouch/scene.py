@@ -45,7 +45,6 @@ from activetouch.shapes import SHAPES
 from activetouch.solids.family import Family
 from activetouch.solids.mirror import is_own_mirror_image
 from activetouch.solids.solid import Shape, require_hash
-from activetouch.solids.twins import warn_of_twins
 from belief.errors import InvalidArgument, UnknownName
 from belief.naming import Name, few, index_of, one_line
 from belief.validation import require_count
@@ -87,9 +86,6 @@ class Scene:
             to the axis where nothing is said. The offset of the variation is added. :func:`activetouch.poses.aimed`
             makes poses and aims.
         hand: whose pads close on the object in each pose, quasistatically or by ``Closing``; None for the pad alone.
-
-    Warns:
-        MeshWarning: two meshes are alike, see :func:`activetouch.solids.twins.find_twins`; once a process.
     """
 
     shapes: Mapping[str, Shape | Family | Path | str] = field(default_factory=lambda: SHAPES)
@@ -149,7 +145,6 @@ class Scene:
         if getattr(self.press_model, "moves", False):  # in a MuJoCo model, which is kept by its shape
             for label, solid in self.solids.items():
                 require_hash(label, solid)
-        warn_of_twins(self.solids, self.variation.size.support)
 
     def __eq__(self, other: object) -> bool:
         """Whether all parts are equal, with shapes and poses in the same order."""
