@@ -18,8 +18,7 @@ from belief.coarse_to_fine import Effort
 from belief.errors import InvalidArgument, UnknownName
 from experiments.cli import REGISTRY
 from experiments.meshes.find import find
-from experiments.meshes.identify import identify
-from experiments.meshes.naming import name_object
+from experiments.meshes.identify import identify, name_object
 from experiments.meshes.near_twins import near_twins
 from experiments.meshes.setting import MeshSetting, cost_words, read_folder, reader_of, scene_of
 
@@ -146,14 +145,9 @@ def test_what_cannot_be_sought_is_refused(folder):
         MeshSetting.of({})
 
 
-def test_the_fixed_order_meets_each_direction_once_and_is_followed(monkeypatch):
-    monkeypatch.setattr("experiments.meshes.setting._AVERAGED_ORDER", 2)
-    bodies = {"cube": box(0.012, 0.012, 0.012), "bar": box(0.024, 0.012, 0.012)}
-    setting = MeshSetting.of(bodies, plan=PLAN, levels=(0,), pressed=4, jobs=1)
-    order = setting.best_order
-    assert sorted(order) == list(range(26))
+def test_a_given_order_is_followed(setting):
     obj = setting.scene.sample_object("bar", np.random.default_rng(0))
-    assert list(name_object(setting, obj, "fixed", [1], max_touches=3).poses) == order[:3]
+    assert list(name_object(setting, obj, [1], max_touches=3, order=[9, 2, 25, 0]).poses) == [9, 2, 25]
 
 
 def test_costs_are_told_in_words():
