@@ -13,7 +13,6 @@ from belief.problem import Confirm, SearchProblem
 from belief.statistics import wilson_interval
 from experiments.search.paired import Difference, differences, prob_best
 from experiments.search.play import Seconds
-from experiments.search.selective import Selective, selective
 from planners import Episode, Outcome
 from planners.episode import judged
 
@@ -117,7 +116,6 @@ class Summary:
         prob_best: fraction of bootstrap resamples in which the decider has the highest mean return, by decider.
         solved: whether the full-information oracle succeeds in each of the first episodes, by target
             (:mod:`experiments.search.oracle`).
-        selective: answers and abstention, by decider; None for a decider whose answers do not carry the statistics.
         reference: decider that the others are compared with.
     """
 
@@ -128,7 +126,6 @@ class Summary:
     calibration: Mapping[str, CalibrationAtStop | None]
     prob_best: Mapping[str, float]
     solved: Mapping[str, Sequence[bool]]
-    selective: Mapping[str, Selective | None]
     reference: str
 
     @property
@@ -143,8 +140,8 @@ class Summary:
 
     @property
     def is_selective(self) -> bool:
-        """Whether some decider may answer "I do not know"."""
-        return any(found is not None for found in self.selective.values())
+        """Whether deciders may answer "I do not know"."""
+        return self.problem.unsure_reward is not None
 
     @property
     def pressed_again(self) -> int:
@@ -217,7 +214,6 @@ class Summary:
             calibration={name: calibration_of_confirmations(some) for name, some in together.items()},
             prob_best=prob_best({name: [e.reward(problem) for e in some] for name, some in together.items()}, rng),
             solved=solved,
-            selective={name: selective(some, rng) for name, some in together.items()},
             reference=reference,
             **others,
         )
