@@ -49,7 +49,6 @@ def stop(*_, **__):
 READERS = {
     "compare": lambda path: _parsed(["compare", "--config", str(path / "run.json"), "--out", str(path)]).run(),
     "replay": lambda path: Replay(path, out=path / "search.png").run(),
-    "merge": lambda path: Compare(merge=(path,), out=path / "merged").run(),
 }
 
 

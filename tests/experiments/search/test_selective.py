@@ -51,7 +51,6 @@ def compared(by_decider, rng, problem=PROBLEM):
         problem,
         {(name, "a"): some for name, some in by_decider.items()},
         {(name, "a"): Seconds(0.1, 0.2, 0.3, 10) for name in by_decider},
-        {"a": [True]},
         next(iter(by_decider)),
         rng,
     )
