@@ -57,7 +57,7 @@ def differences(
     """
 
     def pair(values: Mapping[str, ArrayLike] | None, name: str) -> MeanInterval | None:
-        if values is None or not np.isfinite([values[name], values[reference]]).all():
+        if values is None or not np.isfinite(np.array([values[name], values[reference]], float)).all():
             return None
         return paired_bootstrap(values[name], values[reference], rng)
 
