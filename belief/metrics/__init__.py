@@ -18,7 +18,7 @@ from belief.metrics.binned import (
     expected_calibration_error,
 )
 from belief.metrics.calibration_at_stop import CalibrationAtStop, StopScore, calibration_at_stop
-from belief.metrics.chance import bias_corrected_interval, null_quantile
+from belief.metrics.chance import null_quantile
 from belief.metrics.reliability import ReliabilityCurve, reliability_curve, reliability_diagram
 from belief.metrics.report import CalibrationError, CalibrationReport, calibration_report
 from belief.metrics.scores import (
@@ -41,7 +41,6 @@ __all__ = [
     "ShapeScore",
     "StopScore",
     "accuracy",
-    "bias_corrected_interval",
     "brier_score",
     "calibration_at_stop",
     "calibration_report",

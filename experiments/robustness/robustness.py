@@ -23,10 +23,9 @@ from belief.files import write_text
 from belief.metrics import expected_calibration_error, negative_log_likelihood
 from belief.metrics.calibration_at_stop import Stops, stops
 from belief.observation_model.model import ArrayModel
-from belief.observation_model.selection import log_posteriors
+from belief.observation_model.selection import log_posteriors, log_posteriors_by_touch
 from belief.statistics import clopper_pearson_interval, paired_bootstrap
 from belief.table import Table
-from experiments.calibration.sequences import Sequences
 from experiments.command_line.arguments import BadArgument, CountOrNone, Jobs, Seed, Within, check_arguments
 from experiments.parallel import default_jobs
 from experiments.robustness.report import robustness_tables, write_robustness_page
@@ -239,10 +238,9 @@ def model_scores(outputs: ClassifierOutputs, model: ArrayModel, seed: int) -> di
     """
     num_objects, num_poses, _ = outputs.logits.shape
     probs, labels = np.exp(log_posteriors(model, outputs.singles())), outputs.shapes.repeat(num_poses)
-    touches = Sequences(outputs.shuffled(seed), outputs.shapes, outputs.numbers)
-    by_number = touches.log_posteriors(model)
+    by_number = log_posteriors_by_touch(model, outputs.shuffled(seed))
     num_right = int((by_number[:, -1].argmax(axis=1) == outputs.shapes).sum())
-    tested = e_values(model, touches.batch)
+    tested = e_values(model, outputs.shuffled(seed))
     return {
         "nll": negative_log_likelihood(probs, labels),
         "ece": expected_calibration_error(probs, labels),

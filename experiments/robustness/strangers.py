@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit, logit
 
 from belief.conflict import log_conflict, log_stranger
 from belief.observation_model.model import ArrayModel
-from belief.out_of_distribution import auroc_interval
 from belief.statistics import clopper_pearson_interval
 from belief.touch_batch import TouchBatch
 from experiments.robustness.touches import ClassifierOutputs
@@ -51,6 +51,22 @@ def alarms(log_e_values: Floats) -> list[float]:
     return [fired / len(log_e_values), *clopper_pearson_interval(fired, len(log_e_values))]
 
 
+def auroc_interval(known: Floats, novel: Floats) -> list[float]:
+    """P(a novel score exceeds a known one), ties half, with a 95 % interval (DeLong et al. 1988, on the logit scale).
+
+    Args:
+        known: scores of two or more known objects, ``(n,)``.
+        novel: scores of two or more novel ones, ``(m,)``.
+    """
+    wins = (novel[:, None] > known) + 0.5 * (novel[:, None] == known)
+    value, fewer = float(wins.mean()), min(wins.shape)
+    variance = wins.mean(axis=1).var(ddof=1) / len(novel) + wins.mean(axis=0).var(ddof=1) / len(known)
+    if variance < 1e-20:
+        return [value, *clopper_pearson_interval(round(value * fewer), fewer)]
+    reach = 1.96 * np.sqrt(variance) / (value * (1.0 - value))
+    return [value, *expit(logit(value) + np.array([-reach, reach])).tolist()]
+
+
 def stranger_scores(
     known: ClassifierOutputs, novel: ClassifierOutputs, model: ArrayModel, novel_labels: Sequence[str], seed: int
 ) -> dict[str, dict[str, Any]]:
@@ -82,8 +98,7 @@ def stranger_scores(
             "after": {
                 str(number): {
                     "auroc": {
-                        score: list(auroc_interval(old[score][:, number - 1], new[score][rows, number - 1]))
-                        for score in old
+                        score: auroc_interval(old[score][:, number - 1], new[score][rows, number - 1]) for score in old
                     },
                     "false_alarms": alarms(old["conflict"][:, :number]),
                     "alarms": alarms(new["conflict"][rows, :number]),
