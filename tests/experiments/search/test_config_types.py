@@ -6,7 +6,6 @@ from belief.errors import ActiveTouchError
 from belief.files import sealed_json
 from experiments.cli import _parsed
 from experiments.scene_choice import SceneChoice
-from experiments.search.compare import Compare
 from experiments.search.replay import Replay
 from experiments.search.run import Run
 from experiments.search.run_folder import RunFolder
