@@ -58,7 +58,7 @@ COMMAND_GROUPS: dict[str, dict[str, Command]] = {
         "recorded": Command("recorded.recorded:Recorded", "search among real objects by recorded touches"),
         "robustness": Command("robustness.robustness:Robustness", "test faults, changed objects and unknown shapes"),
         "tradeoff": Command("tradeoff.tradeoff:Tradeoff", "measure accuracy against time; recommend configurations"),
-        "reproduce": Command("paper.reproduce:Reproduce", "reproduce the paper's tables and figures"),
+        "reproduce": Command("paper.reproduce:Reproduce", "reproduce the paper's tables and Figure 3"),
     },
 }
 """All commands, grouped and ordered as in the help."""

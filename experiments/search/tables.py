@@ -61,6 +61,7 @@ def _differences(comparison: Summary) -> Table:
             *(d.episodes_for_success, d.touches[0], d.touches[1:], d.reward[0], d.reward[1:]),
         )
         for name, d in comparison.differences.items()
+        if d.touches is not None and d.reward is not None
     ]
     return Table(
         f"Difference from {comparison.reference} on the same episodes",
@@ -133,8 +134,7 @@ def terminal_table(comparison: Summary, width: int = 80) -> Table:
     last = f"Omitted: {', '.join(_DROPPED[:omitted])}" if omitted else "ms/touch = physics+network+decision"
     note = (
         f"{next(iter(comparison.cells.values())).num_episodes} live searches per decider and target, 95 % Wilson "
-        f"intervals. No-touch baseline {comparison.no_touch_baseline:.2f}; full-information oracle "
-        f"{comparison.oracle[0]}/{comparison.oracle[1]}. {last}"
+        f"intervals. No-touch baseline {comparison.no_touch_baseline:.2f}. {last}"
     )
     return replace(table, note=note)
 

@@ -28,7 +28,6 @@ def test_unsure_searches_are_counted_priced_and_shown(rng):
         PROBLEM,
         {("x", "a"): mixed, ("bare", "a"): [right] * 10},
         {(name, "a"): Seconds(0.1, 0.2, 0.3, 10) for name in ("x", "bare")},
-        {"a": [True]},
         "x",
         rng,
     )
