@@ -243,17 +243,6 @@ def log_conflict(log_bets: Iterable[Floats]) -> float:
     return float(largest + np.log(np.exp(total - largest).mean()))
 
 
-def log_stranger(log_bets: Floats) -> float:
-    """Log e-value of an object's touches against "it has a known shape": what bets on a high misfit alone have won.
-
-    A stranger looks familiar from each side, but its sides do not fit one body (decision 0057).
-
-    Args:
-        log_bets: of the object; those of another test than :class:`ConflictTest` all count.
-    """
-    return log_conflict([log_bets[_ON_MISFIT] if len(log_bets) == _NUM_BETS else log_bets])
-
-
 def continued_bets(log_bets: ArrayLike, like: ArrayLike | None) -> Floats:
     """Log wealth with which the test of a search begins that continues the test of an earlier one.
 
@@ -274,7 +263,6 @@ def continued_bets(log_bets: ArrayLike, like: ArrayLike | None) -> Floats:
 
 
 _NUM_BETS = 12
-_ON_MISFIT = slice(1, 3)  # the strategies without a bet on novelty
 
 
 def _bets(logs: Floats, step: int) -> Floats:
