@@ -23,11 +23,10 @@ from experiments.command_line.arguments import (
 )
 from experiments.command_line.trust import Trust
 from experiments.parallel import default_jobs
-from experiments.scene_choice import in_file_names
+from experiments.scene_choice import command, in_file_names
 from experiments.search.comparison import DEFAULT_DECIDERS, Comparison, compared, prepared
 from experiments.search.run import Run, merge
 from experiments.search.setting import Setting
-from experiments.sensor_commands import command
 from planners.registry import DECIDERS
 
 _DECIDERS_HELP = (

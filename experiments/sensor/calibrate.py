@@ -35,10 +35,9 @@ from belief.touch_batch import TouchBatch
 from belief.validation import Floats
 from experiments.command_line.arguments import BadArgument, Count, Seed, check_arguments
 from experiments.command_line.trust import Trust
-from experiments.scene_choice import SceneChoice, in_file_names, named_scene, repeats_folder, training_folder
+from experiments.scene_choice import SceneChoice, command, in_file_names, named_scene, repeats_folder, training_folder
 from experiments.sensor.scores import accuracy_of_objects, read_touches
 from experiments.sensor_choice import NoSensor, open_collection, require_collection
-from experiments.sensor_commands import command
 from planners.pose_order import greedy_order, write_order
 
 _RANKED, _ORDERED = 120, 16  # calibration objects that rank poses, and largest number of poses in the order
@@ -96,7 +95,7 @@ class Calibrate:
             raise NoSensor(f"{trained} is missing; train it with: {command('train', scene=self.scene)}")
         reader = TactileReader.load(trained)
         filed = self.scene if self.out is None else None
-        require_collection(data, manifest, reader.card, filed, repeats=True, anyway=self.anyway)
+        require_collection(data, manifest, reader.card, filed, anyway=self.anyway)
         require_enough(manifest, data)
         scene = scene_of(manifest, Trust(data, [self.scene], self.trust))
         found = calibrate(reader, data, scene, models, self.hypotheses, self.seed)

@@ -16,8 +16,7 @@ from activetouch.data.manifest import Manifest, write_manifest
 from activetouch.hand import require_no_hand
 from experiments.command_line.arguments import Count, Jobs, Seed, Within, check_arguments
 from experiments.parallel import run_tasks
-from experiments.scene_choice import SceneChoice, collection_folder
-from experiments.sensor_commands import choice_name
+from experiments.scene_choice import SceneChoice, choice_name, collection_folder
 
 _TEMPORARY = ("*/.?????.npz.*.npz", ".manifest.json.*.json")  # of atomic_path
 ObjectCount: TypeAlias = Annotated[int, Within(0, 2**32 - 1)]
@@ -70,7 +69,7 @@ class Collect:
     def run(self) -> None:
         """Record all missing shards, and check all."""
         check_arguments(self)
-        name = choice_name(self.choice) if self.choice.meshes or self.choice.family else self.choice.scene
+        name = choice_name(self.choice) if self.choice.meshes else self.choice.scene
         folder = self.out if self.out is not None else collection_folder(name)
         manifest = collect(self.choice, self.plan.plan, folder, self.jobs)
         print(f"{folder} is complete: {len(list(manifest.shards()))} shards")

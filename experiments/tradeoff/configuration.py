@@ -16,10 +16,9 @@ from types import MappingProxyType
 
 from activetouch.named_scenes import SCENES
 from activetouch.sensor_files import INDEPENDENT_SUFFIX, MODELS
-from experiments.scene_choice import FIDELITIES, SceneChoice
+from experiments.scene_choice import FIDELITIES, SceneChoice, command
 from experiments.search.fingerprint import files_digest
 from experiments.search.setting import Setting
-from experiments.sensor_commands import command
 from planners import DECIDERS
 from planners.registry import NEED_FILES
 
