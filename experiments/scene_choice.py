@@ -227,7 +227,7 @@ class SceneChoice:
         """
         trust.require([fields["scene"], fields.get("renderer")])
         names = {field.name for field in dataclasses.fields(cls)}
-        without_effect = (None, False, 1.0, [])  # options of earlier versions
+        without_effect: tuple[Any, ...] = (None, False, 1.0, [])  # options of earlier versions
         known = {name: value for name, value in fields.items() if name in names or value not in without_effect}
         choice = cls(**{**known, "meshes": tuple(map(Path, fields["meshes"]))})
         require_types(choice)
