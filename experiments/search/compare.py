@@ -22,7 +22,7 @@ from experiments.command_line.arguments import (
 )
 from experiments.command_line.trust import Trust
 from experiments.parallel import default_jobs
-from experiments.scene_choice import command, in_file_names
+from experiments.scene_choice import in_file_names
 from experiments.search.comparison import DEFAULT_DECIDERS, Comparison, compared, prepared
 from experiments.search.setting import Setting
 from planners.registry import DECIDERS
