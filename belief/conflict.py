@@ -249,9 +249,6 @@ def continued_bets(log_bets: ArrayLike, like: ArrayLike | None) -> Floats:
     Args:
         log_bets: :attr:`belief.SceneView.log_bets` of the earlier search, ``(J,)``; or 0.0 for none.
         like: log bets of an object in the search, ``(J,)``; None for a model without a test.
-
-    Raises:
-        ValueError: a number is not finite, or their number is not that of the model's strategies.
     """
     given, wanted = np.asarray(log_bets, np.float64), np.zeros(1) if like is None else np.zeros(np.shape(like))
     if given.shape not in ((), wanted.shape) or not np.isfinite(given).all():
@@ -266,12 +263,7 @@ _NUM_BETS = 12
 
 
 def _bets(logs: Floats, step: int) -> Floats:
-    """Log of what each strategy multiplies its wealth by, ``(12,)``.
-
-    Args:
-        logs: of the p-values of a high novelty, a low novelty and a high misfit, ``(3,)``.
-        step: number of earlier touches; the first has no misfit.
-    """
+    """Log of what each strategy multiplies its wealth by, ``(12,)``."""
     each = _LOG_KEPT - _POWERS * logs[:, None]  # (3, 4)
     misfit = each[2, :3] if step else np.zeros(3)
     return np.asarray((each[0] + each[1])[:, None] + misfit).ravel()

@@ -28,9 +28,6 @@ def keyed_rng(key: int | Sequence[int], *, is_fixed_length: bool = False) -> np.
         key: integers ≥ 0 of any size; a single one is a key of one.
         is_fixed_length: whether all keys of this kind have the same length; a final zero of a short key is then not
             marked.
-
-    Raises:
-        InvalidArgument: a number that is negative or not an integer.
     """
     return np.random.default_rng(keyed_words(key, is_fixed_length=is_fixed_length))
 

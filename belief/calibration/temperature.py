@@ -155,11 +155,7 @@ def _mean(values: Floats, weights: Floats) -> float:
 
 
 def _best_beta(gaps: Floats, weights: Floats, label_gap: float, beta: float) -> float:
-    """The root of the slope, from an initial value; an end of the range if there is no root in it.
-
-    Newton steps in log β as long as each is at most half the one before and stays in the bracket. Otherwise the bracket
-    is halved, or, while one of its ends is open, the stride doubled.
-    """
+    """The root of the slope, from an initial value; an end of the range if there is no root in it."""
     (low, high), at = _LOG_BETA, math.log(beta)
     before, stride = math.inf, 1.0
     for _ in range(200):

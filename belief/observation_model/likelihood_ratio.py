@@ -172,10 +172,7 @@ class RatioModel(ArrayModel):
         return self.correlation
 
     def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
-        """See :class:`ArrayModel`; independent draws of references, weighted by their likelihood of the shape.
-
-        Repeats are independent too: ``correlation`` is a discount on evidence, not a density that can be sampled.
-        """
+        """See :class:`ArrayModel`; independent draws of references, weighted by their likelihood of the shape."""
         return TouchBatch(poses, self.references[poses, drawn(self._weights[:, :, shape], poses, rng)])
 
     def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
@@ -246,10 +243,7 @@ def _status(data: LabelledTouches, found: Repeats | None) -> Status:
 
 
 def _training_prior(calibrated: Calibration, data: LabelledTouches) -> Floats:
-    """Fraction of each shape, ``(K,)``; for a shape without touches, its mean probability by the calibration.
-
-    Its likelihood ratio is then one on average.
-    """
+    """Fraction of each shape, ``(K,)``; for a shape without touches, its mean probability by the calibration."""
     predicted = np.maximum(calibrated.proba_of(data.logits).mean(axis=0), np.finfo(float).tiny)
     shares = np.where(data.counts > 0, data.counts / len(data.shapes), predicted)
     return np.asarray(shares / shares.sum())
