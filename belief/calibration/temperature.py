@@ -90,7 +90,7 @@ class TemperatureScaling(Calibration):
             gaps -= gaps.max(axis=0)
             return _fit(gaps, y, np.ones(len(y)) if weights is None else weights, 1.0 / factor)
 
-    def log_proba_of(self, logits: ArrayLike) -> Floats:
+    def predict_log_proba(self, logits: ArrayLike) -> Floats:
         """See :meth:`Calibration.predict_log_proba`."""
         z = finite_logits(logits)
         with np.errstate(over="ignore", under="ignore"):
@@ -111,7 +111,7 @@ class TemperatureScaling(Calibration):
         [0.813, [-0.231]]
         """
         z, y = labelled_logits(logits, labels)
-        log_probs = TemperatureScaling(self.temperature, self.status).log_proba_of(z)
+        log_probs = TemperatureScaling(self.temperature, self.status).predict_log_proba(z)
         with np.errstate(over="ignore", under="ignore"):
             at_label = np.take_along_axis(log_probs, y[:, None], axis=1)
             excess = log_probs - at_label  # β (z - z_label)
