@@ -190,7 +190,6 @@ class ObjectConflict:
         sums: of both scores over all tested touches: the novelty less its median, the misfit standardised, ``(2,)``.
         p_values: of the last touch, ``(2,)``: its novelty, and its misfit to earlier touches; ones without a test.
         log_bets: log wealth of every strategy, ``(12,)``.
-        misfit: of all touches after the first together [nats].
     """
 
     test: ConflictTest
@@ -198,7 +197,6 @@ class ObjectConflict:
     sums: Floats
     p_values: Floats
     log_bets: Floats
-    misfit: float = 0.0
 
     def update(self, embedding: ArrayLike, misfit: float, certainty: float = 1.0) -> ObjectConflict:
         """The test with one more touch.
@@ -209,9 +207,8 @@ class ObjectConflict:
             certainty: largest posterior of a shape before the touch, in [0, 1].
         """
         step, test = self.num_touches, self.test
-        total = self.misfit + _limited(misfit, -_WIDEST, _WIDEST) if step else 0.0
         if step >= test.num_touches:
-            return replace(self, num_touches=step + 1, p_values=frozen(np.ones(2)), misfit=total)
+            return replace(self, num_touches=step + 1, p_values=frozen(np.ones(2)))
         novelty = float(test.novelty.score(np.asarray(embedding, np.float64)[None])[0])
         unusual = _limited(novelty, -_WIDEST, _WIDEST) - test.medians.item(step)
         standardised = float(test.usual_misfit.standardised(step, misfit, certainty))
@@ -227,9 +224,7 @@ class ObjectConflict:
             values = test.quantiles[kind, step]
             sums[kind] += _limited(centred, values.item(0), values.item(-1))
         log_bets = self.log_bets + _bets(np.array(logs), step)
-        return ObjectConflict(
-            test, step + 1, frozen(np.array(sums)), frozen(np.array(p_values)), frozen(log_bets), total
-        )
+        return ObjectConflict(test, step + 1, frozen(np.array(sums)), frozen(np.array(p_values)), frozen(log_bets))
 
 
 def log_conflict(log_bets: Iterable[Floats]) -> float:

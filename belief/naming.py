@@ -45,16 +45,6 @@ def checked_names(name: str, labels: Sequence[str]) -> tuple[str, ...]:
     return names
 
 
-def seed_words(seed: int | Sequence[int]) -> tuple[int, ...]:
-    """A seed as a tuple of integers ≥ 0; a single number becomes a tuple of one."""
-    words = (seed,) if isinstance(seed, Integral) else seed
-    if not isinstance(words, Sequence) or isinstance(words, str) or not words:
-        raise InvalidArgument(f"a seed must be an integer ≥ 0 or a sequence of such; got {seed!r}")
-    if any(not isinstance(word, Integral) or isinstance(word, bool) or word < 0 for word in words):
-        raise InvalidArgument(f"a seed must be an integer ≥ 0 or a sequence of such; got {seed!r}")
-    return tuple(int(word) for word in words)
-
-
 def one_line(cls: type, *parts: str) -> str:
     """A representation of an object in at most 118 characters."""
     text = f"{cls.__name__}({', '.join(parts)})"

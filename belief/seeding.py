@@ -53,6 +53,8 @@ def checked_key(key: int | Sequence[int]) -> tuple[int, ...]:
     """
     try:
         numbers = tuple(operator.index(number) for number in (key if isinstance(key, Iterable) else [key]))
+        if isinstance(key, str | bool) or any(isinstance(number, bool) for number in numbers):
+            raise TypeError("no numbers")
     except TypeError as error:
         raise InvalidArgument(f"seeds and keys must be integers ≥ 0, got {key!r}") from error
     for number in numbers:
