@@ -36,7 +36,7 @@ class ObjectTestEnv(TouchEnv):
     | 12 | touches made, as a fraction of `touch_limit` |
 
     `state="posterior"` is a `Box(-1, 1)` of K + P + 2 numbers (:func:`belief.policy_state.posterior_state`), and
-    `state="gains"` of K + 2 P + 2 for a sensor of one rigid body (:func:`belief.policy_state.gains_state`). The attribute
+    `state="gains"` of K + 2 P + 2 for a sensor of one rigid body (:func:`belief.policy_state.gains_state`).
     `env.unwrapped.last_image` is the image of the last press. With `target=None` the target follows, one-hot.
 
     ## Starting State

@@ -62,8 +62,13 @@ def test_options_that_there_are_not_are_refused(name, options, named, sampled):
         env.reset(options=options)
 
 
-@every_id
-@pytest.mark.parametrize("state", STATES)
+@pytest.mark.parametrize(
+    ("name", "state"),
+    [
+        *(("activetouch/ObjectTest-v0", state) for state in STATES),
+        *(("activetouch/ObjectSearch-v0", state) for state in ("paper", "posterior")),
+    ],
+)
 def test_gymnasium_and_sb3_find_nothing_wrong(name, state):
     env = gymnasium.make(name, scene="coarse", target="cone", render_mode="rgb_array", state=state).unwrapped
     with warnings.catch_warnings():
@@ -78,9 +83,7 @@ def test_gymnasium_and_sb3_find_nothing_wrong(name, state):
     ("imported", "id_"),
     [
         ("activetouch, gymnasium", "activetouch/ObjectTest-v0"),
-        ("gymnasium, activetouch", "activetouch/ObjectTest-v0"),
         ("gymnasium", "activetouch:activetouch/ObjectTest-v0"),
-        ("gymnasium", "activetouch.envs:activetouch/ObjectTest-v0"),
     ],
 )
 def test_importing_the_package_or_naming_it_in_the_id_is_enough(imported, id_):
