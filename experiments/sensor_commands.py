@@ -38,9 +38,7 @@ def scene_words(choice: SceneChoice) -> list[str]:
     words = ["--scene", choice.scene]
     for field in fields(SceneChoice):
         value = getattr(choice, field.name)
-        if field.name == "family":
-            words += [word for text in value for word in ("--family", text)]  # one by one
-        elif field.name != "scene" and value != field.default:
+        if field.name != "scene" and value != field.default:
             words.append(f"--{field.name.replace('_', '-')}")
             if not isinstance(value, bool):
                 words += [str(part) for part in value] if isinstance(value, tuple) else [str(value)]
@@ -56,7 +54,6 @@ def choice_name(choice: SceneChoice) -> str:
         choice.poses,
         "only" if choice.only else None,
         *mesh_labels(*choice.meshes),
-        *choice.family,
         choice.hand,
     ]
     return in_file_names("-".join([choice.scene, *(change for change in changes if change)]))

@@ -28,7 +28,7 @@ class Bodies:
     """Hypotheses of the objects' orientations and sizes, and the shapes they may have.
 
     Attributes:
-        shapes: solids by label; the nominal one of a family.
+        shapes: solids by label.
         rests: orientations at rest, unit quaternions ``wxyz``, ``(N, 4)``.
         sizes: size factors, ``(N,)``.
         pixels: width and height of a picture; its cost grows with the square.
@@ -78,8 +78,7 @@ class Bodies:
 
     def outline(self, label: str, body: WorldObject) -> Floats:
         """Whether the true body, whose shape has this label, covers each pixel, ``(H, W)``, for its outline."""
-        solid = self.shapes[label] if body.member is None else body.member
-        picture = portraits(solid, body.orientation[None], self._radius, self.pixels, body.scale)[0]
+        picture = portraits(self.shapes[label], body.orientation[None], self._radius, self.pixels, body.scale)[0]
         return np.isfinite(picture).astype(float)
 
     @property
