@@ -75,7 +75,3 @@ class Bodies(NamedTuple):
 
     rests: Floats
     sizes: Floats
-
-    def take(self, some: slice | NDArray[np.int64]) -> Bodies:
-        """Some of the hypotheses."""
-        return Bodies(*(part[some] for part in self))

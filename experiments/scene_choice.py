@@ -210,7 +210,7 @@ class SceneChoice:
         """
         trust.require([fields["scene"], fields.get("renderer")])
         lists = {"meshes": tuple(map(Path, fields["meshes"]))}
-        without_effect = (None, False, 1.0, [])  # options of earlier versions
+        without_effect: tuple[Any, ...] = (None, False, 1.0, [])  # options of earlier versions
         names = {field.name for field in dataclasses.fields(cls)}
         known = {name: value for name, value in fields.items() if name in names or value not in without_effect}
         choice = cls(**{**known, **lists})

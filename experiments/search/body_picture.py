@@ -53,7 +53,7 @@ class Bodies:
         model = joint_model(sensor.model)
         if model is None:
             return None
-        rests, sizes, _ = HypothesisTable(sensor.reader, sensor.scene).hypotheses(model.num_hypotheses)
+        rests, sizes = HypothesisTable(sensor.reader, sensor.scene).hypotheses(model.num_hypotheses)
         return cls(sensor.scene.solids, rests, sizes, pixels, draws)
 
     def likeliest(self, evidence: RigidBodyEvidence, probs: Floats, number: int) -> list[tuple[str, float, Floats]]:
