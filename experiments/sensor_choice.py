@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
 import warnings
 from collections.abc import Mapping, Sequence
@@ -27,9 +26,8 @@ from activetouch.sensor_files import (
     sensor_shift,
 )
 from belief.errors import ActiveTouchError
-from belief.policy_state import WITH_GAINS
-from experiments.scene_choice import SceneChoice, collection_folder, in_file_names, named_scene, repeats_folder
-from experiments.sensor_commands import REPEATS, command, sensor_commands
+from experiments.scene_choice import SceneChoice, in_file_names, named_scene
+from experiments.sensor_commands import REPEATS, command
 from planners.ppo import BadPolicy, MissingPolicy, load_ppo_policy, policy_file
 from planners.registry import trained_state
 
@@ -60,15 +58,8 @@ def require_policies(decider: str, targets: Sequence[str], scene: str, sensor: P
         ready = independent_sensor(scene)
         if ready != sensor and (ready / POLICIES / policy_file(state, targets[0])).is_file():
             raise type(error)(f"{error}. The sensor {ready.name} has policies: add --sensor {ready.name}") from error
-        joint, repeats = state in WITH_GAINS, repeats_folder(scene)
-        out = Path(f"runs/ppo-{scene}{'-joint' if joint else ''}")
-        commands = (
-            command("collect", "--scene", scene, *REPEATS, out=repeats),
-            command("train-ppo", scene=scene, data=repeats, sensor=sensor, recipes=state, out=out),
-            shlex.join(["cp", "-r", str(out / POLICIES), str(sensor)]),
-        )
-        whose = "a sensor of one rigid body" if joint else "this sensor"
-        raise type(error)("\n".join((f"{error}. To train policies for {whose}:", *commands))) from error
+        train = command("train-ppo", scene=scene, sensor=sensor, recipes=state)
+        raise type(error)(f"{error}. To train policies, and copy them to {sensor / POLICIES}:\n{train}") from error
 
 
 def independent_sensor(scene: str) -> Path:
@@ -126,7 +117,7 @@ def open_sensor(
         if not (path.is_file() or (chosen / ANY_OBJECT_FILE).is_file()):
             where = f"{chosen} holds no sensor: there is no {path.name} in it"
             none = f"no sensor comes with the scene {name}; name one with --sensor"
-            raise NoSensor(f"{where if chosen.parent != MODELS else none}. {_remedy(choice, name, scene)}")
+            raise NoSensor(f"{where if chosen.parent != MODELS else none}. {_remedy(name, scene)}")
     if unknown_state or scene.hand is not None:
         print("preparing the sensor: up to two minutes the first time, then kept in the cache", file=sys.stderr)
     try:
@@ -135,7 +126,7 @@ def open_sensor(
             sensor = TactileSensor.load(chosen, scene, anyway, independent, unknown_state)
     except (LabelMismatch, WrongScene) as error:
         advice = _anyway(chosen, scene, independent)
-        raise type(error)(f"{error}. {_remedy(choice, name, scene)}{advice}") from error
+        raise type(error)(f"{error}. {_remedy(name, scene)}{advice}") from error
     for sentence in shift_sentences(sensor.shift):
         print(f"warning: {sentence}", file=sys.stderr)
     return sensor
@@ -155,15 +146,16 @@ def _anyway(folder: Path, scene: Scene, independent: bool) -> str:
     return "\nTo use it nevertheless, add --anyway."
 
 
-def _remedy(choice: SceneChoice | NamedScene, name: str, scene: Scene) -> str:
+def _remedy(name: str, scene: Scene) -> str:
     ready = _shipped_for(name, scene)
     if ready is not None and ready == name:
         return f"Leave out --sensor: the sensor that comes with the scene {ready} reads these objects."
     if ready is not None:
         return f"Add --sensor {ready}: it reads any objects with this pad."
-    if not isinstance(choice, SceneChoice):
-        return "Make a sensor for this scene: activetouch.make_sensor(scene)"
-    return f"Make a sensor for this scene:\n{sensor_commands(choice)}"
+    return (
+        "Make a sensor for this scene: activetouch.make_sensor(scene), or collect, train and calibrate with the same "
+        "options (docs/your_own_objects.md)"
+    )
 
 
 def _shipped_for(own: str, scene: Scene) -> str | None:
@@ -193,7 +185,8 @@ def open_collection(folder: Path, scene: str, repeats: bool) -> Manifest:
     try:
         return read_manifest(folder)
     except NoCollection as error:
-        raise NoCollection(f"{error}. Record one with: {_collect(scene, folder, repeats)}") from error
+        again = command("collect", "--scene", scene, *(REPEATS if repeats else ()), out=folder)
+        raise NoCollection(f"{error}. Record one with: {again}") from error
 
 
 def require_collection(
@@ -201,7 +194,6 @@ def require_collection(
     manifest: Manifest,
     card: ClassifierCard | None,
     scene: str | None,
-    repeats: bool,
     anyway: bool | None = None,
 ) -> None:
     """Check that a collection has the scene of a reader and of the results; print accepted differences to stderr.
@@ -211,12 +203,11 @@ def require_collection(
         manifest: manifest of the collection.
         card: of the reader that is to read it; None if one is to be trained on it.
         scene: name of the scene that results will be filed under; None if the user names the folder of the results.
-        repeats: whether the collection must contain repeated touches.
         anyway: whether to accept all differences; None for a command without this option.
 
     Raises:
         LabelMismatch: The collection has other shapes or poses than the reader.
-        WrongScene: It differs by more than a known shift; the message names the command that records a fitting one.
+        WrongScene: It differs by more than a known shift.
     """
     wanted: dict[str, Mapping[str, Any]] = {}
     if scene is not None:
@@ -234,10 +225,7 @@ def require_collection(
     for whose, made_for in wanted.items():
         found = scene_differences(made_for, manifest.scene)
         if not anyway and any(not difference.is_shift for difference in found):
-            raise WrongScene(
-                f"{folder} is no collection of {whose}: {in_words(map(str, found))}. "
-                f"{_another_collection(made_for, folder, repeats)}{flag}"
-            )
+            raise WrongScene(f"{folder} is no collection of {whose}: {in_words(map(str, found))}. {flag}")
         shift += map(str, found)
     if shift:
         told = in_words(tuple(dict.fromkeys(shift)))
@@ -247,17 +235,3 @@ def require_collection(
             card.require_images(manifest.image_shape)
         except WrongScene as error:
             raise WrongScene(f"{folder} is of no use here: {error}") from error
-
-
-def _another_collection(made_for: Any, folder: Path, repeats: bool) -> str:
-    """Advice to record a collection of a scene; empty unless the scene has a name."""
-    for name, named in SCENES.items():
-        if scene_fields(named.scene) == made_for:
-            own = repeats_folder(name) if repeats else collection_folder(name)
-            out = own if own.resolve() != folder.resolve() else own.with_name(f"{own.name}-again")
-            return f"Record one, and name it with --data:\n{_collect(name, out, repeats)}\n"
-    return ""
-
-
-def _collect(scene: str, folder: Path, repeats: bool) -> str:
-    return command("collect", "--scene", scene, *(REPEATS if repeats else ()), out=folder)

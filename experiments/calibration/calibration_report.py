@@ -73,7 +73,7 @@ class CalibrationReport:
         manifest = open_collection(data, self.scene, repeats=True)
         reader = TactileReader.load(sensor_folder(self.sensor, self.scene) / READER_FILE)
         filed = self.scene if self.out is None else None
-        require_collection(data, manifest, reader.card, filed, repeats=True, anyway=self.anyway)
+        require_collection(data, manifest, reader.card, filed, anyway=self.anyway)
         scene = scene_of(manifest, Trust(data, [self.scene], self.trust))
         found = calibration_report(reader, data, scene, name=self.scene, seed=self.seed)
         found.save(folder)

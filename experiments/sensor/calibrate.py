@@ -96,7 +96,7 @@ class Calibrate:
             raise NoSensor(f"{trained} is missing; train it with: {command('train', scene=self.scene)}")
         reader = TactileReader.load(trained)
         filed = self.scene if self.out is None else None
-        require_collection(data, manifest, reader.card, filed, repeats=True, anyway=self.anyway)
+        require_collection(data, manifest, reader.card, filed, anyway=self.anyway)
         require_enough(manifest, data)
         scene = scene_of(manifest, Trust(data, [self.scene], self.trust))
         found = calibrate(reader, data, scene, models, self.hypotheses, self.seed)

@@ -1,7 +1,6 @@
 """A shape of a scene may be a family, whose proportions are drawn for every object."""
 
 import json
-import shlex
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,7 +18,7 @@ from activetouch.shapes import Box, Cone, Cylinder, Family, Torus
 from belief.errors import InvalidArgument, UnknownName
 from experiments.command_line.trust import Trust
 from experiments.scene_choice import SceneChoice
-from experiments.sensor_commands import choice_name, scene_words
+from experiments.sensor_commands import choice_name
 
 ROD = Cylinder(radius=0.016, half_length=0.020)
 RODS = Family(ROD, half_length=Uniform(0.010, 0.040))
@@ -181,11 +180,10 @@ def test_the_command_line_gives_factors_on_nominal_numbers():
 
 
 def test_a_choice_with_families_survives_words_and_files():
-    words = scene_words(CHOICE)
-    assert tyro.cli(SceneChoice, args=shlex.split(shlex.join(words))) == CHOICE
+    words = [word for text in CHOICE.family for word in ("--family", text)]
+    assert tyro.cli(SceneChoice, args=words) == CHOICE
     assert SceneChoice.from_dict(json.loads(json.dumps(CHOICE.to_dict())), Trust(Path("run.json"))) == CHOICE
     assert choice_name(CHOICE) == "gel-cylinder-half_length-0.5..2-radius-0.9..1.1-cone-height-0.8..1.5"
-    assert scene_words(SceneChoice()) == ["--scene", "gel"]
 
 
 @pytest.mark.parametrize(
