@@ -29,7 +29,6 @@ from belief.metrics.scores import (
     negative_log_likelihood,
     shape_scores,
 )
-from belief.metrics.selective_risk import RiskCoverage, risk_coverage
 from belief.metrics.smooth import smooth_calibration_error
 
 __all__ = [
@@ -37,7 +36,6 @@ __all__ = [
     "CalibrationError",
     "CalibrationReport",
     "ReliabilityCurve",
-    "RiskCoverage",
     "ShapeScore",
     "StopScore",
     "accuracy",
@@ -51,7 +49,6 @@ __all__ = [
     "null_quantile",
     "reliability_curve",
     "reliability_diagram",
-    "risk_coverage",
     "shape_scores",
     "smooth_calibration_error",
 ]

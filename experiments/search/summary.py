@@ -13,7 +13,6 @@ from belief.problem import Confirm, SearchProblem
 from belief.statistics import wilson_interval
 from experiments.search.paired import Difference, differences, prob_best
 from experiments.search.play import Seconds
-from experiments.search.selective import Selective, selective
 from planners import Episode, Outcome
 from planners.episode import judged
 
@@ -115,7 +114,6 @@ class Summary:
         differences: each other decider minus ``reference``, over all targets.
         calibration: calibration at stopping, by decider; None for a decider that never confirmed.
         prob_best: fraction of bootstrap resamples in which the decider has the highest mean return, by decider.
-        selective: answers and abstention, by decider; None for a decider whose answers do not carry the statistics.
         reference: decider that the others are compared with.
     """
 
@@ -125,7 +123,6 @@ class Summary:
     differences: Mapping[str, Difference]
     calibration: Mapping[str, CalibrationAtStop | None]
     prob_best: Mapping[str, float]
-    selective: Mapping[str, Selective | None]
     reference: str
 
     @property
@@ -140,8 +137,8 @@ class Summary:
 
     @property
     def is_selective(self) -> bool:
-        """Whether some decider may answer "I do not know"."""
-        return any(found is not None for found in self.selective.values())
+        """Whether deciders may answer "I do not know"."""
+        return self.problem.unsure_reward is not None
 
     @property
     def pressed_again(self) -> int:
@@ -209,7 +206,6 @@ class Summary:
             differences=differences(successes, touches, returns, reference, rng),
             calibration={name: calibration_of_confirmations(some) for name, some in together.items()},
             prob_best=prob_best(returns, rng),
-            selective={name: selective(some, rng) for name, some in together.items()},
             reference=reference,
             **others,
         )

@@ -8,8 +8,7 @@ from statistics import fmean
 
 from belief.statistics.power import LEVEL, POWER
 from experiments.search.paired import Difference
-from experiments.search.selective import Selective
-from experiments.search.summary import ALL, Summary
+from experiments.search.summary import ALL, Cell, Summary
 from planners.one_touch import one_touch_bound
 
 LONGEST = 36
@@ -80,7 +79,8 @@ def verdict_sentences(comparison: Summary) -> list[str]:
         for name, found in comparison.differences.items()
     ]
     sentences += _calibration(comparison)
-    sentences += [_selective(name, found) for name, found in comparison.selective.items() if found is not None]
+    if comparison.is_selective:
+        sentences += [_unsure(name, comparison.cells[name, ALL]) for name in comparison.deciders]
     if comparison.pressed_again:
         sentences.append(f"{comparison.pressed_again} presses did not settle and were repeated.")
     return sentences
@@ -192,16 +192,10 @@ def _calibration(comparison: Summary) -> list[str]:
     return sentences
 
 
-def _selective(name: str, found: Selective) -> str:
-    share, low, high = found.unsure
-    said = f"{name} answers “I do not know” in {_share(share)} [{_share(low)}, {_share(high)}] of searches"
-    if found.achieved is None or found.stated is None:
-        return f"{said}, and gives no other answer."
-    right, low, high = found.achieved
-    return (
-        f"{said}; of its {found.num_answered} other answers {_share(right)} [{_share(low)}, {_share(high)}] are right, "
-        f"at a stated confidence of {_share(found.stated)}."
-    )
+def _unsure(name: str, cell: Cell) -> str:
+    said = f"{name} answers “I do not know” in {_share(cell.unsure / cell.num_episodes)} of the searches"
+    answered = cell.num_episodes - cell.unsure - cell.truncated
+    return f"{said}; it is right in {cell.successes} of its {answered} other answers."
 
 
 def _and(names: list[str]) -> str:

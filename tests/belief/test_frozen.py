@@ -13,7 +13,7 @@ from belief.calibration import CALIBRATIONS, TemperatureScaling
 from belief.conflict import ConflictTest
 from belief.conflict_scores import Novelty, UsualMisfit
 from belief.frozen import FrozenArrays, frozen
-from belief.metrics import RiskCoverage, reliability_curve
+from belief.metrics import reliability_curve
 from belief.observation_model import (
     ConfusionModel,
     FittedRigidBody,
@@ -102,7 +102,6 @@ HOLDERS = {
         ),
         [np.ones((1, 1, 2, 3, 4), np.float32), np.array([0.8, 0.1, 0.1])],
     ),
-    "RiskCoverage": (lambda a, b: RiskCoverage(a, b, 0.1, (0.0, 0.2)), [np.array([0.5, 1.0]), np.array([0.0, 0.2])]),
     "Novelty": (Novelty, [ROWS, np.eye(2), np.zeros(4), np.ones(4)]),
     "UsualMisfit": (UsualMisfit, [np.zeros((3, 1)), np.zeros((3, 2)), np.ones((3, 2))]),
     "ConflictTest": (

@@ -180,7 +180,6 @@ CALLS = {
     "null_quantile": lambda a: metrics.null_quantile(a, metrics.brier_score, rng(), num_resamples=3),
     "reliability_curve": lambda a: metrics.reliability_curve(a, SHAPES, binning="mass"),
     "reliability_diagram": lambda a: metrics.reliability_diagram(a, SHAPES, figure.Figure().subplots()),
-    "risk_coverage": lambda a: metrics.risk_coverage(a[:, 0], a[:, 1] > 0.5, rng(), num_resamples=3),
     "shape_scores": lambda a: metrics.shape_scores(a[:3]),
     "smooth_calibration_error": lambda a: metrics.smooth_calibration_error(a, SHAPES),
     # observation models
@@ -307,7 +306,7 @@ def is_made_by_others(kind):
         or getattr(kind, "_is_protocol", False)
         or (is_dataclass(kind) and not hasattr(kind, "__post_init__") and not methods)
         or issubclass(kind, Tabular)
-        or kind in (metrics.CalibrationReport, metrics.ReliabilityCurve, metrics.RiskCoverage)
+        or kind in (metrics.CalibrationReport, metrics.ReliabilityCurve)
     )
 
 
