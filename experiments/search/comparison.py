@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -31,7 +30,7 @@ from experiments.search.run_folder import RunFolder, read_episode
 from experiments.search.setting import Setting
 from experiments.search.summary import Summary
 from experiments.search.tables import results_table, terminal_table
-from experiments.search.verdict import short_names, verdict_sentences
+from experiments.search.verdict import verdict_sentences
 from experiments.sensor_choice import require_policies
 from planners import Decider, make_decider
 from planners.abstaining import Abstaining
@@ -56,16 +55,11 @@ class Comparison(Summary, Tabular):
     run: Run | None = field(default=None, kw_only=True)
 
     def table(self) -> Table:
-        """The table that is printed, with all columns; printed, it leaves out those for which there is no room."""
-        return self._table(10_000)
+        """The table that is printed."""
+        return terminal_table(self)
 
-    def __str__(self) -> str:
-        return str(self._table(shutil.get_terminal_size().columns))
-
-    __repr__ = __str__
-
-    def _table(self, width: int) -> Table:
-        return terminal_table(self.renamed(short_names(self.deciders)[0]), width)
+    def __repr__(self) -> str:
+        return str(self)
 
     def rows(self) -> list[dict[str, Any]]:
         """Results by decider and target, unrounded, and by decider over all targets: ``pandas.DataFrame`` takes them.
@@ -93,7 +87,7 @@ class Comparison(Summary, Tabular):
 
         if name not in FIGURES:
             raise UnknownName("figure", name, list(FIGURES))
-        FIGURES[name](axes, self.renamed(short_names(self.deciders)[0]))
+        FIGURES[name](axes, self)
 
     @classmethod
     def load(cls, folder: str | Path, *, trust: bool = False) -> Comparison:
@@ -123,8 +117,7 @@ class Comparison(Summary, Tabular):
 
     def verdict(self) -> list[str]:
         """Sentences: which decider is best, what differs significantly, and whether stated confidence is kept."""
-        names, said = short_names(self.deciders)
-        return [*said, *verdict_sentences(self.renamed(names))]
+        return verdict_sentences(self)
 
     def save(self, folder: str | Path) -> Path:
         """Write ``report.html`` with its figures and tables, and ``episodes.jsonl``.
