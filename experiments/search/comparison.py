@@ -156,8 +156,6 @@ def compare(
     num_objects: int | None = None,
     touch_cost: float = 0.02,
     abstain: float | None = None,
-    promise: float = 0.95,
-    unsure_reward: float = 0.0,
     certificate: str | Path | Certificate | None = None,
     anyway: bool = False,
     jobs: int | None = None,
@@ -182,8 +180,6 @@ def compare(
         touch_cost: cost λ of one touch, in units of a success.
         abstain: false-alarm rate of the conflict test, with which every decider can answer "I do not know"; not by
             default.
-        promise: with ``abstain``, the smallest stated confidence of an answer.
-        unsure_reward: with ``abstain``, the reward of "I do not know".
         certificate: from :func:`activetouch.certify`, or its file; its decider also plays stopping by it, as
             "certified NAME", and searches can end with "I do not know".
         anyway: whether to accept a sensor that was made for another scene.
@@ -212,8 +208,6 @@ def compare(
         num_objects=num_objects,
         touch_cost=touch_cost,
         abstain=abstain,
-        promise=promise,
-        unsure_reward=unsure_reward,
         anyway=anyway,
     )
     run = prepared(
@@ -283,10 +277,6 @@ def prepared(
     check_arguments(setting)
     for name, value, kind in (("episodes", episodes, Count), ("seed", seed, Seed), ("jobs", jobs, Jobs)):
         check_value(f"--{name}", value, kind)
-    for name in ("promise", "unsure_reward"):
-        if setting.abstain is None and (value := getattr(setting, name)) != getattr(Setting, name):
-            flag = name.replace("_", "-")
-            raise BadArgument(f"--{flag} does nothing without --abstain, got {value}")
     players = _players(deciders)
     if reference is not None and reference not in players:
         raise UnknownName("reference among --deciders", reference, list(players))
@@ -316,7 +306,7 @@ def prepared(
         for name, player in players.items()
     }
     if setting.abstain is not None:
-        made = {name: Abstaining(decider, setting.abstain, setting.promise) for name, decider in made.items()}
+        made = {name: Abstaining(decider, setting.abstain) for name, decider in made.items()}
     known = {"observation model": sensor.model, "outcome table": table}
     if signed is not None:
         made |= certified_players(signed, players, made, sensor, problem, chosen, known)
