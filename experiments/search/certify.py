@@ -262,8 +262,15 @@ class Certify:
             )
         if self.setting.abstain is not None:
             raise BadArgument("a certificate says itself when a decider is unsure: leave out --abstain")
-        given = {"targets": self.targets, "seed": self.seed, "jobs": self.jobs}
-        run = prepared(self.setting, self.decider, **given, named=named, own_sensor=own_sensor)
+        run = prepared(
+            self.setting,
+            self.decider,
+            targets=self.targets,
+            seed=self.seed,
+            jobs=self.jobs,
+            named=named,
+            own_sensor=own_sensor,
+        )
         if self.out is not None:
             require_writable_file(self.out)
         player = run.deciders[self.decider]
