@@ -32,7 +32,7 @@ from activetouch.hypotheses import Bodies, member_shares, sizes
 from activetouch.mesh_source import MeshSource
 from activetouch.orientations import Presentation, Tumbled
 from activetouch.placement import Placement, WorldObject
-from activetouch.poses import POSE_SETS, POSES, Quaternion, checked_aims, require_unit, to_matrix
+from activetouch.poses import POSE_SETS, POSES, Quaternion, checked_aims, require_unit
 from activetouch.pressing.contact import Contact, PressedObject, missed
 from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.pad import Pad
@@ -45,7 +45,6 @@ from activetouch.shapes import SHAPES
 from activetouch.solids.family import Family
 from activetouch.solids.mirror import is_own_mirror_image
 from activetouch.solids.solid import Shape, require_hash
-from activetouch.solids.twins import warn_of_twins
 from belief.errors import InvalidArgument, UnknownName
 from belief.naming import Name, few, index_of, one_line
 from belief.validation import require_count
@@ -87,9 +86,6 @@ class Scene:
             to the axis where nothing is said. The offset of the variation is added. :func:`activetouch.poses.aimed`
             makes poses and aims.
         hand: whose pads close on the object in each pose, quasistatically or by ``Closing``; None for the pad alone.
-
-    Warns:
-        MeshWarning: two meshes are alike, see :func:`activetouch.solids.twins.find_twins`; once a process.
     """
 
     shapes: Mapping[str, Shape | Family | Path | str] = field(default_factory=lambda: SHAPES)
@@ -149,7 +145,6 @@ class Scene:
         if getattr(self.press_model, "moves", False):  # in a MuJoCo model, which is kept by its shape
             for label, solid in self.solids.items():
                 require_hash(label, solid)
-        warn_of_twins(self.solids, self.variation.size.support)
 
     def __eq__(self, other: object) -> bool:
         """Whether all parts are equal, with shapes and poses in the same order."""
@@ -206,10 +201,10 @@ class Scene:
 
     @property
     def image_shape(self) -> tuple[int, ...]:
-        """Of one image, ``(H, W)`` or ``(H, W, 3)``; of a grasp as :meth:`activetouch.hand.Hand.joined` makes it."""
+        """Of one image, ``(H, W)`` or ``(H, W, 3)``; of a grasp, those of its fingers side by side."""
         height, width, *channels = self.image(missed(self.pad)).shape
         if self.hand is not None:
-            width = len(self.hand) * (width + (self.hand.travel is not None))
+            width *= len(self.hand)
         return height, width, *channels
 
     @property
@@ -262,7 +257,7 @@ class Scene:
 
         Args:
             shape: its label or index.
-            rng: of its size, surface and orientation, then of its proportions, and of its position if a hand keeps it.
+            rng: of its size, surface and orientation, then of its proportions.
 
         Raises:
             UnknownName: the scene has no shape of that name.
@@ -272,9 +267,7 @@ class Scene:
         scale, friction, stiffness = vary.size.sample(rng), vary.friction.sample(rng), vary.stiffness.sample(rng)
         rest, family = self.presentation.rest(rng), self.families.get(self.shape_labels[shape_index])
         member = family.sample(rng) if family else None
-        is_kept = self.hand is not None and self.hand.offset == "kept"
-        offset = np.array([vary.offset.sample(rng) for _ in range(3)]) if is_kept else None
-        return WorldObject(shape_index, scale, rest, friction, stiffness, member, offset)
+        return WorldObject(shape_index, scale, rest, friction, stiffness, member)
 
     def bodies(self, shape: Name, shares: NDArray[np.float64]) -> tuple[tuple[Shape, ...], NDArray[np.int64]]:
         """The solids of hypotheses of a shape, and which of them each hypothesis has.
@@ -385,16 +378,10 @@ class Scene:
         found = hand.close(in_palm, depth, self.variation.force.sample(force_rng), self.setup, self.press_model)
         ideals = [self.image(contact) for contact in found.contacts]
         images = [read_out(ideal, self.faults, rng) for ideal in ideals]
-        stops = np.zeros(len(hand)) if hand.travel is None else rng.normal(np.nan_to_num(found.stops), hand.travel)
-        image, ideal = hand.joined(images, stops), np.concatenate(ideals, axis=1)
+        image, ideal = np.concatenate(images, axis=1), np.concatenate(ideals, axis=1)
         return PressedObject(found.contacts[0], image, 0, in_palm, ideal, found.contacts)
 
     def place_in_palm(self, obj: WorldObject, pose: Name, rng: np.random.Generator) -> tuple[Placement, float]:
         """An object in the palm, in front of a finger that is not turned, and its depth along the palm's x axis [m]."""
-        in_palm, hand = self.place(obj, pose, rng), self.hand
-        depth = self.variation.offset.sample(rng) if hand and (len(hand) > 1 or hand.travel is not None) else 0.0
-        if obj.offset is not None:
-            index = index_of("pose", self.pose_labels, pose)
-            depth, *across = to_matrix(self.rotations[self.pose_labels[index]]) @ obj.offset
-            in_palm = replace(in_palm, offset=self.aim_offsets[index] + across)
-        return in_palm, depth
+        in_palm = self.place(obj, pose, rng)
+        return in_palm, self.variation.offset.sample(rng) if self.hand and len(self.hand) > 1 else 0.0

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from belief.statistics.proportion import wilson_interval
-from experiments.tradeoff.measure import TASKS
+from experiments.tradeoff.report import TASKS
 
 DOCS = Path(__file__).parent.parent
 RECORDS = DOCS.parent / "records"

@@ -214,12 +214,11 @@ def _belief_words(scene: Scene, folder: Path | None) -> str:
 
 def _grasp_words(hand: Hand) -> str:
     """What the fingers of a hand share, and what of it the belief holds."""
-    drawn = "of the object" if hand.offset == "kept" else "drawn anew at each grasp"
     belief = "takes both as each finger's own" if hand.offset == "averaged" else "sums over the offset"
     return (
         f"A grasp gives {len(hand)} images at the cost of one touch. Its fingers share the force and the object's "
-        f"offset in the palm, {drawn}; the belief {belief}. A finger that misses gives an image of no contact, which "
-        "is read as any other." + ("" if hand.travel is None else " It also reads how far each finger travels.")
+        f"offset in the palm, drawn anew at each grasp; the belief {belief}. A finger that misses gives an image of no "
+        "contact, which is read as any other."
     )
 
 
@@ -280,8 +279,7 @@ def latent(scene: Scene) -> list[str]:
     low, high = scene.variation.size.support
     turned = ["heading", "tilt"] if isinstance(scene.presentation, Upright) else ["orientation"]
     of_families = [f"{name} of {label}" for label, family in scene.families.items() for name, _ in family.parameters]
-    kept = scene.hand is not None and scene.hand.offset == "kept"
-    return turned + (["size"] if low < high else []) + of_families + (["offset in the palm"] if kept else [])
+    return turned + (["size"] if low < high else []) + of_families
 
 
 def _surfaces(scene: Scene) -> list[Item]:

@@ -15,6 +15,7 @@ from PIL import Image
 
 from belief.problem import SearchProblem
 from experiments.reporting.page import Section, data_uri, write_page
+from experiments.scene_choice import command
 from experiments.search.figures import pictures
 from experiments.search.frames import Frame, action_words, replay
 from experiments.search.play import Searches
@@ -23,7 +24,6 @@ from experiments.search.summary import Summary
 from experiments.search.tables import comparison_tables
 from experiments.search.verdict import by_return
 from experiments.sensor_choice import shift_sentences
-from experiments.sensor_commands import command
 from planners import Episode, Outcome
 
 _SECTIONS = {

@@ -11,10 +11,10 @@ from belief.errors import ActiveTouchError
 from belief.files import atomic_path, require_writable_file
 from experiments.command_line.arguments import CountOrNone, Ending, check_arguments
 from experiments.command_line.trust import Trust
+from experiments.scene_choice import command
 from experiments.search.frames import replay
 from experiments.search.run_folder import RunFolder, read_episode
 from experiments.search.setting import Setting
-from experiments.sensor_commands import command
 from planners import Episode
 
 

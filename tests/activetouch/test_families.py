@@ -2,11 +2,9 @@
 
 import json
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-import tyro
 
 from activetouch import SCENES, SHAPES, Quasistatic
 from activetouch.distributions import Constant, Uniform
@@ -15,10 +13,6 @@ from activetouch.placement import WorldObject
 from activetouch.pressing.pad import Pad
 from activetouch.scene_description import require_scene, scene_fields
 from activetouch.shapes import Box, Cone, Cylinder, Family, Torus
-from belief.errors import InvalidArgument, UnknownName
-from experiments.command_line.trust import Trust
-from experiments.scene_choice import SceneChoice
-from experiments.sensor_commands import choice_name
 
 ROD = Cylinder(radius=0.016, half_length=0.020)
 RODS = Family(ROD, half_length=Uniform(0.010, 0.040))
@@ -166,45 +160,3 @@ def test_a_sensor_for_the_nominal_solid_is_told_the_shift_and_one_for_another_so
     thin = Family(Cylinder(0.010, 0.020), half_length=Uniform(0.010, 0.040))
     with pytest.raises(ValueError, match=r"shapes\.cylinder\.radius is 0\.01, not 0\.016"):
         require_scene("it", plain, scene_fields(replace(GEL, shapes={**GEL.shapes, "cylinder": thin})))
-
-
-CHOICE = SceneChoice(family=("cylinder:half_length=0.5..2,radius=0.9..1.1", "cone:height=0.8..1.5"))
-
-
-def test_the_command_line_gives_factors_on_nominal_numbers():
-    scene = CHOICE.named.scene
-    assert list(scene.families) == ["cylinder", "cone"]
-    radius, half_length = Uniform(0.9 * 0.016, 1.1 * 0.016), Uniform(0.010, 0.040)
-    assert scene.families["cylinder"] == Family(ROD, radius=radius, half_length=half_length)
-    assert scene.solids == SCENES["gel"].scene.solids
-
-
-def test_a_choice_with_families_survives_words_and_files():
-    words = [word for text in CHOICE.family for word in ("--family", text)]
-    assert tyro.cli(SceneChoice, args=words) == CHOICE
-    assert SceneChoice.from_dict(json.loads(json.dumps(CHOICE.to_dict())), Trust(Path("run.json"))) == CHOICE
-    assert choice_name(CHOICE) == "gel-cylinder-half_length-0.5..2-radius-0.9..1.1-cone-height-0.8..1.5"
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("cylinder", "--family must be SHAPE:PARAMETER=LOW..HIGH"),
-        ("cylinder:half_length=0.5..2,half_length=1..2", "told once"),
-        ("cylinder:half_length=0..2", r"no solids, at half_length=0\.0"),
-    ],
-)
-def test_a_family_that_cannot_be_read_is_refused(text, words):
-    with pytest.raises(InvalidArgument, match=words):
-        _ = SceneChoice(family=(text,)).named
-
-
-def test_a_family_of_unknown_names_a_shape_told_twice_and_parked_objects_are_refused():
-    with pytest.raises(UnknownName, match="Did you mean 'cylinder'"):
-        _ = SceneChoice(family=("cilinder:half_length=0.5..2",)).named
-    with pytest.raises(UnknownName, match="Did you mean 'half_length'"):
-        _ = SceneChoice(family=("cylinder:half_lenght=0.5..2",)).named
-    with pytest.raises(InvalidArgument, match="told once"):
-        _ = SceneChoice(family=("cone:height=0.5..2", "cone:radius=0.5..2")).named
-    with pytest.raises(InvalidArgument, match="leave parking out"):
-        _ = SceneChoice("paper", family=("cone:height=0.5..2",)).named
