@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
+import shlex
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
@@ -18,7 +19,7 @@ from activetouch import Dynamic, Quasistatic, Scene
 from activetouch.distributions import Constant
 from activetouch.errors import DuplicateShape
 from activetouch.hand import HANDS, hand_named
-from activetouch.mesh_source import read_meshes
+from activetouch.mesh_source import mesh_labels, read_meshes
 from activetouch.named_scenes import SCENES, NamedScene
 from activetouch.orientations import Inexact, Presentation, Resampled, Tumbled, Upright
 from activetouch.pressing.guarded_move import GuardedMove
@@ -107,6 +108,22 @@ def in_file_names(scene: str) -> str:
     ('gel', 'mine-scene-force-2')
     """
     return re.sub(r"[^\w.]+", "-", scene).strip("-.")
+
+
+def command(name: str, *words: object, **options: object) -> str:
+    """A command line, such as ``command("train", scene="gel")``; options that are None are omitted."""
+    told = [str(word) for word in words]
+    for option, value in options.items():
+        if value is not None:
+            told += [f"--{option.replace('_', '-')}", str(value)]
+    return shlex.join(["activetouch", name, *told])
+
+
+def choice_name(choice: SceneChoice) -> str:
+    """The name of a scene with its changes, as used in folder names."""
+    only = "only" if choice.only else None
+    changes = [choice.fidelity, choice.renderer, choice.presentation, choice.poses, only, *mesh_labels(*choice.meshes)]
+    return in_file_names("-".join([choice.scene, *(str(change) for change in [*changes, choice.hand] if change)]))
 
 
 def collection_folder(scene: str) -> Path:
@@ -209,10 +226,9 @@ class SceneChoice:
             BadArgument: a field is of a wrong type.
         """
         trust.require([fields["scene"], fields.get("renderer")])
-        lists = {"meshes": tuple(map(Path, fields["meshes"]))}
-        without_effect: tuple[Any, ...] = (None, False, 1.0, [])  # options of earlier versions
         names = {field.name for field in dataclasses.fields(cls)}
+        without_effect: tuple[Any, ...] = (None, False, 1.0, [])  # options of earlier versions
         known = {name: value for name, value in fields.items() if name in names or value not in without_effect}
-        choice = cls(**{**known, **lists})
+        choice = cls(**{**known, "meshes": tuple(map(Path, fields["meshes"]))})
         require_types(choice)
         return choice
