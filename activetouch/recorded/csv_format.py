@@ -1,8 +1,7 @@
 """The format ``csv``: one row for each touch, in all ``.csv`` and ``.csv.gz`` files of a folder.
 
-The first line names the columns. ``object`` is needed; ``action`` (by default all touches have one action), ``session``
-(order of recording among the touches of an object and action), ``category`` and ``shape`` are optional; all others are
-features.
+The first line names the columns. ``object`` is needed; ``action`` (by default all touches have one action) and
+``session`` (order of recording among the touches of an object and action) are optional; all others are features.
 """
 
 from __future__ import annotations

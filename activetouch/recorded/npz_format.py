@@ -1,8 +1,7 @@
 """The format ``npz``: arrays in one ``.npz`` file, which is read without running anything.
 
-``features (n, F)`` and ``object (n,)`` are needed; ``action``, ``session``, ``category``, ``shape``, each ``(n,)``, are
-optional and mean what the columns of :mod:`activetouch.recorded.csv_format` do; ``feature_names (F,)``, ``provenance``
-and ``licence`` are text.
+``features (n, F)`` and ``object (n,)`` are needed; ``action`` and ``session``, each ``(n,)``, are optional, as the columns
+of :mod:`activetouch.recorded.csv_format` are; ``feature_names (F,)``, ``provenance`` and ``licence`` are text.
 """
 
 from __future__ import annotations
