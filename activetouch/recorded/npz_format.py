@@ -1,6 +1,6 @@
 """The format ``npz``: arrays in one ``.npz`` file, which is read without running anything.
 
-``features (n, F)`` and ``object (n,)`` are needed; ``action`` and ``session``, each ``(n,)``, are optional, as the columns
+``features (n, F)`` and ``object (n,)`` are needed; ``action`` and ``session``, each ``(n,)``, are optional, as columns
 of :mod:`activetouch.recorded.csv_format` are; ``feature_names (F,)``, ``provenance`` and ``licence`` are text.
 """
 
