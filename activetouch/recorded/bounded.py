@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import bz2
 import gzip
 import io
 import zlib
 from array import array
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import IO
 
 import numpy as np
 
@@ -25,32 +23,19 @@ longest."""
 _LONGEST_LINE = 2**22
 
 
-def read_bounded(path: Path, most: int = MOST_BYTES) -> bytes:
-    """The content of a file; of ``.gz`` and ``.bz2`` decompressed, never more than ``most`` bytes in memory.
-
-    Raises:
-        BadRecording: the file cannot be read or decompressed, or is larger.
-    """
-    try:
-        with _opened(path) as file:
-            content = file.read(most + 1)
-    except (OSError, EOFError, zlib.error) as error:
-        raise BadRecording(f"{path} cannot be read: {error}") from error
-    if len(content) > most:
-        raise BadRecording(f"{path} holds more than {most} bytes when decompressed; such files are not read")
-    return content
-
-
 def lines_of(path: Path, most: int = MOST_BYTES) -> Iterator[tuple[int, str]]:
     """Numbered lines of a text file, from 1, without empty ones; one at a time in memory.
 
     Raises:
-        BadRecording: as :func:`read_bounded`, text that is not UTF-8, a line of more than 4 MiB, or more than twice
-            ``MOST_TOUCHES`` lines.
+        BadRecording: the file cannot be read or decompressed, or holds more than ``most`` characters, text that is not
+            UTF-8, a line of more than 4 MiB, or more than twice ``MOST_TOUCHES`` lines.
     """
     size = number = 0
+    require_regular_file(path, BadRecording)
     try:
-        with io.TextIOWrapper(_opened(path), encoding="utf-8-sig") as text:
+        with io.TextIOWrapper(
+            gzip.open(path) if path.suffix == ".gz" else path.open("rb"), encoding="utf-8-sig"
+        ) as text:
             while line := text.readline(_LONGEST_LINE + 1):
                 number, size = number + 1, size + len(line)
                 if len(line) > _LONGEST_LINE:
@@ -124,12 +109,3 @@ def require_folder(folder: Path, what: str) -> Path:
     if not folder.is_dir():
         raise BadRecording(f"there is no folder {folder}; it must hold {what}")
     return folder
-
-
-def _opened(path: Path) -> IO[bytes] | gzip.GzipFile | bz2.BZ2File:
-    require_regular_file(path, BadRecording)
-    if path.suffix == ".gz":
-        return gzip.open(path)
-    if path.suffix in (".bz2", ".dsa"):
-        return bz2.open(path)
-    return path.open("rb")

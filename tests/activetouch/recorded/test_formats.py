@@ -11,7 +11,6 @@ import pytest
 
 from activetouch.errors import BadRecording
 from activetouch.recorded import read_recorded
-from activetouch.recorded.bounded import read_bounded
 
 BTS3 = Path(__file__).parents[2] / "fixtures" / "bts3"
 
@@ -22,12 +21,6 @@ def test_bts3_has_its_objects_poses_and_licence():
     assert touches.features.shape[1] == 72  # whether it slipped is not among them
     assert touches.licence == "MIT"
     assert "MIT License" in (BTS3 / "LICENSE").read_text()
-
-
-def test_a_bomb_is_not_unpacked(tmp_path):
-    (tmp_path / "a.csv.gz").write_bytes(gzip.compress(bytes(2**20)))
-    with pytest.raises(BadRecording, match="more than 1000 bytes"):
-        read_bounded(tmp_path / "a.csv.gz", most=1000)
 
 
 HEADER = "object,action,session,x,y\n"

@@ -8,7 +8,6 @@ import pytest
 from activetouch import RecordedSensor, TactileSensor
 from activetouch.errors import BadRecording
 from activetouch.recorded import read_recorded
-from activetouch.recorded.session_log import logged_touches
 from belief import Probe
 
 BTS3 = Path(__file__).parents[2] / "fixtures" / "bts3"
@@ -77,7 +76,7 @@ def test_sessions_find_objects_by_grasps_that_nothing_was_trained_on(sensor, gra
 def test_a_damaged_log_is_refused_by_name(tmp_path):
     (tmp_path / "log.jsonl").write_text("{}")
     with pytest.raises(BadRecording, match=r"log\.jsonl"):
-        logged_touches(tmp_path / "log.jsonl")
+        read_recorded(tmp_path / "log.jsonl", "session")
 
 
 def test_a_session_with_a_log_goes_on_as_if_nothing_had_happened(sensor, grasps, held, tmp_path):
@@ -92,9 +91,8 @@ def test_a_session_with_a_log_goes_on_as_if_nothing_had_happened(sensor, grasps,
     assert again.ask() == whole[3]
     again.reveal([names[index] for index in table])
     again.close()
-    header, touches = logged_touches(log)
-    assert header["target"] == names[0]
-    assert len(touches) == sum(isinstance(action, Probe) for action in begun)
-    for touch in touches:
-        assert touch.label == names[table[touch.object_index]]
-        assert (touch.arrays["image"] == grasps.features[grasps.objects == names.index(touch.label)]).all(axis=1).any()
+    touches, _ = read_recorded(log, "session")
+    assert touches.num_touches == sum(isinstance(action, Probe) for action in begun)
+    for row, thing in zip(touches.features, touches.objects, strict=True):
+        named = names.index(touches.object_names[thing])
+        assert (row == grasps.features[grasps.objects == named]).all(axis=1).any()
