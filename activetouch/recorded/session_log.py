@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from activetouch.errors import BadRecording
-from activetouch.recorded.bounded import require_bounded
-from activetouch.recorded.named_columns import touches_of_columns
+from activetouch.recorded.tables import require_bounded, touches_of_columns
 from activetouch.recorded.touches import RecordedTouches
 from belief.errors import CorruptFile
 from belief.journal import array_from, read_journal

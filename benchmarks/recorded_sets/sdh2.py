@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from activetouch.errors import BadRecording
-from activetouch.recorded.bounded import require_bounded, require_folder
-from activetouch.recorded.named_columns import touches_of_columns
+from activetouch.recorded.tables import require_bounded, require_folder, touches_of_columns
 from activetouch.recorded.touches import RecordedTouches
 from benchmarks.recorded_sets.dsa import read_dsa
 from benchmarks.recorded_sets.pressure_features import grasp_features

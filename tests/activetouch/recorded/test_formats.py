@@ -142,7 +142,7 @@ def test_an_array_of_another_kind_in_an_npz_is_said(tmp_path, arrays, words):
 
 def test_bts3_without_rows_is_refused(tmp_path):
     for pose in ("down", "45", "side"):
-        (tmp_path / f"bts3v2_palm_{pose}.csv").write_text(",".join(map(str, range(74))) + "\n")
+        (tmp_path / f"bts3v2_palm_{pose}.csv").write_text(",".join(["object", "slipped", *map(str, range(72))]) + "\n")
     with pytest.raises(BadRecording, match="no rows below their headers"):
         read_recorded(tmp_path, "bts3")
 
