@@ -26,8 +26,7 @@ from belief.calibration import Calibration, PerPose, StructuredMatrixScaling, Te
 from belief.errors import InvalidArgument
 from belief.metrics import negative_log_likelihood
 from belief.naming import few
-from belief.observation_model.action_kernel import ActionKernelModel
-from belief.observation_model.kernel_fit import fit_kernel, fused_loss
+from belief.observation_model.action_kernel import ActionKernelModel, fit_kernel, fused_loss
 from belief.validation import Floats, as_real, require
 
 Integers = NDArray[np.int64]
@@ -244,7 +243,7 @@ def _calibrated(kind: Calibration, touches: RecordedTouches, rows: Integers, log
 def _fused_loss(touches: RecordedTouches, rows: Integers, ratios: Floats) -> float:
     """Loss of fused touches after the best correlation for all pairs of actions."""
     data, sessions = touches.labelled(rows, ratios), touches.sessions_of(rows)
-    return fused_loss(data, fit_kernel(data, "flat", sessions), sessions)
+    return fused_loss(data, fit_kernel(data, sessions, by_likeness=False), sessions)
 
 
 def _logits(classifiers: tuple[Fitted, ...], features: Floats, actions: Integers) -> Floats:
