@@ -260,11 +260,6 @@ def sequences(data: LabelledTouches, sessions: Integers | None, rng: np.random.G
     """Rows of random sequences of the touches of each object, as a search makes them, ``(S, n)``; -1 for padding.
 
     The n-th touch in a pose comes from the n-th session of the object, with the sessions in random order.
-
-    Args:
-        data: touches of known objects.
-        sessions: of each touch, ``(n,)``; by default the touches of an object and pose are numbered.
-        rng: draws the orders.
     """
     of_touch = numbered_sessions(data.objects, data.poses) if sessions is None else sessions
     found: list[Integers] = []
@@ -311,13 +306,7 @@ def sequence_losses(logits: Floats, poses: Integers, shapes: Integers, rows: Int
 
 
 def fused_loss(data: LabelledTouches, kernel: Floats, sessions: Integers | None = None) -> float:
-    """Mean negative log posterior of sequences of touches [nats], the loss of :func:`fit_kernel`.
-
-    Args:
-        data: touches with log likelihood ratios as logits.
-        kernel: correlations between poses, ``(P, P)``.
-        sessions: of each touch, ``(n,)``.
-    """
+    """Mean negative log posterior of sequences of touches [nats], the loss of :func:`fit_kernel`."""
     rows = sequences(data, sessions, np.random.default_rng(0))
     return float(np.nanmean(sequence_losses(data.logits, data.poses, data.shapes, rows, kernel)))
 
