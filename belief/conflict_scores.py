@@ -142,7 +142,7 @@ class UsualMisfit(FrozenArrays):
         return cls(*(array.astype(np.float32).astype(np.float64) for array in (edges, medians, widths)))
 
     def standardised(self, step: int, misfit: Floats | float, certainty: Floats | float) -> Floats:
-        """Misfits ``(...)`` after ``step`` touches, less the median of their group by certainty ``(...)``, in its widths."""
+        """Misfits ``(...)`` after ``step`` touches less the median of their group by certainty, in its widths."""
         group = self.edges[step].searchsorted(certainty, side="right")
         limited = np.minimum(np.maximum(misfit, -_WIDEST), _WIDEST)
         return np.asarray((limited - self.medians[step][group]) / self.widths[step][group])
