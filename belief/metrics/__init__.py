@@ -18,9 +18,8 @@ from belief.metrics.binned import (
     expected_calibration_error,
 )
 from belief.metrics.calibration_at_stop import CalibrationAtStop, StopScore, calibration_at_stop
-from belief.metrics.chance import null_quantile
 from belief.metrics.reliability import ReliabilityCurve, reliability_curve, reliability_diagram
-from belief.metrics.report import CalibrationError, CalibrationReport, calibration_report
+from belief.metrics.report import CalibrationError, CalibrationReport, calibration_report, null_quantile
 from belief.metrics.scores import (
     ShapeScore,
     accuracy,

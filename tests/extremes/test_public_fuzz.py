@@ -30,8 +30,7 @@ from belief import (
     validation,
 )
 from belief.observation_model import selection
-from belief.observation_model.logit_embedding import LogitEmbedding
-from belief.observation_model.plda import Components
+from belief.observation_model.plda import Components, LogitEmbedding
 from belief.table import Tabular
 from belief.touch_batch import TouchBatch
 
