@@ -10,10 +10,9 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from belief.metrics.binned import classwise_calibration_error, expected_calibration_error
+from belief.metrics.binned import classwise_calibration_error, expected_calibration_error, smooth_calibration_error
 from belief.metrics.reliability import ReliabilityCurve, reliability_curve
 from belief.metrics.scores import accuracy, brier_score, negative_log_likelihood
-from belief.metrics.smooth import smooth_calibration_error
 from belief.table import Table, Tabular
 from belief.validation import Floats, checked_pair, checked_probs, require_count, require_fraction
 
