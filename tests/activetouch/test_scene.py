@@ -14,7 +14,7 @@ from activetouch.orientations import Inexact, Resampled, Tumbled, Upright
 from activetouch.poses import aimed, to_matrix, turn
 from activetouch.rendering import DeadTaxels, GelSightRenderer
 from activetouch.scene import Symmetry, Variation
-from activetouch.shapes import Box, ConvexPolyhedron, Cut, Mesh, Pyramid, Union
+from activetouch.shapes import Box, Cut, Mesh, Union
 from belief.errors import InvalidArgument
 
 STILL = Scene(press_model=Quasistatic())
@@ -106,8 +106,6 @@ class _OwnBox(Box):
         (Cut(Box((0.016,) * 3), ((1.0, 1.0, 1.0, 0.022),)), True),
         (Cut(Box((0.016,) * 3), ((1.0, 2.0, 3.0, 0.02),)), False),
         (Union((Box((0.016,) * 3), Cut(Box((0.02,) * 3), ((1.0, 2.0, 3.0, 0.02),)))), False),
-        (ConvexPolyhedron(((0.02, 0, -0.01), (-0.01, 0.01, -0.01), (-0.01, -0.02, -0.01), (0, 0, 0.02))), False),
-        (ConvexPolyhedron(tuple(map(tuple, Pyramid(4, 0.02, 0.03).corners.tolist()))), True),  # up to rounding
         (_OwnBox((0.016,) * 3), False),
     ],
 )
