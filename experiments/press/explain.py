@@ -211,7 +211,7 @@ def inventory(named: NamedScene) -> list[Item]:
     ]
     if scene.hand is not None:
         items.append(Item(len(scene.hand), "fingers", "close on the object together; one grasp counts as one touch"))
-    model = scene.press_model.compiled(scene.setup, next(iter(scene.solids.values())))
+    model = scene.press_model.compiled(scene.pad, next(iter(scene.solids.values())))
     if model is not None:
         items += [*_surfaces(scene), *_rigid_bodies(model)]
     coupled = named.composition is Composition.DISTINCT
@@ -244,12 +244,9 @@ def _surfaces(scene: Scene) -> list[Item]:
 
 
 def _rigid_bodies(model: mujoco.MjModel) -> list[Item]:
-    names = [model.geom(index).name for index in range(model.ngeom)]
     return [
         Item(2, "moving bodies", "a guide, and on it the object"),
         Item(1, "slide joint", "of the guide, with a servo"),
         Item(model.npair, "contact pair", "pad and object; nothing else can touch"),
         Item(model.nsensor, "sensor", "force vector and contact point in every step"),
-        Item(sum(name.startswith("finger") for name in names), "finger segments", "carry the pad, as in the paper"),
-        Item(sum(name.startswith("parked") for name in names), "parked objects", "fixed to the world, no contact"),
     ]
