@@ -4,22 +4,18 @@
 
 Touches one object after the other in poses in random order, until a shape is stated with 0.95 or all poses were felt.
 Prints, for each world and reader: objects with such a stop, mean stated probability there, and the share that is right
-with its 95 % Wilson interval, and the touches of an object. ``usual`` is the sensor's own world. A world may also be a
-family of shapes, with factors on a number of a solid: cylinder:half_length=0.5..2.
+with its 95 % Wilson interval, and the touches of an object. ``usual`` is the sensor's own world.
 """
 
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 
 import numpy as np
 from scipy.special import softmax
 
 from activetouch import SCENES, Scene, TactileSensor
-from activetouch.distributions import Uniform
 from activetouch.sensor_files import MODELS
-from activetouch.shapes import Family
 from belief.statistics import wilson_interval
 from experiments.robustness.conditions import CONDITIONS
 
@@ -53,13 +49,7 @@ def measured(sensors: dict[str, TactileSensor], scene: Scene, num_objects: int, 
 
 
 def _changed(name: str, world: str) -> Scene:
-    if world in CONDITIONS:
-        return CONDITIONS[world](SCENES[name].scene)
-    scene, (label, told) = SCENES[name].scene, world.split(":")
-    number, ends = told.split("=")
-    solid = scene.solids[label]
-    low, high = (float(end) * getattr(solid, number) for end in ends.split(".."))
-    return replace(scene, shapes={**scene.shapes, label: Family(solid, **{number: Uniform(low, high)})})
+    return CONDITIONS[world](SCENES[name].scene)
 
 
 def main() -> None:
