@@ -17,7 +17,7 @@ from activetouch.errors import LabelMismatch, TrainingDiverged
 from activetouch.perception.augmentation import augment, worn
 from activetouch.perception.classifier import TouchClassifier
 from activetouch.perception.learner import Learner, falling, with_prefix
-from activetouch.perception.objective import Contrast, Objective, ShapeObjective
+from activetouch.perception.objective import Contrast, ShapeObjective
 from activetouch.perception.reader import require_stack
 from activetouch.perception.recipe import TrainingRecipe
 from activetouch.perception.sealed_tensors import read_fields, read_tensors, write_tensors
@@ -87,7 +87,7 @@ class Trainer:
         self.learner = Learner(classifier.network, recipe.weight_decay, recipe.optimizer == "muon")
         labels = classifier.card.shape_labels
         contrast = classifier.card.knows_orientations
-        self.objective: Objective = (Contrast if contrast else ShapeObjective)(train, labels, recipe)
+        self.objective = (Contrast if contrast else ShapeObjective)(train, labels, recipe)
         if contrast and symmetry is Symmetry.ROTATIONS_AND_MIRROR:
             self.symmetry = Symmetry.ROTATIONS  # how a mirrored body lies depends on its shape
         self.steps_per_epoch = len(self.objective.batches(torch.Generator()))

@@ -33,7 +33,7 @@ def test_a_scene_becomes_a_sensor_in_one_call_and_stays_one(tmp_path):
     assert [file.stat().st_mtime_ns for file in files] == before
     with pytest.raises(LabelMismatch):
         activetouch.make_sensor(scene, tmp_path, **{**SIZES, "train": 5})
-    with pytest.raises(LabelMismatch, match="trained with other settings: cnn at 16 pixels, 1 epoch"):
+    with pytest.raises(LabelMismatch, match="trained with other settings: cnn at 16 pixels, epochs 1"):
         activetouch.make_sensor(scene, tmp_path, **{**SIZES, "epochs": 2})
     with pytest.raises(LabelMismatch, match="asked for is cnn at 4 pixels"):
         activetouch.make_sensor(replace(scene, input_size=4), tmp_path, **SIZES)
