@@ -53,9 +53,6 @@ class FixedHypotheses(FrozenArrays):
         table: the embedded hypotheses of every pose, ``(P, K, N, D)``, read-only; ``(P, K, N, A · D)`` with A
             alternatives of each.
 
-    Raises:
-        ValueError: it has other dimensions, masked entries, NaN or infinity, or is not of real numbers.
-
     >>> FixedHypotheses(np.zeros((6, 4, 512, 64), np.float32))(512).shape
     (6, 4, 512, 64)
     """
@@ -104,11 +101,7 @@ class EmbeddedHypotheses:
         return self.scores_under(self.in_pose(pose)[shapes], embeddings)
 
     def scores_under(self, table: NDArray[np.floating], embeddings: Floats) -> Floats32:
-        """:meth:`scores` under embedded hypotheses ``(K, N, D)``, or ``(K, N, A · D)``.
-
-        Raises:
-            ValueError: they are not as many, or of another size, than those of the poses.
-        """
+        """:meth:`scores` under embedded hypotheses ``(K, N, D)``, or ``(K, N, A · D)``."""
         number, width = self.shape[2:]
         if table.shape[1] != number or len(table) > self.shape[1] or table.shape[2] % width or not table.shape[2]:
             raise ValueError(f"hypotheses must be {self.shape[1:]} (shapes, N, D), got {table.shape}")
@@ -130,11 +123,7 @@ class EmbeddedHypotheses:
 
     @cached_property
     def table(self) -> Floats32:
-        """The embedded hypotheses of every pose, ``(P, K, N, D)``, read-only.
-
-        Raises:
-            ValueError: they do not fit.
-        """
+        """The embedded hypotheses of every pose, ``(P, K, N, D)``, read-only."""
         table = self.embed(self.shape[2])
         require_table(table, self.shape)
         return _numbers_first(np.asarray(table))
@@ -181,11 +170,7 @@ def log_ratios(embeddings: Floats, table: NDArray[np.floating], temperature: flo
 
 
 def require_table(table: Floats32, shape: tuple[int, ...]) -> None:
-    """Check embedded hypotheses, of one or more alternatives.
-
-    Raises:
-        ValueError: they have another shape, masked entries, NaN, infinity or too large numbers, or are not real.
-    """
+    """Check embedded hypotheses, of one or more alternatives."""
     values = as_real(table, "hypotheses")
     if values.shape[:-1] != shape[:-1] or values.shape[-1] % shape[-1] or not values.shape[-1]:
         raise ValueError(f"hypotheses must be {shape} ((poses,) shapes, N, D), got {values.shape}")
@@ -197,9 +182,6 @@ def require_table(table: Floats32, shape: tuple[int, ...]) -> None:
 
 
 def _numbers_first(table: Floats32) -> Floats32:
-    """The table ``(P, K, N, D)``, read-only, with the numbers of one dimension next to each other in memory.
-
-    This halves the time in which one embedding is compared with all hypotheses of a pose.
-    """
+    """The table ``(P, K, N, D)``, read-only, with the numbers of one dimension next to each other in memory."""
     laid_out = np.ascontiguousarray(np.moveaxis(table, 3, 1))
     return np.moveaxis(frozen(laid_out), 1, 3)

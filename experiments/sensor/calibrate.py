@@ -27,7 +27,7 @@ from belief.errors import ActiveTouchError
 from belief.files import write_text
 from belief.metrics import confusion_matrix, expected_calibration_error, negative_log_likelihood, shape_scores
 from belief.observation_model.model import ArrayModel
-from belief.observation_model.registry import Fit, fit_named, fits, require_readable
+from belief.observation_model.registry import Fit, class_named, fit_named, fits
 from belief.observation_model.selection import NUM_FOLDS, ModelChoice, choose_observation_model, log_posteriors
 from belief.statistics import clopper_pearson_interval
 from belief.table import Table, Tabular
@@ -70,7 +70,7 @@ class Calibrate:
     out: Path | None = None
     """Folder of the finished sensor; runs/sensor-SCENE by default."""
     observation_model: tuple[str, ...] = ()
-    """Choose from these: names of observation models, or module:attribute of your own; from all by default."""
+    """Choose from these observation models; from all by default."""
     seed: Seed = 0
     """Seed of the bootstrap intervals."""
     anyway: bool = False
@@ -205,7 +205,7 @@ def calibrate(
         choice = ModelChoice(name, fit(*touches, **labels), {})
     else:
         choice = choose_observation_model(*touches, **labels, candidates=candidates)
-    require_readable(choice.model)
+    class_named(choice.model.name)  # raises for a model that no command could read
     others = {name: loss for name, loss in choice.losses.items() if name not in fits("embeddings")}
     leaner = min(others, key=others.__getitem__) if choice.model.reads == "embeddings" and others else None
     independent = candidates[leaner](*touches, **labels) if leaner is not None else None
