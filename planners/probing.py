@@ -108,35 +108,28 @@ class TargetInformationGain:
         if self.given == "shape":
             gains = target_information_gain(info.belief.probs, self.table.probs, info.target)
             return _best(info, gains, self.repeats.weights(info.uses), rng)
-        shares = target_shares(info.belief.probs, info.target)
+        shares = self._shares(info)
         joint, weights = next_touch(info, shares, self.table, self.repeats, self.outcomes, self.hypotheses)
         return _best(info, information(joint), weights)
 
+    def _shares(self, info: InformationState) -> Floats:
+        """What the touch is to distinguish: one row for each answer, ``(J, K)``."""
+        return target_shares(info.belief.probs, info.target)
+
 
 @dataclass(frozen=True, eq=False)
-class ShapeInformationGain:
+class ShapeInformationGain(TargetInformationGain):
     """The pose with the largest expected information gain about the shape of this object.
 
     It is the usual criterion of active perception. Where many touches are needed, as in the scene ``keyed``, it needs
     fewer than the gain about the target: what tells the other shapes apart tells how the object lies, and so where the
-    target would differ. Its attributes are the first four of :class:`TargetInformationGain`.
+    target would differ. Attributes as of :class:`TargetInformationGain`; ``given`` is "body".
     """
 
-    table: OutcomeTable
-    repeats: RepeatDiscount = field(default_factory=LeastUsedFirst)
-    outcomes: int = OUTCOMES
-    hypotheses: int = HYPOTHESES
+    given: Literal["body"] = field(default="body", init=False)
 
-    def __post_init__(self) -> None:
-        for name in ("outcomes", "hypotheses"):
-            require_count(name, getattr(self, name))
-
-    def choose(self, info: InformationState, rng: np.random.Generator) -> Decision:
-        """See :class:`planners.decider.ProbeSelector`."""
-        require_fit(self.table, info.problem)
-        shares = np.diag(info.belief.probs)
-        joint, weights = next_touch(info, shares, self.table, self.repeats, self.outcomes, self.hypotheses)
-        return _best(info, information(joint), weights)
+    def _shares(self, info: InformationState) -> Floats:
+        return np.diag(info.belief.probs)
 
 
 def _best(
