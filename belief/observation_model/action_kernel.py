@@ -305,12 +305,6 @@ def sequence_losses(logits: Floats, poses: Integers, shapes: Integers, rows: Int
     return np.where(inside, -np.take_along_axis(log_posterior, truth, axis=2)[:, :, 0], np.nan)
 
 
-def fused_loss(data: LabelledTouches, kernel: Floats, sessions: Integers | None = None) -> float:
-    """Mean negative log posterior of sequences of touches [nats], the loss of :func:`fit_kernel`."""
-    rows = sequences(data, sessions, np.random.default_rng(0))
-    return float(np.nanmean(sequence_losses(data.logits, data.poses, data.shapes, rows, kernel)))
-
-
 def likeness(data: LabelledTouches, sessions: Integers | None = None) -> Floats:
     """How alike the errors of two poses are, ``(P, P)``, in [0, 1].
 
@@ -333,7 +327,7 @@ def likeness(data: LabelledTouches, sessions: Integers | None = None) -> Floats:
     return np.asarray((found + found.T) / 2)
 
 
-def fit_kernel(data: LabelledTouches, sessions: Integers | None = None, by_likeness: bool = True) -> Floats:
+def fit_kernel(data: LabelledTouches, sessions: Integers | None = None) -> Floats:
     """The kernel ``(P, P)`` that minimises the mean negative log posterior of sequences.
 
     κ of two touches is a for all pairs, plus b times the likeness of their poses, plus c for touches in one pose, with
@@ -344,7 +338,6 @@ def fit_kernel(data: LabelledTouches, sessions: Integers | None = None, by_liken
         data: touches with log likelihood ratios as logits, of a calibration that was not fitted to them: otherwise the
             correlations come out too small.
         sessions: of each touch, ``(n,)``.
-        by_likeness: whether b may be above 0.
     """
     size = data.num_poses
     found = sequences(data, sessions, np.random.default_rng(0))
@@ -352,7 +345,7 @@ def fit_kernel(data: LabelledTouches, sessions: Integers | None = None, by_liken
     has_repeats = any((np.bincount(row[row >= 0], minlength=size) > 1).any() for row in poses)
     alike = likeness(data, sessions)
 
-    terms = np.stack([np.eye(size), np.ones((size, size)), alike])[: 3 if by_likeness else 2]
+    terms = np.stack([np.eye(size), np.ones((size, size)), alike])
 
     def kernel(parameters: Floats) -> Floats:
         found = np.minimum(np.tensordot(parameters, terms, axes=1), 1.0)
