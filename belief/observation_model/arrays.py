@@ -90,12 +90,9 @@ def calibration_of_stops(
 
     Args:
         model: the observation model, under a uniform prior.
-        logits: ``(n, K)``, of objects other than those to which the model was fitted; the touches of an object are in
-            the order of the rows.
-        labels: true shape of each touch, ``(n,)``.
-        groups: object of each touch, ``(n,)``.
+        logits, labels, groups, poses: as of :func:`fit_observation_model`, of objects other than those to which the
+            model was fitted; the touches of an object are in the order of the rows.
         threshold: posterior at which to stop, in (1/K, 1).
-        poses: pose of each touch, ``(n,)``; 0 by default.
 
     Returns:
         Stated confidence and accuracy by number of touches; objects for which no shape becomes so probable are counted
@@ -148,14 +145,10 @@ def certified_stops(
     theorem and its proof. The promise is for objects drawn as these, touched in the same way.
 
     Args:
-        model: the observation model, under a uniform prior; stated posteriors need not be right.
-        logits: ``(n, K)``, of independent objects other than those to which the model was fitted; the touches of an
-            object are in the order of the rows.
-        labels: true shape of each touch, ``(n,)``.
-        groups: object of each touch, ``(n,)``.
+        model, logits, labels, groups, poses: as of :func:`calibration_of_stops`, of independent objects; stated
+            posteriors need not be right.
         risk: the fraction, in (0, 1).
         confidence: with which the promise holds, in (0, 1).
-        poses: pose of each touch, ``(n,)``; 0 by default.
 
     Returns:
         The thresholds; infinite where nothing is promised. All are if there are too few objects: fewer than
