@@ -24,7 +24,7 @@ from activetouch.solids.cut import Cut
 from activetouch.solids.mesh import Mesh
 from activetouch.solids.round import Capsule, Dome, Ellipsoid, Sphere
 from activetouch.solids.solid import Geom, Shape
-from activetouch.solids.straight import Box, ConvexPolyhedron, Prism, Pyramid, Wedge
+from activetouch.solids.straight import Box, Prism, Wedge
 from activetouch.solids.torus import Torus
 from activetouch.solids.union import Union
 
@@ -36,7 +36,6 @@ __all__ = [
     "Box",
     "Capsule",
     "Cone",
-    "ConvexPolyhedron",
     "Cut",
     "Cylinder",
     "Dome",
@@ -45,7 +44,6 @@ __all__ = [
     "Geom",
     "Mesh",
     "Prism",
-    "Pyramid",
     "Shape",
     "Sphere",
     "Torus",

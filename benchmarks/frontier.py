@@ -13,7 +13,7 @@ import json
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields
 from functools import partial
 from pathlib import Path
 from shutil import which
@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from activetouch.data.dataset import read_split
 from activetouch.extras import require_extra
 from activetouch.perception.card import ClassifierCard, card_from
-from activetouch.perception.reader import ImageReader
+from activetouch.perception.reader import TactileReader
 from activetouch.perception.sealed_tensors import read_tensors
 from belief.claims import claim_folder, ends_claims
 from belief.files import write_text
@@ -111,7 +111,7 @@ class Frontier:
         calibration, test = read_split(data, "calibration"), read_split(data, "test")
         if self.touches is not None:
             test = test.select(np.arange(min(self.touches, len(test.images))))
-        variants: list[tuple[Path, str, ImageReader]] = []
+        variants: list[tuple[Path, str, TactileReader | TouchClassifier]] = []
         for path in self.checkpoints:
             single = trained(path)
             if single.card.knows_orientations:
@@ -119,7 +119,7 @@ class Frontier:
                     f"--checkpoints must be plain classifiers (train --recipe large), {path} embeds images"
                 )
             require_collection(data, manifest, single.card, None)
-            variants += [(path, name, reader) for name, reader in runtimes(single, manifest.image_shape, self.threads)]
+            variants += [(path, name, reader) for name, reader in runtimes(single, manifest.image_shape)]
         times = {b: self._time([reader for *_, reader in variants], test.images, b) for b in self.batches}
         entries = []
         with progress_bar() as progress:
@@ -158,7 +158,9 @@ class Frontier:
         print(shown)
         print(f"wrote {self.out}/frontier.md, .json and .svg")
 
-    def _time(self, readers: list[ImageReader], images: NDArray[np.uint8], batch: int) -> NDArray[np.float64]:
+    def _time(
+        self, readers: list[TactileReader | TouchClassifier], images: NDArray[np.uint8], batch: int
+    ) -> NDArray[np.float64]:
         """Seconds of one batch, by round and reader, ``(rounds, readers)``."""
         images = images[np.arange(batch) % len(images)]  # again from the first, if there are fewer
         calls: list[Callable[[], object]] = [partial(reader.read, images, batch) for reader in readers]
@@ -191,14 +193,13 @@ def trained(state: Path) -> TouchClassifier:
 
 
 def runtimes(
-    classifier: TouchClassifier, image_shape: tuple[int, ...], threads: int = 1
-) -> Iterator[tuple[str, ImageReader]]:
+    classifier: TouchClassifier, image_shape: tuple[int, ...]
+) -> Iterator[tuple[str, TactileReader | TouchClassifier]]:
     """A network in every runtime, by name; torch first.
 
     Args:
         classifier: the network.
         image_shape: ``(H, W)`` or ``(H, W, 3)`` of its images.
-        threads: threads of ONNX Runtime; those of torch are the process's.
     """
     from activetouch.perception.export import export_reader
 
@@ -207,7 +208,7 @@ def runtimes(
         yield "torch, compiled", _compiled(classifier)
     yield "torch, bf16", _to_bfloat16(classifier)
     yield "torch, int8", _to_int8(classifier)
-    yield "ONNX Runtime", replace(export_reader(classifier, image_shape), threads=threads)
+    yield "ONNX Runtime", export_reader(classifier, image_shape)
 
 
 def _to_bfloat16(classifier: TouchClassifier) -> TouchClassifier:

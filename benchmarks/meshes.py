@@ -187,7 +187,7 @@ def presses(name: str, mesh: Mesh) -> dict[str, dict[str, Callable[[int], object
 
     def press(body: str, i: int) -> object:
         placement = Placement(scene.solids[body], 1.0, rotations[i], offsets[i])
-        return Quasistatic().press(scene.setup, placement, 2.0)
+        return Quasistatic().press(scene.pad, placement, 2.0)
 
     def image(body: str, i: int) -> np.ndarray:
         return scene.press(scene.sample_object(body, rng), i, rng).image

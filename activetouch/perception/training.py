@@ -24,6 +24,7 @@ from activetouch.perception.sealed_tensors import read_fields, read_tensors, wri
 from activetouch.scene import Symmetry
 from belief.errors import CorruptFile
 from belief.files import array_digest
+from belief.naming import few
 
 _ADVICE = "Train with a lower --change.learning-rate"
 
@@ -187,19 +188,9 @@ class Trainer:
         self.learner.restore(tensors, self.epochs_done * self.steps_per_epoch)
 
     def _require_own(self, header: Mapping[str, Any]) -> None:
-        if header.get("task") != self._task:
+        theirs = dict(header.get("task") or {})
+        if differing := [name for name in {**self._task, **theirs} if theirs.get(name) != self._task.get(name)]:
             raise LabelMismatch(
-                f"{self.state} belongs to another training{_differences(header.get('task'), self._task)}. Choose "
-                "another folder, or delete this file to start anew"
+                f"{self.state} belongs to another training, with another {few(differing, 12)}. Choose another folder, "
+                "or delete this file to start anew"
             )
-
-
-def _differences(there: Any, here: Mapping[str, Any]) -> str:
-    """What differs between the training of a file and this one, with values where they are short."""
-    if not isinstance(there, dict):
-        return ""
-    values = {name: (there.get(name), here.get(name)) for name in {**here, **there}}
-    differing = {name: f"{one} there, {other} here" for name, (one, other) in values.items() if one != other}
-    return ", with other " + "; ".join(
-        f"{name} ({text})" if len(text) < 60 else name for name, text in differing.items()
-    )

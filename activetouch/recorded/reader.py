@@ -4,8 +4,8 @@ The classifiers are discriminants; each action's is chosen by cross-validation, 
 temperature scaling. Features are standardised by their spread within labels.
 
 Labels may have different numbers of touches, and the classifiers take all as equally probable. The calibration is a
-temperature or, with at most 30 labels, a structured matrix, which learns the labels' shares; the ratios are without
-them. The better one is chosen on objects, or sessions, that it was not fitted to (decision 0073).
+structured matrix, which learns the labels' shares, or a temperature with more than 30 labels; the ratios are without
+the shares. What correlations are fitted to is calibrated by other sessions (decision 0073).
 """
 
 from __future__ import annotations
@@ -27,7 +27,6 @@ from belief.errors import InvalidArgument
 from belief.metrics import negative_log_likelihood
 from belief.naming import few
 from belief.observation_model.action_kernel import ActionKernelModel
-from belief.observation_model.kernel_fit import fit_kernel, fused_loss
 from belief.validation import Floats, as_real, require
 
 Integers = NDArray[np.int64]
@@ -170,8 +169,6 @@ class Reading:
 def read(touches: RecordedTouches, split: Split) -> Reading:
     """Fit a reader to a split, and read the calibration and test touches.
 
-    The calibration is the candidate with the least loss of fused touches, each read by one of other folds.
-
     The calibration touches are read by classifiers that learned from the training touches. The classifiers of the
     result learn from both. So the calibration knows touches that were recorded after those that were learned from, as
     test touches are: in order of recording, the gap between learning and reading is one share of the sessions in both.
@@ -199,25 +196,13 @@ def read(touches: RecordedTouches, split: Split) -> Reading:
 
     rows = split.calibration
     logits = _logits(learned(split.train), features[rows], touches.actions[rows])
-    calibration, log_prior, ratios = _best_calibration(touches, rows, logits, split.folds)
+    kind = StructuredMatrixScaling() if num_labels <= _MANY_LABELS else TemperatureScaling()
+    ratios = _cross_calibrated(kind, touches, rows, logits, split.folds)
+    calibration, log_prior = _calibrated(kind, touches, rows, logits)
     classifiers = learned(np.concatenate([split.train, split.calibration]))
     names = touches.object_names, touches.action_names, touches.feature_names
     reader = RecordedReader(classifiers, calibration, log_prior, tuple(chosen), *names)
     return Reading(reader, rows, ratios, reader.ratios(features[split.test], touches.actions[split.test]))
-
-
-def _best_calibration(
-    touches: RecordedTouches, rows: Integers, logits: Floats, folds: Integers
-) -> tuple[PerPose, Floats, Floats]:
-    """The calibration with the least fused loss, its log prior, and ratios by calibrations of other folds."""
-    candidates: list[Calibration] = [TemperatureScaling()]
-    if logits.shape[1] <= _MANY_LABELS:
-        candidates.append(StructuredMatrixScaling())
-    crossed = [_cross_calibrated(kind, touches, rows, logits, folds) for kind in candidates]
-    best = 0
-    if len(candidates) > 1:
-        best = int(np.argmin([_fused_loss(touches, rows, ratios) for ratios in crossed]))
-    return *_calibrated(candidates[best], touches, rows, logits), crossed[best]
 
 
 def _cross_calibrated(
@@ -239,12 +224,6 @@ def _calibrated(kind: Calibration, touches: RecordedTouches, rows: Integers, log
     learns_shares = isinstance(kind, StructuredMatrixScaling)
     counts = np.bincount(labels, minlength=num_labels) + 0.5 if learns_shares else np.ones(num_labels)
     return calibration, np.log(counts / counts.sum())
-
-
-def _fused_loss(touches: RecordedTouches, rows: Integers, ratios: Floats) -> float:
-    """Loss of fused touches after the best correlation for all pairs of actions."""
-    data, sessions = touches.labelled(rows, ratios), touches.sessions_of(rows)
-    return fused_loss(data, fit_kernel(data, "flat", sessions), sessions)
 
 
 def _logits(classifiers: tuple[Fitted, ...], features: Floats, actions: Integers) -> Floats:
