@@ -18,12 +18,9 @@ _EVERY = 0.5  # seconds
 def end_with_parent(parent: int | None = None) -> None:
     """Make this process end soon after its parent; used as the initializer of a pool of workers.
 
-    A thread watches the parent. Without it, workers of a killed parent wait forever for a task, on a pipe that the
-    other workers keep open. ``PR_SET_PDEATHSIG`` is unsuitable: Linux sends it when the starting *thread* ends. The
-    worker ignores Ctrl-C; the parent ends its workers.
-
-    Args:
-        parent: process id of the parent; not needed if :mod:`multiprocessing` starts the workers.
+    A thread watches the parent, whose process id is needed unless :mod:`multiprocessing` starts the workers. Without
+    it, workers of a killed parent wait forever. ``PR_SET_PDEATHSIG`` is unsuitable: Linux sends it when the starting
+    *thread* ends. The worker ignores Ctrl-C; the parent ends its workers.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_watch, args=(parent,), name="end-with-parent", daemon=True).start()

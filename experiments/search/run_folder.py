@@ -67,9 +67,6 @@ class RunFolder:
     def require(self, identity: Mapping[str, Any]) -> None:
         """Check that the folder holds searches with this identity, or none.
 
-        Args:
-            identity: what determines all searches, as JSON types.
-
         Raises:
             RunMismatch: The folder holds a run with another identity.
             CorruptFile: ``run.json`` is damaged, of another version, or not that of a run.
@@ -82,11 +79,7 @@ class RunFolder:
             )
 
     def start(self, identity: Mapping[str, Any], arguments: Mapping[str, Any]) -> None:
-        """Write ``run.json``.
-
-        Args:
-            identity: what determines all searches, as JSON types.
-            arguments: arguments of the comparison, with which ``--config`` repeats it.
+        """Write ``run.json``, with the arguments with which ``--config`` repeats the comparison.
 
         Raises:
             RunMismatch: The folder holds a run with another identity.
@@ -151,13 +144,7 @@ class RunFolder:
         return lines
 
     def add(self, cell: Cell, key: str, number: int, batch: Batch) -> None:
-        """Append a batch to a cell.
-
-        Args:
-            cell: decider and target.
-            key: digest of everything that determines the episodes.
-            number: of the batch.
-            batch: the episodes.
+        """Append a batch, by its key and number, to a cell.
 
         Raises:
             CannotWrite: The disk is full, or the folder is not writable; earlier batches are kept.
@@ -189,10 +176,7 @@ class RunFolder:
             raise cannot_write(file, error) from error
 
     def latest(self, labels: Sequence[str]) -> dict[Cell, list[str]]:
-        """JSON lines of the episodes of the latest comparison.
-
-        Args:
-            labels: of all shapes.
+        """JSON lines of the episodes of the latest comparison; the labels are of all shapes.
 
         Raises:
             FileNotFoundError: no comparison is finished.
