@@ -28,7 +28,7 @@ from activetouch import SCENES, Quasistatic, TactileSensor, Window, predicted_co
 from activetouch.placement import Placement
 from activetouch.poses import random_orientation, to_matrices
 from activetouch.shapes import EXTENDED_SHAPES, KEYED_SHAPES, Mesh, Shape
-from activetouch.solids.raycast import first_entry
+from activetouch.solids.mesh import first_entry
 
 Floats = np.ndarray
 OURS = "predicted_contacts"

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from activetouch.envs.bank_evidence import BankEvidence, JointEvidence, evidence_of
 from activetouch.envs.base import BadAction, BadOption
-from activetouch.envs.priors import ObjectPriors, TargetProb
 from activetouch.envs.touch_bank import TouchBank
+from activetouch.envs.touch_source import ObjectPriors, TargetProb
 from activetouch.errors import LabelMismatch
 from activetouch.sensor_files import INDEPENDENT_SUFFIX, MODELS, load_observation_model
 from belief.bayes import update

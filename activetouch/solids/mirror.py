@@ -7,12 +7,11 @@ from itertools import permutations, product
 import numpy as np
 
 from activetouch.solids.conical import Cone, Cylinder, Frustum
-from activetouch.solids.cut import Cut
+from activetouch.solids.cut import Cut, Union
 from activetouch.solids.round import Capsule, Dome, Ellipsoid, Sphere
 from activetouch.solids.solid import Floats, Shape, corners
 from activetouch.solids.straight import Box, Prism, Wedge
 from activetouch.solids.torus import Torus
-from activetouch.solids.union import Union
 
 _SYMMETRIC = (Box, Capsule, Cone, Cylinder, Dome, Ellipsoid, Frustum, Prism, Sphere, Torus, Wedge)
 _DIGITS = 9  # of corners [m]

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.envs.batched_episodes import BankEpisodes
-from activetouch.envs.priors import TargetProb
 from activetouch.envs.touch_bank import TouchBank
+from activetouch.envs.touch_source import TargetProb
 from activetouch.errors import TrainingDiverged
 from belief.files import array_digest, atomic_path, in_file_name
 from belief.observation_model.model import ArrayModel

@@ -5,22 +5,17 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import tyro
 
-from activetouch.errors import LabelMismatch, WrongScene
-from activetouch.hand import Hand
 from activetouch.named_scenes import NamedScene
 from activetouch.orientations import Resampled, Upright
 from activetouch.rendering import read_out
 from activetouch.scene import Scene
-from activetouch.sensor import TactileSensor
-from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS, READER_FILE, reader_file, sensor_shift
+from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
 from belief.composition import Composition
-from belief.observation_model.rigid_body import joint_model
 from belief.table import Table
 from experiments.command_line.arguments import Count, Jobs, check_arguments
 from experiments.command_line.console import plain_console
@@ -28,7 +23,6 @@ from experiments.meshes.near_twins import ALIKE, near_twins
 from experiments.meshes.setting import MeshSetting
 from experiments.parallel import default_jobs
 from experiments.scene_choice import SceneChoice
-from experiments.sensor_choice import sensor_folder
 
 if TYPE_CHECKING:
     import mujoco
@@ -66,7 +60,6 @@ def explain(
     presses: int = 60,
     compare: bool = True,
     jobs: int = 1,
-    sensor: Path | None = None,
 ) -> Explanation:
     """What a scene models, which of its shapes feel alike, and how long a press takes.
 
@@ -76,15 +69,14 @@ def explain(
         presses: number of presses to measure.
         compare: whether to look for shapes that feel nearly alike.
         jobs: number of processes that make views of shapes.
-        sensor: folder of a sensor, whose belief is described if it fits the scene; None for none.
     """
     scene = named.scene
-    remarks = [_belief_words(scene, sensor if sensor is not None and _fits(sensor, scene) else None)]
+    hidden = latent(scene)
+    words = f"The belief about an object holds its shape, {', '.join(hidden)}."
+    remarks = [words if hidden else "The belief about an object holds its shape; each touch has its own orientation."]
     if compare:
         remarks += _alike_words(scene, name, jobs)
     remarks.append(_cost_words(scene, presses))
-    if scene.hand is not None and len(scene.hand) > 1:
-        remarks.append(_grasp_words(scene.hand))
     return Explanation(name, inventory(named), remarks)
 
 
@@ -112,13 +104,10 @@ class Explain:
     """Number of processes that make views of shapes."""
 
     def run(self) -> None:
-        """Measure and print; the belief only if a sensor of the package fits the scene."""
+        """Measure and print."""
         check_arguments(self)
-        folder, name = sensor_folder(None, self.choice.scene), self.choice.scene
-        shipped = folder if folder.exists() else None
-        found = explain(
-            self.choice.named, name=name, presses=self.presses, compare=self.alike, jobs=self.jobs, sensor=shipped
-        )
+        name = self.choice.scene
+        found = explain(self.choice.named, name=name, presses=self.presses, compare=self.alike, jobs=self.jobs)
         console = plain_console()
         print(found.table(), end="\n\n")
         for remark in found.remarks:
@@ -155,39 +144,6 @@ def _cost_words(scene: Scene, num_presses: int) -> str:
     press, image = 1e3 * float(np.median(presses)), 1e3 * float(np.median(images))
     what = "press" if scene.hand is None else "grasp"
     return f"A {what} takes {press:.2f} ms on one core, and its image {image:.2f} ms."
-
-
-def _belief_words(scene: Scene, folder: Path | None) -> str:
-    """What the belief about one object holds, with a sensor in a folder."""
-    hidden = latent(scene)
-    words = f"The belief about an object holds its shape, {', '.join(hidden)}"
-    if not hidden:
-        words = "The belief about an object holds its shape; each touch has its own orientation"
-    model = None if folder is None else joint_model(TactileSensor.load(folder, scene, anyway=True).model)
-    if model is None:
-        return f"{words}. No shipped sensor with a joint model was fitted to these objects."
-    return f"{words}: {model.num_hypotheses} hypotheses for each shape."
-
-
-def _grasp_words(hand: Hand) -> str:
-    """What the fingers of a hand share, and what of it the belief holds."""
-    belief = "takes both as each finger's own" if hand.offset == "averaged" else "sums over the offset"
-    return (
-        f"A grasp gives {len(hand)} images at the cost of one touch. Its fingers share the force and the object's "
-        f"offset in the palm, drawn anew at each grasp; the belief {belief}. A finger that misses gives an image of no "
-        "contact, which is read as any other."
-    )
-
-
-def _fits(sensor: Path, scene: Scene) -> bool:
-    """Whether the sensor in a folder was fitted to a scene, or to one that differs by a known shift."""
-    try:
-        if reader_file(sensor, scene).name != READER_FILE:
-            return False
-        sensor_shift(sensor, scene)
-    except (LabelMismatch, WrongScene):
-        return False
-    return True
 
 
 @dataclass(frozen=True)
