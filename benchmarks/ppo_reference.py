@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.envs.batched_episodes import BankEpisodes
-from activetouch.envs.priors import ObjectPriors
 from activetouch.envs.touch_bank import TouchBank
+from activetouch.envs.touch_source import ObjectPriors
 from activetouch.sensor_files import MODELS, load_observation_model
 from belief.observation_model import ArrayModel
 from benchmarks.upper_bounds.object import object_bound

@@ -154,7 +154,7 @@ def train_reader(
         The reader, which has been written to ``out``.
 
     Raises:
-        BadArgument: The network cannot read images of this size.
+        BadArgument: The network cannot read images of this size, or the collection has aims.
         MissingWeights: The weights cannot be read, or belong to another network.
     """
     import torch
@@ -164,6 +164,8 @@ def train_reader(
 
     manifest = read_manifest(data)
     require_input_size(input_size, manifest.image_shape[0], backbone)
+    if recipe.embedding and "aims" in manifest.scene:
+        raise BadArgument("poses with aims are read by a reader of any object: train --recipe contacts")
     recipe = in_safe_precision(recipe, input_size)
     torch.set_num_threads(jobs)
     train, calibration = (_split(data, name, input_size) for name in ("train", "calibration"))
@@ -288,7 +290,6 @@ def card_for(
         embedding=embedding,
         log_size_mean=round(float(log_sizes.mean()), 4) if embedding else 0.0,
         log_size_std=round(max(float(log_sizes.std()), 1e-3), 4) if embedding else 1.0,
-        aim_scale=round(float(np.abs(np.nan_to_num(train.aims)).max()), 6) if embedding else 0.0,
     )
 
 
