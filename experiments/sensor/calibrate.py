@@ -20,7 +20,7 @@ from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
 from activetouch.scene import Scene
 from activetouch.scene_description import in_words
-from activetouch.sensor_files import INDEPENDENT_FILE, READER_FILE, write_observation_model
+from activetouch.sensor_files import INDEPENDENT_FILE, OBSERVATION_FILE, READER_FILE
 from belief.calibration import TemperatureScaling
 from belief.claims import claim_folder, ends_claims
 from belief.errors import ActiveTouchError
@@ -134,9 +134,9 @@ class Calibration(Tabular):
             CannotWrite: The disk is full, or the folder is not writable.
         """
         self.reader.save(folder / READER_FILE)
-        write_observation_model(folder, self.choice.model, self.scene)
+        write_text(folder / OBSERVATION_FILE, self.choice.model.to_json({"scene": self.scene}) + "\n")
         if self.independent is not None:
-            write_observation_model(folder, self.independent, self.scene, INDEPENDENT_FILE)
+            write_text(folder / INDEPENDENT_FILE, self.independent.to_json({"scene": self.scene}) + "\n")
         else:
             (folder / INDEPENDENT_FILE).unlink(missing_ok=True)
         write_order(folder, list(self.order), np.array(list(self.order.values())))
