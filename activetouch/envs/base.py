@@ -18,10 +18,9 @@ from activetouch.named_scenes import SCENES, NamedScene
 from activetouch.sensor import TactileSensor
 from belief.categorical import Belief
 from belief.errors import ActiveTouchError, InvalidArgument, UnknownName
-from belief.history import TouchHistory
 from belief.observation_model.evidence import start
 from belief.policy_state import ENCODINGS, NO_ACTION, WITH_GAINS, Situation, expected_gains, frame_probs
-from belief.problem import Action, Confirm, Probe, Reject, SearchProblem, Unsure
+from belief.problem import Action, Confirm, Probe, Reject, SearchProblem, TouchHistory, Unsure
 from belief.scene_belief import SceneBelief
 from belief.search_progress import Outcome, SearchProgress, success_of
 from belief.seeding import arrangement_rng, checked_key, touch_rng

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from belief.cross_validation import numbered_objects
 from belief.metrics.calibration_at_stop import CalibrationAtStop, calibration_at_stop, stops
+from belief.observation_model.calibration_data import numbered_objects
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.registry import Fit, fits
 from belief.observation_model.selection import (

@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.calibration import CALIBRATIONS, Calibration, StructuredMatrixScaling
-from belief.cross_validation import object_folds
-from belief.observation_model.calibration_data import LabelledTouches
+from belief.observation_model.calibration_data import LabelledTouches, object_folds
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import drawn, smoothed, tabulate

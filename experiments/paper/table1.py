@@ -90,18 +90,10 @@ class Settings:
 def both_splits(
     settings: Settings, scene: Scene, images: TouchSet, others: TouchSet, seed: int, folder: Path
 ) -> dict[str, dict[str, Result]]:
-    """Train a classifier on each split and test it on the images held out by the split and on held-out objects.
+    """Train a classifier on each split; test it on the images held out by the split and on those of held-out objects.
 
-    Args:
-        settings: settings of the training.
-        scene: scene of the images.
-        images: images to split 80/20.
-        others: images of held-out objects.
-        seed: seed of the splits and of the intervals.
-        folder: folder for the states of both trainings, which are continued after an interruption.
-
-    Returns:
-        Results by split, and by "held out" and "held-out objects".
+    The states of both trainings are kept in a folder and continued after an interruption. Returns results by split, and
+    by "held out" and "held-out objects".
     """
     from activetouch.perception.training import Trainer  # loads torch
 
@@ -140,12 +132,7 @@ def nearest_image_guesses(known: TouchSet, test: TouchSet, size: int = 32) -> ND
 
 
 def table(results: Mapping[str, Mapping[str, Result]], labels: Sequence[str]) -> Table:
-    """The paper's table and ours: precision / recall / F1 (support) of every shape, then accuracies.
-
-    Args:
-        results: those of :func:`both_splits`.
-        labels: names of the shapes.
-    """
+    """The paper's table and ours: precision / recall / F1 (support) of every shape, then accuracies."""
     columns = {f"{name}, {what}": result for name, row in results.items() for what, result in row.items()}
     scores = [dict(zip(labels, shape_scores(result.confusion), strict=True)) for result in columns.values()]
     rows = [(label, _cell(printed), *(_cell(one[label]) for one in scores)) for label, printed in PAPER.items()]

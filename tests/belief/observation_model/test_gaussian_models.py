@@ -9,8 +9,7 @@ from scipy.stats import multivariate_normal
 from belief import Touch
 from belief.observation_model import GaussianModel, PLDAModel
 from belief.observation_model.calibration_data import LabelledTouches
-from belief.observation_model.logit_embedding import LogitEmbedding
-from belief.observation_model.plda import Components, covariance, estimate_components
+from belief.observation_model.plda import Components, LogitEmbedding, covariance, estimate_components
 from belief.observation_model.selection import log_posteriors
 from belief.touch_batch import TouchBatch
 
