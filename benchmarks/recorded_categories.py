@@ -4,7 +4,7 @@
 
 Ten categories of six objects with 60 touches each, of 20 features: an object lies 1.5 times as far from its category as
 categories lie from each other, and touches scatter as much again. Each set is played as
-``activetouch recorded --task categories --scenes 0 --rounds 2`` does, with touches in random order. The stops of all sets
+``activetouch recorded --task categories --scenes 0 --rounds 2`` does, in random order. The stops of all sets
 are pooled; the interval resamples objects.
 """
 
