@@ -4,7 +4,8 @@ The classifiers are discriminants; each action's is chosen by cross-validation, 
 temperature scaling. Features are standardised by their spread within labels.
 
 Labels may have different numbers of touches, and the classifiers take all as equally probable. The calibration is a
-structured matrix, which learns the labels' shares, or a temperature with more than 30 labels; the ratios are without
+structured matrix, which learns the labels' shares, or a temperature with more than 30 labels, and for categories and
+shapes: the touches of an object err alike, so that a matrix learns from a few objects of each. The ratios are without
 the shares. What correlations are fitted to is calibrated by other sessions (decision 0073).
 """
 
@@ -21,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from activetouch.recorded.discriminants import LinearDiscriminants
 from activetouch.recorded.splits import Split
-from activetouch.recorded.touches import LARGEST, RecordedTouches
+from activetouch.recorded.touches import LARGEST, TASKS, RecordedTouches
 from belief.calibration import Calibration, PerPose, StructuredMatrixScaling, TemperatureScaling
 from belief.errors import InvalidArgument
 from belief.metrics import negative_log_likelihood
@@ -199,7 +200,8 @@ def read(touches: RecordedTouches, split: Split) -> Reading:
     if len(split.calibration):
         rows = split.calibration
         logits = _logits(learned(split.train), features[rows], touches.actions[rows])
-    kind = StructuredMatrixScaling() if num_labels <= _MANY_LABELS else TemperatureScaling()
+    knows_labels = touches.task == TASKS[0] and num_labels <= _MANY_LABELS
+    kind = StructuredMatrixScaling() if knows_labels else TemperatureScaling()
     ratios = _cross_calibrated(kind, touches, rows, logits, split.folds)
     calibration, log_prior = _calibrated(kind, touches, rows, logits)
     classifiers = learned(np.concatenate([split.train, split.calibration]))
