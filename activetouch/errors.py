@@ -33,10 +33,6 @@ class WrongRenderer(ActiveTouchError, TypeError):
     """A renderer violates the rules of :class:`activetouch.rendering.TactileRenderer`."""
 
 
-class WrongPress(ActiveTouchError, TypeError):
-    """The scene's press does not support an operation, such as a rotation."""
-
-
 class BadMesh(ActiveTouchError, ValueError):
     """A mesh is not a solid of a suitable size; the message says why and what to do."""
 

@@ -124,7 +124,7 @@ class Scene:
             if not all(hasattr(type(solid), member) or hasattr(solid, member) for member in members):
                 raise BadMesh(
                     f"the shape {label!r} is {solid!r}; a shape is a solid such as Sphere(0.02), or the path of a mesh "
-                    "file (STL, OBJ, PLY, OFF, GLB, 3MF, DAE); 'mug.stl@0.001' is the text for one in millimetres"
+                    "file (STL, OBJ, PLY); 'mug.stl@0.001' is the text for one in millimetres"
                 )
         if self.parking and self.families:
             raise InvalidArgument(

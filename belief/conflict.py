@@ -2,7 +2,7 @@
 
 Two scores of each touch are compared with those of calibration objects after equally many touches of one object: the
 novelty of its embedding, and its misfit to the earlier touches of the object, relative to objects whose shape was known
-as well before the touch (:mod:`belief.usual_misfit`). The object's own
+as well before the touch (:mod:`belief.conflict_scores`). The object's own
 earlier scores predict a part of each score, which is subtracted. Bets against the p-values multiply over all touches of
 all objects of a search. A p-value is the rank of a score among those of the calibration objects: that of one touch of a
 new object is at most u with a probability of about u. If all p-values were independent and uniform, the product would
@@ -39,10 +39,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from belief.conflict_scores import Novelty, UsualMisfit
 from belief.files import from_field, to_field
 from belief.frozen import FrozenArrays, frozen
-from belief.novelty import Novelty
-from belief.usual_misfit import UsualMisfit
 from belief.validation import Floats
 
 NOVELTY, MISFIT = 0, 1

@@ -1,13 +1,10 @@
-"""Cross-validation folds of whole objects (all touches of an object are in the same fold), and its losses."""
+"""Cross-validation folds of whole objects (all touches of an object are in the same fold)."""
 
 from __future__ import annotations
-
-from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from belief.table import Table
 from belief.validation import require_count, unmasked
 
 
@@ -62,22 +59,3 @@ def object_folds(shapes: ArrayLike, object_ids: ArrayLike, num_folds: int) -> ND
     fold_of = np.empty(len(shape_of), np.intp)
     fold_of[np.argsort(shape_of, kind="stable")] = np.arange(len(shape_of)) % num_folds
     return fold_of[owner]
-
-
-def losses_table(kind: str, losses: Mapping[str, float], chosen: str) -> Table:
-    """Cross-validated losses of candidates [nats], the least first.
-
-    Args:
-        kind: of the candidates, the heading.
-        losses: by candidate; the table of a choice without alternatives has no loss.
-        chosen: the candidate that was chosen.
-
-    >>> print(losses_table("model", {"plda": 0.358, "ratio": 0.357}, "ratio"))
-    model  NLL [nats]  chosen
-    ─────────────────────────
-    ratio      0.3570  yes
-    plda       0.3580
-    """
-    ordered: list[tuple[str, float | None]] = [*sorted(losses.items(), key=lambda pair: pair[1])]
-    rows = [(name, loss, "yes" if name == chosen else "") for name, loss in ordered or [(chosen, None)]]
-    return Table("", [kind, ("NLL [nats]", ".4f", "nll"), ("chosen", "")], rows)

@@ -32,7 +32,7 @@ from planners.registry import NEED_FILES
 from planners.solve import SearchTouchProblem, solve
 
 NUM_OBJECTS, TOUCH_COST = 4, 0.02
-TREES = ("pouct", "pomcp")
+TREES = ("pouct",)
 
 
 @dataclass(frozen=True)

@@ -79,10 +79,9 @@ def _read(sensor: Any, images: np.ndarray[Any, Any]) -> Callable[[int], object]:
 
 
 def _search(scene: str) -> Callable[[int], object]:
-    """Plays the searches of one target as ``activetouch compare`` does: its four deciders and the oracle."""
+    """Plays the searches of one target as ``activetouch compare`` does: its four deciders."""
     from experiments.scene_choice import SceneChoice
     from experiments.search.comparison import DEFAULT_DECIDERS, prepared
-    from experiments.search.oracle import solved_by_full_information
     from experiments.search.play import TouchMemo, play_episodes
     from experiments.search.setting import Setting
 
@@ -92,7 +91,6 @@ def _search(scene: str) -> Callable[[int], object]:
         memo = TouchMemo()
         for decider in run.deciders.values():
             play_episodes(run.searches, decider, target, numbers, memo)
-        solved_by_full_information(run.searches, target, numbers, memo)
 
     return play
 

@@ -1,4 +1,4 @@
-r"""Online planning by tree search with pomdp-py: POUCT and POMCP (Silver & Veness 2010).
+r"""Online planning by tree search with pomdp-py: POUCT (Silver & Veness 2010).
 
 A state is (object, its shape, whether a target was rejected), or the end. CONFIRM and the last REJECT lead to the end;
 an earlier REJECT brings the next object. Its probability of being the target is hypergeometric; that the other shapes
@@ -33,7 +33,6 @@ from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from scipy.special import rel_entr
@@ -202,8 +201,6 @@ class Pouct:
         ValueError: too few simulations to try every action once.
     """
 
-    _planner: ClassVar[type[pomdp_py.Planner]] = pomdp_py.POUCT
-
     table: OutcomeTable
     simulations: int = 1000
     rollout: type[InformedRollout] = InformedRollout
@@ -217,11 +214,10 @@ class Pouct:
         """See :class:`planners.decider.Decider`."""
         rules = self.rules(info)
         policy = self.rollout(rules, rng, _root_actions(rules, info))
-        belief = self._belief(rules.histogram(info), rng)
         models = TransitionModel(rules, rng), ObservationModel(rules, rng), RewardModel(rules)
-        agent = pomdp_py.Agent(belief, policy, *models)
+        agent = pomdp_py.Agent(pomdp_py.Histogram(rules.histogram(info)), policy, *models)
         depth = _DEPTH + 2 * info.num_left
-        planner = self._planner(
+        planner = pomdp_py.POUCT(
             max_depth=depth,
             num_sims=self.simulations,
             discount_factor=1.0,
@@ -242,24 +238,6 @@ class Pouct:
     def rules(self, info: InformationState) -> Rules:
         """The search as the tree sees it from an information state."""
         return Rules(info.problem, info.target, self.table)
-
-    def _belief(self, histogram: dict[SimpleState, float], rng: np.random.Generator) -> pomdp_py.GenerativeDistribution:
-        return pomdp_py.Histogram(histogram)
-
-
-@dataclass(frozen=True, eq=False)
-class Pomcp(Pouct):
-    """POMCP, with the belief as particles, drawn anew for every decision, as many as simulations.
-
-    Attributes and errors are those of :class:`Pouct`.
-    """
-
-    _planner: ClassVar[type[pomdp_py.Planner]] = pomdp_py.POMCP
-
-    def _belief(self, histogram: dict[SimpleState, float], rng: np.random.Generator) -> pomdp_py.GenerativeDistribution:
-        states, probs = list(histogram), np.array(list(histogram.values()))
-        drawn = rng.choice(len(states), size=self.simulations, p=probs / probs.sum())
-        return pomdp_py.Particles([states[index] for index in drawn.tolist()])
 
 
 def _exploration(simulations: int) -> float:

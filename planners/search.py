@@ -18,7 +18,9 @@ from belief.errors import InvalidArgument
 from belief.naming import Name, index_of
 from belief.observation_model.model import ObservationModel
 from belief.problem import Probe, SearchProblem, Touch
+from belief.scene_belief import SceneBelief
 from belief.seeding import touch_rng
+from belief.validation import Floats
 from planners.decider import Decider
 from planners.episode import Episode
 from planners.session import Session
@@ -99,7 +101,7 @@ def search(
         target: label or index of the target shape.
         model: likelihood of touches.
         seed: of the episode, one number or several; the same seed gives the same episode.
-        log_bets: of an earlier search with the same set-up (:mod:`planners.set_up`).
+        log_bets: of an earlier search with the same set-up (:func:`log_bets_after`).
 
     Raises:
         UnknownName: no shape has the target's name.
@@ -166,3 +168,24 @@ def _next_touch(session: Session, world: WorldT) -> TouchRequest[WorldT] | None:
         if session.outcome is None:
             world.advance()
     return None
+
+
+def log_bets_after(
+    episode: Episode, problem: SearchProblem, model: ObservationModel, log_bets: ArrayLike = 0.0
+) -> Floats:
+    """Log wealth of the conflict test after a search, with which the next search of the same robot begins, ``(J,)``.
+
+    A robot whose world is not the one that the observation model was fitted to is in that world in every search: the
+    touches of several searches tell it, and the false-alarm rate is for all of them together.
+
+    Args:
+        episode: the search, with the features of its touches.
+        problem: of the search.
+        model: likelihood of touches.
+        log_bets: with which the search began.
+    """
+    scene = SceneBelief(problem, model, log_bets=log_bets)
+    for step in episode.steps:
+        if step.touch is not None:
+            scene.update(step.object_index, [step.touch])
+    return scene.log_bets

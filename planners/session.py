@@ -74,7 +74,7 @@ class Session:
         arrangement: true shape of every object, by label or index, None for one that nobody knows; for scoring only.
         abstain: whether the decider may answer "I do not know" (:class:`planners.abstaining.Abstaining`); by default,
             if no true shape is given. The problem then has the answer Unsure, with a reward of 0 unless it has one.
-        log_bets: of an earlier search with the same set-up (:mod:`planners.set_up`).
+        log_bets: of an earlier search with the same set-up (:func:`planners.search.log_bets_after`).
         reader: reads images.
         least_force: a contact whose stated force is not larger is no contact [N].
         least_area: a contact whose area is not larger is no contact [m²].

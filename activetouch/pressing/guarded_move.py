@@ -1,20 +1,17 @@
-"""The paper's press: move until the force exceeds a threshold, pause, withdraw, rotate (paper §5.3)."""
+"""The paper's press: move until the force exceeds a threshold, pause, withdraw (paper §5.3)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from typing import ClassVar
 
-import numpy as np
-
 from activetouch.errors import UnstablePress
 from activetouch.placement import Placement
-from activetouch.poses import Quaternion
 from activetouch.pressing.contact import Contact, elastic_contact, first_touch
 from activetouch.pressing.dynamic import SteppedPress, require_force
 from activetouch.pressing.facing import facing_geom
 from activetouch.pressing.setup import Setup
-from activetouch.pressing.trace import Phase, Trace
+from activetouch.pressing.trace import Phase
 
 _LARGEST_FORCE = 1e4  # [N]; a larger force means that the simulation diverged
 MOST_FORCE = (2.0, 1.0)
@@ -36,7 +33,7 @@ class GuardedMove(SteppedPress):
         pause: time to hold the position before the force is read [s].
         start: distance of the object's centre from the pad at the start [m]; larger objects start further away.
         travel: distance past the pad's face, or the first touch if that is behind it, at which the guide ends [m].
-        rotation_time: duration of a rotation between two presses [s].
+        rotation_time: of the object between two presses [s], on which no touch depends.
     """
 
     is_complete: ClassVar[bool] = False
@@ -88,19 +85,6 @@ class GuardedMove(SteppedPress):
     def with_trace(self) -> GuardedMove:
         """See :class:`Press`."""
         return RecordedMove(**{field.name: getattr(self, field.name) for field in fields(self)})
-
-    def rotate(self, setup: Setup, placement: Placement, orientation: Quaternion) -> Trace:
-        """See :class:`Press`; the object turns along the shorter arc."""
-        rig, position = self._place(setup, placement)
-        start, end = np.asarray(placement.orientation), np.asarray(orientation)
-        end = end if start @ end >= 0.0 else -end  # the same rotation
-        for share in np.linspace(0.0, 1.0, max(1, round(self.rotation_time / self.timestep)) + 1)[1:]:
-            between = (1.0 - share) * start + share * end
-            rig.turn(between / np.linalg.norm(between))
-            rig.step(position, Phase.ROTATE)
-        trace = rig.trace()
-        assert trace is not None, "the rig was built with sensors"
-        return trace
 
 
 @dataclass(frozen=True)

@@ -15,12 +15,9 @@ from typing import TYPE_CHECKING, ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.errors import WrongPress
 from activetouch.placement import Placement
-from activetouch.poses import Quaternion
 from activetouch.pressing.contact import Contact, elastic_contact, first_touch, surface_gap
 from activetouch.pressing.setup import Setup
-from activetouch.pressing.trace import Trace
 from activetouch.solids.solid import Shape
 
 if TYPE_CHECKING:
@@ -114,19 +111,6 @@ class Press(Protocol):
         contacts = tuple(self.press(setup, seen, float(force)) for seen, force in zip(met, forces, strict=True))
         axes = fingers[:, :, 0]
         return Grasp(contacts, tuple(met), axes @ centre, np.array([one.force for one in contacts]) @ axes)
-
-    def rotate(self, setup: Setup, placement: Placement, orientation: Quaternion) -> Trace:
-        """The time series of a rotation of the withdrawn object to another orientation.
-
-        Args:
-            setup: the pad and its surroundings.
-            placement: the object before the rotation.
-            orientation: unit quaternion ``wxyz`` after the rotation.
-
-        Raises:
-            WrongPress: this press does not simulate rotations.
-        """
-        raise WrongPress(f"only guarded moves simulate rotations, not {self}; use the scene 'paper'")
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from activetouch.errors import WrongMujoco
 from activetouch.placement import Placement
-from activetouch.poses import Quaternion
 from activetouch.pressing.setup import Setup
 from activetouch.pressing.trace import Phase, Trace
 from activetouch.solids.solid import Geom, Shape
@@ -203,12 +202,8 @@ class Rig:
         self._vertices[:] = vertices * factor
         model.pair_friction[0, :2] = placement.friction
         model.body_pos[self._body, 1:] = placement.offset
-        self.turn(placement.orientation)
+        model.body_quat[self._body] = placement.orientation
         self._position[0] = self.command[0] = position
-
-    def turn(self, orientation: Quaternion) -> None:
-        """Set the orientation of the object."""
-        self.model.body_quat[self._body] = orientation
 
     def skip_approach(self, position: float, speed: float, nearest: float) -> int:
         """Put the object, placed at rest at ``position`` [m], near the pad, in the motion that it would have there.

@@ -23,8 +23,6 @@ _MIN_RADIUS, _MAX_RADIUS = 0.0005, 0.3  # of the bounding ball [m]; objects may 
 _VAST = 1e100  # squares of longer lengths may not be finite [m]
 _ORDINARY = (0.005, 0.15)  # radii for which an error message suggests a unit [m]
 _UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254}
-MOST_TRIANGLES = 50_000
-"""Largest number of triangles that is kept as it is when a file is read."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -83,21 +81,15 @@ class Mesh:
             warnings.warn(f"{self.name}: {'; '.join(words)}", MeshWarning, stacklevel=level)
 
     @classmethod
-    def from_file(
-        cls, path: Path | str, scale: float | None = None, max_triangles: int | None = MOST_TRIANGLES
-    ) -> Mesh:
-        """The mesh in an STL, OBJ, PLY, OFF, GLB, glTF, 3MF or DAE file, with its centre of mass moved to the origin.
+    def from_file(cls, path: Path | str, scale: float | None = None) -> Mesh:
+        """The mesh in an STL, OBJ or PLY file, with its centre of mass moved to the origin.
 
-        Corners within 10 nm of each other are merged. Scenes of several parts are read as one mesh.
+        Corners within 10 nm of each other are merged. Files of several parts are read as one mesh.
 
         Args:
-            path: the file. Of the files that it refers to, only the buffers of a glTF file are opened.
-            scale: metres per unit of the file; 0.001 for a file in millimetres. By default, that of the format (GLB,
-                glTF, 3MF and DAE say their unit) or 1; an object of 15 to 150 m about its middle is taken to be in
-                millimetres, with a warning.
-            max_triangles: largest number of triangles that is kept as it is; above it, they are reduced such that no
-                measured point of either surface is more than 0.1 mm from the other
-                (:mod:`activetouch.solids.mesh_reduction`). None keeps all.
+            path: the file. No file that it refers to is opened.
+            scale: metres per unit of the file; 0.001 for a file in millimetres. By default 1; an object of 15 to 150 m
+                about its middle is taken to be in millimetres, with a warning.
 
         Raises:
             FileNotFoundError: the file does not exist.
@@ -106,13 +98,13 @@ class Mesh:
             InvalidArgument: the scale is not positive and finite.
 
         Warns:
-            MeshWarning: the unit was guessed, the triangles were reduced, or see :class:`Mesh`.
+            MeshWarning: the unit was guessed, there are more than 50 000 triangles, or see :class:`Mesh`.
         """
         from activetouch.solids.mesh_file import read_surface
 
         if scale is not None and not 0.0 < scale < np.inf:
             raise InvalidArgument(f"scale must be positive and finite, got {scale}")
-        vertices, faces, remarks = read_surface(Path(path), scale, max_triangles)
+        vertices, faces, remarks = read_surface(Path(path), scale)
         return cls(Path(path).name, vertices, faces, centred=True, remarks=remarks)
 
     @cached_property

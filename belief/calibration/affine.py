@@ -210,7 +210,7 @@ class DirichletCalibration(AffineCalibration):
 
         off_diagonal · 1 / (K (K - 1)) Σ_{j≠k} W_jk²  +  bias · 1 / K Σ b_k².
 
-    They do not decrease with n: choose strengths by cross-validation (:func:`choose_calibration`). Unlike the paper, x
+    They do not decrease with n: choose strengths by cross-validation. Unlike the paper, x
     are log-probabilities *after* temperature scaling, and the diagonal has the penalty diagonal · (1 / n) Σ (W_kk -
     1)², so that an optimum exists also if a shape is missing.
 

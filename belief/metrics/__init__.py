@@ -18,7 +18,7 @@ from belief.metrics.binned import (
     expected_calibration_error,
 )
 from belief.metrics.calibration_at_stop import CalibrationAtStop, StopScore, calibration_at_stop
-from belief.metrics.chance import bias_corrected_interval, null_quantile
+from belief.metrics.chance import null_quantile
 from belief.metrics.reliability import ReliabilityCurve, reliability_curve, reliability_diagram
 from belief.metrics.report import CalibrationError, CalibrationReport, calibration_report
 from belief.metrics.scores import (
@@ -29,7 +29,6 @@ from belief.metrics.scores import (
     negative_log_likelihood,
     shape_scores,
 )
-from belief.metrics.selective_risk import RiskCoverage, risk_coverage
 from belief.metrics.smooth import smooth_calibration_error
 
 __all__ = [
@@ -37,11 +36,9 @@ __all__ = [
     "CalibrationError",
     "CalibrationReport",
     "ReliabilityCurve",
-    "RiskCoverage",
     "ShapeScore",
     "StopScore",
     "accuracy",
-    "bias_corrected_interval",
     "brier_score",
     "calibration_at_stop",
     "calibration_report",
@@ -52,7 +49,6 @@ __all__ = [
     "null_quantile",
     "reliability_curve",
     "reliability_diagram",
-    "risk_coverage",
     "shape_scores",
     "smooth_calibration_error",
 ]

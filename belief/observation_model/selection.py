@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.bayes import update
-from belief.cross_validation import losses_table, object_folds
+from belief.cross_validation import object_folds
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.registry import Fit, fits
 from belief.problem import Touch
@@ -47,7 +47,9 @@ class ModelChoice(Tabular):
 
     def table(self) -> Table:
         """The losses of the candidates, the least first."""
-        return losses_table("observation model", self.losses, self.name)
+        ordered: list[tuple[str, float | None]] = [*sorted(self.losses.items(), key=lambda pair: pair[1])]
+        rows = [(name, loss, "yes" if name == self.name else "") for name, loss in ordered or [(self.name, None)]]
+        return Table("", ["observation model", ("NLL [nats]", ".4f", "nll"), ("chosen", "")], rows)
 
 
 def log_posteriors(model: ArrayModel, batch: TouchBatch) -> Floats:

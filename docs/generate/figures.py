@@ -10,7 +10,6 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -18,8 +17,7 @@ from tables import INFERRED, health_of
 
 from experiments.paper.figures import draw_figure3
 from experiments.paper.table2 import Column
-from experiments.tradeoff.figures import front_picture
-from experiments.tradeoff.measure import TASKS, Front
+from experiments.tradeoff.report import front_picture
 
 DOCS = Path(__file__).parent.parent
 RECORDS = DOCS.parent / "records"
@@ -44,14 +42,13 @@ def point(stored: dict[str, Any]) -> Any:
 def main() -> None:
     """Write docs/tradeoff/tradeoff.svg, docs/reproduction/figure3.svg, and docs/robustness/drift.svg, also dark."""
     points = [point(stored) for stored in _record("tradeoff/tradeoff")["points"]]
-    fronts = [
-        Front(task, [one for one in points if one.configuration.scene in scenes], np.empty(0))
-        for task, scenes in TASKS.items()
-    ]
-    front_picture(fronts).write(DOCS / "tradeoff")
+    front_picture(points).write(DOCS / "tradeoff")
     (DOCS / "tradeoff" / "tradeoff.png").unlink()
     confusion = _record("reproduction/table1")["splits"]["by image"]["held out"]["confusion"]
-    columns = [Column(**stored) for stored in _record("reproduction/table2")]
+    columns = [
+        Column(**{name: value for name, value in stored.items() if name != "oracle"})
+        for stored in _record("reproduction/table2")
+    ]
     draw_figure3(confusion, columns, DOCS / "reproduction" / "figure3.svg")
     for name, colours in THEMES.items():
         draw_drift(DOCS / "robustness" / f"{name}.svg", *colours)

@@ -24,7 +24,7 @@ API = {
     "calibration": ("belief.calibration", "belief.metrics"),
     "statistics": ("belief.statistics",),
     "planners": ("planners", "planners.stopping", "planners.probing", "planners.stop_override", "planners.abstaining"),
-    "solver": ("planners.solve", "planners.one_touch", "planners.export"),
+    "solver": ("planners.solve", "planners.one_touch"),
     "activetouch": ("activetouch", "activetouch.sensor", "activetouch.world", "activetouch.scene",
                     "activetouch.named_scenes"),
     "rendering": ("activetouch.rendering",),

@@ -6,15 +6,9 @@ copies of each other, and the meaning of a classifier's accuracy depends on how 
 
 from __future__ import annotations
 
-import hashlib
-import json
-import math
-import zipfile
-import zlib
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +17,6 @@ from activetouch.data.dataset import TouchSet
 from activetouch.orientations import Resampled
 from activetouch.rendering import ForcePatchRenderer, read_out
 from activetouch.scene import Scene
-from activetouch.scene_description import scene_fields
-from belief.errors import CorruptFile
-from belief.files import atomic_path, read_npz, require_regular_file
 from belief.seeding import keyed_rng
 from experiments.parallel import run_tasks
 
@@ -61,27 +52,6 @@ def record_windows(scene: Scene, plan: WindowPlan, stream: int, jobs: int) -> To
     tasks = [partial(_press, scene, plan, stream, number) for number in range(plan.objects * len(scene.shapes))]
     parts = [part for part in run_tasks(tasks, jobs, "sliding windows over presses") if len(part.images)]
     return TouchSet.join(sorted(parts, key=lambda part: part.object_ids[0]))
-
-
-def kept_windows(scene: Scene, plan: WindowPlan, stream: int, jobs: int, folder: Path) -> TouchSet:
-    """:func:`record_windows` with a cache: a file of the folder is read if it exists, and written otherwise.
-
-    Raises:
-        CorruptFile: The file is damaged.
-    """
-    key = hashlib.sha256(json.dumps([scene_fields(scene), asdict(plan)]).encode()).hexdigest()[:16]
-    path = folder / f"windows-{stream}-{key}.npz"
-    if not path.exists():
-        touches = record_windows(scene, plan, stream, jobs)
-        with atomic_path(path) as temporary:
-            np.savez_compressed(temporary, **vars(touches))
-    try:
-        # Every array in such a file carries a checksum.
-        content = require_regular_file(path).read_bytes()
-        presses = plan.objects * len(scene.shapes) * plan.presses
-        return TouchSet(**read_npz(content, presses * plan.images * (math.prod(scene.image_shape) + 1024) + 2**16))
-    except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-        raise CorruptFile(f"{path} is damaged ({error}); delete it to press its objects again") from error
 
 
 def _press(scene: Scene, plan: WindowPlan, stream: int, number: int) -> TouchSet:

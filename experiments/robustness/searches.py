@@ -20,35 +20,15 @@ from belief.statistics import clopper_pearson_interval, cluster_bootstrap
 from experiments.parallel import run_tasks
 from experiments.search.play import make_world
 from planners import Decider, Episode, Outcome, make_decider, search_lockstep
-from planners.abstaining import ANSWER, Abstaining
-from planners.set_up import search_in_turn
+from planners.abstaining import Abstaining
+from planners.search import log_bets_after
 
 CONFIDENCE = 0.95
-"""Posterior of a shape at which touching stops."""
+"""Smallest stated confidence of an answer of a decider that may answer "I do not know"."""
 ROBOTS = 8
 """Most robots that share the searches of a condition, where they may answer "I do not know"."""
 _DECIDER = "information_gain"
 _TOGETHER = 25  # searches in lockstep
-
-
-def confidence_at_stops(stated: ArrayLike, correct: ArrayLike, num_touches: ArrayLike) -> dict[str, Any] | None:
-    """Stated confidence against accuracy at stopping; None if nothing stopped.
-
-    Args:
-        stated: confidence at each stop, ``(n,)``.
-        correct: whether the answer is right, ``(n,)``.
-        num_touches: at the stop, ``(n,)``.
-    """
-    right = np.asarray(correct, bool)
-    if not len(right):
-        return None
-    return {
-        "number": len(right),
-        "touches": float(np.asarray(num_touches, np.float64).mean()),
-        "stated": float(np.asarray(stated, np.float64).mean()),
-        "achieved": float(right.mean()),
-        "interval": clopper_pearson_interval(int(right.sum()), len(right)),
-    }
 
 
 def search_scores(
@@ -73,13 +53,12 @@ def search_scores(
             may answer "I do not know", also below a stated confidence of :data:`CONFIDENCE`; not by default.
 
     Returns:
-        By condition: :func:`success_scores`, and ``stated`` confidence and ``achieved`` accuracy at confirmation. With
-        ``abstain`` also ``abstaining``: ``wrong`` and ``unsure``, fraction that ended with "I do not know", with their
-        intervals; ``sure``: calibration of the confirmations that state :data:`CONFIDENCE` or more, as
-        :func:`confidence_at_stops`; ``alarms``: how many robots had an alarm of their test, which runs on from search
-        to search (there are :data:`ROBOTS` of them, or one for each of fewer searches, which search for all targets in
-        random order); ``searches_to_alarm`` and ``touches_to_alarm``: median number of the search in which, and of all
-        touches until then.
+        By condition: :func:`success_scores`, and ``stated`` confidence and ``achieved`` accuracy at confirmation, None
+        without one. With ``abstain`` also ``abstaining``: ``wrong`` and ``unsure``, fraction that ended with "I do not
+        know", and ``right``, fraction of the confirmations, with their intervals; ``alarms``: how many robots had an
+        alarm of their test, which runs on from search to search (there are :data:`ROBOTS` of them, or one for each of
+        fewer searches, which search for all targets in random order); ``searches_to_alarm`` and ``touches_to_alarm``:
+        median number of the search in which, and of all touches until then.
     """
     problem = SearchProblem(
         named.scene.shape_labels,
@@ -112,20 +91,36 @@ def _scores(
         "achieved": float(np.mean([episode.success for episode in confirmed])) if confirmed else None,
     }
     if abstain is not None:
-        worlds = [make_world(problem, sensor, seed) for seed in seeds]
         order = np.random.default_rng(seed).permutation(len(seeds)).tolist()  # a robot seeks all targets from the start
-        parts = [order[first::ROBOTS] for first in range(ROBOTS)]
-        by_robot = search_in_turn(
-            [[worlds[n] for n in part] for part in parts],
-            Abstaining(decider, abstain, CONFIDENCE),
-            replace(problem, unsure_reward=0.0),
-            [[targets[n] for n in part] for part in parts],
-            sensor.model,
-            [[seeds[n] for n in part] for part in parts],
-            lambda pending: touch_many(sensor, pending)[0],
-        )
-        scores["abstaining"] = _abstention(by_robot)
+        shares = [[seeds[n] for n in order[first::ROBOTS]] for first in range(ROBOTS)]
+        scores["abstaining"] = _abstention(_in_turn(sensor, problem, Abstaining(decider, abstain, CONFIDENCE), shares))
     return condition, scores
+
+
+def _in_turn(
+    sensor: TactileSensor, problem: SearchProblem, decider: Decider, seeds: Sequence[Sequence[tuple[int, int, int]]]
+) -> list[list[Episode]]:
+    """The searches of several robots, whose conflict tests run on from search to search (decision 0049)."""
+    problem = replace(problem, unsure_reward=0.0)
+    log_bets: list[ArrayLike] = [0.0] * len(seeds)
+    played: list[list[Episode]] = [[] for _ in seeds]
+    for turn in range(max(map(len, seeds))):
+        robots = [robot for robot, own in enumerate(seeds) if turn < len(own)]
+        now = [seeds[robot][turn] for robot in robots]
+        episodes = search_lockstep(
+            [make_world(problem, sensor, seed) for seed in now],
+            decider,
+            problem,
+            [target for _, target, _ in now],
+            sensor.model,
+            now,
+            lambda pending: touch_many(sensor, pending)[0],
+            [log_bets[robot] for robot in robots],
+        )
+        for robot, episode in zip(robots, episodes, strict=True):
+            played[robot].append(episode)
+            log_bets[robot] = log_bets_after(episode, problem, sensor.model, log_bets[robot])
+    return played
 
 
 def played_together(
@@ -196,17 +191,13 @@ def _abstention(by_robot: Sequence[Sequence[Episode]]) -> dict[str, Any]:
         least, most = clopper_pearson_interval(sum(events), len(events))
         return [share, min(low, least), max(high, most)]
 
-    sure = [
-        (episode.steps[-1].decision.scores[ANSWER], episode.success, episode.num_touches)
-        for episode in played
-        if episode.outcome is Outcome.CONFIRMED
-    ]
+    right = [bool(episode.success) for episode in played if episode.outcome is Outcome.CONFIRMED]
     alarms = [alarm for episodes in by_robot if (alarm := _to_alarm(episodes)) is not None]
     searches, touches = np.median(alarms, axis=0).tolist() if alarms else (None, None)
     return {
         "wrong": rate([_is_wrong(episode) for episode in played]),
         "unsure": rate([episode.outcome is Outcome.UNSURE for episode in played]),
-        "sure": confidence_at_stops(*zip(*sure, strict=True)) if sure else None,
+        "right": [sum(right) / len(right), *clopper_pearson_interval(sum(right), len(right))] if right else None,
         "alarms": len(alarms),
         "searches_to_alarm": searches,
         "touches_to_alarm": touches,

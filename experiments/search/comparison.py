@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -28,7 +27,7 @@ from experiments.search.certificate import certified_players, opened, with_unsur
 from experiments.search.fingerprint import files_digest
 from experiments.search.play import Searches, sensor_digest
 from experiments.search.run import Run
-from experiments.search.run_folder import ORACLE, RunFolder, read_episode
+from experiments.search.run_folder import RunFolder, read_episode
 from experiments.search.setting import Setting
 from experiments.search.summary import Summary
 from experiments.search.tables import results_table, terminal_table
@@ -118,7 +117,6 @@ class Comparison(Summary, Tabular):
             problem,
             {cell: [read_episode(line, labels) for line in own] for cell, own in lines.items()},
             {cell: held.seconds(cell, own) for cell, own in lines.items()},
-            {target: held.solved(target, len(own)) for (_, target), own in lines.items()},
             run["arguments"].get("reference") or next(iter(lines))[0],
             np.random.default_rng(run["identity"]["seed"]),
         )
@@ -351,8 +349,8 @@ def _players(deciders: Mapping[str, Decider | str] | Sequence[str] | str) -> dic
     if not players:
         raise BadArgument(f"--deciders must name one or more of {', '.join(DECIDERS)}; got none")
     for name, player in players.items():
-        if name == ORACLE or not name:
-            raise BadArgument(f"a decider cannot be called {name!r}; give it another name")
+        if not name:
+            raise BadArgument("a decider cannot have an empty name")
         if not isinstance(player, str) and not callable(getattr(player, "decide", None)):
             raise BadArgument(f"{name!r} is not a decider: it has no method decide(info, rng), got {player!r:.80}")
     return players
@@ -385,7 +383,6 @@ def compared(run: Run, reference: str | None = None) -> Comparison:
         run.searches.problem,
         {cell: [read_episode(line, labels) for line in run.lines(*cell)] for cell in cells},
         {cell: run.seconds(*cell) for cell in cells},
-        {target: [json.loads(line)["solved"] for line in run.lines(ORACLE, target)] for target in run.targets},
         reference or next(iter(run.deciders)),
         np.random.default_rng(run.searches.seed),
         run=run,

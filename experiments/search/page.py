@@ -32,7 +32,6 @@ _MOST_BYTES = 3_500_000  # of all displayed searches, to keep the page below 5 M
 _SECTIONS = {
     "Success": ("results", "differences"),
     "Stated confidence": ("stated_confidence",),
-    "Answers and “I do not know”": ("abstention", "selective_risk"),
     "Time": ("times",),
 }
 _FAILURES = {

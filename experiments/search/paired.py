@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from belief.problem import SearchProblem
 from belief.statistics import McNemar, mcnemar_test, paired_bootstrap
 from belief.statistics.power import LEVEL, episodes_for_success, holm
-from planners import Episode
 
 _RESAMPLES, _ROWS = 2000, 200  # bootstrap resamples, and how many are drawn at once
+MeanInterval: TypeAlias = tuple[float, float, float]
+"""A mean and its 95 % bootstrap interval."""
 
 
 @dataclass(frozen=True)
@@ -20,63 +22,60 @@ class Difference:
     """Results of a decider minus those of the reference on the same episodes.
 
     Attributes:
-        success: mean difference in success and its 95 % bootstrap interval.
-        touches: the same for touches per search.
-        reward: the same for returns.
+        success: mean difference in success.
+        touches: the same for touches per search; None where they are not known.
+        reward: the same for returns; None where they are not known.
         mcnemar: McNemar's test of the success rates; "first" is the decider, "second" the reference.
         p_value: mid-p value of this test, corrected for the number of deciders (Holm).
         episodes_for_success: episodes at which the corrected test would detect the observed difference in success with
             80 % power, even if it is the only difference; None if there is no difference.
     """
 
-    success: tuple[float, float, float]
-    touches: tuple[float, float, float]
-    reward: tuple[float, float, float]
+    success: MeanInterval
+    touches: MeanInterval | None
+    reward: MeanInterval | None
     mcnemar: McNemar
     p_value: float
     episodes_for_success: int | None
 
 
 def differences(
-    by_decider: Mapping[str, Sequence[Episode]], reference: str, problem: SearchProblem, rng: np.random.Generator
+    success: Mapping[str, ArrayLike],
+    touches: Mapping[str, ArrayLike],
+    reward: Mapping[str, ArrayLike] | None,
+    reference: str,
+    rng: np.random.Generator,
 ) -> dict[str, Difference]:
-    """Paired differences of all other deciders to the reference.
+    """Paired differences of all other deciders to the reference, on the same N episodes in the same order.
 
     Args:
-        by_decider: episodes by decider, the same in the same order.
+        success: by decider, ``(N,)``.
+        touches: by decider, ``(N,)``; NaN where they are not known.
+        reward: returns by decider, ``(N,)``; None where they are not known.
         reference: decider that the others are compared with.
-        problem: rules of the search.
         rng: random generator of the bootstraps.
     """
-    base = by_decider[reference]
-    others = {name: episodes for name, episodes in by_decider.items() if name != reference}
+
+    def pair(values: Mapping[str, ArrayLike] | None, name: str) -> MeanInterval | None:
+        if values is None or not np.isfinite(np.array([values[name], values[reference]], float)).all():
+            return None
+        return paired_bootstrap(values[name], values[reference], rng)
+
+    others = [name for name in success if name != reference]
+    tests = {name: mcnemar_test(success[name], success[reference]) for name in others}
     level = LEVEL / max(len(others), 1)  # what Holm's correction asks of the smallest p-value
-    found = {name: _difference(episodes, base, problem, rng, level) for name, episodes in others.items()}
-    corrected = holm([difference.mcnemar.mid_p_value for difference in found.values()])
+    corrected = holm([test.mid_p_value for test in tests.values()])
     return {
-        name: replace(difference, p_value=p_value)
-        for (name, difference), p_value in zip(found.items(), corrected, strict=True)
+        name: Difference(
+            paired_bootstrap(success[name], success[reference], rng),
+            pair(touches, name),
+            pair(reward, name),
+            tests[name],
+            p_value,
+            episodes_for_success(tests[name], level),
+        )
+        for name, p_value in zip(others, corrected, strict=True)
     }
-
-
-def _difference(
-    episodes: Sequence[Episode],
-    base: Sequence[Episode],
-    problem: SearchProblem,
-    rng: np.random.Generator,
-    level: float,
-) -> Difference:
-    right, base_right = ([bool(e.success) for e in some] for some in (episodes, base))
-    rewards, base_rewards = ([e.reward(problem) for e in some] for some in (episodes, base))
-    pairs = mcnemar_test(right, base_right)
-    return Difference(
-        success=paired_bootstrap(right, base_right, rng),
-        touches=paired_bootstrap([e.num_touches for e in episodes], [e.num_touches for e in base], rng),
-        reward=paired_bootstrap(rewards, base_rewards, rng),
-        mcnemar=pairs,
-        p_value=pairs.mid_p_value,
-        episodes_for_success=episodes_for_success(pairs, level),
-    )
 
 
 def prob_best(rewards: Mapping[str, Sequence[float]], rng: np.random.Generator) -> dict[str, float]:

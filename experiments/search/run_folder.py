@@ -1,7 +1,7 @@
 """Run folder of a comparison: ``run.json``, and the finished searches of each decider and target.
 
 run.json         what determines all searches of the folder, and the latest arguments
-cells/*.jsonl    searches of a decider for a target, or what the full-information oracle solves, in batches of 25
+cells/*.jsonl    searches of a decider for a target, in batches of 25
 episodes.jsonl   the searches of the latest comparison
 
 A cell grows by one batch at a time: a line with the key of the batch, its number and a digest, then one line for each
@@ -37,10 +37,8 @@ from planners import Episode
 
 _FORMAT = 3
 _FIELDS = {"format": int, "identity": dict, "arguments": dict, "commit": str}
-ORACLE = "oracle"
-"""Stands for the full-information oracle in place of a decider."""
 Cell: TypeAlias = tuple[str, str]
-"""Name of a decider, or :data:`ORACLE`, and label of a target."""
+"""Name of a decider, and label of a target."""
 
 
 class RunMismatch(ActiveTouchError, ValueError):
@@ -152,16 +150,6 @@ class RunFolder:
             lines += batch.lines
         return lines
 
-    def cells(self) -> list[Cell]:
-        """Cells in the folder, in the order of the file names."""
-        assert self.path is not None, "only a folder is listed"
-        found = []
-        for file in sorted((self.path / "cells").glob("*.jsonl")):
-            first = next(_headers(file), None)
-            if first is not None and _file_name(cell := (first["decider"], first["target"])) == file.name:
-                found.append(cell)
-        return found
-
     def add(self, cell: Cell, key: str, number: int, batch: Batch) -> None:
         """Append a batch to a cell.
 
@@ -224,11 +212,6 @@ class RunFolder:
         known = set(lines)
         spent = {n: batch.seconds for (_, n), batch in self.batches(cell).items() if batch.lines[0] in known}
         return sum(spent.values(), Seconds())
-
-    def solved(self, target: str, most: int) -> list[bool]:
-        """Whether the full-information oracle solves the first episodes, at most so many."""
-        answers = {number: batch.lines for (_, number), batch in self.batches((ORACLE, target)).items()}
-        return [json.loads(line)["solved"] for number in sorted(answers) for line in answers[number]][:most]
 
     def write_episodes(self, lines: Iterable[str]) -> None:
         """Write ``episodes.jsonl``."""

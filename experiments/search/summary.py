@@ -13,7 +13,6 @@ from belief.problem import Confirm, SearchProblem
 from belief.statistics import wilson_interval
 from experiments.search.paired import Difference, differences, prob_best
 from experiments.search.play import Seconds
-from experiments.search.selective import Selective, selective
 from planners import Episode, Outcome
 from planners.episode import judged
 
@@ -115,9 +114,6 @@ class Summary:
         differences: each other decider minus ``reference``, over all targets.
         calibration: calibration at stopping, by decider; None for a decider that never confirmed.
         prob_best: fraction of bootstrap resamples in which the decider has the highest mean return, by decider.
-        solved: whether the full-information oracle succeeds in each of the first episodes, by target
-            (:mod:`experiments.search.oracle`).
-        selective: answers and abstention, by decider; None for a decider whose answers do not carry the statistics.
         reference: decider that the others are compared with.
     """
 
@@ -127,8 +123,6 @@ class Summary:
     differences: Mapping[str, Difference]
     calibration: Mapping[str, CalibrationAtStop | None]
     prob_best: Mapping[str, float]
-    solved: Mapping[str, Sequence[bool]]
-    selective: Mapping[str, Selective | None]
     reference: str
 
     @property
@@ -143,18 +137,13 @@ class Summary:
 
     @property
     def is_selective(self) -> bool:
-        """Whether some decider may answer "I do not know"."""
-        return any(found is not None for found in self.selective.values())
+        """Whether deciders may answer "I do not know"."""
+        return self.problem.unsure_reward is not None
 
     @property
     def pressed_again(self) -> int:
         """Number of presses that did not settle and were repeated, over all episodes."""
         return sum(self.cells[decider, ALL].seconds.pressed_again for decider in self.deciders)
-
-    @property
-    def oracle(self) -> tuple[int, int]:
-        """Number of episodes in which the full-information oracle succeeds, and on which it was run."""
-        return sum(sum(some) for some in self.solved.values()), sum(len(some) for some in self.solved.values())
 
     @property
     def no_touch_baseline(self) -> float:
@@ -169,7 +158,7 @@ class Summary:
         def key(found: Any) -> Any:
             return (names[found[0]], found[1]) if isinstance(found, tuple) else names[found]
 
-        values = {field.name: getattr(self, field.name) for field in fields(self) if field.name != "solved"}
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
         tables = {name: found for name, found in values.items() if isinstance(found, Mapping)}
         renamed: dict[str, Any] = {
             name: {key(one): value for one, value in found.items()} for name, found in tables.items()
@@ -186,7 +175,6 @@ class Summary:
         problem: SearchProblem,
         episodes: Mapping[tuple[str, str], Sequence[Episode]],
         seconds: Mapping[tuple[str, str], Seconds],
-        solved: Mapping[str, Sequence[bool]],
         reference: str,
         rng: np.random.Generator,
         **others: Any,
@@ -197,7 +185,6 @@ class Summary:
             problem: rules of the search.
             episodes: searches by (decider, target label); every decider has the same ones in the same order.
             seconds: time they took, by the same keys.
-            solved: whether the full-information oracle succeeds in each of the first episodes, by target.
             reference: decider that the others are compared with.
             rng: random generator of the bootstraps.
             others: further fields of the class.
@@ -206,6 +193,9 @@ class Summary:
         together: dict[str, list[Episode]] = {}
         for (decider, _), some in episodes.items():
             together.setdefault(decider, []).extend(some)
+        successes = {name: [bool(e.success) for e in some] for name, some in together.items()}
+        touches = {name: [e.num_touches for e in some] for name, some in together.items()}
+        returns = {name: [e.reward(problem) for e in some] for name, some in together.items()}
         for decider, some in together.items():
             spent = sum((seconds[key] for key in episodes if key[0] == decider), Seconds())
             cells[decider, ALL] = summarise(some, spent, problem)
@@ -213,11 +203,9 @@ class Summary:
             problem=problem,
             episodes=episodes,
             cells=cells,
-            differences=differences(together, reference, problem, rng),
+            differences=differences(successes, touches, returns, reference, rng),
             calibration={name: calibration_of_confirmations(some) for name, some in together.items()},
-            prob_best=prob_best({name: [e.reward(problem) for e in some] for name, some in together.items()}, rng),
-            solved=solved,
-            selective={name: selective(some, rng) for name, some in together.items()},
+            prob_best=prob_best(returns, rng),
             reference=reference,
             **others,
         )

@@ -133,14 +133,14 @@ def test_an_object_keeps_its_friction_and_stiffness_through_the_episode(rng):
 
 
 def test_a_path_stands_for_the_mesh_in_the_file(tmp_path):
-    path = tmp_path / "wedge.off"
-    path.write_text("OFF\n4 4 0\n0 0 0\n.03 0 0\n0 .03 0\n0 0 .03\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n")
+    path = tmp_path / "wedge.obj"
+    path.write_text("v 0 0 0\nv .03 0 0\nv 0 .03 0\nv 0 0 .03\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
     scene = replace(STILL, shapes={**SHAPES, "mine": path})
     assert scene.shape_labels == (*SHAPES, "mine")
     assert isinstance(scene.shapes["mine"], Mesh)
     with pytest.raises(FileNotFoundError):
         Scene(shapes={"mug": Path("no such file.stl")})
-    path.write_text("OFF\n3 1 0\n0 0 0\n.03 0 0\n0 .03 0\n3 0 2 1\n")
+    path.write_text("v 0 0 0\nv .03 0 0\nv 0 .03 0\nf 1 3 2\n")
     with pytest.raises(BadMesh, match="it is flat"):
         Scene(shapes={"mine": path})
 

@@ -7,8 +7,7 @@ import pytest
 from scipy.stats import binomtest
 
 from belief.conflict import MOST_TOUCHES, ConflictTest, log_conflict
-from belief.novelty import Novelty
-from belief.usual_misfit import UsualMisfit
+from belief.conflict_scores import Novelty, UsualMisfit
 
 D, THRESHOLD = 5, np.log(1 / 0.02)
 

@@ -18,7 +18,6 @@ from belief.observation_model import (
     RigidBodyModel,
 )
 from belief.observation_model.registry import OBSERVATION_MODELS
-from belief.out_of_distribution import MahalanobisScore, auroc
 
 pytestmark = pytest.mark.filterwarnings("ignore:logits has no negative number:UserWarning")
 FITS = {name: kind.fit for name, kind in OBSERVATION_MODELS.items()}
@@ -40,8 +39,6 @@ OF_NUMBERS = {
     "negative_log_likelihood": lambda a: metrics.negative_log_likelihood(a, TRUTH),
     "null_quantile": lambda a: metrics.null_quantile(a, metrics.brier_score, np.random.default_rng(0)),
     "calibration_at_stop": lambda a: metrics.calibration_at_stop(a[:, 0], TRUTH, TRUTH),
-    "MahalanobisScore": lambda a: MahalanobisScore.fit(a, TRUTH),
-    "auroc": lambda a: auroc(a[:2, 0], a[2:, 0]),
 }
 
 
@@ -119,7 +116,6 @@ def fitted_models():
         "OutcomeTable": OutcomeTable(np.full((2, 2, 2), 0.5)),
         "LogitEmbedding": found["plda"].embedding,
         "VectorScaling": CALIBRATIONS["vector"]().fit(logits=2.0 * np.eye(2), labels=[0, 1]),
-        "MahalanobisScore": MahalanobisScore.fit(rng.normal(size=(20, 3)), np.arange(20) % 2),
     }
 
 

@@ -24,7 +24,6 @@ from belief import (
     metrics,
     multisets,
     observation_model,
-    out_of_distribution,
     statistics,
     synthetic,
     touch_batch,
@@ -49,7 +48,6 @@ MODULES = (
     cross_validation,
     metrics,
     multisets,
-    out_of_distribution,
     observation_model,
     validation,
     selection,
@@ -168,16 +166,10 @@ CALLS = {
     "StructuredMatrixScaling": about_logits(calibration.StructuredMatrixScaling),
     "TemperatureScaling": about_logits(calibration.TemperatureScaling),
     "VectorScaling": about_logits(calibration.VectorScaling),
-    "PerPose": lambda a: calibration.PerPose().fit(a, SHAPES, np.arange(4) % 2, 2).predict_proba(a, np.arange(4) % 2),
-    "choose_calibration": lambda a: calibration.choose_calibration(
-        np.tile(a, (2, 1)), np.tile(SHAPES, 2), np.arange(8), num_folds=2
-    ).calibration.predict_proba(a),
+    "PerPose": lambda a: calibration.PerPose().fit(a, SHAPES, SHAPES % 2).predict_log_proba(a, SHAPES % 2),
     "logits_from_probs": calibration.logits_from_probs,
     # metrics
     "accuracy": lambda a: metrics.accuracy(a, SHAPES),
-    "bias_corrected_interval": lambda a: metrics.bias_corrected_interval(
-        a, SHAPES, metrics.brier_score, rng(), num_resamples=3
-    ),
     "brier_score": lambda a: metrics.brier_score(a, SHAPES),
     "calibration_report": lambda a: metrics.calibration_report(a, SHAPES, num_resamples=2),
     "calibration_at_stop": lambda a: metrics.calibration_at_stop(a[:, 0], a[:, 1] > 0.5, np.arange(4)),
@@ -188,13 +180,8 @@ CALLS = {
     "null_quantile": lambda a: metrics.null_quantile(a, metrics.brier_score, rng(), num_resamples=3),
     "reliability_curve": lambda a: metrics.reliability_curve(a, SHAPES, binning="mass"),
     "reliability_diagram": lambda a: metrics.reliability_diagram(a, SHAPES, figure.Figure().subplots()),
-    "risk_coverage": lambda a: metrics.risk_coverage(a[:, 0], a[:, 1] > 0.5, rng(), num_resamples=3),
     "shape_scores": lambda a: metrics.shape_scores(a[:3]),
     "smooth_calibration_error": lambda a: metrics.smooth_calibration_error(a, SHAPES),
-    # novelty
-    "MahalanobisScore": lambda a: out_of_distribution.MahalanobisScore.fit(a, SHAPES).score(a),
-    "auroc": lambda a: out_of_distribution.auroc(a[0], a[1]),
-    "auroc_interval": lambda a: out_of_distribution.auroc_interval(a[0], a[1]),
     # observation models
     "ConfusionModel": lambda a: (likelihood(observation_model.ConfusionModel)(a), world(a).log_likelihood(touches(a))),
     "GaussianModel": lambda a: (
@@ -296,7 +283,6 @@ CALLS = {
 }
 NO_NUMBERS = {
     "check_observation_model": "of a model",
-    "losses_table": "prints losses",
     "SceneView": "of a scene",
     "at": "an index",
     "pose_count": "indices",
@@ -320,7 +306,7 @@ def is_made_by_others(kind):
         or getattr(kind, "_is_protocol", False)
         or (is_dataclass(kind) and not hasattr(kind, "__post_init__") and not methods)
         or issubclass(kind, Tabular)
-        or kind in (metrics.CalibrationReport, metrics.ReliabilityCurve, metrics.RiskCoverage)
+        or kind in (metrics.CalibrationReport, metrics.ReliabilityCurve)
     )
 
 

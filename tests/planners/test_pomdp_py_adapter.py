@@ -84,9 +84,8 @@ def test_the_belief_knows_what_may_have_been_given_away():
         assert given_away == pytest.approx(scene.belief(0).probs[0])  # the chance that the first object was the target
 
 
-@pytest.mark.parametrize("kind", ["Pouct", "Pomcp"])
-def test_pythons_own_generator_is_left_as_it_was_and_plays_no_part(kind):
-    decider = getattr(adapter, kind)(TABLE, 60)
+def test_pythons_own_generator_is_left_as_it_was_and_plays_no_part():
+    decider = adapter.Pouct(TABLE, 60)
     problem = problem_of()
     info = InformationState(problem, 0, Belief.uniform(tuple("abc")))
     decisions = []
@@ -99,9 +98,8 @@ def test_pythons_own_generator_is_left_as_it_was_and_plays_no_part(kind):
     assert decider.decide(info, np.random.default_rng(4)) != decisions[0]
 
 
-@pytest.mark.parametrize("kind", ["Pouct", "Pomcp"])
-def test_enough_simulations_touch_when_unsure_and_stop_when_sure(kind):
-    decider = getattr(adapter, kind)(TABLE, 400)
+def test_enough_simulations_touch_when_unsure_and_stop_when_sure():
+    decider = adapter.Pouct(TABLE, 400)
     problem = problem_of(Composition.INDEPENDENT, 1)
     for probs, expected in (([0.5, 0.3, 0.2], Probe), ([0.995, 0.005, 0], Confirm), ([0.005, 0.99, 0.005], Reject)):
         info = InformationState(problem, 0, Belief.from_probs(tuple("abc"), probs))
@@ -148,9 +146,8 @@ def test_no_touch_is_planned_where_those_of_the_search_are_used():
         scene.update(0, [Touch(0, np.log([0.1, 0.5, 0.4]))])
 
 
-@pytest.mark.parametrize("kind", ["Pouct", "Pomcp"])
-def test_several_threads_decide_as_each_would_alone(kind):
-    decider, problem = getattr(adapter, kind)(TABLE, 120), problem_of()
+def test_several_threads_decide_as_each_would_alone():
+    decider, problem = adapter.Pouct(TABLE, 120), problem_of()
     infos = [
         InformationState(problem, 0, Belief.from_probs(tuple("abc"), [p, 0.9 - p, 0.1])) for p in (0.2, 0.4, 0.6, 0.7)
     ]
@@ -174,20 +171,18 @@ def test_poses_that_cannot_pay_are_not_touched(sharpness):
     problem = SearchProblem(("a", "b"), ("p", "q", "r"), 2, "independent")
     assert adapter.useful_poses(problem, table) == []
     info = InformationState(problem, 0, Belief.uniform(("a", "b")))
-    for decider in (adapter.Pouct(table, 300), adapter.Pomcp(table, 300)):
-        assert not isinstance(decider.decide(info, np.random.default_rng(0)).action, Probe)
+    assert not isinstance(adapter.Pouct(table, 300).decide(info, np.random.default_rng(0)).action, Probe)
 
 
-@pytest.mark.parametrize("kind", ["Pouct", "Pomcp"])
 @pytest.mark.parametrize("better", [0, 1])
-def test_more_simulations_make_a_wrong_first_pose_rarer(kind, better):
+def test_more_simulations_make_a_wrong_first_pose_rarer(better):
     """With the least exploration for any number, POUCT chose the worse of the first two for 5 seeds of 30."""
     poses = [[[0.55, 0.45], [0.45, 0.55]], [[0.55, 0.45], [0.45, 0.55]]]
     poses[better] = [[0.9, 0.1], [0.1, 0.9]]
     info = InformationState(SearchProblem(("a", "b"), POSES, 1, "independent"), 0, Belief.uniform(("a", "b")))
     wrong = {}
     for simulations in (50, 400):
-        decider = getattr(adapter, kind)(OutcomeTable(poses), simulations)
+        decider = adapter.Pouct(OutcomeTable(poses), simulations)
         chosen = [decider.decide(info, np.random.default_rng(seed)).action for seed in range(30)]
         wrong[simulations] = sum(action != Probe(better) for action in chosen)
     assert wrong[400] < wrong[50] / 4

@@ -8,8 +8,8 @@ import pytest
 
 from activetouch import RecordedSensor, TactileSensor
 from activetouch.errors import BadRecording
-from activetouch.formats import SessionTouches, read_lerobot, read_mcap, write_lerobot, write_mcap
 from activetouch.recorded import read_recorded
+from activetouch.recorded.session_log import logged_touches
 from belief import Probe
 from benchmarks.recorded_sets.cy101 import read_cy101
 from benchmarks.recorded_sets.sdh2 import read_sdh2
@@ -77,22 +77,13 @@ def test_sessions_find_objects_by_grasps_that_nothing_was_trained_on(sensor, gra
     assert right >= 3
 
 
-def test_logs_that_cannot_be_exported_are_refused(sensor, held, tmp_path):
-    session = sensor.session(held[0][0], num_objects=4, log=tmp_path / "log.jsonl")
-    with pytest.raises(BadRecording, match=r"logs must be of one touch or more.*log\.jsonl"):
-        SessionTouches.of_logs([tmp_path / "log.jsonl"])
-    session.tell(sensor.read(np.zeros((1, 72)), [0])[0])
-    session.close()
-    with pytest.raises(BadRecording, match=r"touch 0 in .*log\.jsonl must be told with an image"):
-        SessionTouches.of_logs([tmp_path / "log.jsonl"])
+def test_a_damaged_log_is_refused_by_name(tmp_path):
     (tmp_path / "log.jsonl").write_text("{}")
     with pytest.raises(BadRecording, match=r"log\.jsonl"):
-        SessionTouches.of_logs([tmp_path / "log.jsonl"])
+        logged_touches(tmp_path / "log.jsonl")
 
 
-def test_a_session_with_a_log_goes_on_as_if_nothing_had_happened_and_its_touches_are_exported(
-    sensor, grasps, held, tmp_path
-):
+def test_a_session_with_a_log_goes_on_as_if_nothing_had_happened(sensor, grasps, held, tmp_path):
     names, last = held
     table, log = [3, 0, 2, 1], tmp_path / "today.jsonl"
     whole = played(sensor.session(names[0], num_objects=4), table, grasps, last)
@@ -104,19 +95,12 @@ def test_a_session_with_a_log_goes_on_as_if_nothing_had_happened_and_its_touches
     assert again.ask() == whole[3]
     again.reveal([names[index] for index in table])
     again.close()
-    touches = SessionTouches.of_logs([log])
-    size = sum(isinstance(action, Probe) for action in begun)
-    assert touches.targets == (names[0],)
-    assert touches.shapes == tuple(names[table[index]] for index in touches.objects)
-    assert touches.images.shape == (size, 72)
-    for image, shape in zip(touches.images, touches.shapes, strict=True):
-        assert (image == grasps.features[grasps.objects == names.index(shape)]).all(axis=1).any()
-    write_lerobot(tmp_path / "dataset", touches)
-    write_mcap(tmp_path / "touches.mcap", touches)
-    for read in (read_lerobot(tmp_path / "dataset"), read_mcap(tmp_path / "touches.mcap")):
-        assert read.images.tobytes() == touches.images.tobytes()
-        assert read.times.tobytes() == touches.times.tobytes()
-        assert read.pose_labels == sensor.pose_labels
+    header, touches = logged_touches(log)
+    assert header["target"] == names[0]
+    assert len(touches) == sum(isinstance(action, Probe) for action in begun)
+    for touch in touches:
+        assert touch.label == names[table[touch.object_index]]
+        assert (touch.arrays["image"] == grasps.features[grasps.objects == names.index(touch.label)]).all(axis=1).any()
 
 
 @pytest.mark.parametrize(("name", "task"), [("cy101", "categories"), ("sdh2", "shapes")])

@@ -6,7 +6,6 @@ from belief.errors import ActiveTouchError
 from belief.files import sealed_json
 from experiments.cli import _parsed
 from experiments.scene_choice import SceneChoice
-from experiments.search.compare import Compare
 from experiments.search.replay import Replay
 from experiments.search.run import Run
 from experiments.search.run_folder import RunFolder
@@ -49,7 +48,6 @@ def stop(*_, **__):
 READERS = {
     "compare": lambda path: _parsed(["compare", "--config", str(path / "run.json"), "--out", str(path)]).run(),
     "replay": lambda path: Replay(path, out=path / "search.png").run(),
-    "merge": lambda path: Compare(merge=(path,), out=path / "merged").run(),
 }
 
 

@@ -139,7 +139,7 @@ def test_a_decider_that_a_script_defines_plays_in_worker_processes(tmp_path):
 @pytest.mark.parametrize(
     ("deciders", "error", "words"),
     [
-        ({"oracle": "threshold"}, BadArgument, "another name"),
+        ({"": "threshold"}, BadArgument, "empty name"),
         ({"mine": 3}, BadArgument, "no method decide"),
         (["thresold"], UnknownName, "threshold"),
         ([], BadArgument, "got none"),

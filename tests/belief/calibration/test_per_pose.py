@@ -1,6 +1,4 @@
-"""Folds of whole objects, the choice between calibrations, and calibrations of every pose."""
-
-import dataclasses
+"""Folds of whole objects, and calibrations of every pose."""
 
 import numpy as np
 import pytest
@@ -14,19 +12,10 @@ from belief.calibration import (
     StructuredMatrixScaling,
     TemperatureScaling,
     VectorScaling,
-    choose_calibration,
 )
 from belief.cross_validation import object_folds
 
 LABELS = ("cube", "sphere", "cone")
-
-
-def sample(rng, n=600, bias=0.0):
-    """Logits at T = 2, the last shape underrated by the bias; three touches of every object."""
-    objects = np.arange(n) // 3
-    labels = objects % 3
-    logits = 2.0 * (2.0 * np.eye(3)[labels] - rng.gumbel(size=(n, 3)) - bias * np.eye(3)[2])
-    return logits, labels, objects
 
 
 def sample_of_poses(rng, n=6000):
@@ -67,74 +56,6 @@ def test_folds_that_cannot_be_dealt_are_refused(shapes, ids, num_folds, message)
         object_folds(shapes, ids, num_folds)
 
 
-def test_a_biased_classifier_gets_a_bias_and_a_merely_loud_one_a_temperature(rng):
-    loud = choose_calibration(*sample(rng))
-    biased = choose_calibration(*sample(rng, bias=1.5))
-    assert loud.losses["temperature"] < loud.losses["vector"] + 0.01
-    assert biased.name != "temperature"
-    assert biased.losses[biased.name] < biased.losses["temperature"] - 0.02
-    assert biased.calibration.bias[2] > biased.calibration.bias[0] + 0.5
-
-
-def test_the_losses_are_those_of_objects_left_out(rng):
-    logits, labels, objects = sample(rng, n=60)
-    choice = choose_calibration(logits, labels, objects, {"T": TemperatureScaling(), "V": VectorScaling()}, num_folds=4)
-    folds = object_folds(labels, objects, 4)
-    for name, calibration in {"T": TemperatureScaling(), "V": VectorScaling()}.items():
-        losses = np.zeros(60)
-        for fold in range(4):
-            fitted = calibration.fit(logits[folds != fold], labels[folds != fold])
-            for row in np.flatnonzero(folds == fold):
-                losses[row] = -fitted.predict_log_proba(logits[row])[labels[row]]
-        assert choice.losses[name] == pytest.approx(losses.mean(), rel=1e-12)
-    best = {"T": TemperatureScaling, "V": VectorScaling}[choice.name]().fit(logits, labels)
-    np.testing.assert_array_equal(choice.calibration.predict_proba(logits), best.predict_proba(logits))
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        choice.name = "other"
-
-
-def test_the_choice_is_the_same_every_time_and_in_any_order(rng):
-    logits, labels, objects = sample(rng, bias=0.3)
-    order = rng.permutation(len(labels))
-    first, again = (choose_calibration(logits, labels, objects) for _ in range(2))
-    shuffled = choose_calibration(logits[order], labels[order], objects[order])
-    assert first.losses == again.losses
-    assert shuffled.losses == pytest.approx(first.losses, rel=1e-10)
-    assert first.name == again.name == shuffled.name
-
-
-def test_of_equal_candidates_the_first_is_taken(rng):
-    candidates = {"b": TemperatureScaling(), "a": TemperatureScaling()}
-    assert choose_calibration(*sample(rng, n=60), candidates).name == "b"
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"candidates": {}}, "no candidates to choose from; try temperature, vector"),
-        ({"num_folds": 1}, "num_folds must be .* at least 2, got 1"),
-        ({"num_folds": 21}, "between 1 and 20 folds for 20 objects"),
-    ],
-)
-def test_a_comparison_that_cannot_be_made_is_refused(rng, options, message):
-    with pytest.raises(ValueError, match=message):
-        choose_calibration(*sample(rng, n=60), **options)
-
-
-@given(
-    arrays(np.float64, (6, 3), elements=st.sampled_from([0.0, 1.0, 5e-324, -1e308, 1e308, np.nan, -np.inf])),
-    arrays(np.int64, 6, elements=st.integers(0, 2)),
-)
-def test_no_numbers_make_a_nan_of_a_loss(logits, labels):
-    if not np.isfinite(logits).all():
-        with pytest.raises(ValueError, match="not finite"):
-            choose_calibration(logits, labels, np.arange(6), num_folds=3)
-        return
-    choice = choose_calibration(logits, labels, np.arange(6), num_folds=3)
-    assert not np.isnan(list(choice.losses.values())).any()
-    assert np.isfinite(choice.calibration.predict_log_proba(logits)).all()
-
-
 @pytest.mark.parametrize("name", CALIBRATIONS)
 def test_poses_that_differ_get_calibrations_that_differ(name, rng):
     logits, labels, poses = sample_of_poses(rng)
@@ -150,7 +71,7 @@ def test_temperatures_of_poses_are_averaged_in_their_inverse(rng):
     fitted = PerPose(TemperatureScaling(), pooling=150.0).fit(logits, labels, poses)
     for pose in (0, 1):
         n = (poses == pose).sum()
-        inverse = (n / fitted.by_pose[pose].temperature + 150.0 / fitted.pooled.temperature) / (n + 150.0)
+        inverse = (n / fitted.fitted[1 + pose].temperature + 150.0 / fitted.fitted[0].temperature) / (n + 150.0)
         expected = TemperatureScaling(1.0 / inverse, "ok").predict_log_proba(logits[:9])
         np.testing.assert_allclose(fitted.predict_log_proba(logits[:9], [pose] * 9), expected, atol=1e-12)
 
@@ -159,11 +80,11 @@ def test_poses_with_few_touches_keep_near_the_pooled_calibration(rng):
     logits, labels, poses = sample_of_poses(rng, n=500)
     poses[:2] = 2  # two touches in pose 2, none in pose 3
     fitted = PerPose().fit(logits, labels, poses, num_poses=4)
-    pooled = fitted.pooled.predict_proba(logits)
+    pooled = fitted.fitted[0].predict_log_proba(logits)
     assert fitted.num_touches[2:] == (2, 0)
-    np.testing.assert_allclose(fitted.predict_proba(logits, np.full(500, 3)), pooled, atol=1e-14)
-    np.testing.assert_allclose(fitted.predict_proba(logits, np.full(500, 2)), pooled, atol=0.05)
-    assert np.abs(fitted.predict_proba(logits, np.full(500, 1)) - pooled).max() > 0.1
+    np.testing.assert_allclose(fitted.predict_log_proba(logits, np.full(500, 3)), pooled, atol=1e-13)
+    np.testing.assert_allclose(fitted.predict_log_proba(logits, np.full(500, 2)), pooled, atol=0.3)
+    assert np.abs(fitted.predict_log_proba(logits, np.full(500, 1)) - pooled).max() > 0.1
 
 
 def test_without_pooling_every_pose_stands_alone(rng):
@@ -173,7 +94,9 @@ def test_without_pooling_every_pose_stands_alone(rng):
     np.testing.assert_allclose(
         fitted.predict_log_proba(logits, np.ones(500, int)), alone.predict_log_proba(logits), atol=1e-12
     )
-    np.testing.assert_allclose(fitted.predict_proba(logits, np.full(500, 2)), fitted.pooled.predict_proba(logits))
+    np.testing.assert_allclose(
+        fitted.predict_log_proba(logits, np.full(500, 2)), fitted.fitted[0].predict_log_proba(logits)
+    )
 
 
 @given(
@@ -198,8 +121,8 @@ def test_whatever_the_numbers_there_is_an_error_or_a_distribution(logits, labels
     [
         ([0, -1], r"poses?.* -1"),
         ([2, 0], r"poses?.* 2"),
-        ([0.0, 1.0], "integer pose for each of 2 rows"),
-        ([0], "integer pose for each of 2 rows"),
+        ([0.0, 1.0], "poses must be integers"),
+        ([0], r"a pose for each( of 2)? row"),
     ],
 )
 def test_poses_that_are_not_known_are_refused(poses, message):
@@ -218,8 +141,8 @@ def test_what_was_not_fitted_or_makes_no_sense_is_refused():
         PerPose(pooling=-1.0)
     with pytest.raises(ValueError, match="need logits"):
         PerPose().fit([[0.0, 2.0]], [0], [0]).predict_log_proba([0.0, 2.0], [0])
-    with pytest.raises(ValueError, match="one for every pose"):
-        PerPose(by_pose=(TemperatureScaling(),))
+    with pytest.raises(ValueError, match="each of 0 poses"):
+        PerPose(fitted=(TemperatureScaling(),) * 2)
     two, three = (VectorScaling().fit(2.0 * np.eye(k), np.arange(k)) for k in (2, 3))
-    with pytest.raises(ValueError, match="other numbers of shapes than 3"):
-        PerPose(VectorScaling(), 1.0, three, (two,), (2,))
+    with pytest.raises(ValueError, match="got 2 for"):
+        PerPose(VectorScaling(), 1.0, (three, two), (2,))
