@@ -28,11 +28,11 @@ from numpy.typing import ArrayLike, NDArray
 from activetouch.distributions import Variation
 from activetouch.errors import BadMesh, UnstablePress
 from activetouch.hand import Hand, hand_named
-from activetouch.hypotheses import Bodies, member_shares, sizes
+from activetouch.hypotheses import Bodies, sizes
 from activetouch.mesh_source import MeshSource
 from activetouch.orientations import Presentation, Tumbled
 from activetouch.placement import Placement, WorldObject
-from activetouch.poses import POSE_SETS, POSES, Quaternion, checked_aims, require_unit, to_matrix
+from activetouch.poses import POSE_SETS, POSES, Quaternion, checked_aims, require_unit
 from activetouch.pressing.contact import Contact, PressedObject, missed
 from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.pad import Pad
@@ -42,10 +42,8 @@ from activetouch.rendering import Fault, Gain, Noise, PressureRenderer, TactileR
 from activetouch.rendering.faults import require_faults
 from activetouch.rendering.renderer import require_image, require_renderer
 from activetouch.shapes import SHAPES
-from activetouch.solids.family import Family
 from activetouch.solids.mirror import is_own_mirror_image
 from activetouch.solids.solid import Shape, require_hash
-from activetouch.solids.twins import warn_of_twins
 from belief.errors import InvalidArgument, UnknownName
 from belief.naming import Name, few, index_of, one_line
 from belief.validation import require_count
@@ -70,8 +68,7 @@ class Scene:
 
     Attributes:
         shapes: the shapes an object may have, by label; their order is the shape index. A path, or text such as
-            ``"mug.obj@0.001"``, stands for the solid in that mesh file (:mod:`activetouch.mesh_source`). Objects
-            whose shape is a :class:`activetouch.shapes.Family` differ in their proportions.
+            ``"mug.obj@0.001"``, stands for the solid in that mesh file (:mod:`activetouch.mesh_source`).
         poses: the exploration poses, by label; their order is the pose index. A name stands for a set of
             :data:`activetouch.poses.POSE_SETS`: ``"mix"`` or ``"directions26"``.
         pad: the tactile pad.
@@ -87,12 +84,9 @@ class Scene:
             to the axis where nothing is said. The offset of the variation is added. :func:`activetouch.poses.aimed`
             makes poses and aims.
         hand: whose pads close on the object in each pose, quasistatically or by ``Closing``; None for the pad alone.
-
-    Warns:
-        MeshWarning: two meshes are alike, see :func:`activetouch.solids.twins.find_twins`; once a process.
     """
 
-    shapes: Mapping[str, Shape | Family | Path | str] = field(default_factory=lambda: SHAPES)
+    shapes: Mapping[str, Shape | Path | str] = field(default_factory=lambda: SHAPES)
     poses: Mapping[str, Quaternion] | str = field(default_factory=lambda: POSES)
     pad: Pad = field(default_factory=Pad)
     press_model: Press = field(default_factory=Dynamic)
@@ -126,11 +120,6 @@ class Scene:
                     f"the shape {label!r} is {solid!r}; a shape is a solid such as Sphere(0.02), or the path of a mesh "
                     "file (STL, OBJ, PLY); 'mug.stl@0.001' is the text for one in millimetres"
                 )
-        if self.parking and self.families:
-            raise InvalidArgument(
-                "parking loads all objects into one model, but "
-                f"the proportions of {', '.join(self.families)} are drawn later; leave parking out"
-            )
         require_renderer(self.renderer)
         require_faults(self.faults)
         for name, kind in (("pad", Pad), ("variation", Variation)):
@@ -149,7 +138,6 @@ class Scene:
         if getattr(self.press_model, "moves", False):  # in a MuJoCo model, which is kept by its shape
             for label, solid in self.solids.items():
                 require_hash(label, solid)
-        warn_of_twins(self.solids, self.variation.size.support)
 
     def __eq__(self, other: object) -> bool:
         """Whether all parts are equal, with shapes and poses in the same order."""
@@ -175,14 +163,8 @@ class Scene:
 
     @property
     def solids(self) -> Mapping[str, Shape]:
-        """The shapes by label, all of them solids: those of mesh files, and the nominal solids of families."""
-        solids = {label: shape.nominal if isinstance(shape, Family) else shape for label, shape in self.shapes.items()}
-        return cast(Mapping[str, Shape], solids)
-
-    @property
-    def families(self) -> Mapping[str, Family]:
-        """The shapes whose proportions differ from object to object, by label."""
-        return {label: shape for label, shape in self.shapes.items() if isinstance(shape, Family)}
+        """The shapes by label, all of them solids: also those of mesh files."""
+        return cast(Mapping[str, Shape], self.shapes)
 
     @property
     def rotations(self) -> Mapping[str, Quaternion]:
@@ -206,10 +188,10 @@ class Scene:
 
     @property
     def image_shape(self) -> tuple[int, ...]:
-        """Of one image, ``(H, W)`` or ``(H, W, 3)``; of a grasp as :meth:`activetouch.hand.Hand.joined` makes it."""
+        """Of one image, ``(H, W)`` or ``(H, W, 3)``; of a grasp, those of its fingers side by side."""
         height, width, *channels = self.image(missed(self.pad)).shape
         if self.hand is not None:
-            width = len(self.hand) * (width + (self.hand.travel is not None))
+            width *= len(self.hand)
         return height, width, *channels
 
     @property
@@ -258,11 +240,11 @@ class Scene:
         return one_line(Scene, few(self.shape_labels), f"{len(self.poses)} poses", *names)
 
     def sample_object(self, shape: Name, rng: np.random.Generator) -> WorldObject:
-        """An object with random size, surface and orientation, and random proportions if its shape is a family.
+        """An object with random size, surface and orientation.
 
         Args:
             shape: its label or index.
-            rng: of its size, surface and orientation, then of its proportions, and of its position if a hand keeps it.
+            rng: of its size, surface and orientation.
 
         Raises:
             UnknownName: the scene has no shape of that name.
@@ -270,45 +252,14 @@ class Scene:
         shape_index = index_of("shape", self.shape_labels, shape)
         vary = self.variation
         scale, friction, stiffness = vary.size.sample(rng), vary.friction.sample(rng), vary.stiffness.sample(rng)
-        rest, family = self.presentation.rest(rng), self.families.get(self.shape_labels[shape_index])
-        member = family.sample(rng) if family else None
-        is_kept = self.hand is not None and self.hand.offset == "kept"
-        offset = np.array([vary.offset.sample(rng) for _ in range(3)]) if is_kept else None
-        return WorldObject(shape_index, scale, rest, friction, stiffness, member, offset)
-
-    def bodies(self, shape: Name, shares: NDArray[np.float64]) -> tuple[tuple[Shape, ...], NDArray[np.int64]]:
-        """The solids of hypotheses of a shape, and which of them each hypothesis has.
-
-        Hypotheses of a family share at most 64 members, so that geometry need not be computed for each hypothesis. Any
-        other shape has one solid.
-
-        Args:
-            shape: label or index.
-            shares: where each hypothesis is in a family, ``(N,)``, from :func:`activetouch.hypotheses.member_shares`.
-                It is the same for all shapes; a part of it gives a part of the hypotheses.
-
-        Returns:
-            The M different solids at nominal size, and for each hypothesis the index of one, ``(N,)``.
-
-        Raises:
-            UnknownName: the scene has no shape of that name.
-            InvalidArgument: the shares are not in [0, 1).
-        """
-        if not ((shares >= 0.0) & (shares < 1.0)).all():  # False for NaN
-            raise InvalidArgument(
-                f"shares must be in [0, 1), from activetouch.hypotheses.member_shares; got {shares!r:.80}"
-            )
-        label = self.shape_labels[index_of("shape", self.shape_labels, shape)]
-        if label in self.families:
-            return self.families[label].bodies(shares)
-        return (self.solids[label],), np.zeros(len(shares), np.int64)
+        return WorldObject(shape_index, scale, self.presentation.rest(rng), friction, stiffness)
 
     def hypotheses(self, num: int) -> Bodies:
         """Hypotheses about an object, as many as asked for, the same for all shapes.
 
         They cover the orientations and sizes of objects evenly.
         """
-        return Bodies(self.presentation.rests(num), sizes(self.variation.size, num), member_shares(num))
+        return Bodies(self.presentation.rests(num), sizes(self.variation.size, num))
 
     def with_pose(self, quaternion: ArrayLike, aim: ArrayLike) -> Scene:
         """The scene with one more pose, the last: a quaternion (w, x, y, z), and an aim along y and z [m]."""
@@ -325,7 +276,7 @@ class Scene:
         if label in self.aims:
             offset += self.aims[label]
         shown = self.presentation.shown(obj.orientation, self.rotations[label], rng)
-        solid = self.solids[self.shape_labels[obj.shape_index]] if obj.member is None else obj.member
+        solid = self.solids[self.shape_labels[obj.shape_index]]
         return Placement(solid, obj.scale, shown, offset, obj.friction, obj.stiffness)
 
     def contact(self, placement: Placement, rng: np.random.Generator) -> Contact:
@@ -385,16 +336,10 @@ class Scene:
         found = hand.close(in_palm, depth, self.variation.force.sample(force_rng), self.setup, self.press_model)
         ideals = [self.image(contact) for contact in found.contacts]
         images = [read_out(ideal, self.faults, rng) for ideal in ideals]
-        stops = np.zeros(len(hand)) if hand.travel is None else rng.normal(np.nan_to_num(found.stops), hand.travel)
-        image, ideal = hand.joined(images, stops), np.concatenate(ideals, axis=1)
+        image, ideal = np.concatenate(images, axis=1), np.concatenate(ideals, axis=1)
         return PressedObject(found.contacts[0], image, 0, in_palm, ideal, found.contacts)
 
     def place_in_palm(self, obj: WorldObject, pose: Name, rng: np.random.Generator) -> tuple[Placement, float]:
         """An object in the palm, in front of a finger that is not turned, and its depth along the palm's x axis [m]."""
-        in_palm, hand = self.place(obj, pose, rng), self.hand
-        depth = self.variation.offset.sample(rng) if hand and (len(hand) > 1 or hand.travel is not None) else 0.0
-        if obj.offset is not None:
-            index = index_of("pose", self.pose_labels, pose)
-            depth, *across = to_matrix(self.rotations[self.pose_labels[index]]) @ obj.offset
-            in_palm = replace(in_palm, offset=self.aim_offsets[index] + across)
-        return in_palm, depth
+        in_palm = self.place(obj, pose, rng)
+        return in_palm, self.variation.offset.sample(rng) if self.hand and len(self.hand) > 1 else 0.0

@@ -68,10 +68,6 @@ def lock(handle: int, in_use: str) -> bool:
 
     Raises:
         CannotWrite: another handle has the lock; this one was closed.
-
-    >>> import tempfile
-    >>> with tempfile.TemporaryFile() as file:
-    ...     _ = lock(file.fileno(), "in use")
     """
     try:
         import fcntl

@@ -237,29 +237,10 @@ def log_conflict(log_bets: Iterable[Floats]) -> float:
 
     Args:
         log_bets: of each object; 0.0 for none.
-
-    >>> log_conflict([]), round(log_conflict([np.log([3.0, 0.5]), np.log([3.0, 0.5])]), 3)
-    (0.0, 1.531)
     """
     total = sum(log_bets, start=np.zeros(1))
     largest = total.max()
     return float(largest + np.log(np.exp(total - largest).mean()))
-
-
-def log_stranger(log_bets: Floats) -> float:
-    """Log e-value of an object's touches against "it has a known shape": what bets on a high misfit alone have won.
-
-    A stranger looks familiar from each side, but its sides do not fit one body (decision 0057).
-
-    Args:
-        log_bets: of the object; those of another test than :class:`ConflictTest` all count.
-
-    >>> bets = np.zeros(12)
-    >>> bets[1:3] = 2.0
-    >>> log_stranger(bets), log_stranger(np.ones(3))
-    (2.0, 1.0)
-    """
-    return log_conflict([log_bets[_ON_MISFIT] if len(log_bets) == _NUM_BETS else log_bets])
 
 
 def continued_bets(log_bets: ArrayLike, like: ArrayLike | None) -> Floats:
@@ -271,9 +252,6 @@ def continued_bets(log_bets: ArrayLike, like: ArrayLike | None) -> Floats:
 
     Raises:
         ValueError: a number is not finite, or their number is not that of the model's strategies.
-
-    >>> continued_bets(0.0, np.zeros(3)), continued_bets([0.5, -0.5, 0.0], np.zeros(3))
-    (array([0., 0., 0.]), array([ 0.5, -0.5,  0. ]))
     """
     given, wanted = np.asarray(log_bets, np.float64), np.zeros(1) if like is None else np.zeros(np.shape(like))
     if given.shape not in ((), wanted.shape) or not np.isfinite(given).all():
@@ -285,7 +263,6 @@ def continued_bets(log_bets: ArrayLike, like: ArrayLike | None) -> Floats:
 
 
 _NUM_BETS = 12
-_ON_MISFIT = slice(1, 3)  # the strategies without a bet on novelty
 
 
 def _bets(logs: Floats, step: int) -> Floats:

@@ -69,9 +69,5 @@ def _loaded(value: Any) -> Any:
 
 
 def is_standard(name: str) -> bool:
-    """Whether a module belongs to the Python standard library.
-
-    >>> is_standard("hashlib"), is_standard("belief.identity")
-    (True, False)
-    """
+    """Whether a module belongs to the Python standard library."""
     return name.partition(".")[0] in sys.stdlib_module_names

@@ -44,9 +44,6 @@ def checked_names(name: str, labels: Sequence[str]) -> tuple[str, ...]:
 
     Raises:
         InvalidArgument: it is empty, holds something else than strings, or has a label twice.
-
-    >>> checked_names("shape_labels", ["cube", "cone"])
-    ('cube', 'cone')
     """
     names = labels if isinstance(labels, str) else tuple(labels)
     if isinstance(names, str) or not names or not all(isinstance(label, str) for label in names):
@@ -71,11 +68,7 @@ def seed_words(seed: int | Sequence[int]) -> tuple[int, ...]:
 
 
 def one_line(cls: type, *parts: str) -> str:
-    """A representation of an object in at most 118 characters.
-
-    >>> one_line(int, "cone", "front")
-    'int(cone, front)'
-    """
+    """A representation of an object in at most 118 characters."""
     text = f"{cls.__name__}({', '.join(parts)})"
     return text if len(text) <= _WIDTH else f"{text[: _WIDTH - 2]}…)"
 

@@ -114,12 +114,7 @@ class Reference:
 
 
 def look_in(folder: str) -> None:
-    """Put a folder last in the module search path, where it hides no installed module.
-
-    >>> look_in(str(Path.cwd()))
-    >>> str(Path.cwd()) in sys.path
-    True
-    """
+    """Put a folder last in the module search path, where it hides no installed module."""
     if folder not in sys.path:
         sys.path.append(folder)
     importlib.invalidate_caches()
@@ -188,9 +183,5 @@ def find(what: str, text: str, registry: Mapping[str, Any], group: str) -> tuple
 
 
 def entry_point_names(group: str) -> dict[str, str]:
-    """Entry points of a group in installed packages: ``module:attribute`` by name.
-
-    >>> entry_point_names("console_scripts")["activetouch"]
-    'experiments.cli:main'
-    """
+    """Entry points of a group in installed packages: ``module:attribute`` by name."""
     return {entry.name: entry.value for entry in entry_points(group=group)}

@@ -26,7 +26,7 @@ class ReadableScene:
 
     >>> from belief import SceneBelief
     >>> sorted(name for name in {*dir(SceneBelief)} - {*dir(ReadableScene)} if not name.startswith("_"))
-    ['supposing', 'update', 'view']
+    ['update', 'view']
 
     Attributes:
         labels: names of the K shapes.

@@ -30,11 +30,7 @@ from belief.scene_view import UNKNOWN
 
 
 class Outcome(StrEnum):
-    """How a search ended.
-
-    >>> [outcome.value for outcome in Outcome]
-    ['confirmed', 'exhausted', 'truncated', 'unsure']
-    """
+    """How a search ended."""
 
     CONFIRMED = "confirmed"
     EXHAUSTED = "exhausted"

@@ -53,13 +53,6 @@ def checked_key(key: int | Sequence[int]) -> tuple[int, ...]:
     """The key as a tuple of Python integers; raises InvalidArgument for a number that is not an integer ≥ 0.
 
     A single number is a key of one.
-
-    >>> checked_key(3)
-    (3,)
-    >>> checked_key([3, -1])
-    Traceback (most recent call last):
-    ...
-    belief.errors.InvalidArgument: seeds and keys must be integers ≥ 0, got -1 in [3, -1]
     """
     try:
         numbers = tuple(operator.index(number) for number in (key if isinstance(key, Iterable) else [key]))

@@ -26,9 +26,6 @@ def as_real(values: ArrayLike, name: str) -> NDArray[np.floating]:
 
     Raises:
         ValueError: text, booleans, objects, complex numbers, masked entries, or lists of different lengths.
-
-    >>> as_real([1, 0], "probs").dtype
-    dtype('float64')
     """
     array = unmasked(values, name)
     if array.dtype.kind not in "fiu":
@@ -40,10 +37,7 @@ def as_real(values: ArrayLike, name: str) -> NDArray[np.floating]:
 
 
 def warn_of_probs(values: NDArray[np.floating], name: str, instead: str) -> None:
-    """A UserWarning, at the caller of the caller's caller, about logarithms ``(..., K)`` that look like probabilities.
-
-    >>> warn_of_probs(np.array([[0.5, -0.5]]), "logits", "take logarithms")  # no probabilities: no warning
-    """
+    """A UserWarning, three callers up, about logarithms ``(..., K)`` that look like probabilities."""
     if _may_be_probs(values):
         warnings.warn(f"{name} has no negative number and sums to one, as probabilities do; {instead}", stacklevel=4)
 
@@ -61,9 +55,6 @@ def as_logs(name: str, logs: ArrayLike | None, keyword: str, plain: ArrayLike | 
 
     Raises:
         ValueError: both or none are given; numbers that are negative, NaN or infinite; not real numbers.
-
-    >>> as_logs("log_likelihood", None, "likelihood", [1.0, 0.0]).tolist()
-    [0.0, -inf]
     """
     if (logs is None) == (plain is None):
         given = "neither" if logs is None else "both"
@@ -92,13 +83,7 @@ def _may_be_probs(values: NDArray[np.floating]) -> bool:
 
 
 def unmasked(values: ArrayLike, name: str) -> NDArray[Any]:
-    """An array of any type; raises InvalidArgument for a masked entry.
-
-    >>> unmasked(np.ma.masked_equal([3, -1], -1), "labels")
-    Traceback (most recent call last):
-    ...
-    belief.errors.InvalidArgument: labels must not be masked, got a masked entry at [1]
-    """
+    """An array of any type; raises InvalidArgument for a masked entry."""
     if isinstance(values, np.ma.MaskedArray) and np.ma.is_masked(values):
         place = np.argwhere(np.ma.getmaskarray(values))[0].tolist()
         raise InvalidArgument(f"{name} must not be masked, got a masked entry at {place}")
@@ -110,11 +95,6 @@ def checked_indices(name: str, values: ArrayLike, size: int) -> NDArray[np.int64
 
     Raises:
         InvalidArgument: a masked entry, another type, or an index out of range; the message names its row.
-
-    >>> checked_indices("labels", [0, 2], size=2)
-    Traceback (most recent call last):
-    ...
-    belief.errors.InvalidArgument: labels must be integers in [0, 2), got 2 in row 1
     """
     indices = unmasked(values, name)
     if not np.issubdtype(indices.dtype, np.integer):
@@ -127,49 +107,25 @@ def checked_indices(name: str, values: ArrayLike, size: int) -> NDArray[np.int64
 
 
 def require_count(name: str, value: object, least: int = 1) -> None:
-    """Raise InvalidArgument unless an argument is an integer, at least ``least``.
-
-    >>> require_count("num_folds", 1, least=2)
-    Traceback (most recent call last):
-    ...
-    belief.errors.InvalidArgument: num_folds must be an integer, at least 2, got 1
-    """
+    """Raise InvalidArgument unless an argument is an integer, at least ``least``."""
     if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
         raise InvalidArgument(f"{name} must be an integer, at least {least}, got {value!r}")
 
 
 def require_index(name: str, value: object, size: int) -> None:
-    """Raise InvalidArgument unless an argument is an integer in [0, size).
-
-    >>> require_index("object_index", -1, size=4)
-    Traceback (most recent call last):
-    ...
-    belief.errors.InvalidArgument: object_index must be an integer in [0, 4), got -1
-    """
+    """Raise InvalidArgument unless an argument is an integer in [0, size)."""
     if isinstance(value, bool) or not isinstance(value, Integral) or not 0 <= int(value) < size:
         raise InvalidArgument(f"{name} must be an integer in [0, {size}), got {value!r}")
 
 
 def require_number(name: str, value: object, least: float, most: float) -> None:
-    """Raise InvalidArgument unless an argument is a real number in [least, most].
-
-    >>> require_number("threshold", float("nan"), 0.0, 1.0)
-    Traceback (most recent call last):
-    ...
-    belief.errors.InvalidArgument: threshold must be a number in [0, 1], got nan
-    """
+    """Raise InvalidArgument unless an argument is a real number in [least, most]."""
     if not isinstance(value, Real) or isinstance(value, bool) or not least <= float(value) <= most:
         raise InvalidArgument(f"{name} must be a number in [{least:g}, {most:g}], got {value!r}")
 
 
 def require_choice(name: str, value: object, choices: Sequence[str]) -> None:
-    """Raise InvalidArgument unless an argument is one of several strings.
-
-    >>> require_choice("status", "fine", ["ok", "no_repeats"])
-    Traceback (most recent call last):
-    ...
-    belief.errors.InvalidArgument: status must be one of ok, no_repeats; got 'fine'
-    """
+    """Raise InvalidArgument unless an argument is one of several strings."""
     if value not in choices:
         raise InvalidArgument(f"{name} must be one of {', '.join(choices)}; got {value!r}")
 
@@ -243,13 +199,6 @@ def pose_count(poses: NDArray[np.integer], num_poses: int | None) -> int:
     Raises:
         InvalidArgument: a pose that is not in [0, P), or a P above 1000 and above the number of touches, which would
             waste memory.
-
-    >>> pose_count(np.array([0, 2]), None), pose_count(np.array([0, 2]), 6)
-    (3, 6)
-    >>> pose_count(np.array([0, 10**9]), None)
-    Traceback (most recent call last):
-    ...
-    belief.errors.InvalidArgument: touch 1 has pose 1000000000, 2 touches are fitted in at most 1000 poses
     """
     largest, most = int(poses.max()), max(_MOST_POSES, poses.size)
     if num_poses is not None and not (isinstance(num_poses, int | np.integer) and 1 <= num_poses <= most):
@@ -268,9 +217,6 @@ def finite_logits(logits: ArrayLike) -> Floats:
 
     Raises:
         ValueError: they are empty, masked or not real numbers, or one is NaN or infinite; the message names its row.
-
-    >>> finite_logits([[1, 2]])
-    array([[1., 2.]])
     """
     with np.errstate(over="ignore"):  # a long double may become infinite, which is an error
         z = np.asarray(as_real(logits, "logits"), np.float64)
@@ -287,9 +233,6 @@ def labelled_logits(logits: ArrayLike, labels: ArrayLike) -> tuple[Floats, NDArr
 
     Raises:
         ValueError: empty input, NaN or infinite logits, labels out of range, shapes that do not fit.
-
-    >>> labelled_logits([[1.0, 2.0]], [1])
-    (array([[1., 2.]]), array([1]))
     """
     shape, num_labels = np.shape(logits), np.shape(labels)
     if len(shape) != 2 or 0 in shape or num_labels != shape[:1]:
@@ -302,9 +245,6 @@ def checked_probs(probs: ArrayLike) -> Floats:
 
     Raises:
         ValueError: empty, not two-dimensional, or a row that is not a distribution; the message names the row.
-
-    >>> float(checked_probs([[0.5, 0.501]]).sum())
-    1.0
     """
     p = np.asarray(as_real(probs, "probs"), np.float64)
     if p.ndim != 2 or p.size == 0:
@@ -317,9 +257,6 @@ def checked_pair(probs: ArrayLike, labels: ArrayLike) -> tuple[Floats, NDArray[n
 
     Raises:
         ValueError: as :func:`checked_probs`; another number of labels, or labels that are not integers in [0, K).
-
-    >>> checked_pair([[0.5, 0.5]], [1])[1].tolist()
-    [1]
     """
     p = checked_probs(probs)
     if np.shape(labels) != (len(p),):
@@ -332,9 +269,6 @@ def checked_values(name: str, values: ArrayLike) -> Floats:
 
     Raises:
         ValueError: masked, not numbers, NaN, infinite or beyond ±1e150; the message names the first such place.
-
-    >>> checked_values("costs", [1, 2]).tolist()
-    [1.0, 2.0]
     """
     x = unmasked(values, name)
     if x.dtype.kind not in "fiub":
@@ -352,9 +286,6 @@ def checked_outcomes(name: str, outcomes: ArrayLike) -> NDArray[np.bool_]:
 
     Raises:
         ValueError: empty, not one-dimensional, or other values than 0 and 1; the message names the first such row.
-
-    >>> checked_outcomes("first", [1, 0]).tolist()
-    [True, False]
     """
     x = unmasked(outcomes, name)
     if x.dtype.kind not in "fiub":
@@ -373,10 +304,6 @@ def require_fraction(name: str, value: float) -> None:
 
     Raises:
         InvalidArgument: it does not, such as a confidence in percent.
-
-    >>> require_fraction("confidence", 95)
-    Traceback (most recent call last):
-    belief.errors.InvalidArgument: confidence must lie in (0, 1), got 95
     """
     if not isinstance(value, int | float | np.number) or not 0.0 < value < 1.0:
         raise InvalidArgument(f"{name} must lie in (0, 1), got {value!r}")

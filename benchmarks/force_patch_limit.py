@@ -443,7 +443,7 @@ class PixelReader:
         renderer = study.scene.renderer
         assert isinstance(renderer, ForcePatchRenderer), "the caller chose this scene for its renderer"
         manifest = read_manifest(self.collection)
-        require_collection(self.collection, manifest, study.sensor.reader.card, None, repeats=False)
+        require_collection(self.collection, manifest, study.sensor.reader.card, None)
         train = read_split(self.collection, "train")
         order = np.random.default_rng(study.seed).permutation(np.unique(train.object_ids))  # parts are of whole objects
         known, readings = close_ups(train.images, renderer), study.read()

@@ -116,7 +116,7 @@ class Frontier:
                 raise BadArgument(
                     f"--checkpoints must be plain classifiers (train --recipe large), {path} embeds images"
                 )
-            require_collection(data, manifest, single.card, None, repeats=False)
+            require_collection(data, manifest, single.card, None)
             variants += [(path, name, reader) for name, reader in runtimes(single, manifest.image_shape, self.threads)]
         times = {b: self._time([reader for *_, reader in variants], test.images, b) for b in self.batches}
         entries = []

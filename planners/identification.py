@@ -28,7 +28,6 @@ class Identification:
         stated: probability of that label.
         poses: of the touches.
         is_certain: whether the stated probability reached the threshold.
-        leading: most probable label and its probability after 0, 1, … touches; the last is named and stated.
     """
 
     truth: int
@@ -36,7 +35,6 @@ class Identification:
     stated: float
     poses: tuple[int, ...]
     is_certain: bool
-    leading: tuple[tuple[int, float], ...] = ()
 
     @property
     def is_right(self) -> bool:
@@ -80,14 +78,13 @@ def identify(
     rng, labels = deciding_rng(words), tuple(model.shape_labels)
     problem = SearchProblem(labels, tuple(pose_labels), 1, Composition.INDEPENDENT, touch_limit=max_touches)
     world.reset()
-    scene, poses, leading = SceneBelief(problem, model), list[int](), list[tuple[int, float]]()
+    scene, poses = SceneBelief(problem, model), list[int]()
     while True:
         info = InformationState.of(problem, 0, scene, 0)
         best = int(info.belief.log_probs.argmax())
         stated = float(np.exp(info.belief.log_probs[best]))
-        leading.append((best, stated))
         if stated >= threshold or len(poses) >= max_touches:
-            return Identification(world.arrangement[0], best, stated, tuple(poses), stated >= threshold, tuple(leading))
+            return Identification(world.arrangement[0], best, stated, tuple(poses), stated >= threshold)
         action = selector.choose(info, rng).action
         assert isinstance(action, Probe), "a probe selector probes"
         touch = world.touch(action.pose, touch_rng(words, 0, action.pose, int(info.uses[action.pose])))

@@ -54,30 +54,11 @@ class TouchRequest(Generic[WorldT]):
         world: whose current object to touch.
         pose: in which pose.
         rng: generator of the touch.
-        key: seed of the episode, index of the object, pose, and number of earlier touches in it. It determines the
-            touch: worlds with the same objects give the same one.
     """
 
     world: WorldT
     pose: int
     rng: np.random.Generator
-    key: tuple[int, ...]
-
-    @classmethod
-    def of(
-        cls, world: WorldT, seed: tuple[int, ...], object_index: int, pose: int, repeat: int
-    ) -> TouchRequest[WorldT]:
-        """The request for a touch of the current object of an episode.
-
-        Args:
-            world: with the object in front of the pad.
-            seed: of the episode.
-            object_index: of the object.
-            pose: index of the pose.
-            repeat: number of earlier touches of the object in this pose.
-        """
-        rng = touch_rng(seed, object_index, pose, repeat)
-        return cls(world, pose, rng, (*seed, object_index, pose, repeat))
 
 
 TouchMany: TypeAlias = Callable[[Sequence[TouchRequest[WorldT]]], Sequence[Touch]]
@@ -163,7 +144,9 @@ def _next_touch(session: Session, world: WorldT) -> TouchRequest[WorldT] | None:
     """The touch that a session asks for, once it was told of all other actions; None when the search has ended."""
     while (action := session.ask()) is not None:
         if isinstance(action, Probe):
-            return TouchRequest.of(world, session.seed, session.object_index, action.pose, session.uses(action.pose))
+            repeat = session.uses(action.pose)
+            rng = touch_rng(session.seed, session.object_index, action.pose, repeat)
+            return TouchRequest(world, action.pose, rng)
         session.tell()
         if session.outcome is None:
             world.advance()

@@ -12,13 +12,12 @@ import numpy as np
 
 from activetouch.errors import BadRecording
 from activetouch.recorded.bounded import Numbers, lines_of, require_folder
-from activetouch.recorded.named_columns import SCALARS, touches_of_columns
-from activetouch.recorded.touches import RecordedTouches, scalar_features
+from activetouch.recorded.named_columns import touches_of_columns
+from activetouch.recorded.touches import RecordedTouches
 from belief.files import plain_number
 
 POSES = ("down", "45", "side")
 _ELECTRODES = 72
-_FINGERS = 3
 
 
 def read_bts3(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
@@ -57,14 +56,11 @@ def read_bts3(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
             actions.append(f"palm {pose}")
     if not names:
         raise BadRecording(f"the files in {folder} have no rows below their headers")
-    values = numbers.table()
-    fingers = np.split(values, _FINGERS, axis=1)
     touches = touches_of_columns(
-        values,
+        numbers.table(),
         {"object": np.array(names), "action": np.array(actions)},
         str(folder),
         action_names=[f"palm {pose}" for pose in POSES],
-        controls={SCALARS: np.concatenate([scalar_features(finger) for finger in fingers], axis=1)},
         feature_names=electrodes,
         provenance="BioTac SP Stability Set v2 (3dperceptionlab/biotacsp-stability-set-v2), 41 training objects",
         licence="MIT",

@@ -1,8 +1,8 @@
 """The format ``csv``: one row for each touch, in all ``.csv`` and ``.csv.gz`` files of a folder.
 
 The first line names the columns. ``object`` is needed; ``action`` (by default all touches have one action), ``session``
-(order of recording among the touches of an object and action), ``category`` and ``shape`` are optional; columns whose
-names begin with ``untouched:`` are a control; all others are features.
+(order of recording among the touches of an object and action), ``category`` and ``shape`` are optional; all others are
+features.
 """
 
 from __future__ import annotations
@@ -16,11 +16,9 @@ import numpy as np
 
 from activetouch.errors import BadRecording
 from activetouch.recorded.bounded import Numbers, lines_of, require_folder, require_short
-from activetouch.recorded.named_columns import NAMES, UNTOUCHED, ignored, touches_of_columns
+from activetouch.recorded.named_columns import NAMES, ignored, touches_of_columns
 from activetouch.recorded.touches import RecordedTouches
 from belief.files import plain_number
-
-_UNTOUCHED = "untouched:"  # begins the names of columns that were measured where nothing was touched
 
 
 def read_csv(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
@@ -70,12 +68,7 @@ def read_csv(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
     for name, words in columns.items():
         require_short(name, max(map(len, words), default=0), numbers.num_rows, str(folder))
     given = {name: np.array(words) for name, words in columns.items() if words}
-    is_control = np.array([name.startswith(_UNTOUCHED) for name in names], np.bool_)
-    kept = [name for name in names if not name.startswith(_UNTOUCHED)]
-    controls = {UNTOUCHED: table[:, is_control]} if is_control.any() else {}
-    touches = touches_of_columns(
-        table[:, ~is_control], given, str(folder), place=place, controls=controls, feature_names=kept
-    )
+    touches = touches_of_columns(table, given, str(folder), place=place, feature_names=names)
     return touches, ignored("file", sorted(path.name for path in folder.iterdir() if path not in paths))
 
 

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.errors import BadRecording
-from activetouch.recorded.touches import RecordedTouches, scalar_features
+from activetouch.recorded.touches import RecordedTouches
 from belief.files import plain_number
 from belief.observation_model.kernel_fit import numbered_sessions
 from belief.validation import Floats
 
 NAMES = ("object", "action", "session", "category", "shape")
 """Names of the columns that are no features."""
-SCALARS, UNTOUCHED = "scalar features only", "features where nothing was touched"
-"""Names of controls."""
 _TASK_OF = {"category": "categories", "shape": "shapes"}
 _FEW, _LONGEST = 12, 40  # names, and characters of one, that are said in full
 _MOST = 2**53  # session number, so that it is exact as a float
@@ -30,7 +27,6 @@ def touches_of_columns(
     *,
     place: Callable[[int], str] | None = None,
     action_names: Sequence[str] = (),
-    controls: Mapping[str, Floats] = MappingProxyType({}),
     feature_names: Sequence[str] = (),
     provenance: str = "",
     licence: str = "not stated",
@@ -43,8 +39,6 @@ def touches_of_columns(
         source: where the table comes from, for messages.
         place: names a row in messages, such as "line 7 of mugs.csv"; by default "row 5 of SOURCE", counted from 0.
         action_names: all actions in their order; by default those of the column, sorted.
-        controls: features that should know nothing or little of the object, by name, ``(n, C)``; "scalar features
-            only" are computed where they are not given.
         feature_names: F names, where the features have some.
         provenance: where the set comes from; the source by default.
         licence: its licence.
@@ -88,7 +82,6 @@ def touches_of_columns(
         ordered,
         tuple(map(str, object_names)),
         labels,
-        {SCALARS: scalar_features(features), **controls},
         provenance or source,
         licence,
         tuple(feature_names),

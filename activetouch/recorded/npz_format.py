@@ -1,8 +1,8 @@
 """The format ``npz``: arrays in one ``.npz`` file, which is read without running anything.
 
-``features (n, F)`` and ``object (n,)`` are needed; ``action``, ``session``, ``category``, ``shape``, each ``(n,)``, and
-``untouched (n, C)`` are optional and mean what the columns of :mod:`activetouch.recorded.csv_format` do. More controls
-are ``control:NAME (n, C)``; ``feature_names (F,)``, ``provenance`` and ``licence`` are text.
+``features (n, F)`` and ``object (n,)`` are needed; ``action``, ``session``, ``category``, ``shape``, each ``(n,)``, are
+optional and mean what the columns of :mod:`activetouch.recorded.csv_format` do; ``feature_names (F,)``, ``provenance``
+and ``licence`` are text.
 """
 
 from __future__ import annotations
@@ -16,13 +16,12 @@ from numpy.typing import NDArray
 
 from activetouch.errors import BadRecording
 from activetouch.recorded.bounded import MOST_BYTES, require_bounded, require_short
-from activetouch.recorded.named_columns import NAMES, UNTOUCHED, ignored, touches_of_columns
+from activetouch.recorded.named_columns import NAMES, ignored, touches_of_columns
 from activetouch.recorded.touches import RecordedTouches
 from belief.files import require_regular_file
 
 _WORDS = {"provenance": "", "licence": "not stated"}
-_CONTROL = "control:"
-_KNOWN = (*NAMES, *_WORDS, "features", "feature_names", "untouched")
+_KNOWN = (*NAMES, *_WORDS, "features", "feature_names")
 
 
 def read_npz(path: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
@@ -43,7 +42,7 @@ def read_npz(path: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
         if size > MOST_BYTES:
             raise BadRecording(f"{path} holds {size} bytes when decompressed; at most {MOST_BYTES} are read")
         with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files if _is_known(name)}
+            arrays = {name: file[name] for name in file.files if name in _KNOWN}
             others = [name for name in file.files if name not in arrays]
             given = {name: _text(name, arrays[name], str(path)) for name in NAMES if name in arrays}
     except BadRecording:
@@ -52,32 +51,21 @@ def read_npz(path: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
         raise BadRecording(f"{path} cannot be read as .npz of plain arrays: {error}") from error
     if missing := [name for name in ("features", "object") if name not in arrays]:
         raise BadRecording(f"{path} has no array {missing[0]!r}; it has {', '.join(arrays) or 'none that is known'}")
-    for name, rows in arrays.items():
-        is_numbers = name in ("features", "untouched") or name.startswith(_CONTROL)
-        if is_numbers and (rows.ndim != 2 or rows.dtype.kind not in "biuf"):
-            width = "F" if name == "features" else "C"
-            raise BadRecording(f"{name} in {path} must be numbers (n, {width}), got {rows.dtype} {rows.shape}")
     features = arrays["features"]
-    require_bounded(len(features), sum(rows.size for rows in arrays.values() if rows.ndim == 2), str(path))
-    controls = {name.removeprefix(_CONTROL): arrays[name] for name in arrays if name.startswith(_CONTROL)}
-    if "untouched" in arrays and arrays["untouched"].size:
-        controls[UNTOUCHED] = arrays["untouched"]
+    if features.ndim != 2 or features.dtype.kind not in "biuf":
+        raise BadRecording(f"features in {path} must be numbers (n, F), got {features.dtype} {features.shape}")
+    require_bounded(len(features), features.size, str(path))
     provenance, licence = (str(arrays[name]) if name in arrays else default for name, default in _WORDS.items())
     names = list(map(str, np.atleast_1d(arrays.get("feature_names", ())).tolist()))
     touches = touches_of_columns(
         features.astype(np.float64),
         given,
         str(path),
-        controls=controls,
         feature_names=names,
         provenance=provenance,
         licence=licence,
     )
     return touches, ignored("array", others)
-
-
-def _is_known(name: str) -> bool:
-    return name in _KNOWN or name.startswith(_CONTROL)
 
 
 def _text(name: str, column: NDArray[Any], source: str) -> NDArray[Any]:

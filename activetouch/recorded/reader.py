@@ -26,7 +26,7 @@ from belief.calibration import Calibration, PerPose, StructuredMatrixScaling, Te
 from belief.errors import InvalidArgument
 from belief.metrics import negative_log_likelihood
 from belief.naming import few
-from belief.observation_model.action_kernel import ActionKernelModel, Law
+from belief.observation_model.action_kernel import ActionKernelModel
 from belief.observation_model.kernel_fit import fit_kernel, fused_loss
 from belief.validation import Floats, as_real, require
 
@@ -148,12 +148,11 @@ class Reading:
     calibration_ratios: Floats
     test_ratios: Floats
 
-    def model(self, touches: TaskTouches, law: Law = "kernel", repeats: int | None = None) -> ActionKernelModel:
+    def model(self, touches: TaskTouches, repeats: int | None = None) -> ActionKernelModel:
         """The observation model that is fitted to the calibration touches.
 
         Args:
             touches: the task that was read.
-            law: which touches may be correlated.
             repeats: number of different touches of an object with an action; None if every touch is a new one.
         """
         rows = self.calibration_rows
@@ -165,11 +164,10 @@ class Reading:
             shape_labels=touches.label_names,
             num_poses=touches.source.num_actions,
             repeats=repeats,
-            law=law,
         )
 
 
-def read(touches: TaskTouches, split: Split, control: str | None = None, kind: Calibration | None = None) -> Reading:
+def read(touches: TaskTouches, split: Split) -> Reading:
     """Fit a reader to a split, and read the calibration and test touches.
 
     The calibration is the candidate with the least loss of fused touches, each read by one of other folds.
@@ -181,10 +179,8 @@ def read(touches: TaskTouches, split: Split, control: str | None = None, kind: C
     Args:
         touches: of the task.
         split: what to learn from, to calibrate on and to test on.
-        control: name of a control whose features are read instead.
-        kind: the calibration, unfitted; by default the best of the candidates.
     """
-    features, num_labels = touches.features(control), len(touches.label_names)
+    features, num_labels = touches.features, len(touches.label_names)
     num_actions = touches.source.num_actions
     x, y, a = features[split.train], touches.labels[split.train], touches.actions[split.train]
     held = np.zeros((len(x), num_labels))
@@ -207,19 +203,19 @@ def read(touches: TaskTouches, split: Split, control: str | None = None, kind: C
     if len(split.calibration):
         rows = split.calibration
         logits = _logits(learned(split.train), features[rows], touches.actions[rows])
-    calibration, log_prior, ratios = _best_calibration(touches, rows, logits, split.folds, kind)
+    calibration, log_prior, ratios = _best_calibration(touches, rows, logits, split.folds)
     classifiers = learned(np.concatenate([split.train, split.calibration]))
-    names = touches.label_names, touches.source.action_names, touches.source.feature_names if control is None else ()
+    names = touches.label_names, touches.source.action_names, touches.source.feature_names
     reader = RecordedReader(classifiers, calibration, log_prior, tuple(chosen), *names)
     return Reading(reader, rows, ratios, reader.ratios(features[split.test], touches.actions[split.test]))
 
 
 def _best_calibration(
-    touches: TaskTouches, rows: Integers, logits: Floats, folds: Integers, kind: Calibration | None
+    touches: TaskTouches, rows: Integers, logits: Floats, folds: Integers
 ) -> tuple[PerPose, Floats, Floats]:
     """The calibration with the least fused loss, its log prior, and ratios by calibrations of other folds."""
-    candidates: list[Calibration] = [TemperatureScaling() if kind is None else kind]
-    if kind is None and logits.shape[1] <= _MANY_LABELS:
+    candidates: list[Calibration] = [TemperatureScaling()]
+    if logits.shape[1] <= _MANY_LABELS:
         candidates.append(StructuredMatrixScaling())
     crossed = [_cross_calibrated(kind, touches, rows, logits, folds) for kind in candidates]
     best = 0

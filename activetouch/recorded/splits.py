@@ -47,12 +47,11 @@ def for_use(touches: TaskTouches) -> Split:
     return _held_out(touches, np.zeros(len(touches.rows), np.bool_))
 
 
-def by_session(touches: TaskTouches, rng: np.random.Generator | None = None, is_tested: bool = True) -> Split:
+def by_session(touches: TaskTouches, is_tested: bool = True) -> Split:
     """Each object's first sessions to learn from, later ones to calibrate on, the last ones to test on (3 : 1 : 1).
 
     Args:
         touches: of a task whose labels are objects.
-        rng: draws another order of each object's sessions: the control that shows what the order of recording hides.
         is_tested: False to learn from and calibrate on all sessions (3 : 1).
     """
     learned, calibrated = (_LEARNED, _CALIBRATED) if is_tested else (_LEARNED / _CALIBRATED, 1.0)
@@ -60,13 +59,11 @@ def by_session(touches: TaskTouches, rng: np.random.Generator | None = None, is_
     rank = np.empty(len(touches.rows), np.int64)
     for index in np.unique(touches.objects).tolist():
         own = np.flatnonzero(touches.objects == index)
-        sessions, number = np.unique(touches.sessions[own], return_inverse=True)
-        order = np.arange(len(sessions)) if rng is None else rng.permutation(len(sessions))
         for action in np.unique(touches.actions[own]).tolist():
-            here = np.flatnonzero(touches.actions[own] == action)
-            ranks = np.unique(order[number[here]], return_inverse=True)[1]
-            rank[own[here]] = ranks
-            place[own[here]] = (ranks + 0.5) / (ranks.max() + 1)
+            here = own[touches.actions[own] == action]
+            ranks = np.unique(touches.sessions[here], return_inverse=True)[1]
+            rank[here] = ranks
+            place[here] = (ranks + 0.5) / (ranks.max() + 1)
     train = np.flatnonzero(place < learned)
     calibration = np.flatnonzero((place >= learned) & (place < calibrated))
     blocks = np.minimum((place[train] / learned * 3).astype(np.int64), 2)

@@ -38,7 +38,6 @@ class RecordedTouches(FrozenArrays):
         object_names: of the objects.
         labels: name of each object's category or shape by task, for the tasks that the set has besides ``objects``; an
             empty name leaves the object out of the task.
-        controls: features that should know nothing or little of the object, by name, ``(n, C)``.
         provenance: where the set comes from.
         licence: its licence.
         feature_names: F names, or none.
@@ -59,7 +58,6 @@ class RecordedTouches(FrozenArrays):
     action_names: tuple[str, ...]
     object_names: tuple[str, ...]
     labels: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    controls: Mapping[str, Floats] = field(default_factory=dict)
     provenance: str = "the user"
     licence: str = "not stated"
     feature_names: tuple[str, ...] = ()
@@ -90,18 +88,13 @@ class RecordedTouches(FrozenArrays):
                 raise BadRecording(f"{name} must be ({n},) as there are {n} rows of features, got {values.shape}")
             if size is not None and not ((values >= 0) & (values < size)).all():
                 raise BadRecording(f"{name} must be in [0, {size}), got {values.min()} to {values.max()}")
-        for name, rows in {"features": self.features, **self.controls}.items():
-            if np.ndim(rows) != 2 or len(rows) != n:
-                raise BadRecording(
-                    f"the control {name!r} must be ({n}, C), as there are {n} touches; got {np.shape(rows)}"
-                )
-            fits = np.abs(rows) <= LARGEST  # not where it is NaN
-            if not fits.all():
-                row = int(np.argmin(fits.all(axis=1)))
-                raise BadRecording(
-                    f"{name} of {self.describe(row)} hold {rows[row][~fits[row]][0]}; they must be finite and of a "
-                    f"size up to {LARGEST:g}: use another unit, or leave the touch out"
-                )
+        fits = np.abs(self.features) <= LARGEST  # not where it is NaN
+        if not fits.all():
+            row = int(np.argmin(fits.all(axis=1)))
+            raise BadRecording(
+                f"features of {self.describe(row)} hold {self.features[row][~fits[row]][0]}; they must be finite and "
+                f"of a size up to {LARGEST:g}: use another unit, or leave the touch out"
+            )
         for task, names in self.labels.items():
             if task not in TASKS[1:] or len(names) != len(self.object_names):
                 raise BadRecording(f"labels must give {len(self.object_names)} names for {TASKS[1:]}, got {task!r}")
@@ -193,17 +186,7 @@ class TaskTouches(FrozenArrays):
         size = self.source.num_actions
         return LabelledTouches.of(listed, self.labels[rows], self.objects[rows], self.label_names, size)
 
-    def features(self, control: str | None = None) -> Floats:
-        """Features of each row, or those of a control, ``(n, F)``."""
-        return (self.source.features if control is None else self.source.controls[control])[self.rows]
-
-
-def scalar_features(features: Floats) -> Floats:
-    """Sum, mean size, largest and spread of each row, ``(n, 4)``: a control without the pattern of a touch.
-
-    >>> scalar_features(np.array([[1.0, 3.0]])).tolist()
-    [[4.0, 2.0, 3.0, 1.0]]
-    """
-    rows = np.asarray(features, np.float64)
-    with np.errstate(over="ignore", invalid="ignore"):  # of features that RecordedTouches refuses
-        return np.stack([rows.sum(axis=1), np.abs(rows).mean(axis=1), rows.max(axis=1), rows.std(axis=1)], axis=1)
+    @property
+    def features(self) -> Floats:
+        """Features of each row, ``(n, F)``."""
+        return self.source.features[self.rows]

@@ -110,11 +110,7 @@ class Calibration(ABC):
 
 
 def no_probs(logits: ArrayLike) -> Floats:
-    """Logits as float64, with a UserWarning at the caller's caller if they look like probabilities.
-
-    >>> no_probs([[2, -1]])
-    array([[ 2., -1.]])
-    """
+    """Logits as float64, with a UserWarning at the caller's caller if they look like probabilities."""
     found = as_real(logits, "logits")
     warn_of_probs(found, "logits", "take the logarithms of probabilities")
     return np.asarray(found, np.float64)
@@ -153,9 +149,6 @@ def checked_weights(weights: ArrayLike, num_rows: int) -> Floats:
 
     Raises:
         ValueError: another number of them, one that is negative or not finite, or none above zero.
-
-    >>> checked_weights([1, 2], 2)
-    array([1., 2.])
     """
     w = checked_values("weights", weights)
     if w.shape != (num_rows,):

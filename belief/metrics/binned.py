@@ -92,9 +92,6 @@ def bin_edges(values: Floats, num_bins: int, binning: Binning) -> Floats:
 
     Raises:
         ValueError: an unknown binning; fewer than one or more than a million bins.
-
-    >>> bin_edges(np.array([0.3, 0.4, 0.9]), 2, "mass").tolist()
-    [0.3, 0.4, 0.9]
     """
     if not isinstance(num_bins, int | np.integer) or not 1 <= num_bins <= _MOST_BINS:
         raise ValueError(f"num_bins must be an integer from 1 to {_MOST_BINS}, got {num_bins}")
@@ -107,11 +104,6 @@ def bin_edges(values: Floats, num_bins: int, binning: Binning) -> Floats:
 
 
 def top_label(probs: Floats, labels: NDArray[np.int64]) -> tuple[Floats, NDArray[np.bool_]]:
-    """Confidence in the most probable shape, the first of equal ones, and whether it is correct, both ``(n,)``.
-
-    >>> confidence, correct = top_label(np.array([[0.2, 0.8]]), np.array([1]))
-    >>> confidence.tolist(), correct.tolist()
-    ([0.8], [True])
-    """
+    """Confidence in the most probable shape, the first of equal ones, and whether it is correct, both ``(n,)``."""
     top = probs.argmax(axis=1)
     return probs[np.arange(len(probs)), top], top == labels

@@ -24,9 +24,6 @@ class CalibrationError:
     Attributes:
         value: of the model.
         null_quantile: 95 % quantile for a perfectly calibrated model with these predictions.
-
-    >>> CalibrationError(value=0.03, null_quantile=0.02).exceeds_chance
-    True
     """
 
     value: float

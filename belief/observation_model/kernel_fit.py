@@ -21,11 +21,7 @@ _MOST_VALUES = 4_000_000  # logits of all sequences together
 
 
 def numbered_sessions(objects: Integers, poses: Integers) -> Integers:
-    """Running number of each touch among those of its object and pose, ``(n,)``.
-
-    >>> numbered_sessions(np.array([0, 0, 1, 0]), np.array([2, 2, 2, 1])).tolist()
-    [0, 1, 0, 0]
-    """
+    """Running number of each touch among those of its object and pose, ``(n,)``."""
     numbers = np.zeros(len(objects), np.int64)
     seen: dict[tuple[int, int], int] = {}
     for row, key in enumerate(zip(objects.tolist(), poses.tolist(), strict=True)):
@@ -95,11 +91,6 @@ def fused_loss(data: LabelledTouches, kernel: Floats, sessions: Integers | None 
         data: touches with log likelihood ratios as logits.
         kernel: correlations between poses, ``(P, P)``.
         sessions: of each touch, ``(n,)``.
-
-    >>> from belief import Touch
-    >>> data = LabelledTouches.of([Touch(0, np.zeros(2))] * 4, [0, 0, 1, 1], [0, 0, 1, 1])
-    >>> round(fused_loss(data, np.eye(1)), 3)
-    0.693
     """
     rows = sequences(data, sessions, np.random.default_rng(0))
     return float(np.nanmean(sequence_losses(data.logits, data.poses, data.shapes, rows, kernel)))

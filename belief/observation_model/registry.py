@@ -44,11 +44,7 @@ def fits(reads: Reads = "logits") -> dict[str, Fit]:
 
 
 def class_named(kind: str) -> type[ArrayModel]:
-    """The class of observation models with a name in files; raises ValueError if there is none.
-
-    >>> class_named("ratio").__name__
-    'RatioModel'
-    """
+    """The class of observation models with a name in files; raises ValueError if there is none."""
     if kind in OBSERVATION_MODELS:
         return OBSERVATION_MODELS[kind]
     offered = entry_point_names(ENTRY_POINTS)
@@ -99,12 +95,7 @@ def read_origin(text: str) -> dict[str, Any] | None:
 
 
 def require_readable(model: ArrayModel) -> None:
-    """Raise BadReference unless the registry or an installed package has the class of a model.
-
-    >>> from belief.synthetic import random_model
-    >>> import numpy as np
-    >>> require_readable(random_model(np.random.default_rng(0)))
-    """
+    """Raise BadReference unless the registry or an installed package has the class of a model."""
     try:
         class_named(model.name)
     except ValueError as error:

@@ -50,11 +50,7 @@ def repeat_shares(poses: NDArray[np.int64], correlation: float, drift: float = 0
 
 
 def drift_share(num_touches: ArrayLike, drift: float) -> Floats:
-    """Weight of each of n touches in different poses where the reader errs alike about one object: 1 / (1 + (n - 1) κ).
-
-    >>> drift_share([1, 6, 26], drift=0.04).round(2)
-    array([1.  , 0.83, 0.5 ])
-    """
+    """Weight of each of n touches in different poses where the reader errs alike: 1 / (1 + (n - 1) κ)."""
     n = np.asarray(num_touches, np.float64)
     return np.asarray(1.0 / (1.0 + np.maximum(n - 1.0, 0.0) * drift))
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import Any, Protocol, Self, TypeVar
+from collections.abc import Iterator
+from typing import Any, TypeAlias
 
 import numpy as np
 import scipy  # whose parts load at first use
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from belief.conflict import MOST_TOUCHES, ConflictTest
@@ -34,36 +34,11 @@ _MOST_NUMBERS = 1 << 26  # log weights that are held for a fit
 _TESTED_ON = 1200  # objects, at most, for the conflict test
 
 
-class JointModel(Protocol):
-    """What the fits need of a joint model; see :class:`~belief.observation_model.rigid_body.RigidBodyModel`."""
-
-    @property
-    def shape_labels(self) -> Sequence[str]:
-        """Names of the K shapes."""
-
-    @property
-    def num_hypotheses(self) -> int:
-        """N, of each shape."""
-
-    @property
-    def num_poses(self) -> int:
-        """P."""
-
-    @property
-    def temperature(self) -> float:
-        """By which log ratios are divided."""
-
-    def at(self, temperature: float, correlation: float | None = None, drift: float | None = None) -> Self:
-        """The model at another temperature, and at another correlation of repeats or drift if one is given."""
-
-    def steps(self, batch: TouchBatch) -> Iterator[tuple[Any, Any, Floats]]:
-        """The log weights before each step of S sequences, the scores of its touches, and the log weights after it."""
+JointModel: TypeAlias = Any
+"""A :class:`~belief.observation_model.rigid_body.RigidBodyModel`, whose module imports this one."""
 
 
-_Joint = TypeVar("_Joint", bound=JointModel)
-
-
-def fitted(model: _Joint, data: LabelledTouches) -> tuple[_Joint, ConflictTest | None]:
+def fitted(model: JointModel, data: LabelledTouches) -> tuple[JointModel, ConflictTest | None]:
     """The model with temperature and correlation of repeats of calibration touches, and their conflict test.
 
     Args:
@@ -220,11 +195,7 @@ def _fitted_conflict_test(model: JointModel, data: LabelledTouches) -> ConflictT
     order = np.random.default_rng(1).permutation(len(data.objects))
     by_object = order[np.argsort(data.objects[order], kind="stable")]
     rows, shapes = _sequences(data, by_object, _TESTED_ON, MOST_TOUCHES)
-    return _conflict_test(model, data.batch.take((0, rows)), shapes)
-
-
-def _conflict_test(model: JointModel, touches: TouchBatch, shapes: ArrayLike) -> ConflictTest | None:
-    """The conflict test from one sequence of touches of each object."""
+    touches = data.batch.take((0, rows))
     assert touches.features is not None, "checked by the caller"
     found, certainties = _misfits(model, touches)
     return ConflictTest.fit(touches.features.astype(np.float64), found, shapes, certainties)

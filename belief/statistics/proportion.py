@@ -44,11 +44,7 @@ def clopper_pearson_interval(successes: int, trials: int, confidence: float = 0.
 
 
 def exact_interval(right: float, wrong: float, confidence: float) -> tuple[float, float]:
-    """Clopper-Pearson interval for numbers of right and wrong trials that need not be whole, both ≥ 0, not both 0.
-
-    >>> [round(x, 3) for x in exact_interval(2.5, 2.5, 0.95)]
-    [0.094, 0.906]
-    """
+    """Clopper-Pearson interval for numbers of right and wrong trials that need not be whole, both ≥ 0, not both 0."""
     tail = (1.0 - confidence) / 2
     low = float(betaincinv(right, wrong + 1, tail)) if right else 0.0
     return low, float(betainccinv(right + 1, wrong, tail)) if wrong else 1.0
@@ -68,9 +64,6 @@ def normal_quantile(confidence: float) -> float:
     """The z for which a standard normal variable lies in [-z, z] with the probability ``confidence``.
 
     It is finite for any confidence below one.
-
-    >>> round(normal_quantile(0.95), 2), round(normal_quantile(1 - 1e-16), 2)
-    (1.96, 8.29)
     """
     upper = 0.5 + 0.5 * confidence
     return float(ndtri(upper)) if upper < 1.0 else -float(ndtri((1.0 - confidence) / 2.0))

@@ -41,7 +41,6 @@ def write_npz(touches: RecordedTouches, path: Path) -> None:
         "provenance": np.array(touches.provenance),
         "licence": np.array(touches.licence),
         **{_COLUMNS[task]: np.array(labels)[touches.objects] for task, labels in touches.labels.items()},
-        **{f"control:{name}": rows for name, rows in touches.controls.items()},
     }
     if touches.feature_names:
         arrays["feature_names"] = np.array(touches.feature_names)

@@ -24,7 +24,7 @@ TOUCHES, DRAWS = (2, 2) if "--short" in sys.argv else (8, 20)
 folder = Path(__file__).resolve().parents[2] / "tests" / "fixtures" / "bts3"
 touches, _ = read_recorded(folder, "bts3")
 task = touches.for_task("objects")
-features, things, rng = task.features(), task.objects, np.random.default_rng(0)
+features, things, rng = task.features, task.objects, np.random.default_rng(0)
 
 late = np.zeros(len(things), bool)
 for thing in np.unique(things):

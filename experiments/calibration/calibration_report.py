@@ -23,7 +23,7 @@ from experiments.calibration.sequences import KINDS, Rounds
 from experiments.command_line.arguments import Seed, check_arguments
 from experiments.command_line.trust import Trust
 from experiments.scene_choice import in_file_names, named_scene, repeats_folder
-from experiments.sensor.calibrate import candidate_models, how_to_record, require_enough, scene_of
+from experiments.sensor.calibrate import candidate_models, require_enough, scene_of
 from experiments.sensor.scores import read_touches
 from experiments.sensor_choice import open_collection, require_collection, sensor_folder
 
@@ -73,7 +73,7 @@ class CalibrationReport:
         manifest = open_collection(data, self.scene, repeats=True)
         reader = TactileReader.load(sensor_folder(self.sensor, self.scene) / READER_FILE)
         filed = self.scene if self.out is None else None
-        require_collection(data, manifest, reader.card, filed, repeats=True, anyway=self.anyway)
+        require_collection(data, manifest, reader.card, filed, anyway=self.anyway)
         scene = scene_of(manifest, Trust(data, [self.scene], self.trust))
         found = calibration_report(reader, data, scene, name=self.scene, seed=self.seed)
         found.save(folder)
@@ -109,7 +109,7 @@ def calibration_report(
     if manifest.plan.repeats < 2:
         raise NoRepeats(
             f"{data} touches every object once per pose, so the dependence of repeated touches cannot be measured. "
-            f"Record several rounds{how_to_record(manifest, data)}"
+            "Record several rounds: collect --plan.train 0 --plan.repeats 6"
         )
     require_enough(manifest, data)
     fits = candidate_models({}, reader, scene)

@@ -96,7 +96,7 @@ class TrainPPO:
         manifest = open_collection(data, self.scene, repeats=True)
         reader = TactileReader.load(sensor / READER_FILE)
         filed = self.scene if self.out is None else None
-        require_collection(data, manifest, reader.card, filed, repeats=True, anyway=self.anyway)
+        require_collection(data, manifest, reader.card, filed, anyway=self.anyway)
         model = fitted_model(sensor).model
         if model.reads == "embeddings":  # its reader embeds the hypotheses
             model = TactileSensor.load(sensor, named.scene, anyway=True).model

@@ -134,8 +134,6 @@ def _alike_words(scene: Scene, name: str, jobs: int) -> list[str]:
     """The pairs of shapes that feel nearly alike to the sensor's reader of any object, from 26 directions."""
     if len(scene.shapes) < 2:
         return []
-    if scene.families:
-        return [f"Shapes are not compared: the proportions of {', '.join(scene.families)} vary."]
     if not (MODELS / name / ANY_OBJECT_FILE).is_file():
         return ["Shapes are not compared: the scene has no sensor that reads any object."]
     twins = near_twins(MeshSetting.of(scene.solids, sensor=name, jobs=jobs))
@@ -214,12 +212,11 @@ def _belief_words(scene: Scene, folder: Path | None) -> str:
 
 def _grasp_words(hand: Hand) -> str:
     """What the fingers of a hand share, and what of it the belief holds."""
-    drawn = "of the object" if hand.offset == "kept" else "drawn anew at each grasp"
     belief = "takes both as each finger's own" if hand.offset == "averaged" else "sums over the offset"
     return (
         f"A grasp gives {len(hand)} images at the cost of one touch. Its fingers share the force and the object's "
-        f"offset in the palm, {drawn}; the belief {belief}. A finger that misses gives an image of no contact, which "
-        "is read as any other." + ("" if hand.travel is None else " It also reads how far each finger travels.")
+        f"offset in the palm, drawn anew at each grasp; the belief {belief}. A finger that misses gives an image of no "
+        "contact, which is read as any other."
     )
 
 
@@ -247,13 +244,8 @@ def inventory(named: NamedScene) -> list[Item]:
     """The parts in the model of one press of a scene, and the hidden variables of the belief about a search."""
     scene, pad = named.scene, named.scene.pad
     spacing = 1e3 * 2 * pad.half_width / pad.num_taxels
-    families = [
-        "{} ({})".format(label, ", ".join("{} {:g} to {:g}".format(name, *d.support) for name, d in family.parameters))
-        for label, family in scene.families.items()
-    ]
     items = [
         Item(len(scene.shapes), "shapes", ", ".join(scene.shape_labels)),
-        Item(len(families), "families", f"whose proportions differ by object: {', '.join(families)}"),
         Item(len(scene.poses), "poses", "sides of an object to turn to the pad"),
         Item(pad.num_taxels**2, "points of the pad", f"one ray each, {spacing:.2f} mm apart"),
         Item(len(scene.faults), "faults of the sensor", ", ".join(type(fault).__name__ for fault in scene.faults)),
@@ -279,9 +271,7 @@ def latent(scene: Scene) -> list[str]:
         return []  # every touch has its own orientation
     low, high = scene.variation.size.support
     turned = ["heading", "tilt"] if isinstance(scene.presentation, Upright) else ["orientation"]
-    of_families = [f"{name} of {label}" for label, family in scene.families.items() for name, _ in family.parameters]
-    kept = scene.hand is not None and scene.hand.offset == "kept"
-    return turned + (["size"] if low < high else []) + of_families + (["offset in the palm"] if kept else [])
+    return turned + (["size"] if low < high else [])
 
 
 def _surfaces(scene: Scene) -> list[Item]:

@@ -25,12 +25,8 @@ from experiments.command_line.arguments import (
 )
 from experiments.command_line.console import plain_console
 from experiments.parallel import progress_bar
-from experiments.recorded.finding import FIXED, find_all
-from experiments.recorded.fold import Fold, main_splits, prepare
-from experiments.recorded.identifying import after_touches, identify_all
-from experiments.recorded.leaks import controls
+from experiments.recorded.play import FIXED, Fold, find_all, identify_all, main_splits, prepare
 from experiments.recorded.report import RecordedReport
-from experiments.recorded.results import Measured
 from planners.registry import find_decider, trained_state
 
 DECIDERS = (
@@ -53,7 +49,6 @@ def recorded(
     scenes: int = 10,
     deciders: Sequence[str] = DECIDERS,
     folds: int = 5,
-    random_splits: int = 1,
     rounds: int = 5,
     max_touches: int = 12,
     seed: int = 0,
@@ -73,7 +68,6 @@ def recorded(
         deciders: of searches; "best fixed order" has posterior thresholds and the order ranked on calibration touches.
             {max_touches} stands for ``max_touches``, or the number of different touches of an object if it is smaller.
         folds: of objects for categories and shapes.
-        random_splits: for the leak control.
         rounds: identifications of each object by each decider, each with another order of its recordings.
         max_touches: of an object.
         seed: of splits, orders, scenes and intervals.
@@ -99,29 +93,21 @@ def recorded(
         RecordedSensor.fit(touches, task).save(save)
     split_name, splits = main_splits(chosen, folds)
     with progress_bar() as bar:
-        steps = bar.add_task("reading, naming and searching", total=2 * len(splits) + 1)
-        made = []
+        steps = bar.add_task("reading, naming and searching", total=2 * len(splits))
+        made, named, found = [], [], []
         for split in splits:
             made.append(prepare(chosen, split, threshold))
             bar.advance(steps)
-        leaks = controls(chosen, splits, [fold.reading for fold in made], split_name, seed, random_splits)
-        bar.advance(steps)
-        named, after, losses, found, oracle = [], [], [], [], []
         for number, fold in enumerate(made):
-            key = [seed, number]
-            named += identify_all(fold, key, threshold, max_touches, rounds)
-            beliefs, by_law = after_touches(fold, seed)
-            after += beliefs
-            losses.append(by_law)
+            named += identify_all(fold, [seed, number], threshold, max_touches, rounds)
             if scenes:
-                searches, known = find_all(fold, deciders, key, objects, scenes, max_touches)
-                found += searches
-                oracle += known
+                found += find_all(fold, deciders, [seed, number], objects, scenes, max_touches)
             bar.advance(steps)
     missing = _missing_searches(made, objects, task) if scenes else []
     facts = {
         "name": name,
         "task": task,
+        "split": split_name,
         "provenance": touches.provenance,
         "licence": touches.licence,
         "touches": len(chosen.rows),
@@ -133,13 +119,12 @@ def recorded(
         "scenes": scenes,
         "deciders": list(deciders),
         "folds": folds,
-        "random_splits": random_splits,
         "rounds": rounds,
         "max_touches": max_touches,
         "seed": seed,
         "notes": [*notes, *remarks, *missing],
     }
-    return RecordedReport(Measured(split_name, made, named, after, losses, found, oracle, leaks, threshold), facts)
+    return RecordedReport(made, named, found, facts)
 
 
 @dataclass(frozen=True)
@@ -218,7 +203,7 @@ class Recorded:
         report.save(out)
         if self.save is not None:
             print(f"wrote a sensor, trained on all {report.facts['touches']} touches, into {self.save}")
-        print(f"wrote report.html, recorded.md, results.json, episodes.jsonl and figures into {out}")
+        print(f"wrote report.html, recorded.md, results.json, episodes.jsonl and tables into {out}")
 
 
 def _require_plain(decider: str, max_touches: int) -> None:

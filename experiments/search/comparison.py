@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -31,7 +30,7 @@ from experiments.search.run_folder import RunFolder, read_episode
 from experiments.search.setting import Setting
 from experiments.search.summary import Summary
 from experiments.search.tables import results_table, terminal_table
-from experiments.search.verdict import short_names, verdict_sentences
+from experiments.search.verdict import verdict_sentences
 from experiments.sensor_choice import require_policies
 from planners import Decider, make_decider
 from planners.abstaining import Abstaining
@@ -56,16 +55,11 @@ class Comparison(Summary, Tabular):
     run: Run | None = field(default=None, kw_only=True)
 
     def table(self) -> Table:
-        """The table that is printed, with all columns; printed, it leaves out those for which there is no room."""
-        return self._table(10_000)
+        """The table that is printed."""
+        return terminal_table(self)
 
-    def __str__(self) -> str:
-        return str(self._table(shutil.get_terminal_size().columns))
-
-    __repr__ = __str__
-
-    def _table(self, width: int) -> Table:
-        return terminal_table(self.renamed(short_names(self.deciders)[0]), width)
+    def __repr__(self) -> str:
+        return str(self)
 
     def rows(self) -> list[dict[str, Any]]:
         """Results by decider and target, unrounded, and by decider over all targets: ``pandas.DataFrame`` takes them.
@@ -93,7 +87,7 @@ class Comparison(Summary, Tabular):
 
         if name not in FIGURES:
             raise UnknownName("figure", name, list(FIGURES))
-        FIGURES[name](axes, self.renamed(short_names(self.deciders)[0]))
+        FIGURES[name](axes, self)
 
     @classmethod
     def load(cls, folder: str | Path, *, trust: bool = False) -> Comparison:
@@ -123,8 +117,7 @@ class Comparison(Summary, Tabular):
 
     def verdict(self) -> list[str]:
         """Sentences: which decider is best, what differs significantly, and whether stated confidence is kept."""
-        names, said = short_names(self.deciders)
-        return [*said, *verdict_sentences(self.renamed(names))]
+        return verdict_sentences(self)
 
     def save(self, folder: str | Path) -> Path:
         """Write ``report.html`` with its figures and tables, and ``episodes.jsonl``.
@@ -163,8 +156,6 @@ def compare(
     num_objects: int | None = None,
     touch_cost: float = 0.02,
     abstain: float | None = None,
-    promise: float = 0.95,
-    unsure_reward: float = 0.0,
     certificate: str | Path | Certificate | None = None,
     anyway: bool = False,
     jobs: int | None = None,
@@ -189,8 +180,6 @@ def compare(
         touch_cost: cost λ of one touch, in units of a success.
         abstain: false-alarm rate of the conflict test, with which every decider can answer "I do not know"; not by
             default.
-        promise: with ``abstain``, the smallest stated confidence of an answer.
-        unsure_reward: with ``abstain``, the reward of "I do not know".
         certificate: from :func:`activetouch.certify`, or its file; its decider also plays stopping by it, as
             "certified NAME", and searches can end with "I do not know".
         anyway: whether to accept a sensor that was made for another scene.
@@ -219,8 +208,6 @@ def compare(
         num_objects=num_objects,
         touch_cost=touch_cost,
         abstain=abstain,
-        promise=promise,
-        unsure_reward=unsure_reward,
         anyway=anyway,
     )
     run = prepared(
@@ -290,10 +277,6 @@ def prepared(
     check_arguments(setting)
     for name, value, kind in (("episodes", episodes, Count), ("seed", seed, Seed), ("jobs", jobs, Jobs)):
         check_value(f"--{name}", value, kind)
-    for name in ("promise", "unsure_reward"):
-        if setting.abstain is None and (value := getattr(setting, name)) != getattr(Setting, name):
-            flag = name.replace("_", "-")
-            raise BadArgument(f"--{flag} does nothing without --abstain, got {value}")
     players = _players(deciders)
     if reference is not None and reference not in players:
         raise UnknownName("reference among --deciders", reference, list(players))
@@ -323,7 +306,7 @@ def prepared(
         for name, player in players.items()
     }
     if setting.abstain is not None:
-        made = {name: Abstaining(decider, setting.abstain, setting.promise) for name, decider in made.items()}
+        made = {name: Abstaining(decider, setting.abstain) for name, decider in made.items()}
     known = {"observation model": sensor.model, "outcome table": table}
     if signed is not None:
         made |= certified_players(signed, players, made, sensor, problem, chosen, known)

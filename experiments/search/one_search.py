@@ -18,7 +18,6 @@ from experiments.scene_choice import as_named
 from experiments.search.certificate import made_for, opened, with_unsure
 from experiments.search.play import make_world
 from planners import Decider, Episode, Session, make_decider, search
-from planners.abstaining import Abstaining
 from planners.certified import Certificate, NotCertified
 from planners.session_log import problem_fields
 
@@ -91,15 +90,14 @@ def session_with(
 def _certified(
     sensor: TactileSensor, problem: SearchProblem, target: str, decider: str | Decider, certificate: Certificate
 ) -> Decider:
-    """A decider that stops by a certificate, with the conflict test that it was made with."""
+    """A decider that stops by a certificate."""
     if isinstance(sensor, RecordedSensor) or decider != certificate.decider:
         raise NotCertified(f"the certificate is for the decider {certificate.decider!r} of a sensor with a scene")
     targets = [label for label in problem.shape_labels if label in certificate.made_for["targets"]]
     if target not in targets:
         raise NotCertified(f"the certificate is for the targets {', '.join(targets)}, not {target}")
-    table, tested = sensor.model.outcome_table(), certificate.abstain
+    table = sensor.model.outcome_table()
     made = make_decider(certificate.decider, table, sensor.model)
-    made = made if tested is None else Abstaining(made, *tested)
     known = {"observation model": sensor.model, "outcome table": table}
     return certificate.wrap(made, made_for(sensor, problem, targets, certificate.decider, made, known))
 

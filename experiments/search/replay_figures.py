@@ -1,8 +1,7 @@
-"""Figures of one search: all touches side by side, or an animation with one picture per step."""
+"""The figure of one search: all touches side by side."""
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,7 +9,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from numpy.typing import NDArray
-from PIL import Image
 
 from belief.problem import SearchProblem
 from experiments.reporting.style import INK, PALETTE, figure
@@ -20,7 +18,6 @@ from planners import Episode, Outcome
 
 _SHOWN = 2  # shapes whose orientation is drawn
 _SURFACE = LinearSegmentedColormap.from_list("surface", ["#0b1d33", "#3f6f9f", "#dbe7f2"])
-_MILLISECONDS, _LAST_MILLISECONDS = 1200, 3500
 
 
 def draw_search(
@@ -67,41 +64,6 @@ def draw_search(
         drawn.suptitle(_title(episode, problem))
 
 
-def animate_search(
-    episode: Episode, frames: list[Frame], problem: SearchProblem, path: Path, bodies: Bodies | None = None
-) -> None:
-    """Write a search as an animated GIF or WebP, one picture per step; arguments as :func:`draw_search`."""
-    pictures, touched = [], None
-    for number, frame in enumerate(frames):
-        if frame.image is not None:
-            touched = frame
-        elif touched is not None and touched.step.object_index != frame.step.object_index:
-            touched = None
-        with figure((6.4 if bodies is None else 8.2, 3.4)) as drawn:
-            if bodies is None:
-                left, right = drawn.subplots(1, 2, width_ratios=(1, 1.1))
-            else:
-                grid = drawn.subplot_mosaic(
-                    [["touch", "bars", "0"], ["touch", "bars", "1"]], width_ratios=(1, 1.1, 0.6)
-                )
-                left, right = grid["touch"], grid["bars"]
-                _bodies([grid["0"], grid["1"]], frame, bodies, problem.shape_labels[frame.shape])
-            if touched is None:
-                left.text(0.5, 0.5, "not touched yet", ha="center", va="center", transform=left.transAxes)
-            else:
-                left.imshow(touched.image, cmap="magma", vmin=0, vmax=255, origin="lower")
-            left.set(xticks=[], yticks=[])
-            left.set_title(f"object {frame.step.object_index + 1} of {problem.num_objects}")
-            _bars(right, frame, episode, problem)
-            right.set_title(action_words(frame.step.decision.action, problem), fontweight="bold")
-            drawn.suptitle(_title(episode, problem) if number == len(frames) - 1 else _sought(episode, problem))
-            buffer = io.BytesIO()
-            drawn.savefig(buffer, format="png", dpi=100)
-        pictures.append(Image.open(buffer).convert("RGB"))
-    times = [_MILLISECONDS] * (len(pictures) - 1) + [_LAST_MILLISECONDS]
-    pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=times, loop=0)
-
-
 def _bars(axes: Axes, frame: Frame, episode: Episode, problem: SearchProblem) -> None:
     """Draw the belief after a step; the target has another colour."""
     labels = problem.shape_labels
@@ -146,10 +108,6 @@ def coloured(picture: NDArray[np.float64], prob: float) -> NDArray[np.float64]:
     return colours
 
 
-def _sought(episode: Episode, problem: SearchProblem) -> str:
-    return f"Searching for a {problem.shape_labels[episode.target]}"
-
-
 def _title(episode: Episode, problem: SearchProblem) -> str:
     ended = "found" if episode.success else "unsure" if episode.outcome is Outcome.UNSURE else "failed"
-    return f"{_sought(episode, problem)}: {ended} after {episode.num_touches} touches"
+    return f"Searching for a {problem.shape_labels[episode.target]}: {ended} after {episode.num_touches} touches"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain
@@ -14,43 +14,39 @@ import numpy as np
 from belief.errors import ActiveTouchError
 from experiments.parallel import Shared, run_tasks
 from experiments.search.fingerprint import digest_of, fingerprint
-from experiments.search.play import EPISODES_PER_BATCH, Searches, Seconds, TouchMemo, play_episodes
+from experiments.search.play import EPISODES_PER_BATCH, Searches, Seconds, play_episodes
 from experiments.search.run_folder import Batch, Cell, RunFolder, episode_lines
 from planners import Decider
 
 
 @dataclass(frozen=True)
 class Task:
-    """Plays the same episodes with one or several deciders, which share the images of their touches.
+    """Plays a batch of episodes.
 
     Attributes:
         shared: what determines the searches, and the deciders by name.
-        target: label of the target shape.
+        cell: name of the decider and label of the target.
         number: number of the batch.
-        sizes: number of episodes by name of the decider.
+        size: number of episodes.
     """
 
     shared: Shared[tuple[Searches, Mapping[str, Decider]]]
-    target: str
+    cell: Cell
     number: int
-    sizes: Mapping[str, int]
+    size: int
 
-    def __call__(self) -> list[tuple[Cell, int, Batch]]:
-        """The batches of all deciders."""
-        memo = TouchMemo()
-        return [((name, self.target), self.number, self._play(name, size, memo)) for name, size in self.sizes.items()]
-
-    def _play(self, name: str, size: int, memo: TouchMemo) -> Batch:
-        searches, deciders = self.shared.value
-        target = list(searches.problem.shape_labels).index(self.target)
+    def __call__(self) -> tuple[Cell, int, Batch]:
+        """The batch, with its cell and number."""
+        (searches, deciders), (name, label) = self.shared.value, self.cell
+        target = list(searches.problem.shape_labels).index(label)
         first = self.number * EPISODES_PER_BATCH
-        numbers = range(first, first + size)
+        numbers = range(first, first + self.size)
         try:
-            episodes, seconds = play_episodes(searches, deciders[name], target, numbers, memo)
+            episodes, seconds = play_episodes(searches, deciders[name], target, numbers)
         except ActiveTouchError as error:
-            error.add_note(f"in one of the episodes {numbers} of {name}, target {self.target}, seed {searches.seed}")
+            error.add_note(f"in one of the episodes {numbers} of {name}, target {label}, seed {searches.seed}")
             raise
-        return Batch(episode_lines(name, episodes), seconds)
+        return self.cell, self.number, Batch(episode_lines(name, episodes), seconds)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,12 +94,11 @@ class Run:
         self.folder.require(self.searches.identity)
         self._tell_outdated()
         is_started = False
-        for found in run_tasks(self._tasks(jobs), jobs, "searching"):
+        for cell, number, batch in run_tasks(self._tasks(), jobs, "searching"):
             if not is_started:  # a run that fails without any result must not claim the folder
                 self.folder.start(self.searches.identity, self.arguments)
                 is_started = True
-            for cell, number, batch in found:
-                self.folder.add(cell, self.keys[cell], number, batch)
+            self.folder.add(cell, self.keys[cell], number, batch)
         self.folder.start(self.searches.identity, self.arguments)
         self.folder.write_episodes(
             chain.from_iterable(self.lines(name, t) for name in self.deciders for t in self.targets)
@@ -118,24 +113,18 @@ class Run:
         """The time that the batches of these episodes took."""
         return self.folder.seconds((decider, target), self.lines(decider, target))
 
-    def _tasks(self, jobs: int | None) -> list[Task]:
-        """What is missing, as tasks that take about equally long, in random order."""
-        shared, groups = Shared((self.searches, self.deciders)), list[Task]()
-        for target in self.targets:
-            for number in range(-(-self.episodes // EPISODES_PER_BATCH)):
-                sizes = {name: self._missing(name, target, number) for name in self.deciders}
-                groups.append(Task(shared, target, number, {name: size for name, size in sizes.items() if size}))
-        groups = [task for task in groups if task.sizes]
-        pieces = -(-2 * (jobs or 1) // max(len(groups), 1))  # few groups are divided among the processes
-        tasks = [piece for task in groups for piece in _divided(task, pieces)]
-        # At random, so that processes that fill the same folder rarely play the same batches.
+    def _tasks(self) -> list[Task]:
+        """The missing batches in random order, so that processes that fill one folder rarely play the same."""
+        shared, batches = Shared((self.searches, self.deciders)), range(-(-self.episodes // EPISODES_PER_BATCH))
+        sizes = {(cell, number): self._missing(cell, number) for cell in self.keys for number in batches}
+        tasks = [Task(shared, cell, number, size) for (cell, number), size in sizes.items() if size]
         return [tasks[index] for index in np.random.default_rng().permutation(len(tasks))]
 
-    def _missing(self, name: str, target: str, number: int) -> int:
+    def _missing(self, cell: Cell, number: int) -> int:
         """Size of a batch; 0 if the folder holds it."""
         size = min(self.episodes - number * EPISODES_PER_BATCH, EPISODES_PER_BATCH)
-        held = self.folder.held((name, target), self.keys[name, target]).get(number)
-        return 0 if size <= 0 or (held is not None and len(held.lines) >= size) else size
+        held = self.folder.held(cell, self.keys[cell]).get(number)
+        return 0 if held is not None and len(held.lines) >= size else size
 
     def _tell_outdated(self) -> None:
         """Say on stderr which deciders have searches of another version only, which are played again."""
@@ -147,11 +136,3 @@ class Run:
                 f"again: {', '.join(outdated)}",
                 file=sys.stderr,
             )
-
-
-def _divided(task: Task, pieces: int) -> Iterator[Task]:
-    """A task as several, each with some of its deciders."""
-    names = list(task.sizes)
-    for first in range(min(pieces, len(names))):
-        some = {name: task.sizes[name] for name in names[first::pieces]}
-        yield Task(task.shared, task.target, task.number, some)

@@ -30,9 +30,9 @@ from belief.files import (
     unsealed_json,
     write_text,
 )
+from experiments.scene_choice import command
 from experiments.search.fingerprint import commit_of_code
 from experiments.search.play import EPISODES_PER_BATCH, Seconds
-from experiments.sensor_commands import command
 from planners import Episode
 
 _FORMAT = 3

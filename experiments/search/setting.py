@@ -51,10 +51,6 @@ class Setting:
     """Cost λ of one touch, in units of a success."""
     abstain: Annotated[float, Within(0.0, 1.0, open_low=True, open_high=True)] | None = None
     """False-alarm rate of the conflict test, such as 0.02: deciders can answer "I do not know"."""
-    promise: InFile[Annotated[float, Within(0.0, 1.0)]] = 0.95
-    """With abstain: smallest stated confidence of an answer."""
-    unsure_reward: InFile[Annotated[float, Within(-1.0, 1.0, open_high=True)]] = 0.0
-    """With abstain: reward of the answer "I do not know", between a wrong answer (-1) and a success (+1)."""
     anyway: bool = False
     """Accept a sensor that was made for another scene; the report lists the differences."""
 
@@ -145,7 +141,7 @@ class Setting:
                 composition=composition,
                 touch_cost=self.touch_cost,
                 touch_limit=named.touches_per_object * number,
-                unsure_reward=None if self.abstain is None else self.unsure_reward,
+                unsure_reward=None if self.abstain is None else 0.0,
             )
         except ValueError as error:
             raise BadArgument(str(error)) from error

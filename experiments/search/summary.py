@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
@@ -151,19 +151,6 @@ class Summary:
         problem = self.problem
         best = np.maximum(problem.prior_probs, problem.prior_absent_probs)
         return float(np.mean([best[problem.shape_labels.index(target)] for target in self.targets]))
-
-    def renamed(self, names: Mapping[str, str]) -> Self:
-        """The same comparison with other names of the deciders."""
-
-        def key(found: Any) -> Any:
-            return (names[found[0]], found[1]) if isinstance(found, tuple) else names[found]
-
-        values = {field.name: getattr(self, field.name) for field in fields(self)}
-        tables = {name: found for name, found in values.items() if isinstance(found, Mapping)}
-        renamed: dict[str, Any] = {
-            name: {key(one): value for one, value in found.items()} for name, found in tables.items()
-        }
-        return replace(self, **renamed, reference=names[self.reference])
 
     def of(self, decider: str) -> list[Episode]:
         """All episodes of a decider, target by target; every decider has the same ones in the same order."""

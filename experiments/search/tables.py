@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from belief.table import Table, Value
 from experiments.search.summary import ALL, Summary
 from experiments.search.verdict import ENOUGH
 
 _MOST_ROWS = 40  # a longer table has no rows of single targets
-_DROPPED = ("ms/touch", "none", "wrong", "95 %", "touches")  # columns to omit on a narrow terminal, in this order
 
 
 def comparison_tables(comparison: Summary) -> list[Table]:
@@ -118,28 +116,8 @@ def _times(comparison: Summary) -> Table:
     return Table("Milliseconds per touch", ["decider", ("touches", "d"), *parts], rows, name="times")
 
 
-def terminal_table(comparison: Summary, width: int = 80) -> Table:
-    """The comparison as a table for a terminal; columns that do not fit are omitted.
-
-    Args:
-        comparison: results to show.
-        width: width of the terminal [characters].
-    """
-    whole, omitted = _terminal_rows(comparison), 0
-    whole = whole if comparison.is_selective else whole.without(["unsure"])
-    table = whole
-    while omitted < len(_DROPPED) and max(map(len, table.text(10_000).splitlines())) > width:
-        omitted += 1
-        table = whole.without(_DROPPED[:omitted])
-    last = f"Omitted: {', '.join(_DROPPED[:omitted])}" if omitted else "ms/touch = physics+network+decision"
-    note = (
-        f"{next(iter(comparison.cells.values())).num_episodes} live searches per decider and target, 95 % Wilson "
-        f"intervals. No-touch baseline {comparison.no_touch_baseline:.2f}. {last}"
-    )
-    return replace(table, note=note)
-
-
-def _terminal_rows(comparison: Summary) -> Table:
+def terminal_table(comparison: Summary) -> Table:
+    """The comparison as a table for a terminal: a row for each target below the name of each decider."""
     by_target = len(comparison.deciders) * (len(comparison.targets) + 1) <= _MOST_ROWS
     rows: list[tuple[str, ...]] = []
     for decider in comparison.deciders:
@@ -152,4 +130,11 @@ def _terminal_rows(comparison: Summary) -> Table:
             rows.append(
                 (f"  {target}", f"{cell.success:.3f}", f"{low:.2f}–{high:.2f}", *counts, ms if cell.touches else "–")
             )
-    return Table("", ["target", "success", "95 %", "wrong", "none", "unsure", "touches", "ms/touch"], rows)
+    table = Table(
+        "",
+        ["target", "success", "95 %", "wrong", "none", "unsure", "touches", "ms/touch"],
+        rows,
+        f"{next(iter(comparison.cells.values())).num_episodes} live searches per decider and target, 95 % Wilson "
+        f"intervals. No-touch baseline {comparison.no_touch_baseline:.2f}. ms/touch = physics+network+decision",
+    )
+    return table if comparison.is_selective else table.without(["unsure"])

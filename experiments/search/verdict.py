@@ -11,8 +11,6 @@ from experiments.search.paired import Difference
 from experiments.search.summary import ALL, Cell, Summary
 from planners.one_touch import one_touch_bound
 
-LONGEST = 36
-"""Length from which a name is replaced by a short one."""
 LEAST_DOUBT = 0.025
 """A decider whose return is the highest in at least this fraction of bootstrap resamples may be the best."""
 ENOUGH = 20
@@ -45,29 +43,6 @@ def tie_sentence(names: Sequence[str], comparison: Summary) -> str:
         f"This is a tie of {len(names)}: no return is certainly the highest. In bootstrap resamples of the episodes, "
         f"the highest return is {shares}."
     )
-
-
-def short_names(names: Sequence[str]) -> tuple[dict[str, str], list[str]]:
-    """What deciders are called where space is short, and sentences that say what was left out.
-
-    A long name is replaced by its first word, with a number if several deciders begin with that word.
-
-    Args:
-        names: deciders as on the command line, all different.
-
-    >>> found, said = short_names(["information_gain(given='shape', confirm=0.98)", "random_poses"])
-    >>> list(found.values())
-    ['information_gain', 'random_poses']
-    >>> said
-    ["information_gain is information_gain(given='shape', confirm=0.98)."]
-    """
-    long = [name for name in names if len(name) > LONGEST]
-    words = {name: name.partition("(")[0].partition(":")[0] for name in long}
-    short = {name: name for name in names}
-    for name in long:
-        alone = sum(other.startswith(words[name]) for other in names) == 1
-        short[name] = words[name] if alone else f"{words[name]} {list(names).index(name) + 1}"
-    return short, [f"{short[name]} is {name}." for name in long]
 
 
 def verdict_sentences(comparison: Summary) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import cache, partial
 from pathlib import Path
 from types import MappingProxyType
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.data.dataset import TouchSet, read_split
-from activetouch.data.manifest import CollectionPlan, Manifest, read_manifest
+from activetouch.data.manifest import Manifest, read_manifest
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
 from activetouch.scene import Scene
@@ -35,10 +35,9 @@ from belief.touch_batch import TouchBatch
 from belief.validation import Floats
 from experiments.command_line.arguments import BadArgument, Count, Seed, check_arguments
 from experiments.command_line.trust import Trust
-from experiments.scene_choice import SceneChoice, in_file_names, named_scene, repeats_folder, training_folder
+from experiments.scene_choice import SceneChoice, command, in_file_names, named_scene, repeats_folder, training_folder
 from experiments.sensor.scores import accuracy_of_objects, read_touches
 from experiments.sensor_choice import NoSensor, open_collection, require_collection
-from experiments.sensor_commands import command
 from planners.pose_order import greedy_order, write_order
 
 _RANKED, _ORDERED = 120, 16  # calibration objects that rank poses, and largest number of poses in the order
@@ -96,7 +95,7 @@ class Calibrate:
             raise NoSensor(f"{trained} is missing; train it with: {command('train', scene=self.scene)}")
         reader = TactileReader.load(trained)
         filed = self.scene if self.out is None else None
-        require_collection(data, manifest, reader.card, filed, repeats=True, anyway=self.anyway)
+        require_collection(data, manifest, reader.card, filed, anyway=self.anyway)
         require_enough(manifest, data)
         scene = scene_of(manifest, Trust(data, [self.scene], self.trust))
         found = calibrate(reader, data, scene, models, self.hypotheses, self.seed)
@@ -105,7 +104,7 @@ class Calibrate:
         if manifest.plan.repeats == 1:
             print(
                 "No object was touched twice in a pose, so how far touches repeat each other is an assumption. To "
-                f"measure it, record several rounds{how_to_record(manifest, data)}"
+                "measure it, record several rounds: collect --plan.repeats 6"
             )
         print(f"wrote {out}")
 
@@ -306,16 +305,8 @@ def require_enough(manifest: Manifest, data: Path) -> None:
         raise TooFewObjects(
             f"{data} has {plan.calibration} calibration objects and {plan.test} test objects of every shape; choosing "
             f"the observation model takes at least {least} and 1, and a few hundred make it a good one. Record "
-            f"more{how_to_record(manifest, data)}"
+            "more, in another folder"
         )
-
-
-def how_to_record(manifest: Manifest, data: Path) -> str:
-    """How to record a collection of the same scene that will do, as the end of a sentence."""
-    if manifest.choice is None:
-        return ", with the program that recorded these"
-    out = data.with_name(f"{data.name}-repeats")
-    return f": {replace(manifest, plan=CollectionPlan(train=0, repeats=6)).command(out)}"
 
 
 def evaluate(model: ArrayModel, touches: TouchBatch, truth: TouchSet, rng: np.random.Generator) -> dict[str, Any]:

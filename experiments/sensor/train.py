@@ -126,7 +126,7 @@ class Train:
         out = self.out if self.out is not None else training_folder(self.scene)
         claim_folder(out)
         manifest = open_collection(data, self.scene, repeats=False)
-        require_collection(data, manifest, None, self.scene if self.out is None else None, repeats=False)
+        require_collection(data, manifest, None, self.scene if self.out is None else None)
         size = self.input_size if self.input_size is not None else named.input_size
         backbone = self.backbone if self.backbone is not None else named.backbone
         train_reader(data, out, self.change.of(RECIPES[self.recipe]), backbone, size, self.weights, self.jobs)

@@ -9,8 +9,7 @@ from types import MappingProxyType
 
 from activetouch.named_scenes import SCENES
 from activetouch.sensor_files import INDEPENDENT_SUFFIX, MODELS
-from experiments.scene_choice import FIDELITIES
-from experiments.sensor_commands import command
+from experiments.scene_choice import FIDELITIES, command
 from planners import DECIDERS
 from planners.registry import NEED_FILES
 

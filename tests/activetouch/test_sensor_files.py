@@ -22,8 +22,7 @@ from activetouch.sensor_files import (
     reader_file,
     sensor_shift,
 )
-from activetouch.shapes import Box, Cylinder
-from activetouch.solids.family import Family
+from activetouch.shapes import Box
 from belief.errors import CorruptFile
 
 COARSE = SCENES["coarse"].scene
@@ -45,9 +44,6 @@ OTHER = {
     "other shapes": replace(COARSE, shapes=BRICKS),
     "another order": replace(COARSE, shapes=dict(reversed(COARSE.shapes.items()))),
     "other poses": replace(COARSE, poses="directions26"),
-    "a family": replace(
-        COARSE, shapes={**COARSE.shapes, "cylinder": Family(Cylinder(0.016, 0.02), half_length=Uniform(0.01, 0.04))}
-    ),
 }
 TOLD = {
     "noise": replace(COARSE, faults=(*COARSE.faults, Noise(0.1))),

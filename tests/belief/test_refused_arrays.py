@@ -5,7 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from belief import ActiveTouchError, Touch, metrics, statistics
+from belief import ActiveTouchError, Touch, files, metrics, seeding, statistics, validation
 from belief.calibration import CALIBRATIONS, PerPose
 from belief.errors import InvalidArgument
 from belief.observation_model import (
@@ -156,3 +156,21 @@ def test_a_model_of_one_body_has_finite_tables(field, number):
     if field == "hypotheses":
         with pytest.raises(ValueError, match=r"hypotheses must be finite, got .* at \[1, 1, 2, 3\]"):
             assert replace(MADE["rigid body"], hypotheses=lambda number: wrong).table.size
+
+
+@pytest.mark.parametrize(
+    ("check", "arguments", "message"),
+    [
+        (validation.require_count, ("number", 1, 2), "number must be an integer, at least 2, got 1"),
+        (validation.require_index, ("number", -1, 4), r"number must be an integer in \[0, 4\), got -1"),
+        (validation.require_number, ("number", np.nan, 0.0, 1.0), r"number must be a number in \[0, 1\], got nan"),
+        (validation.require_choice, ("kind", "fine", ["ok", "no"]), "kind must be one of ok, no; got 'fine'"),
+        (validation.require_fraction, ("number", 95), r"number must lie in \(0, 1\), got 95"),
+        (validation.checked_indices, ("number", [0, 2], 2), r"number must be integers in \[0, 2\), got 2 in row 1"),
+        (seeding.checked_key, ([3, -1],), r"integers ≥ 0, got -1 in \[3, -1\]"),
+        (files.plain_number, ("1_000",), "'1_000' is not a decimal number"),
+    ],
+)
+def test_what_is_out_of_range_is_named(check, arguments, message):
+    with pytest.raises(ValueError, match=message):
+        check(*arguments)

@@ -12,9 +12,8 @@ from belief.statistics import clopper_pearson_interval
 from benchmarks.frontier import Frontier
 from benchmarks.learning_curve import LearningCurve
 from benchmarks.reader_scores import scores
-from experiments.command_line.collection_arguments import PlanArguments
 from experiments.scene_choice import SceneChoice
-from experiments.sensor.collect import Collect
+from experiments.sensor.collect import Collect, PlanArguments
 from experiments.sensor.train import Changes, Train, card_for, new_classifier
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch]

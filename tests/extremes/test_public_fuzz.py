@@ -256,12 +256,6 @@ CALLS = {
         world(np.full((3, 3), 1 / 3)), TouchBatch.of([touches(a)])
     ),
     "grouped": lambda a: [index for _, index in selection.grouped(TouchBatch.of([touches(np.eye(4, 3))]), a[:, 0])],
-    "sequence_nll": lambda a: selection.sequence_nll(
-        world(np.full((3, 3), 1 / 3)), TouchBatch.of([touches(a)]), SHAPES, np.arange(4)
-    ),
-    "cross_validated_nll": lambda a: selection.cross_validated_nll(
-        lambda *_: world(np.full((3, 3), 1 / 3)), touches(a), SHAPES, np.arange(4), 2
-    ),
     "choose_observation_model": lambda a: selection.choose_observation_model(
         touches(a),
         SHAPES,

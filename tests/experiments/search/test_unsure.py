@@ -38,5 +38,5 @@ def test_unsure_searches_are_counted_priced_and_shown(rng):
     results = {table.name: table for table in comparison_tables(comparison)}["results"]
     assert results.rows[0][results.headings.index("unsure")] == 2
     assert "-0.25 for “I do not know”" in results.note
-    assert "unsure" in terminal_table(comparison, 200).headings
+    assert "unsure" in terminal_table(comparison).headings
     assert any("in 0.200 of the searches; it is right in 6 of its 7" in said for said in verdict_sentences(comparison))

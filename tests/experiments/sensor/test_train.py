@@ -16,10 +16,9 @@ from belief.statistics import clopper_pearson_interval, cluster_bootstrap
 from belief.synthetic import random_model
 from belief.touch_batch import TouchBatch
 from experiments.command_line.arguments import BadArgument
-from experiments.command_line.collection_arguments import PlanArguments
 from experiments.scene_choice import SceneChoice
 from experiments.sensor.calibrate import best_order
-from experiments.sensor.collect import Collect
+from experiments.sensor.collect import Collect, PlanArguments
 from experiments.sensor.scores import accuracy_of_objects
 from experiments.sensor.train import Changes, Train, train_any_object
 
