@@ -17,8 +17,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
-from math import isfinite
-from numbers import Real
 from pathlib import Path
 from typing import cast
 
@@ -37,7 +35,6 @@ from activetouch.pressing.contact import Contact, PressedObject, missed
 from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Press, Quasistatic
-from activetouch.pressing.setup import Setup
 from activetouch.rendering import Fault, Gain, Noise, PressureRenderer, TactileRenderer, read_out
 from activetouch.rendering.faults import require_faults
 from activetouch.rendering.renderer import require_image, require_renderer
@@ -77,9 +74,6 @@ class Scene:
         faults: from ideal image to sensor reading, in turn.
         variation: nuisances of objects and presses.
         presentation: how objects lie before a pose turns them.
-        height: of the pad above the floor [m].
-        finger: whether to model the finger that carries the pad.
-        parking: whether to load all objects at once, and park those that are not pressed.
         aims: where a pose brings the object's centre, from the approach axis along y and z [m], by label of the pose;
             to the axis where nothing is said. The offset of the variation is added. :func:`activetouch.poses.aimed`
             makes poses and aims.
@@ -94,9 +88,6 @@ class Scene:
     faults: tuple[Fault, ...] = (Gain(0.10), Noise(0.02))
     variation: Variation = field(default_factory=Variation)
     presentation: Presentation = field(default_factory=Tumbled)
-    height: float = 0.0
-    finger: bool = False
-    parking: bool = False
     aims: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     hand: Hand | None = None
 
@@ -133,8 +124,6 @@ class Scene:
             object.__setattr__(self, "hand", hand_named(self.hand))
             if not self.press_model.closes:
                 raise InvalidArgument(f"a hand closes by Quasistatic() or Closing(), not by {self.press_model!r}")
-        if not (isinstance(self.height, Real) and isfinite(self.height)):
-            raise InvalidArgument(f"height must be a finite number [m], got {self.height!r}")
         if getattr(self.press_model, "moves", False):  # in a MuJoCo model, which is kept by its shape
             for label, solid in self.solids.items():
                 require_hash(label, solid)
@@ -154,12 +143,6 @@ class Scene:
                 if part.name not in ("shapes", "poses")
             )
         )
-
-    @property
-    def setup(self) -> Setup:
-        """The surroundings of a press."""
-        loaded = tuple(self.solids.values()) if self.parking else ()
-        return Setup(self.pad, self.height, self.finger, loaded)
 
     @property
     def solids(self) -> Mapping[str, Shape]:
@@ -285,7 +268,7 @@ class Scene:
         Raises:
             UnstablePress: the simulation diverged.
         """
-        return self.press_model.press(self.setup, placement, self.variation.force.sample(rng))
+        return self.press_model.press(self.pad, placement, self.variation.force.sample(rng))
 
     def press(
         self,
@@ -333,7 +316,7 @@ class Scene:
     ) -> PressedObject:
         """Close all fingers on a body in the palm: their images, side by side."""
         in_palm, depth = self.place_in_palm(obj, pose, rng)
-        found = hand.close(in_palm, depth, self.variation.force.sample(force_rng), self.setup, self.press_model)
+        found = hand.close(in_palm, depth, self.variation.force.sample(force_rng), self.pad, self.press_model)
         ideals = [self.image(contact) for contact in found.contacts]
         images = [read_out(ideal, self.faults, rng) for ideal in ideals]
         image, ideal = np.concatenate(images, axis=1), np.concatenate(ideals, axis=1)

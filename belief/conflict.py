@@ -190,7 +190,6 @@ class ObjectConflict:
         sums: of both scores over all tested touches: the novelty less its median, the misfit standardised, ``(2,)``.
         p_values: of the last touch, ``(2,)``: its novelty, and its misfit to earlier touches; ones without a test.
         log_bets: log wealth of every strategy, ``(12,)``.
-        misfit: of all touches after the first together [nats].
     """
 
     test: ConflictTest
@@ -198,7 +197,6 @@ class ObjectConflict:
     sums: Floats
     p_values: Floats
     log_bets: Floats
-    misfit: float = 0.0
 
     def update(self, embedding: ArrayLike, misfit: float, certainty: float = 1.0) -> ObjectConflict:
         """The test with one more touch.
@@ -209,9 +207,8 @@ class ObjectConflict:
             certainty: largest posterior of a shape before the touch, in [0, 1].
         """
         step, test = self.num_touches, self.test
-        total = self.misfit + _limited(misfit, -_WIDEST, _WIDEST) if step else 0.0
         if step >= test.num_touches:
-            return replace(self, num_touches=step + 1, p_values=frozen(np.ones(2)), misfit=total)
+            return replace(self, num_touches=step + 1, p_values=frozen(np.ones(2)))
         novelty = float(test.novelty.score(np.asarray(embedding, np.float64)[None])[0])
         unusual = _limited(novelty, -_WIDEST, _WIDEST) - test.medians.item(step)
         standardised = float(test.usual_misfit.standardised(step, misfit, certainty))
@@ -227,9 +224,7 @@ class ObjectConflict:
             values = test.quantiles[kind, step]
             sums[kind] += _limited(centred, values.item(0), values.item(-1))
         log_bets = self.log_bets + _bets(np.array(logs), step)
-        return ObjectConflict(
-            test, step + 1, frozen(np.array(sums)), frozen(np.array(p_values)), frozen(log_bets), total
-        )
+        return ObjectConflict(test, step + 1, frozen(np.array(sums)), frozen(np.array(p_values)), frozen(log_bets))
 
 
 def log_conflict(log_bets: Iterable[Floats]) -> float:
@@ -249,9 +244,6 @@ def continued_bets(log_bets: ArrayLike, like: ArrayLike | None) -> Floats:
     Args:
         log_bets: :attr:`belief.SceneView.log_bets` of the earlier search, ``(J,)``; or 0.0 for none.
         like: log bets of an object in the search, ``(J,)``; None for a model without a test.
-
-    Raises:
-        ValueError: a number is not finite, or their number is not that of the model's strategies.
     """
     given, wanted = np.asarray(log_bets, np.float64), np.zeros(1) if like is None else np.zeros(np.shape(like))
     if given.shape not in ((), wanted.shape) or not np.isfinite(given).all():
@@ -266,12 +258,7 @@ _NUM_BETS = 12
 
 
 def _bets(logs: Floats, step: int) -> Floats:
-    """Log of what each strategy multiplies its wealth by, ``(12,)``.
-
-    Args:
-        logs: of the p-values of a high novelty, a low novelty and a high misfit, ``(3,)``.
-        step: number of earlier touches; the first has no misfit.
-    """
+    """Log of what each strategy multiplies its wealth by, ``(12,)``."""
     each = _LOG_KEPT - _POWERS * logs[:, None]  # (3, 4)
     misfit = each[2, :3] if step else np.zeros(3)
     return np.asarray((each[0] + each[1])[:, None] + misfit).ravel()

@@ -90,11 +90,7 @@ class Novelty(FrozenArrays):
 
 
 def _whitening(residuals: Floats, values: Floats) -> Floats:
-    """Matrix that, multiplied from the right, maps residuals ``(n, D)`` of values to unit covariance.
-
-    The covariance is shrunk towards a multiple of the identity as far as minimises the expected squared error (Ledoit
-    and Wolf 2004, section 3.3), so that fewer samples than dimensions will do.
-    """
+    """Whitens residuals ``(n, D)`` from the right, by a covariance shrunk as by Ledoit and Wolf (2004, section 3.3)."""
     number, size = residuals.shape
     scale = float(np.abs(residuals).max())
     # Rounding of means leaves residuals of some units in the last place for constant features.

@@ -17,10 +17,6 @@ def numbered_objects(shapes: ArrayLike, object_ids: ArrayLike) -> tuple[NDArray[
 
     Returns:
         The object of each touch, ``(n,)``, and the shape of each object, ``(N,)``.
-
-    Raises:
-        ValueError: an object with two shapes, shapes that are not integers, ids that are NaN or cannot be sorted, or
-            lengths that differ.
     """
     truth, ids = unmasked(shapes, "shapes"), unmasked(object_ids, "object ids")
     if truth.ndim != 1 or truth.shape != ids.shape:
@@ -48,9 +44,6 @@ def object_folds(shapes: ArrayLike, object_ids: ArrayLike, num_folds: int) -> ND
 
     Folds are stratified by shape, with objects in ascending order of their ids. The order of the touches has no effect.
     The first arguments are those of :func:`numbered_objects`; ``num_folds`` is from 1 to the number of objects.
-
-    Raises:
-        ValueError: ``num_folds`` is not an integer in this range; or as :func:`numbered_objects`.
     """
     owner, shape_of = numbered_objects(shapes, object_ids)
     require_count("num_folds", num_folds)

@@ -140,10 +140,7 @@ _OF_WRITING = {
 
 
 def _cause(error: Exception, temporary: Path) -> OSError | None:
-    """The operating system's error behind an error of writing ``temporary``; None if there is none.
-
-    numpy and safetensors give it only as text.
-    """
+    """The operating system's error behind an error of writing ``temporary``; None if there is none."""
     if isinstance(error, ActiveTouchError):
         return None
     if isinstance(error, OSError) and error.errno in _OF_WRITING:

@@ -40,9 +40,6 @@ def touch_fit(model: ObservationModel, objects: Iterable[Sequence[Touch]], world
         model: likelihood of touches.
         objects: the touches of each, oldest first.
         world: of the sensor: 0 as described, w > 0 for the world with index w - 1 of a :class:`SensorHealthModel`.
-
-    Raises:
-        ValueError: the model has no such world; or a touch does not fit the model.
     """
     health = model if isinstance(model, SensorHealthModel) else None
     joint = joint_model(model if health is None else health.nominal)

@@ -123,7 +123,7 @@ class LearningCurve:
         state = out / f"{len(chosen)}-objects" / STATE_FILE
         classifier = new_classifier(card, recipe.seed)
         trainer = Trainer(classifier, recipe, part, calibration, state, manifest.symmetry)
-        run_to_the_end(trainer, state.parent / "tensorboard")
+        run_to_the_end(trainer)
         trainer.finish()
         result = scores(classifier, calibration, test, np.random.default_rng(self.seed))
         per_shape = len(part.images) // len(manifest.shape_labels)

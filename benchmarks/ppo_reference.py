@@ -96,10 +96,10 @@ def main(out: Path, sensor: str) -> None:
     """Print the references of all policies of a training that are for one target."""
     bank, test_bank = (TouchBank.open(out / "bank" / split) for split in (TRAINING, TEST))
     model = load_observation_model(MODELS / sensor)
-    for state, targets in json.loads((out / "curves.json").read_text()).items():
+    for state, targets in json.loads((out / "scores.json").read_text()).items():
         for target in targets:
             found = reference(bank, test_bank, model, target, PPO_RECIPES[state])
-            returns = ", ".join(f"{curve[-1][1]:.3f}" for curve in targets[target])
+            returns = ", ".join(f"{score['mean_return']:.3f}" for score in targets[target])
             print(
                 f"{state} {target}: returns of the seeds {returns}; {found.score.mean_return:.3f} of the best "
                 f"thresholds {found.thresholds}; upper bound {found.optimum:.3f} for the table of outcomes; with "

@@ -216,7 +216,9 @@ def require_collection(
             shift += require_scene(whose, made_for, manifest.scene, anyway)
         except WrongScene as error:
             remedy = "name a folder for the results with --out" if whose != "the reader" else "add --anyway"
-            raise WrongScene(f"{error}, in {folder}. To use it nevertheless, {remedy}") from error
+            raise WrongScene(
+                f"{error}. Such are the touches in {folder}; to use them nevertheless, {remedy}"
+            ) from error
     if shift:
         told = in_words(tuple(dict.fromkeys(shift)))
         print(f"warning: {folder} was recorded in another scene than {' or '.join(wanted)}: {told}", file=sys.stderr)

@@ -9,11 +9,10 @@ import numpy as np
 
 from belief.composition import Composition
 from belief.errors import InvalidArgument
-from belief.naming import seed_words
 from belief.observation_model.model import ObservationModel
 from belief.problem import Probe, SearchProblem
 from belief.scene_belief import SceneBelief
-from belief.seeding import deciding_rng, touch_rng
+from belief.seeding import checked_key, deciding_rng, touch_rng
 from planners.decider import InformationState, ProbeSelector
 from planners.search import World
 
@@ -74,7 +73,7 @@ def identify(
     """
     if not 0.0 < threshold <= 1.0:
         raise InvalidArgument(f"threshold must be in (0, 1], got {threshold!r}")
-    words = seed_words(seed)
+    words = checked_key(seed)
     rng, labels = deciding_rng(words), tuple(model.shape_labels)
     problem = SearchProblem(labels, tuple(pose_labels), 1, Composition.INDEPENDENT, touch_limit=max_touches)
     world.reset()

@@ -31,12 +31,12 @@ from numpy.typing import ArrayLike
 from belief.categorical import Belief
 from belief.errors import CorruptFile, InvalidArgument
 from belief.journal import Journal
-from belief.naming import Name, index_of, seed_words
+from belief.naming import Name, index_of
 from belief.observation_model.model import ObservationModel
 from belief.problem import Action, Probe, SearchProblem, Touch
 from belief.scene_view import UNKNOWN, SceneView
 from belief.search_progress import Outcome, SearchProgress
-from belief.seeding import deciding_rng
+from belief.seeding import checked_key, deciding_rng
 from planners.abstaining import Abstaining
 from planners.answers import checked_decision
 from planners.decider import Decider, Decision, InformationState
@@ -110,7 +110,7 @@ class Session:
             decider = decider if isinstance(decider, Abstaining) else Abstaining(decider)
             problem = problem if problem.unsure_reward is not None else replace(problem, unsure_reward=0.0)
         self.problem, self.model = problem, model
-        self.seed, self.target = seed_words(seed), index_of("target", problem.shape_labels, target)
+        self.seed, self.target = checked_key(seed), index_of("target", problem.shape_labels, target)
         self._decider, self._log_bets = decider, log_bets
         self._listener = Listener(problem, model, reader, least_force, least_area)
         self._journal: Journal | None = None

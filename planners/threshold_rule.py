@@ -50,7 +50,7 @@ class ThresholdRule:
             return None
         recent = info.history[-self.num_consecutive :]
         logits = [np.maximum(touch.require_logits(), _LEAST_LOGIT) for touch in recent]
-        frames = [float(_SOFTMAX.proba_of(row)[info.target]) for row in logits]
+        frames = [float(_SOFTMAX.predict_proba(row)[info.target]) for row in logits]
         scores = {"frame_prob": frames[-1], "target_prob": info.target_prob}
         if len(frames) == self.num_consecutive and min(frames) > self.high:
             return Decision(Confirm(), scores)

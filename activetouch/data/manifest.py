@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import hashlib
 import json
+import platform
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, fields
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -91,6 +93,8 @@ class Manifest:
     @classmethod
     def of(cls, scene: Scene, plan: CollectionPlan, choice: Mapping[str, Any] | None = None) -> Manifest:
         """The manifest of a collection that this machine would begin now."""
+        import mujoco
+
         return cls(
             plan,
             scene_fields(scene),
@@ -99,7 +103,12 @@ class Manifest:
             scene.pose_labels,
             scene.symmetry,
             scene.image_shape,
-            _versions(),
+            {
+                "activetouch": version("activetouch"),
+                "mujoco": mujoco.__version__,
+                "numpy": np.__version__,
+                "python": platform.python_version(),
+            },
         )
 
     @property
@@ -196,39 +205,25 @@ def _require_same(folder: Path, first: Manifest, wanted: Manifest) -> None:
         )
 
 
-def _versions() -> dict[str, str]:
-    import importlib.metadata
-    import platform
-
-    import mujoco
-
-    own = importlib.metadata.version("activetouch")
-    return {
-        "activetouch": own,
-        "mujoco": mujoco.__version__,
-        "numpy": np.__version__,
-        "python": platform.python_version(),
-    }
-
-
 def _parse(found: Mapping[str, Any], path: Path) -> Manifest:
     if isinstance(number := found.get("format"), int) and number != FORMAT:
-        remedy = "a newer activetouch reads it" if number > FORMAT else f"record the touches anew, not in {path.parent}"
-        raise CorruptFile(f"{path} has format {number}, this version reads {FORMAT}; {remedy}")
+        raise CorruptFile(
+            f"{path} has format {number}, this version reads {FORMAT}; record the touches anew, not in {path.parent}"
+        )
     try:
         values = {field.name: found[field.name] for field in fields(Manifest)}  # files of earlier versions have more
         for name in ("shape_labels", "pose_labels", "image_shape"):
             values[name] = tuple(values[name])
         values["plan"], values["symmetry"] = CollectionPlan(**values["plan"]), Symmetry(values["symmetry"])
         manifest = Manifest(**values)
-        if type(found["format"]) is not int:
-            raise TypeError(f"format is {found['format']!r}")
-        for name in ("scene", "versions"):
-            if not isinstance(values[name], Mapping):
-                raise TypeError(f"{name} is {values[name]!r}")
-        if not all(isinstance(label, str) for label in (*manifest.shape_labels, *manifest.pose_labels)):
-            raise TypeError("a label that is no text")
-        _ = manifest.mujoco_version
+        labels = (*manifest.shape_labels, *manifest.pose_labels)
+        if not (
+            type(found["format"]) is int
+            and isinstance(manifest.scene, Mapping)
+            and isinstance(manifest.mujoco_version, str)
+            and all(isinstance(label, str) for label in labels)
+        ):
+            raise TypeError("a field is of another type")
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise _damaged(path, f"{type(error).__name__}: {error}") from error
     return manifest

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
@@ -32,30 +30,3 @@ def draw(image: NDArray[np.uint8] | None, belief: Belief, target: int) -> NDArra
         pen.rectangle(bar, fill=_TARGET if index == target else _BAR)
         pen.text((left, top + 0.1 * height), f"{label} {prob:.3f}", fill=_INK)
     return np.asarray(picture)
-
-
-class Window:
-    """A window of matplotlib that shows one frame after the other; where there is no display, nothing is seen."""
-
-    def __init__(self, title: str) -> None:
-        from matplotlib import pyplot  # takes half a second
-
-        self._figure = pyplot.figure(num=title, figsize=(2 * _SIZE / 80, _SIZE / 80), dpi=80, clear=True)
-        self._image: Any = None
-
-    def show(self, frame: NDArray[np.uint8]) -> None:
-        """Show a frame, ``(H, W, 3)`` uint8, in place of the last one."""
-        if self._image is None:
-            axes = self._figure.add_axes((0.0, 0.0, 1.0, 1.0))
-            axes.set_axis_off()
-            self._image = axes.imshow(frame)
-        self._image.set_data(frame)
-        self._figure.show(warn=False)
-        self._figure.canvas.draw()
-        self._figure.canvas.flush_events()
-
-    def close(self) -> None:
-        """Close the window."""
-        from matplotlib import pyplot
-
-        pyplot.close(self._figure)

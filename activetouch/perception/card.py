@@ -15,8 +15,6 @@ from activetouch.perception.sealed_tensors import read_fields
 from activetouch.scene_description import OBJECTS
 from belief.errors import CorruptFile
 
-CHECKPOINT = "activetouch-classifier-5"
-"""The kind of file that training writes and goes on from, with weights for torch."""
 READER = "activetouch-reader-1"
 """The kind of file that a sensor has, with a network for ONNX Runtime."""
 HYPOTHESIS_NETWORK = "residual"
@@ -25,8 +23,6 @@ CONTACT_NETWORK = "contacts"
 """The network of readers of any object, which embeds hypotheses by their predicted contacts."""
 PRODUCTS = np.triu_indices(9)
 """The pairs of entries of a rotation matrix whose products a network of hypotheses reads, two arrays."""
-CLASSIFIER_FILE = "classifier.safetensors"
-"""Name of a checkpoint in the folder of a training."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +39,7 @@ class ClassifierCard:
             nobody said.
         mujoco_version: MuJoCo that pressed them.
         training: summary of how training went (epochs, images, losses).
-        image_shape: ``(H, W)`` or ``(H, W, 3)`` of the images that an exported network takes; empty in a checkpoint.
+        image_shape: ``(H, W)`` or ``(H, W, 3)`` of the images that an exported network takes; empty before the export.
         embedding: length of the embeddings of images and hypotheses; 0 for a network that gives logits of the shapes.
         log_size_mean, log_size_std: they standardise the logarithm of a hypothesis's size.
         imaging: fields of :class:`activetouch.perception.contacts.imaging.Imaging`, of a reader of any object, which

@@ -10,7 +10,7 @@ from activetouch.placement import Placement
 from activetouch.pressing.contact import Contact, elastic_contact, first_touch
 from activetouch.pressing.dynamic import SteppedPress, require_force
 from activetouch.pressing.facing import facing_geom
-from activetouch.pressing.setup import Setup
+from activetouch.pressing.pad import Pad
 from activetouch.pressing.trace import Phase
 
 _LARGEST_FORCE = 1e4  # [N]; a larger force means that the simulation diverged
@@ -45,11 +45,11 @@ class GuardedMove(SteppedPress):
     travel: float = 0.005
     rotation_time: float = 0.2
 
-    def press(self, setup: Setup, placement: Placement, target_force: float) -> Contact:
+    def press(self, pad: Pad, placement: Placement, target_force: float) -> Contact:
         """See :class:`Press`; ``target_force`` is the threshold."""
         require_force(target_force)
-        gap, touching = first_touch(setup.pad, placement)
-        rig, withdrawn = self._place(setup, placement, facing_geom(setup.pad, placement, gap, touching))
+        gap, touching = first_touch(pad, placement)
+        rig, withdrawn = self._place(pad, placement, facing_geom(pad, placement, gap, touching))
         advance = self.timestep * self.speed
         skips = target_force > 0.0 and not self.is_complete
         skipped = rig.skip_approach(withdrawn, self.speed, touching) if skips else 0
@@ -75,7 +75,7 @@ class GuardedMove(SteppedPress):
                 f"because at {self.speed} m/s the object's momentum carries it on. Try a speed of "
                 f"{self.speed * target_force / force:.2g} m/s, or Dynamic, which controls the force."
             )
-        return elastic_contact(setup.pad, gap, force, placement.stiffness, rig.trace())
+        return elastic_contact(pad, gap, force, placement.stiffness, rig.trace())
 
     @property
     def traced(self) -> bool:

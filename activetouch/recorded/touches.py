@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.errors import BadRecording
 from belief.frozen import FrozenArrays
+from belief.naming import few
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.kernel_fit import numbered_sessions
 from belief.problem import Touch
 from belief.validation import Floats
 
-TASKS = ("objects", "categories", "shapes")
-"""What a search can be about."""
 LARGEST = 1e100
 """Size of a feature, so that squares and their sums are finite."""
 
-_FEWEST_LABELS = 2
 _SHARED = 0.9  # of the sessions have all actions, if actions are recorded in sessions
+_SESSIONS = 4  # of three sessions none is left to calibrate on
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,9 +33,7 @@ class RecordedTouches(FrozenArrays):
         sessions: order of recording of each touch among those of its object and action, ``(n,)``; touches of one object
             with equal numbers belong together, such as the behaviours of one trial.
         action_names: of the P actions.
-        object_names: of the objects.
-        labels: name of each object's category or shape by task, for the tasks that the set has besides ``objects``; an
-            empty name leaves the object out of the task.
+        object_names: of the K objects, which a reader learns to tell apart.
         provenance: where the set comes from.
         licence: its licence.
         feature_names: F names, or none.
@@ -47,8 +43,8 @@ class RecordedTouches(FrozenArrays):
             sessions that are not whole numbers; the message names the touch.
 
     >>> touches = RecordedTouches(np.zeros((2, 3)), [0, 0], [0, 1], [0, 0], ("press",), ("mug", "ball"))
-    >>> touches.num_touches, touches.tasks
-    (2, ('objects',))
+    >>> touches.num_touches, touches.num_actions
+    (2, 1)
     """
 
     features: Floats
@@ -57,7 +53,6 @@ class RecordedTouches(FrozenArrays):
     sessions: NDArray[np.int64]
     action_names: tuple[str, ...]
     object_names: tuple[str, ...]
-    labels: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     provenance: str = "the user"
     licence: str = "not stated"
     feature_names: tuple[str, ...] = ()
@@ -78,11 +73,7 @@ class RecordedTouches(FrozenArrays):
             )
         if self.feature_names and len(self.feature_names) != self.features.shape[1]:
             raise BadRecording(f"feature_names must be none or {self.features.shape[1]}, got {len(self.feature_names)}")
-        for name, size in (
-            ("actions", len(self.action_names)),
-            ("objects", len(self.object_names)),
-            ("sessions", None),
-        ):
+        for name, size in (("actions", self.num_actions), ("objects", len(self.object_names)), ("sessions", None)):
             values = getattr(self, name)
             if values.shape != (n,):
                 raise BadRecording(f"{name} must be ({n},) as there are {n} rows of features, got {values.shape}")
@@ -92,20 +83,12 @@ class RecordedTouches(FrozenArrays):
         if not fits.all():
             row = int(np.argmin(fits.all(axis=1)))
             raise BadRecording(
-                f"features of {self.describe(row)} hold {self.features[row][~fits[row]][0]}; they must be finite and "
-                f"of a size up to {LARGEST:g}: use another unit, or leave the touch out"
+                f"features of touch {row} (object {self.object_names[self.objects[row]]}, action "
+                f"{self.action_names[self.actions[row]]}, session {self.sessions[row]}) hold "
+                f"{self.features[row][~fits[row]][0]}; they must be finite and of a size up to {LARGEST:g}: use "
+                "another unit, or leave the touch out"
             )
-        for task, names in self.labels.items():
-            if task not in TASKS[1:] or len(names) != len(self.object_names):
-                raise BadRecording(f"labels must give {len(self.object_names)} names for {TASKS[1:]}, got {task!r}")
         self.freeze()
-
-    def describe(self, row: int) -> str:
-        """A touch in words, for messages."""
-        return (
-            f"touch {row} (object {self.object_names[self.objects[row]]}, action "
-            f"{self.action_names[self.actions[row]]}, session {self.sessions[row]})"
-        )
 
     @property
     def num_touches(self) -> int:
@@ -117,76 +100,82 @@ class RecordedTouches(FrozenArrays):
         """P."""
         return len(self.action_names)
 
-    @property
-    def tasks(self) -> tuple[str, ...]:
-        """Tasks that the set has labels for."""
-        return ("objects", *(task for task in TASKS[1:] if task in self.labels))
-
-    def for_task(self, task: str) -> TaskTouches:
-        """The touches of the objects that have a label in a task.
-
-        Raises:
-            BadRecording: the set has no such labels, or fewer than two.
-        """
-        if task not in self.tasks:
-            raise BadRecording(f"these touches have no labels for {task!r}; they have {', '.join(self.tasks)}")
-        names = self.object_names if task == "objects" else self.labels[task]
-        used = sorted({names[index] for index in np.unique(self.objects).tolist()} - {""})
-        if len(used) < _FEWEST_LABELS:
-            raise BadRecording(f"{task} need at least two different labels, there is {used}")
-        label_of = np.array([used.index(name) if name in used else -1 for name in names])
-        rows = np.flatnonzero(label_of[self.objects] >= 0)
-        return TaskTouches(self, task, tuple(used), rows, label_of[self.objects[rows]])
-
-
-@dataclass(frozen=True, eq=False)
-class TaskTouches(FrozenArrays):
-    """The touches of a task, with the label of each.
-
-    Attributes:
-        source: all touches.
-        task: what the labels are.
-        label_names: of the K labels.
-        rows: of the source, ``(n,)``.
-        labels: of each row, ``(n,)``.
-    """
-
-    source: RecordedTouches
-    task: str
-    label_names: tuple[str, ...]
-    rows: NDArray[np.int64]
-    labels: NDArray[np.int64]
-
-    @property
-    def objects(self) -> NDArray[np.int64]:
-        """Object of each row, ``(n,)``."""
-        return self.source.objects[self.rows]
-
-    @property
-    def actions(self) -> NDArray[np.int64]:
-        """Action of each row, ``(n,)``."""
-        return self.source.actions[self.rows]
-
-    @property
-    def sessions(self) -> NDArray[np.int64]:
-        """Session of each row, ``(n,)``."""
-        return self.source.sessions[self.rows]
-
     def sessions_of(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
         """Sessions of some rows, ``(r,)``; touches of single sessions are numbered anew if no two actions share one."""
         objects, actions, sessions = self.objects[rows], self.actions[rows], self.sessions[rows]
         pairs = np.unique(np.stack([objects, sessions, actions]), axis=1)
         _, counts = np.unique(pairs[:2], axis=1, return_counts=True)
-        is_shared = (counts == self.source.num_actions).mean() > _SHARED
+        is_shared = (counts == self.num_actions).mean() > _SHARED
         return sessions if is_shared else numbered_sessions(objects, actions)
 
     def labelled(self, rows: NDArray[np.int64], ratios: Floats) -> LabelledTouches:
-        """Some rows ``(r,)`` as a reader sees them, with log likelihood ratios ``(r, K)``, and their labels."""
+        """Some rows ``(r,)`` as a reader sees them, with log likelihood ratios ``(r, K)``, and their objects."""
         listed = [Touch(int(action), row) for action, row in zip(self.actions[rows], ratios, strict=True)]
-        size = self.source.num_actions
-        return LabelledTouches.of(listed, self.labels[rows], self.objects[rows], self.label_names, size)
+        owners = self.objects[rows]
+        return LabelledTouches.of(listed, owners, owners, self.object_names, self.num_actions)
 
-    @property
-    def features(self) -> Floats:
-        """Features of each row, ``(n, F)``."""
-        return self.source.features[self.rows]
+
+def check_recorded(touches: RecordedTouches) -> tuple[str, ...]:
+    """Check that a set can be split, read and searched in, and return remarks about what weakens its results.
+
+    Raises:
+        BadRecording: there are fewer than two objects, or one has too few sessions of an action; the message says which
+            and what is needed.
+
+    >>> rows = np.arange(12.0).reshape(12, 1) % 5
+    >>> mugs = RecordedTouches(rows, [0] * 12, [0, 1] * 6, np.arange(12) // 2, ("press",), ("mug", "ball"))
+    >>> check_recorded(mugs)
+    ('7 touches have exactly the features of an earlier touch; copies leak from training into tests',)
+    """
+    names = touches.object_names
+    if len(names) < 2:
+        raise BadRecording(f"a search needs at least two different objects, there is {list(names)}")
+    counts = np.zeros((len(names), touches.num_actions), np.int64)
+    np.add.at(counts, tuple(np.unique([touches.objects, touches.actions, touches.sessions], axis=1)[:2]), 1)
+    short = counts < _SESSIONS
+    if lacking := np.flatnonzero(short.any(axis=1)).tolist():
+        missing = [[f"{counts[i, a]} of {touches.action_names[a]}" for a in np.flatnonzero(short[i])] for i in lacking]
+        listed = "; ".join(f"{names[i]} ({', '.join(parts)})" for i, parts in zip(lacking, missing, strict=True))
+        raise BadRecording(
+            f"{len(lacking)} of {len(names)} objects have too few sessions: {listed}; objects need at least "
+            f"{_SESSIONS} of each action, to learn from, to calibrate on and to test on; leave these out"
+        )
+    copies = len(touches.features) - len(np.unique(np.column_stack([touches.features, touches.actions]), axis=0))
+    said = "touches have exactly the features of an earlier touch; copies leak from training into tests"
+    return (*([f"{copies} {said}"] if copies else []), *suspicious_features(touches))
+
+
+def suspicious_features(touches: RecordedTouches) -> tuple[str, ...]:
+    """Sentences about features that name the object of a touch, or number its session or row.
+
+    >>> rows = [[0.1, 7.0], [0.3, 7.0], [0.2, 8.0], [0.4, 8.0]]
+    >>> mugs = RecordedTouches(rows, [0] * 4, [0, 0, 1, 1], [0, 1] * 2, ("press",), ("mug", "cup"))
+    >>> suspicious_features(mugs)  # doctest: +ELLIPSIS
+    ('these features name the object: feature 1. They are equal in all touches of an object and differ between...',)
+    """
+    steps = np.diff(touches.features, axis=0)
+    counts = (steps == steps[:1]).all(axis=0) & (steps[:1] != 0.0).any(axis=0) & (touches.num_touches > 2)
+    by_object, by_session = (_tells(touches.features, groups) for groups in (touches.objects, touches.sessions))
+    same = "are equal in all touches of"
+    found = (
+        ("name the object", by_object, f"{same} an object and differ between objects"),
+        ("number the session", by_session, f"{same} a session and differ between sessions"),
+        ("count the rows", counts, "grow by the same in every row"),
+    )
+    names = touches.feature_names or [f"feature {i}" for i in range(touches.features.shape[1])]
+    return tuple(
+        f"these features {what}: {few([names[i] for i in np.flatnonzero(which)], 12)}. They {why}; leave out what was "
+        "not measured in the touch"
+        for what, which, why in found
+        if which.any()
+    )
+
+
+def _tells(features: Floats, groups: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Whether each feature is equal within every group and differs between groups of two rows or more on average."""
+    order = np.argsort(groups, kind="stable")
+    starts = np.flatnonzero(np.diff(groups[order], prepend=groups.min() - 1))
+    if 2 * len(starts) > len(groups):
+        return np.zeros(features.shape[1], np.bool_)
+    low, high = (bound.reduceat(features[order], starts) for bound in (np.minimum, np.maximum))
+    return np.asarray((low == high).all(axis=0) & (np.ptp(low, axis=0) > 0.0))

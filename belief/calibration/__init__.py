@@ -5,10 +5,9 @@ many it also corrects confusions of single shapes. :class:`PerPose` fits one cal
 shrinkage.
 """
 
-from belief.calibration.affine import DirichletCalibration, StructuredMatrixScaling, VectorScaling
+from belief.calibration.affine import CALIBRATIONS, DirichletCalibration, StructuredMatrixScaling, VectorScaling
 from belief.calibration.base import Calibration, Status, logits_from_probs
 from belief.calibration.per_pose import PerPose
-from belief.calibration.table import CALIBRATIONS
 from belief.calibration.temperature import TemperatureScaling
 
 __all__ = [

@@ -97,9 +97,9 @@ class AffineCalibration(FrozenArrays, Calibration):
         unsolved = replace(self, temperature=temperature, coefficients=self._identity(z.shape[1]))
         return replace(unsolved, coefficients=unsolved._problem(z, y, weights).solve())
 
-    def log_proba_of(self, logits: ArrayLike) -> Floats:
+    def predict_log_proba(self, logits: ArrayLike) -> Floats:
         """See :meth:`Calibration.predict_log_proba`."""
-        x = self.temperature.log_proba_of(logits)
+        x = self.temperature.predict_log_proba(logits)
         if self.coefficients is None:
             return x
         self._check_shapes(x.shape[-1])
@@ -139,7 +139,7 @@ class AffineCalibration(FrozenArrays, Calibration):
         w = np.ones(num_rows) if weights is None else weights
         centre = self._identity(num_shapes)
         features = np.ones((num_shapes + 1, num_rows))
-        features[:-1] = self.temperature.log_proba_of(logits).T
+        features[:-1] = self.temperature.predict_log_proba(logits).T
         return SoftmaxRegression(features, labels, w, self.penalty(float(w.sum()), num_shapes), centre)
 
     def _identity(self, num_shapes: int) -> Floats:
@@ -291,3 +291,9 @@ class StructuredMatrixScaling(AffineCalibration):
             self.off_diagonal_strength * unit * (num_shapes - 1),
             self.bias_strength * unit,
         )
+
+
+CALIBRATIONS: dict[str, type[Calibration]] = {
+    kind.name: kind for kind in (TemperatureScaling, VectorScaling, StructuredMatrixScaling, DirichletCalibration)
+}
+"""Classes by name, the simplest first."""

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from belief.calibration.affine import StructuredMatrixScaling
+from belief.calibration.affine import CALIBRATIONS, StructuredMatrixScaling
 from belief.calibration.base import Calibration, no_probs
-from belief.calibration.table import CALIBRATIONS
-from belief.validation import Floats, checked_indices, labelled_logits, pose_count
+from belief.validation import Floats, checked_indices, finite_logits, labelled_logits, pose_count
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,15 +87,15 @@ class PerPose:
         """
         if not self.fitted:
             raise ValueError("there is no calibration yet: call fit first")
-        z, p = no_probs(logits), checked_indices("poses", poses, len(self.num_touches))
+        z, p = finite_logits(logits), checked_indices("poses", poses, len(self.num_touches))
         if z.ndim != 2 or p.shape != z.shape[:1]:
             raise ValueError(f"need logits (n, K) and a pose for each row, got {z.shape} and {p.shape}")
-        log_probs = self.fitted[0].log_proba_of(z)
+        log_probs = self.fitted[0].predict_log_proba(z)
         with np.errstate(over="ignore", under="ignore"):
             for pose in np.unique(p).tolist():
                 rows, n = p == pose, self.num_touches[pose]
                 weight = n / (n + self.pooling) if n else 0.0
-                own = self.fitted[1 + pose].log_proba_of(z[rows])
+                own = self.fitted[1 + pose].predict_log_proba(z[rows])
                 log_probs[rows] = weight * own + (1.0 - weight) * log_probs[rows]
             log_probs -= log_probs.max(axis=1, keepdims=True)
             np.maximum(log_probs, -np.finfo(float).max, out=log_probs)

@@ -59,9 +59,6 @@ class ActionKernelModel(ArrayModel):
         repeats: number of different touches of an object in a pose; one more in the pose repeats a recording and counts
             for nothing. None if every touch is a new one.
         law: how the kernel was fitted.
-
-    Raises:
-        ValueError: an invalid kernel, references or number of repeats.
     """
 
     name: ClassVar[str] = "action kernel"
@@ -120,9 +117,6 @@ class ActionKernelModel(ArrayModel):
             num_poses: P.
             repeats: see :class:`ActionKernelModel`.
             law: which touches may be correlated.
-
-        Raises:
-            ValueError: as :meth:`LabelledTouches.of`, another number of sessions, or an unknown law.
         """
         require_choice("law", law, get_args(Law))
         data = LabelledTouches.of(touches, shapes, object_ids, shape_labels, num_poses)
@@ -140,11 +134,7 @@ class ActionKernelModel(ArrayModel):
         return float(np.diagonal(self.kernel).mean())
 
     def among(self, labels: Sequence[str]) -> ActionKernelModel:
-        """The model for objects that are known to be of some of the shapes; its touches have their logits only.
-
-        Raises:
-            ValueError: a label that the model does not know.
-        """
+        """The model for objects that are known to be of some of the shapes; its touches have their logits only."""
         if unknown := [label for label in labels if label not in self.shape_labels]:
             raise ValueError(f"the model does not know {unknown}, it knows {', '.join(self.shape_labels)}")
         columns = [self.shape_labels.index(label) for label in labels]

@@ -53,10 +53,6 @@ class LabelledTouches(FrozenArrays):
             object_ids: object of each, ``(n,)``, any labels; by default every touch is of another object.
             shape_labels: names of the shapes; by default ``shape_0`` and so on.
             num_poses: P; by default one more than the largest pose in the data.
-
-        Raises:
-            ValueError: no touches, fewer than two shapes, shapes or poses out of range, lengths that do not fit, names
-                that do not fit or are equal, or an object with two shapes.
         """
         truth = unmasked(shapes, "shapes")
         ids = np.arange(len(touches)) if object_ids is None else unmasked(object_ids, "object_ids")

@@ -11,7 +11,7 @@ One pose, one shape, two hypotheses; then a touch that fits the first:
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, reduce
+from functools import cached_property
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -50,11 +50,7 @@ class FixedHypotheses(FrozenArrays):
     """Hypotheses that are embedded already.
 
     Attributes:
-        table: the embedded hypotheses of every pose, ``(P, K, N, D)``, read-only; ``(P, K, N, A · D)`` with A
-            alternatives of each.
-
-    Raises:
-        ValueError: it has other dimensions, masked entries, NaN or infinity, or is not of real numbers.
+        table: the embedded hypotheses of every pose, ``(P, K, N, D)``, read-only.
 
     >>> FixedHypotheses(np.zeros((6, 4, 512, 64), np.float32))(512).shape
     (6, 4, 512, 64)
@@ -104,11 +100,7 @@ class EmbeddedHypotheses:
         return self.scores_under(self.in_pose(pose)[shapes], embeddings)
 
     def scores_under(self, table: NDArray[np.floating], embeddings: Floats) -> Floats32:
-        """:meth:`scores` under embedded hypotheses ``(K, N, D)``, or ``(K, N, A · D)``.
-
-        Raises:
-            ValueError: they are not as many, or of another size, than those of the poses.
-        """
+        """:meth:`scores` under embedded hypotheses ``(K, N, D)``, or ``(K, N, A · D)``."""
         number, width = self.shape[2:]
         if table.shape[1] != number or len(table) > self.shape[1] or table.shape[2] % width or not table.shape[2]:
             raise ValueError(f"hypotheses must be {self.shape[1:]} (shapes, N, D), got {table.shape}")
@@ -130,11 +122,7 @@ class EmbeddedHypotheses:
 
     @cached_property
     def table(self) -> Floats32:
-        """The embedded hypotheses of every pose, ``(P, K, N, D)``, read-only.
-
-        Raises:
-            ValueError: they do not fit.
-        """
+        """The embedded hypotheses of every pose, ``(P, K, N, D)``, read-only."""
         table = self.embed(self.shape[2])
         require_table(table, self.shape)
         return _numbers_first(np.asarray(table))
@@ -166,28 +154,17 @@ def log_ratios(embeddings: Floats, table: NDArray[np.floating], temperature: flo
 
     Args:
         embeddings: of the touches, ``(n, D)``.
-        table: of the hypotheses, ``(..., D)``; or ``(..., A · D)`` of A alternatives, such as a nuisance that each
-            touch draws anew: the ratio is their mean.
+        table: of the hypotheses, ``(..., D)``.
         temperature: above 0.
     """
-    width = embeddings.shape[1]
-    if table.shape[-1] == width:
-        found = scaled(embeddings, temperature) @ table.reshape(-1, width).T
-    else:
-        rows, alternatives = scaled(embeddings, 1.0), np.split(table, table.shape[-1] // width, axis=-1)
-        each = (rows @ some.reshape(-1, width).T for some in alternatives)
-        found = (reduce(np.logaddexp, each) - np.float32(np.log(len(alternatives)))) / np.float32(temperature)
+    found = scaled(embeddings, temperature) @ table.reshape(-1, embeddings.shape[1]).T
     return np.asarray(found.reshape(len(embeddings), *table.shape[:-1]))
 
 
 def require_table(table: Floats32, shape: tuple[int, ...]) -> None:
-    """Check embedded hypotheses, of one or more alternatives.
-
-    Raises:
-        ValueError: they have another shape, masked entries, NaN, infinity or too large numbers, or are not real.
-    """
+    """Check embedded hypotheses."""
     values = as_real(table, "hypotheses")
-    if values.shape[:-1] != shape[:-1] or values.shape[-1] % shape[-1] or not values.shape[-1]:
+    if values.shape != shape:
         raise ValueError(f"hypotheses must be {shape} ((poses,) shapes, N, D), got {values.shape}")
     if not np.isfinite(values).all():
         place = np.argwhere(~np.isfinite(values))[0].tolist()
@@ -197,9 +174,6 @@ def require_table(table: Floats32, shape: tuple[int, ...]) -> None:
 
 
 def _numbers_first(table: Floats32) -> Floats32:
-    """The table ``(P, K, N, D)``, read-only, with the numbers of one dimension next to each other in memory.
-
-    This halves the time in which one embedding is compared with all hypotheses of a pose.
-    """
+    """The table ``(P, K, N, D)``, read-only, with the numbers of one dimension next to each other in memory."""
     laid_out = np.ascontiguousarray(np.moveaxis(table, 3, 1))
     return np.moveaxis(frozen(laid_out), 1, 3)

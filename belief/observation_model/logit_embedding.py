@@ -29,9 +29,6 @@ class LogitEmbedding(FrozenArrays):
     Attributes:
         lowest, highest: bounds to which centred logits are clipped, ``(K,)``.
         unit: size of one unit of the vectors, in logits, > 0.
-
-    Raises:
-        ValueError: invalid bounds, fewer than two shapes, or a unit out of range.
     """
 
     lowest: Floats

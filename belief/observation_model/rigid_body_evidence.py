@@ -49,15 +49,12 @@ class Diagnostics(NamedTuple):
             badly; ones without a test.
         log_conflict: log e-value of all touches of the object against "they come from the world that the model was
             fitted to"; 0.0 without a test.
-        misfit: by how much the touches after the first predict themselves better than earlier touches of one known body
-            do, in nats: the best score of a stranger; 0.0 without a test.
     """
 
     effective_hypotheses: Floats
     most_likely: NDArray[np.int64]
     p_values: Floats
     log_conflict: float
-    misfit: float
 
 
 class _Felt(NamedTuple):
@@ -172,9 +169,9 @@ class RigidBodyEvidence:
         effective = shares.sum(axis=1) ** 2 / np.square(shares).sum(axis=1)
         most_likely, conflict = frozen(self.log_weights.argmax(axis=1)), self.conflict
         if conflict is None:
-            return Diagnostics(frozen(effective), most_likely, frozen(np.ones(2)), 0.0, 0.0)
+            return Diagnostics(frozen(effective), most_likely, frozen(np.ones(2)), 0.0)
         log_e_value = log_conflict([conflict.log_bets])
-        return Diagnostics(frozen(effective), most_likely, conflict.p_values, log_e_value, conflict.misfit)
+        return Diagnostics(frozen(effective), most_likely, conflict.p_values, log_e_value)
 
 
 def joint_evidence(evidence: ObjectEvidence) -> RigidBodyEvidence | None:

@@ -102,11 +102,7 @@ def grouped(batch: TouchBatch, groups: ArrayLike) -> Iterator[tuple[TouchBatch, 
 def _sequence_nll(
     model: ArrayModel, batch: TouchBatch, truth: NDArray[np.int64], objects: NDArray[np.generic]
 ) -> float:
-    """Mean negative log posterior of the true shape after 1, 2, … touches of an object under a uniform prior [nats].
-
-    All prefixes count equally, because with a good sensor the final posterior is certain under any model. Half of the
-    loss is over all touches of an object in order, half over its touches in one pose, which are repeats.
-    """
+    """Mean negative log posterior of the true shape after 1, 2, … touches of an object under a uniform prior [nats]."""
     _, owner = np.unique(objects, return_inverse=True)
     means = []
     for kind in (owner, owner * (int(batch.poses.max()) + 1) + batch.poses[0]):

@@ -29,9 +29,6 @@ class Views(FrozenArrays):
     Attributes:
         groups: of each pose, numbered from 0 in the order of their first poses, ``(P,)``.
         same: hypothesis that looks in the first pose of the group as hypothesis i looks in pose p, nearly, ``(P, N)``.
-
-    Raises:
-        ValueError: the arrays do not fit each other, or the groups are numbered otherwise.
     """
 
     groups: NDArray[np.int64]
@@ -74,9 +71,6 @@ class SharedMixture(FrozenArrays):
         views: of the poses.
         new: how much the next touch in each pose tells, as a fraction of a first touch in it, ``(P,)``; None for all.
             The last outcome is then that it tells nothing new.
-
-    Raises:
-        ValueError: arrays that do not fit, or log weights of a shape without a largest, finite one.
     """
 
     log_weights: Floats

@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from activetouch.errors import BadRecording
-from activetouch.recorded.bounded import lines_of, require_bounded, require_folder
-from activetouch.recorded.named_columns import touches_of_columns
+from activetouch.recorded.tables import lines_of, require_bounded, require_folder, touches_of_columns
 from activetouch.recorded.touches import RecordedTouches
 from belief.files import plain_number
 from belief.validation import Floats
@@ -71,7 +70,6 @@ def read_cy101(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
             "object": objects,
             "action": np.array(BEHAVIOURS)[actions],
             "session": trials,
-            "category": np.array([name.split("_")[0] for name in objects.tolist()]),
         },
         str(folder),
         action_names=BEHAVIOURS,

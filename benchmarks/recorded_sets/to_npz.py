@@ -24,7 +24,6 @@ SETS: Mapping[str, Callable[[Path], tuple[RecordedTouches, tuple[str, ...]]]] = 
     "sdh2": read_sdh2,
 }
 """Functions that read a folder: they return the touches, and sentences about what was left out."""
-_COLUMNS = {"categories": "category", "shapes": "shape"}
 
 
 def write_npz(touches: RecordedTouches, path: Path) -> None:
@@ -40,7 +39,6 @@ def write_npz(touches: RecordedTouches, path: Path) -> None:
         "session": touches.sessions,
         "provenance": np.array(touches.provenance),
         "licence": np.array(touches.licence),
-        **{_COLUMNS[task]: np.array(labels)[touches.objects] for task, labels in touches.labels.items()},
     }
     if touches.feature_names:
         arrays["feature_names"] = np.array(touches.feature_names)

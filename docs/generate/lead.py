@@ -148,7 +148,7 @@ class Film:
     def _world(self, axes: Axes, moment: Moment) -> None:
         """The object and the pad."""
         red, green, blue = (int(self.theme.sky[k : k + 2], 16) for k in (1, 3, 5))
-        axes.imshow(press_picture(self.scene.setup, moment.placement, moment.depth, 340, 320, (red, green, blue)))
+        axes.imshow(press_picture(self.scene.pad, moment.placement, moment.depth, 340, 320, (red, green, blue)))
         axes.set_axis_off()
 
     def _image(self, axes: Axes, moment: Moment) -> None:

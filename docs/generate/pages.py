@@ -28,7 +28,7 @@ API = {
     "activetouch": ("activetouch", "activetouch.sensor", "activetouch.world", "activetouch.scene",
                     "activetouch.named_scenes"),
     "rendering": ("activetouch.rendering",),
-    "environments": ("activetouch.envs.object_test", "activetouch.envs.object_search", "activetouch.envs.wrappers",
+    "environments": ("activetouch.envs.object_test", "activetouch.envs.object_search",
                      "activetouch.envs.batched_episodes", "activetouch.envs.touch_bank"),
 }  # fmt: skip
 """Modules of the API reference, by page."""

@@ -105,7 +105,7 @@ _SUCCESS = "A guess succeeds in {guess}. Differences between deciders show {wher
 
 WORLDS = {
     "paper": Description(
-        "The paper's world: a finger comes from parking and presses until a small force is reached. The image shows the force vector as a dot, not "
+        "The paper's world: an object is pressed until a small force is reached. The image shows the force vector as a dot, not "
         "the geometry of the contact.",
         _SUCCESS.format(guess="0.25", where="in success and in touches: single touches are ambiguous"),
         "Single touches: `paper-independent` reads 0.64 of them right. Only a belief about one body solves its searches.",

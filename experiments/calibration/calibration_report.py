@@ -127,7 +127,9 @@ def calibration_report(
     calibrations: dict[str, Calibration] = {RAW: TemperatureScaling()}
     calibrations |= {name: kind().fit_logits(logits, known.shapes) for name, kind in CALIBRATIONS.items()}
     singles = {
-        name: metrics.calibration_report(each.proba_of(tested.require_logits()[0]), truth.shapes, generator(0, index))
+        name: metrics.calibration_report(
+            each.predict_proba(tested.require_logits()[0]), truth.shapes, generator(0, index)
+        )
         for index, (name, each) in enumerate(calibrations.items())
     }
     labels: dict[str, Any] = {"shape_labels": manifest.shape_labels, "num_poses": len(manifest.pose_labels)}

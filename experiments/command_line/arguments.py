@@ -140,9 +140,7 @@ def check_arguments(command: Any, prefix: str = "--") -> None:
         BadArgument: An argument breaks its rule.
     """
     for flag, _, value, rules in arguments(command, prefix):
-        for rule in rules:
-            if value is not None and (must := rule.broken(value)) is not None:
-                raise BadArgument(f"{flag} must {must}, got {_words(value)}")
+        check_value(flag, value, Annotated[Any, *rules] if rules else Any)
 
 
 def require_types(command: Any, prefix: str = "--") -> None:

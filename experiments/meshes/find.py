@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -19,7 +19,7 @@ from belief.statistics import wilson_interval
 from belief.table import Table
 from belief.validation import Floats, require_count
 from experiments.command_line.arguments import Count
-from experiments.meshes.near_twins import NearTwins, near_twins
+from experiments.meshes.near_twins import near_twins
 from experiments.meshes.result import Bodies, MeshOptions, MeshResult, solids_of
 from experiments.meshes.setting import MeshSetting, Possible
 from experiments.parallel import Shared, run_tasks
@@ -122,7 +122,6 @@ def find(
     seed: int = 0,
     scale: float | None = None,
     jobs: int | None = None,
-    begun: Callable[[Sequence[NearTwins]], None] | None = None,
     **setting: Any,
 ) -> Found:
     """Search for a body among simulated objects of other bodies; it may be absent.
@@ -138,7 +137,6 @@ def find(
         seed: of objects and touches.
         scale: metres per unit of mesh files without a scale of their own.
         jobs: number of processes; as many as processors by default.
-        begun: called before the first touch, with the bodies that feel nearly alike.
         setting: further arguments of :meth:`MeshSetting.of`.
 
     Raises:
@@ -148,14 +146,11 @@ def find(
     solids = solids_of(bodies, scale)
     sought = target_index(tuple(solids), target, num_objects)
     made = MeshSetting.of(solids, jobs=jobs, **setting)
-    twins = near_twins(made)
-    if begun is not None:
-        begun(twins)
     shared = Shared(made)
     tasks = [
         partial(_search_one, shared, sought, num_objects, threshold, [seed, number]) for number in range(num_searches)
     ]
-    return Found(made, twins, made.bodies.labels[sought], list(run_tasks(tasks, jobs, "searches")))
+    return Found(made, near_twins(made), made.bodies.labels[sought], list(run_tasks(tasks, jobs, "searches")))
 
 
 def target_index(labels: Sequence[str], target: str, num_objects: int) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -17,7 +17,7 @@ from belief.statistics import wilson_interval
 from belief.table import Table
 from belief.validation import Floats
 from experiments.command_line.arguments import Count
-from experiments.meshes.near_twins import NearTwins, near_twins
+from experiments.meshes.near_twins import near_twins
 from experiments.meshes.result import Bodies, MeshOptions, MeshResult, solids_of
 from experiments.meshes.setting import MeshSetting, Possible
 from experiments.parallel import Shared, run_tasks
@@ -158,7 +158,6 @@ def identify(
     seed: int = 0,
     scale: float | None = None,
     jobs: int | None = None,
-    begun: Callable[[Sequence[NearTwins]], None] | None = None,
     **setting: Any,
 ) -> Identified:
     """Press simulated objects of some bodies, and name each by touch.
@@ -172,7 +171,6 @@ def identify(
         seed: of objects and touches.
         scale: metres per unit of mesh files without a scale of their own.
         jobs: number of processes; as many as processors by default.
-        begun: called before the first touch, with the bodies that feel nearly alike.
         setting: further arguments of :meth:`MeshSetting.of`, such as ``sensor`` and ``plan``.
 
     Raises:
@@ -182,16 +180,13 @@ def identify(
     solids = solids_of(bodies, scale)
     chosen = None if body is None else index_of("body", tuple(solids), body)
     made = MeshSetting.of(solids, jobs=jobs, **setting)
-    twins = near_twins(made)
-    if begun is not None:
-        begun(twins)
     truths = np.random.default_rng([seed, 5]).permutation(np.arange(num_objects) % len(solids)).tolist()
     shared = Shared(made)
     tasks = [
         partial(_name_one, shared, truth if chosen is None else chosen, [seed, number], max_touches, threshold)
         for number, truth in enumerate(truths)
     ]
-    return Identified(made, twins, list(run_tasks(tasks, jobs, "objects")))
+    return Identified(made, near_twins(made), list(run_tasks(tasks, jobs, "objects")))
 
 
 def _name_one(

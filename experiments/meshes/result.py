@@ -148,10 +148,14 @@ class MeshOptions:
     def common(self) -> dict[str, Any]:
         """The arguments of the functions that follow from them."""
         names = ("threshold", "seed", "jobs", "sensor")
-        return {name: getattr(self, name) for name in names} | {"begun": _tell_twins}
+        return {name: getattr(self, name) for name in names}
 
     def report(self, found: MeshResult) -> None:
-        """Print the table, and write the report."""
+        """Print the bodies that feel alike and the table, and write the report."""
+        for twin in found.twins[:_MOST_TWINS]:
+            plain_console().print(f"- {twin}")
+        if len(found.twins) > _MOST_TWINS:
+            plain_console().print(f"- and {len(found.twins) - _MOST_TWINS} more pairs")
         print(found.table())
         print(f"wrote {found.save(self.out)}")
 
@@ -159,12 +163,3 @@ class MeshOptions:
 def solids_of(bodies: Bodies, scale: float | None) -> dict[str, Shape]:
     """Bodies by label, as given, or of mesh files; see :func:`experiments.meshes.setting.read_folder`."""
     return dict(bodies) if isinstance(bodies, Mapping) else read_folder(bodies, scale)[0]
-
-
-def _tell_twins(twins: Sequence[NearTwins]) -> None:
-    """Print the bodies that feel nearly alike."""
-    console = plain_console()
-    for twin in twins[:_MOST_TWINS]:
-        console.print(f"- {twin}")
-    if len(twins) > _MOST_TWINS:
-        console.print(f"- and {len(twins) - _MOST_TWINS} more pairs")

@@ -114,7 +114,7 @@ def both_splits(
         state = folder / name.replace(" ", "-") / STATE_FILE
         classifier = new_classifier(card, settings.recipe.seed, settings.weights)
         trainer = Trainer(classifier, settings.recipe, train, held_out, state, scene.symmetry)
-        run_to_the_end(trainer, state.parent / "tensorboard")
+        run_to_the_end(trainer)
         classifier = trainer.finish()
         results[name] = {
             what: _read(classifier, train, touches, np.random.default_rng(seed))

@@ -76,7 +76,7 @@ def close_hand(
         gripper: Gripper = AllegroFingers(law, menagerie, ALLEGRO_PAD, in_palm, depth)
     else:
         centre, forces = np.array([depth, *in_palm.offset]), force * hand.forces
-        gripper = SlidingPads(law, scene.setup, hand.placements(in_palm, depth), hand.rotations, centre)
+        gripper = SlidingPads(law, scene.pad, hand.placements(in_palm, depth), hand.rotations, centre)
     grasp = law.settle(gripper, in_palm, forces, lambda _, data: states.append(data.qpos.copy()))
     return gripper, grasp, states
 
@@ -158,7 +158,7 @@ class TouchCommand:
                 from experiments.press.figures import draw_touch
 
                 title = f"a {shape} in pose {pose}: {contact.force:.2f} N, {1e3 * contact.depth:.2f} mm deep"
-                view = press_picture(scene.setup, placement, contact.depth)
+                view = press_picture(scene.pad, placement, contact.depth)
                 draw_touch(title + " (bottomed out)" * contact.is_bottomed_out, view, contact, self.out)
         print(f"wrote {self.view or self.out}")
 
@@ -199,7 +199,7 @@ def write_press(scene: Scene, placement: Placement, contact: Contact, path: Path
 
     if contact.trace is None:
         raise BadArgument("nothing moves in a quasistatic press; choose --fidelity dynamic or guarded_move")
-    rig = Rig(scene.setup, placement.shape, timestep=float(contact.trace.time[0]), largest_scale=placement.scale)
+    rig = Rig(scene.pad, placement.shape, timestep=float(contact.trace.time[0]), largest_scale=placement.scale)
     rig.place(float(contact.trace.position[0, 0]), placement)
-    middle, distance = np.array([0.01, 0.0, scene.setup.height]), 5.5 * max(scene.pad.half_width, 0.02)
+    middle, distance = np.array([0.01, 0.0, 0.0]), 5.5 * max(scene.pad.half_width, 0.02)
     write_motion(path, rig.model, list(contact.trace.position[:, :1]), middle, distance)

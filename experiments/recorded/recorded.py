@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
-import numpy as np
-
-from activetouch.recorded import RecordedTouches, check_recorded, read_recorded, without_incomplete
+from activetouch.recorded import RecordedTouches, check_recorded, read_recorded
 from activetouch.recorded.formats import Format
 from activetouch.sensor import RecordedSensor
 from belief.claims import claim_folder, ends_claims
@@ -24,8 +22,7 @@ from experiments.command_line.arguments import (
     check_arguments,
 )
 from experiments.command_line.console import plain_console
-from experiments.parallel import progress_bar
-from experiments.recorded.play import FIXED, Fold, find_all, identify_all, main_splits, prepare
+from experiments.recorded.play import FIXED, find_all, identify_all, prepare
 from experiments.recorded.report import RecordedReport
 from planners.registry import find_decider, trained_state
 
@@ -36,109 +33,90 @@ DECIDERS = (
     FIXED,
     "random_poses(max_touches={max_touches})",
 )
-Task = Literal["objects", "categories", "shapes"]
 
 
 def recorded(
     touches: RecordedTouches,
-    task: Task = "objects",
     *,
     name: str = "own",
     threshold: float = 0.9,
     objects: int = 4,
     scenes: int = 10,
     deciders: Sequence[str] = DECIDERS,
-    folds: int = 5,
     rounds: int = 5,
     max_touches: int = 12,
     seed: int = 0,
     notes: Sequence[str] = (),
     save: str | Path | None = None,
 ) -> RecordedReport:
-    """Identify and search for recorded objects by their held-out recordings, with several deciders.
+    """Identify and search for recorded objects by their later recordings, with several deciders.
 
     Args:
         touches: the set.
-        task: labels: objects are tested on later recordings, categories and shapes on objects that were not learned
-            from.
         name: of the set.
-        threshold: probability of a label at which an object is named.
-        objects: of a search, all with different labels.
-        scenes: per split, each with a search for each object; 0 for no searches.
+        threshold: probability of an object at which it is named.
+        objects: of a search, all different.
+        scenes: each with a search for each object; 0 for no searches.
         deciders: of searches; "best fixed order" has posterior thresholds and the order ranked on calibration touches.
             {max_touches} stands for ``max_touches``, or the number of different touches of an object if it is smaller.
-        folds: of objects for categories and shapes.
         rounds: identifications of each object by each decider, each with another order of its recordings.
         max_touches: of an object.
-        seed: of splits, orders, scenes and intervals.
+        seed: of orders, scenes and intervals.
         notes: sentences about how the set was read, for the report.
         save: folder for the sensor that :meth:`activetouch.sensor.RecordedSensor.fit` makes from all touches.
 
     Raises:
-        BadRecording: the task has too few labels, objects or touches.
+        BadRecording: there are too few objects or touches.
         CannotWrite: ``save`` cannot be written, or holds a sensor of a scene.
-        BadArgument: a threshold that a guess reaches, or a decider that needs a file of a sensor's folder.
+        BadArgument: a threshold that a guess reaches, more objects than there are, or a decider that needs a file of a
+            sensor's folder.
         UnknownName: there is no such decider.
     """
     for decider in deciders:
         _require_plain(decider, max_touches)
-    remarks = check_recorded(touches, task)
-    chosen = touches.for_task(task)
-    if threshold <= (guess := 1.0 / len(chosen.label_names)):
+    remarks, number = check_recorded(touches), len(touches.object_names)
+    if threshold <= 1.0 / number:
         raise BadArgument(
-            f"--threshold must be above {guess:.3g}, the probability of each of the {len(chosen.label_names)} "
-            f"{task} before the first touch, got {threshold:g}"
+            f"--threshold must be above {1.0 / number:.3g}, the probability of each of the {number} objects before the "
+            f"first touch, got {threshold:g}"
         )
+    if scenes and objects > number:
+        raise BadArgument(f"--objects {objects}: there are {number} to search among; give fewer, or --scenes 0")
     if save is not None:
-        RecordedSensor.fit(touches, task).save(save)
-    split_name, splits = main_splits(chosen, folds)
-    with progress_bar() as bar:
-        steps = bar.add_task("reading, naming and searching", total=2 * len(splits))
-        made, named, found = [], [], []
-        for split in splits:
-            made.append(prepare(chosen, split, threshold))
-            bar.advance(steps)
-        for number, fold in enumerate(made):
-            named += identify_all(fold, [seed, number], threshold, max_touches, rounds)
-            if scenes:
-                found += find_all(fold, deciders, [seed, number], objects, scenes, max_touches)
-            bar.advance(steps)
-    missing = _missing_searches(made, objects, task) if scenes else []
+        RecordedSensor.fit(touches).save(save)
+    fold = prepare(touches, threshold)
+    named = identify_all(fold, [seed, 0], threshold, max_touches, rounds)
+    found = find_all(fold, deciders, [seed, 0], objects, scenes, max_touches)
     facts = {
         "name": name,
-        "task": task,
-        "split": split_name,
         "provenance": touches.provenance,
         "licence": touches.licence,
-        "touches": len(chosen.rows),
-        "labels": len(chosen.label_names),
-        "num_objects": len(set(chosen.objects.tolist())),
+        "touches": touches.num_touches,
+        "num_objects": number,
         "actions": list(touches.action_names),
         "threshold": threshold,
         "objects": objects,
         "scenes": scenes,
         "deciders": list(deciders),
-        "folds": folds,
         "rounds": rounds,
         "max_touches": max_touches,
         "seed": seed,
-        "notes": [*notes, *remarks, *missing],
+        "notes": [*notes, *remarks],
     }
-    return RecordedReport(made, named, found, facts)
+    return RecordedReport(fold, named, found, facts)
 
 
 @dataclass(frozen=True)
 class Recorded:
     """Play searches on recorded touches of real objects, with several deciders; report.
 
-    The set is split by time or by object, a classifier is trained and calibrated, correlations between touches are
-    fitted, and objects are then identified, and searched for, by their held-out recordings.
+    The set is split in order of recording, a classifier is trained and calibrated, correlations between touches are
+    fitted, and objects are then identified, and searched for, by their last recordings.
     docs/real_touch.md describes the formats; "csv" and "npz" are for touches of your own, "bts3" is a public set.
 
     For example:
 
         activetouch recorded --data my_touches --format csv
-        activetouch recorded --data my_touches.npz --format npz --task categories
         activetouch recorded --data tests/fixtures/bts3 --format bts3 --save sensors/biotac
     """
 
@@ -146,32 +124,26 @@ class Recorded:
     """Folder of the recordings; for npz also the file."""
     format: Format
     """Format of the recordings."""
-    task: Task = "objects"
-    """Labels: objects are tested on later recordings, categories and shapes on objects that were not learned from."""
     threshold: Share = 0.9
-    """Probability of a label at which an object is named."""
+    """Probability of an object at which it is named."""
     objects: Annotated[int, Within(2, 12)] = 4
-    """Number of objects of a search, all with different labels."""
+    """Number of objects of a search, all different."""
     scenes: CountOrNone = 10
-    """Scenes per split, each with a search for each object; 0 for no searches."""
+    """Scenes, each with a search for each object; 0 for no searches."""
     deciders: Annotated[tuple[str, ...], NotEmpty()] = DECIDERS
     """Deciders of searches; "best fixed order" has posterior thresholds and the order ranked on calibration touches.
     {max_touches} stands for --max-touches, or the number of different touches of an object if it is smaller."""
-    folds: Annotated[int, Within(2, 100)] = 5
-    """Folds of objects for categories and shapes."""
     rounds: Count = 5
     """Identifications of each object by each decider, each with another order of its recordings."""
-    leave_out_incomplete: bool = False
-    """Leave out objects with too few sessions of an action, instead of refusing the set."""
     max_touches: Annotated[int, Within(1, 100)] = 12
     """Most touches of an object."""
     seed: Seed = 0
-    """Seed of splits, orders, scenes and intervals."""
+    """Seed of orders, scenes and intervals."""
     save: Path | None = None
     """Folder for a sensor that is trained in the same way on all touches: TactileSensor.load reads it, and its session
     finds objects that you touch."""
     out: Path | None = None
-    """Folder for the results; runs/recorded-FORMAT-TASK by default."""
+    """Folder for the results; runs/recorded-FORMAT by default."""
 
     @ends_claims
     def run(self) -> None:
@@ -179,23 +151,18 @@ class Recorded:
         check_arguments(self)
         for decider in self.deciders:
             _require_plain(decider, self.max_touches)
-        out = self.out if self.out is not None else Path(f"runs/recorded-{self.format}-{self.task}")
+        out = self.out if self.out is not None else Path(f"runs/recorded-{self.format}")
         claim_folder(out)
         if self.save is not None:
             claim_folder(self.save)
         touches, notes = read_recorded(self.data, self.format)
-        if self.leave_out_incomplete:
-            touches, left_out = without_incomplete(touches, self.task)
-            notes = (*notes, *left_out)
-        console, known = plain_console(), (*notes, *check_recorded(touches, self.task))
+        console = plain_console()
         console.print(f"{touches.num_touches} touches, actions: {', '.join(touches.action_names)}")
-        for note in known:
+        for note in (*notes, *check_recorded(touches)):
             console.print(f"- {note}")
-        names = "threshold", "objects", "scenes", "deciders", "folds", "rounds", "max_touches", "seed"
+        names = "threshold", "objects", "scenes", "deciders", "rounds", "max_touches", "seed"
         settings = {name: getattr(self, name) for name in names}
-        report = recorded(touches, self.task, name=self.format, notes=notes, save=self.save, **settings)
-        for note in report.facts["notes"][len(known) :]:
-            console.print(f"- {note}")
+        report = recorded(touches, name=self.format, notes=notes, save=self.save, **settings)
         for table in report.tables():
             print(table, end="\n\n")
         for sentence in report.verdict():
@@ -217,19 +184,3 @@ def _require_plain(decider: str, max_touches: int) -> None:
             f"--deciders {decider} needs a file of a sensor's folder, and recorded touches have no sensor; the order "
             f'that is ranked on them is "{FIXED}"'
         )
-
-
-def _missing_searches(folds: Sequence[Fold], objects: int, task: str) -> list[str]:
-    """A sentence if splits test too few labels for searches."""
-    numbers = [len(np.unique(fold.bank.labels)) for fold in folds]
-    able, most = sum(number >= objects for number in numbers), max(numbers)
-    if able == len(numbers):
-        return []
-    if able:
-        where = f"there are searches among {objects} objects in {able} of {len(numbers)} splits only"
-        return [f"{where}; the others test fewer different {task}"]
-    cure = f"--objects {most}" if most > 1 else "fewer --folds"
-    return [
-        f"there are no searches among {objects} objects: those that a split tests have at most {most} different "
-        f"{task}; give {cure}"
-    ]

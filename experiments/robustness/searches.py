@@ -11,14 +11,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from activetouch import Scene, TactileSensor, TouchWorld
+from activetouch import Scene, TactileSensor
 from activetouch.named_scenes import NamedScene
 from activetouch.world import touch_many
-from belief.observation_model.model import ObservationModel
 from belief.problem import SearchProblem
-from belief.statistics import clopper_pearson_interval, cluster_bootstrap
+from belief.statistics import clopper_pearson_interval, cluster_bootstrap, wilson_interval
 from experiments.parallel import run_tasks
+from experiments.search.comparison import compare
 from experiments.search.play import make_world
+from experiments.search.summary import ALL
 from planners import Decider, Episode, Outcome, make_decider, search_lockstep
 from planners.abstaining import Abstaining
 from planners.search import log_bets_after
@@ -28,7 +29,6 @@ CONFIDENCE = 0.95
 ROBOTS = 8
 """Most robots that share the searches of a condition, where they may answer "I do not know"."""
 _DECIDER = "information_gain"
-_TOGETHER = 25  # searches in lockstep
 
 
 def search_scores(
@@ -53,55 +53,56 @@ def search_scores(
             may answer "I do not know", also below a stated confidence of :data:`CONFIDENCE`; not by default.
 
     Returns:
-        By condition: :func:`success_scores`, and ``stated`` confidence and ``achieved`` accuracy at confirmation, None
-        without one. With ``abstain`` also ``abstaining``: ``wrong`` and ``unsure``, fraction that ended with "I do not
-        know", and ``right``, fraction of the confirmations, with their intervals; ``alarms``: how many robots had an
-        alarm of their test, which runs on from search to search (there are :data:`ROBOTS` of them, or one for each of
-        fewer searches, which search for all targets in random order); ``searches_to_alarm`` and ``touches_to_alarm``:
-        median number of the search in which, and of all touches until then.
+        By condition: ``number`` of searches, ``success`` with ``interval``, ``touches`` a search, fraction of wrong
+        confirmations with its interval, ``wrong``, and ``stated`` confidence and ``achieved`` accuracy at confirmation,
+        None without one. With ``abstain`` also ``abstaining``, see :func:`_unsure_scores`.
     """
-    problem = SearchProblem(
-        named.scene.shape_labels,
-        named.scene.pose_labels,
-        num_objects=named.num_objects,
-        composition=named.composition,
-        touch_limit=named.touches_per_object * named.num_objects,
-    )
-    tasks = [
-        partial(_scores, condition, replace(sensor, scene=scene), problem, episodes, seed, abstain)
-        for condition, scene in scenes.items()
-    ]
-    found = dict(run_tasks(tasks, jobs, "searching under every condition"))
-    return {condition: found[condition] for condition in scenes}
+    found: dict[str, dict[str, Any]] = {}
+    for condition, scene in scenes.items():
+        changed, world = replace(sensor, scene=scene), replace(named, scene=scene)
+        comparison = compare(world, [_DECIDER], episodes=episodes, seed=seed, sensor=changed, anyway=True, jobs=jobs)
+        cell, stops = comparison.cells[_DECIDER, ALL], comparison.calibration[_DECIDER]
+        found[condition] = {
+            "number": cell.num_episodes,
+            "success": cell.success,
+            "interval": list(cell.success_interval),
+            "touches": cell.touches,
+            "wrong": [cell.wrong / cell.num_episodes, *wilson_interval(cell.wrong, cell.num_episodes)],
+            "stated": None if stops is None else stops.overall.mean_stated,
+            "achieved": None if stops is None else stops.overall.share_right,
+        }
+    if abstain is not None:
+        problem = replace(comparison.problem, unsure_reward=0.0)
+        tasks = [
+            partial(_unsure_scores, condition, replace(sensor, scene=scene), problem, episodes, seed, abstain)
+            for condition, scene in scenes.items()
+        ]
+        for condition, scores in run_tasks(tasks, jobs, "searching once more, unsure"):
+            found[condition]["abstaining"] = scores
+    return found
 
 
-def _scores(
-    condition: str, sensor: TactileSensor, problem: SearchProblem, number: int, seed: int, abstain: float | None
+def _unsure_scores(
+    condition: str, sensor: TactileSensor, problem: SearchProblem, number: int, seed: int, abstain: float
 ) -> tuple[str, dict[str, Any]]:
+    """The condition, and what robots do that may be unsure: :data:`ROBOTS` of them, or one for each of fewer searches.
+
+    They search for all targets in random order: ``wrong`` and ``unsure``, fraction that ended with "I do not know", and
+    ``right``, fraction of the confirmations, with their intervals; ``alarms``: how many robots had an alarm of their
+    test, which runs on from search to search; ``searches_to_alarm`` and ``touches_to_alarm``: median number of the
+    search in which, and of all touches until then.
+    """
     decider: Decider = make_decider(_DECIDER, sensor.model.outcome_table(), sensor.model)
     seeds = [(seed, target, n) for target in range(problem.num_shapes) for n in range(number)]
-    targets = [target for _, target, _ in seeds]
-    worlds = [make_world(problem, sensor, seed) for seed in seeds]
-    played = played_together(sensor, worlds, decider, problem, targets, sensor.model, seeds)
-    confirmed = [episode for episode in played if episode.outcome is Outcome.CONFIRMED]
-    stated = [float(episode.steps[-1].belief.probs[episode.target]) for episode in confirmed]
-    scores = {
-        **success_scores(played),
-        "stated": float(np.mean(stated)) if confirmed else None,
-        "achieved": float(np.mean([episode.success for episode in confirmed])) if confirmed else None,
-    }
-    if abstain is not None:
-        order = np.random.default_rng(seed).permutation(len(seeds)).tolist()  # a robot seeks all targets from the start
-        shares = [[seeds[n] for n in order[first::ROBOTS]] for first in range(ROBOTS)]
-        scores["abstaining"] = _abstention(_in_turn(sensor, problem, Abstaining(decider, abstain, CONFIDENCE), shares))
-    return condition, scores
+    order = np.random.default_rng(seed).permutation(len(seeds)).tolist()
+    shares = [[seeds[n] for n in order[first::ROBOTS]] for first in range(ROBOTS)]
+    return condition, _abstention(_in_turn(sensor, problem, Abstaining(decider, abstain, CONFIDENCE), shares))
 
 
 def _in_turn(
     sensor: TactileSensor, problem: SearchProblem, decider: Decider, seeds: Sequence[Sequence[tuple[int, int, int]]]
 ) -> list[list[Episode]]:
     """The searches of several robots, whose conflict tests run on from search to search (decision 0049)."""
-    problem = replace(problem, unsure_reward=0.0)
     log_bets: list[ArrayLike] = [0.0] * len(seeds)
     played: list[list[Episode]] = [[] for _ in seeds]
     for turn in range(max(map(len, seeds))):
@@ -121,56 +122,6 @@ def _in_turn(
             played[robot].append(episode)
             log_bets[robot] = log_bets_after(episode, problem, sensor.model, log_bets[robot])
     return played
-
-
-def played_together(
-    sensor: TactileSensor,
-    worlds: Sequence[TouchWorld],
-    decider: Decider,
-    problem: SearchProblem,
-    targets: Sequence[int],
-    model: ObservationModel,
-    seeds: Sequence[Sequence[int]],
-) -> list[Episode]:
-    """Searches in lockstep, a batch at a time, whose images the sensor reads together.
-
-    Args:
-        sensor: reads the touches; its observation model is not used.
-        worlds: of each search.
-        decider: chooses the actions.
-        problem: each search.
-        targets: index of each target.
-        model: likelihood of touches.
-        seeds: of each search.
-    """
-    played: list[Episode] = []
-    for first in range(0, len(seeds), _TOGETHER):
-        part = slice(first, first + _TOGETHER)
-        played += search_lockstep(
-            worlds[part],
-            decider,
-            problem,
-            targets[part],
-            model,
-            seeds[part],
-            lambda pending: touch_many(sensor, pending)[0],
-        )
-    return played
-
-
-def success_scores(played: Sequence[Episode]) -> dict[str, Any]:
-    """``number`` of searches, ``success`` with ``interval``, ``touches`` a search, and ``wrong`` with its interval.
-
-    ``wrong`` is the fraction of searches with a wrong confirmation.
-    """
-    number, won, wrong = len(played), sum(bool(episode.success) for episode in played), sum(map(_is_wrong, played))
-    return {
-        "number": number,
-        "success": won / number,
-        "interval": clopper_pearson_interval(won, number),
-        "touches": float(np.mean([episode.num_touches for episode in played])),
-        "wrong": [wrong / number, *clopper_pearson_interval(wrong, number)],
-    }
 
 
 def _is_wrong(episode: Episode) -> bool:

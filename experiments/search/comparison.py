@@ -22,7 +22,7 @@ from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, c
 from experiments.command_line.trust import Trust
 from experiments.parallel import Shared, run_tasks
 from experiments.scene_choice import SceneChoice, as_named
-from experiments.search.certificate import certified_players, opened, with_unsure
+from experiments.search.certificate import certified, opened, with_unsure
 from experiments.search.fingerprint import files_digest
 from experiments.search.play import Searches, sensor_digest
 from experiments.search.run import Run
@@ -34,7 +34,7 @@ from experiments.search.verdict import verdict_sentences
 from experiments.sensor_choice import require_policies
 from planners import Decider, make_decider
 from planners.abstaining import Abstaining
-from planners.certified import Certificate
+from planners.certified import Certificate, NotCertified
 from planners.registry import DECIDERS, find_decider
 
 if TYPE_CHECKING:
@@ -309,7 +309,10 @@ def prepared(
         made = {name: Abstaining(decider, setting.abstain) for name, decider in made.items()}
     known = {"observation model": sensor.model, "outcome table": table}
     if signed is not None:
-        made |= certified_players(signed, players, made, sensor, problem, chosen, known)
+        names = [name for name, player in players.items() if player == signed.decider]
+        if not names:
+            raise NotCertified(f"the certificate is for --deciders {signed.decider!r}, got {', '.join(players)}")
+        made |= {f"certified {name}": certified(signed, made[name], sensor, problem, chosen, known) for name in names}
     arguments = {
         "deciders": list(players),
         "reference": reference,

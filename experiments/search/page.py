@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -92,23 +91,6 @@ def _sections(comparison: Summary, folder: Path) -> list[Section]:
     return [section for section in sections if section.tables]
 
 
-@dataclass(frozen=True)
-class Story:
-    """A search, as displayed on the page.
-
-    Attributes:
-        title: who searches for what, and how it ended.
-        success: whether it succeeded.
-        panels: values of a panel for each decision.
-        scale: value that the brightest colour of the touch images stands for; None for images in colour.
-    """
-
-    title: str
-    success: bool
-    panels: list[dict[str, Any]]
-    scale: int | None = None
-
-
 def shown_searches(comparison: Summary) -> list[tuple[str, Episode]]:
     """The same search by two deciders that touch, where they differ most: in success, else in touches.
 
@@ -129,7 +111,11 @@ def shown_searches(comparison: Summary) -> list[tuple[str, Episode]]:
     return [(first, one), (rest[0], other)]
 
 
-def _story(searches: Searches, decider: str, episode: Episode) -> Story:
+def _story(searches: Searches, decider: str, episode: Episode) -> dict[str, Any]:
+    """A search as the page shows it: title, success, values of a panel for each decision, and the scale of its images.
+
+    The scale is the value that the brightest colour of the touch images stands for; None for images in colour.
+    """
     problem = searches.problem
     verdict = "success" if episode.success else _FAILURES[episode.outcome]
     sought = f"{decider} searches for a {problem.shape_labels[episode.target]}"
@@ -138,7 +124,7 @@ def _story(searches: Searches, decider: str, episode: Episode) -> Story:
     largest = [int(frame.image.max()) for frame in frames if frame.image is not None and frame.image.ndim == 2]
     scale = max(1, *largest) if largest else None
     panels = [_panel(problem, episode, frame, scale) for frame in frames]
-    return Story(title, bool(episode.success), panels, scale)
+    return {"title": title, "success": bool(episode.success), "panels": panels, "scale": scale}
 
 
 def _panel(problem: SearchProblem, episode: Episode, frame: Frame, scale: int | None) -> dict[str, Any]:

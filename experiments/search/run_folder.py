@@ -35,7 +35,7 @@ from experiments.search.fingerprint import commit_of_code
 from experiments.search.play import EPISODES_PER_BATCH, Seconds
 from planners import Episode
 
-_FORMAT = 3
+_FORMAT = 4
 _FIELDS = {"format": int, "identity": dict, "arguments": dict, "commit": str}
 Cell: TypeAlias = tuple[str, str]
 """Name of a decider, and label of a target."""

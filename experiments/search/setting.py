@@ -18,7 +18,6 @@ from belief.problem import SearchProblem
 from experiments.command_line.arguments import (
     BadArgument,
     Count,
-    InFile,
     NotNegative,
     Within,
     check_arguments,
@@ -39,9 +38,6 @@ class Setting:
     """Folder of a sensor, or name of a shipped one; that of the scene by default."""
     num_objects: Count | None = None
     """Objects in a search; that of the scene by default."""
-    composition: InFile[Literal["distinct", "independent"] | None] = None
-    """distinct: all objects have different shapes. independent: each object can have any shape. That of the scene by
-    default."""
     observation_model: Literal["independent"] | None = None
     """independent: touches of an object are independent given its shape, not of one rigid body."""
     unknown_state: bool = False
@@ -126,9 +122,8 @@ class Setting:
             BadArgument: there are more objects than shapes, and all must differ; or a number is out of its range.
         """
         number = named.num_objects if self.num_objects is None else self.num_objects
-        composition = named.composition if self.composition is None else Composition(self.composition)
         shapes = named.scene.shape_labels
-        if self.num_objects is not None and number > len(shapes) and composition == Composition.DISTINCT:
+        if self.num_objects is not None and number > len(shapes) and named.composition == Composition.DISTINCT:
             raise BadArgument(
                 f"--num-objects {number}: the scene has only {len(shapes)} shapes ({', '.join(shapes)}), and all "
                 "objects must differ; a NamedScene with the composition independent allows several of one shape"
@@ -138,7 +133,7 @@ class Setting:
                 shapes,
                 named.scene.pose_labels,
                 num_objects=number,
-                composition=composition,
+                composition=named.composition,
                 touch_cost=self.touch_cost,
                 touch_limit=named.touches_per_object * number,
                 unsure_reward=None if self.abstain is None else 0.0,

@@ -27,13 +27,13 @@ from belief.errors import ActiveTouchError
 from belief.files import write_text
 from belief.metrics import confusion_matrix, expected_calibration_error, negative_log_likelihood, shape_scores
 from belief.observation_model.model import ArrayModel
-from belief.observation_model.registry import Fit, fit_named, fits, require_readable
+from belief.observation_model.registry import Fit, class_named, fit_named, fits
 from belief.observation_model.selection import NUM_FOLDS, ModelChoice, choose_observation_model, log_posteriors
 from belief.statistics import clopper_pearson_interval
 from belief.table import Table, Tabular
 from belief.touch_batch import TouchBatch
 from belief.validation import Floats
-from experiments.command_line.arguments import BadArgument, Count, Seed, check_arguments
+from experiments.command_line.arguments import BadArgument, Seed, check_arguments
 from experiments.command_line.trust import Trust
 from experiments.scene_choice import SceneChoice, command, in_file_names, named_scene, repeats_folder, training_folder
 from experiments.sensor.scores import accuracy_of_objects, read_touches
@@ -58,7 +58,7 @@ class Calibrate:
         activetouch collect --scene gel --plan.train 0 --plan.repeats 6 --out data/gel-repeats
         activetouch calibrate --scene gel
         activetouch calibrate --data data/mug --reader runs/train-mug/reader.safetensors --out runs/sensor-mug
-        activetouch calibrate --scene hard --hypotheses 1024 --observation-model "rigid body"
+        activetouch calibrate --scene hard --observation-model "rigid body"
     """
 
     scene: str = "gel"
@@ -70,9 +70,7 @@ class Calibrate:
     out: Path | None = None
     """Folder of the finished sensor; runs/sensor-SCENE by default."""
     observation_model: tuple[str, ...] = ()
-    """Choose from these: names of observation models, or module:attribute of your own; from all by default."""
-    hypotheses: Count | None = None
-    """Hypotheses of each shape in a model about one rigid body, 2048 by default: fewer are faster."""
+    """Choose from these observation models; from all by default."""
     seed: Seed = 0
     """Seed of the bootstrap intervals."""
     anyway: bool = False
@@ -98,7 +96,7 @@ class Calibrate:
         require_collection(data, manifest, reader.card, filed, anyway=self.anyway)
         require_enough(manifest, data)
         scene = scene_of(manifest, Trust(data, [self.scene], self.trust))
-        found = calibrate(reader, data, scene, models, self.hypotheses, self.seed)
+        found = calibrate(reader, data, scene, models, self.seed)
         found.save(out)
         print(found, found.table(), sep="\n\n")
         if manifest.plan.repeats == 1:
@@ -179,7 +177,6 @@ def calibrate(
     data: Path,
     scene: Scene | None = None,
     models: Mapping[str, Fit] = MappingProxyType({}),
-    hypotheses: int | None = None,
     seed: int = 0,
 ) -> Calibration:
     """Fit observation models to the calibration split of a collection, keep the best, and evaluate on the test split.
@@ -189,7 +186,6 @@ def calibrate(
         data: folder of the collection, whose objects are better touched several times in every pose.
         scene: scene of the touches, if it is known; without it, no model is about one rigid body.
         models: functions that fit the models to choose from, by name; all by default.
-        hypotheses: number of hypotheses of each shape in a model about one rigid body.
         seed: seed of the intervals.
 
     Raises:
@@ -197,7 +193,7 @@ def calibrate(
         BadReference: No command could read the file of the chosen model.
     """
     manifest = read_manifest(data)
-    candidates = candidate_models(models, reader, scene, hypotheses)
+    candidates = candidate_models(models, reader, scene)
     calibration, test = read_split(data, "calibration"), read_split(data, "test")
     known = read_touches(reader, calibration, "reading calibration touches")
     tested = read_touches(reader, test, "reading test touches")
@@ -209,7 +205,7 @@ def calibrate(
         choice = ModelChoice(name, fit(*touches, **labels), {})
     else:
         choice = choose_observation_model(*touches, **labels, candidates=candidates)
-    require_readable(choice.model)
+    class_named(choice.model.name)  # raises for a model that no command could read
     others = {name: loss for name, loss in choice.losses.items() if name not in fits("embeddings")}
     leaner = min(others, key=others.__getitem__) if choice.model.reads == "embeddings" and others else None
     independent = candidates[leaner](*touches, **labels) if leaner is not None else None
@@ -254,20 +250,16 @@ def scene_of(manifest: Manifest, trust: Trust) -> Scene | None:
     return None if manifest.choice is None else SceneChoice.from_dict(manifest.choice, trust).named.scene
 
 
-def candidate_models(
-    asked: Mapping[str, Fit], reader: TactileReader, scene: Scene | None, num_hypotheses: int | None = None
-) -> Mapping[str, Fit]:
+def candidate_models(asked: Mapping[str, Fit], reader: TactileReader, scene: Scene | None) -> Mapping[str, Fit]:
     """The observation models to choose from: those asked for, or all that the reader and the scene allow.
 
     Args:
         asked: by name; all if there are none.
         reader: of the touches; a joint model works only with one that embeds hypotheses.
         scene: of the touches, if it is known.
-        num_hypotheses: of each shape, in a joint model; as many as it takes by default.
 
     Raises:
-        BadArgument: a model works with hypotheses, which this reader does not embed; or their number is given, and no
-            model works with them.
+        BadArgument: a model works with hypotheses, which this reader does not embed.
     """
     all_joint = fits("embeddings")
     joint = {name: fit for name, fit in (asked or all_joint).items() if name in all_joint}
@@ -277,14 +269,10 @@ def candidate_models(
             raise BadArgument(
                 f"{in_words(list(joint))} needs a reader of a named scene, trained with --recipe contrast"
             )
-        if num_hypotheses is not None:
-            known = in_words(list(all_joint))
-            raise BadArgument(f"--hypotheses {num_hypotheses} is a setting of {known}, which is none of these models")
         return others
     table = HypothesisTable(reader, scene)
     embed = table if table.groups else cache(table)  # that of many poses remembers
-    number = {} if num_hypotheses is None else {"num_hypotheses": num_hypotheses}
-    return {**others, **{name: partial(fit, embed=embed, **number) for name, fit in joint.items()}}
+    return {**others, **{name: partial(fit, embed=embed) for name, fit in joint.items()}}
 
 
 class TooFewObjects(ActiveTouchError, ValueError):

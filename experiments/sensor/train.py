@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from activetouch.data.manifest import read_manifest
 from activetouch.errors import MissingWeights
 from activetouch.extras import require_extra
 from activetouch.perception.backbones import BACKBONES, ConvNeXt
-from activetouch.perception.card import CLASSIFIER_FILE
 from activetouch.perception.reader import TactileReader, resized
 from activetouch.perception.recipe import RECIPES, TrainingRecipe
 from activetouch.scene import Scene
@@ -75,8 +74,7 @@ class Train:
     saw. The others learn the shapes of a collection: contrast and worn with their orientations and sizes (worn is for
     pads that wear), large and paper without.
 
-    The state is saved regularly; after an interruption, the same command continues. With tensorboard installed (the
-    extra of that name), the losses are written to OUT/tensorboard.
+    The state is saved regularly; after an interruption, the same command continues.
 
     For example:
 
@@ -92,7 +90,7 @@ class Train:
     data: Path | None = None
     """Folder of the collection; data/SCENE by default."""
     out: Path | None = None
-    """Folder for the checkpoint and the training state; runs/train-SCENE by default."""
+    """Folder for the reader and the training state; runs/train-SCENE by default."""
     input_size: Pixels | None = None
     """Edge the images are averaged down, or repeated up, to before the network [pixels]; the scene's by default."""
     backbone: BackboneName | None = None
@@ -145,7 +143,7 @@ def train_reader(
 
     Args:
         data: folder of the collection.
-        out: folder for ``reader.safetensors``, ``classifier.safetensors`` and the state of the training.
+        out: folder for ``reader.safetensors`` and the state of the training.
         recipe: settings of the training.
         backbone: a key of :data:`activetouch.perception.backbones.BACKBONES`.
         input_size: edge that images are brought to [pixels].
@@ -180,9 +178,8 @@ def train_reader(
     print(f"{backbone} at {input_size} pixels, {classifier.card.training}")
     taxels = (manifest.image_shape[0] // train.images.shape[1]) ** 2
     trainer = Trainer(classifier, recipe, train, calibration, out / STATE_FILE, manifest.symmetry, taxels)
-    run_to_the_end(trainer, out / "tensorboard")
+    run_to_the_end(trainer)
     classifier = trainer.finish()
-    classifier.save(out / CLASSIFIER_FILE)
     reader = export_reader(
         classifier, manifest.image_shape, fixed_hypotheses(classifier, train) if recipe.embedding else None
     )
@@ -322,25 +319,11 @@ def new_classifier(card: ClassifierCard, seed: int, weights: str | None = None) 
         return TouchClassifier(card, TouchNetwork(card, features))
 
 
-def run_to_the_end(trainer: Trainer, log: Path) -> None:
-    """Run the epochs that are left, with a progress bar, and log them for TensorBoard where that is installed."""
-    writer = _tensorboard(log)
+def run_to_the_end(trainer: Trainer) -> None:
+    """Run the epochs that are left, with a progress bar."""
     with progress_bar() as progress:
         while not trainer.is_finished:
             bar = progress.add_task(f"epoch {trainer.epochs_done + 1}", total=len(trainer.train.images))
             report = trainer.run_epoch(partial(progress.advance, bar))
             progress.remove_task(bar)  # the report takes its place
             progress.console.print(report.words, highlight=False)
-            if writer is not None:
-                for name, value in asdict(report).items():
-                    writer.add_scalar(name, value, report.epoch)
-                writer.flush()
-
-
-def _tensorboard(log: Path) -> Any:
-    """A writer of TensorBoard's event files, or None where it is not installed."""
-    try:
-        from torch.utils.tensorboard import SummaryWriter
-    except ImportError:
-        return None
-    return SummaryWriter(str(log))

@@ -140,14 +140,6 @@ def test_one_touch_of_each_object_tests_first_touches_only():
     assert second.log_bets is first.log_bets
 
 
-def test_the_misfit_of_an_object_is_the_sum_over_all_touches_but_the_first(test_of_200):
-    number = MOST_TOUCHES + 2  # also of those that are no longer bet on
-    states = list(followed(test_of_200, np.zeros((number, D)), np.arange(1.0, number + 1)))
-    assert [state.misfit for state in states[:3]] == [0.0, 2.0, 5.0]
-    assert states[-1].misfit == sum(range(2, number + 1))
-    assert all(np.isfinite(state.misfit) for state in followed(test_of_200, np.zeros((3, D)), [1.0, np.inf, -np.inf]))
-
-
 def test_json_gives_the_same_test(test_of_200):
     again = ConflictTest.from_fields(json.loads(json.dumps(test_of_200.to_fields())))
     embeddings, misfits = (one[0] for one in sequences(np.random.default_rng(5), 1))

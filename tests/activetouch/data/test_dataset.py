@@ -30,7 +30,6 @@ from activetouch.poses import multiply
 from activetouch.pressing.contact import Contact
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Press
-from activetouch.pressing.setup import Setup
 from activetouch.scene import Symmetry
 from activetouch.scene_description import scene_fields
 from belief.errors import CorruptFile
@@ -121,10 +120,10 @@ class Fragile(Press):
 
     limit: float
 
-    def press(self, setup: Setup, placement: Placement, target_force: float) -> Contact:
+    def press(self, pad: Pad, placement: Placement, target_force: float) -> Contact:
         if placement.scale > self.limit:
             raise UnstablePress(f"{placement} is too large")
-        return Quasistatic().press(setup, placement, target_force)
+        return Quasistatic().press(pad, placement, target_force)
 
 
 def test_an_object_that_cannot_be_pressed_is_replaced_and_the_others_keep_their_touches(original, tmp_path):

@@ -32,7 +32,6 @@ def classifier(backbone, input_size, channels=1, num_shapes=4):
 @pytest.mark.parametrize(
     ("backbone", "input_size", "image_shape"),
     [
-        ("cnn", 16, (4, 4)),
         ("grid_cnn", 32, (128, 128)),
         ("atto", 32, (64, 64, 3)),
     ],

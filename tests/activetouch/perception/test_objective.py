@@ -28,7 +28,7 @@ SCENE = Scene(pad=Pad(num_taxels=32), press_model=Quasistatic())
 
 def image_of(orientation):
     placement = Placement(SCENE.solids["cone"], 1.0, np.asarray(orientation, float))
-    return SCENE.image(SCENE.press_model.press(SCENE.setup, placement, 2.0))
+    return SCENE.image(SCENE.press_model.press(SCENE.pad, placement, 2.0))
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -103,7 +103,7 @@ def test_a_gradient_that_is_not_finite_is_refused_with_advice_and_nothing_is_wri
 
 def test_what_differs_from_the_training_of_a_state_is_named(tmp_path):
     trainer(tmp_path / "state.safetensors").run_epoch()
-    with pytest.raises(LabelMismatch, match=r"training, with other epochs \(3 there, 9 here\)\. Choose"):
+    with pytest.raises(LabelMismatch, match=r"another training, with another epochs\. Choose"):
         trainer(tmp_path / "state.safetensors", replace(RECIPE, epochs=9))
 
 
@@ -111,7 +111,7 @@ def test_what_differs_from_the_training_of_a_state_is_named(tmp_path):
 def test_other_touches_do_not_resume_though_they_are_as_many_and_look_alike(split, tmp_path):
     trainer(tmp_path / "state.safetensors").run_epoch()
     swapped = replace(TOUCHES, shapes=1 - TOUCHES.shapes)
-    with pytest.raises(LabelMismatch, match=rf"with other {split.replace('train', 'training')} touches\. Choose"):
+    with pytest.raises(LabelMismatch, match=rf"with another {split.replace('train', 'training')} touches\. Choose"):
         trainer(tmp_path / "state.safetensors", **{split: swapped})
 
 

@@ -6,7 +6,7 @@ import pytest
 from activetouch import SHAPES, Dynamic
 from activetouch.placement import Placement
 from activetouch.poses import random_orientation
-from activetouch.pressing.setup import Setup
+from activetouch.pressing.pad import Pad
 from activetouch.pressing.trace import Phase
 
 pytestmark = pytest.mark.mujoco
@@ -14,7 +14,7 @@ pytestmark = pytest.mark.mujoco
 
 def test_a_traced_press_is_the_press_itself(rng):
     placement = Placement(SHAPES["cylinder"], 1.0, random_orientation(rng))
-    plain, traced = (Dynamic(traced=t).press(Setup(), placement, 2.0) for t in (False, True))
+    plain, traced = (Dynamic(traced=t).press(Pad(), placement, 2.0) for t in (False, True))
     assert plain.force == pytest.approx(traced.force, rel=1e-6)  # the plain one skips the free approach
     assert plain.trace is None
     end = traced.trace.end_of_pause
@@ -25,6 +25,6 @@ def test_a_traced_press_is_the_press_itself(rng):
 def test_the_contact_point_lies_under_the_imprint(rng):
     for shape in SHAPES.values():
         placement = Placement(shape, 1.0, random_orientation(rng))
-        contact = Dynamic(traced=True).press(Setup(height=0.07), placement, 2.0)
+        contact = Dynamic(traced=True).press(Pad(), placement, 2.0)
         point = contact.trace.point[contact.trace.end_of_pause - 1]
         assert np.linalg.norm(point - contact.centre_of_pressure) < 0.006

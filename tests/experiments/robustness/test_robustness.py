@@ -161,14 +161,13 @@ def test_what_robots_that_may_be_unsure_did_is_counted():
 @pytest.mark.torch
 @pytest.mark.mujoco
 @pytest.mark.slow
-def test_the_report_does_not_depend_on_the_number_of_workers(tmp_path):
-    names = ("noise × 2", "size ± 25 %")
-    Robustness("coarse", conditions=names, searches=1, seed=3, out=tmp_path, jobs=1).run()
+def test_the_command_writes_a_page_and_the_same_numbers_as_the_function(tmp_path):
+    Robustness("coarse", conditions=("noise × 2",), searches=1, seed=3, out=tmp_path, jobs=1).run()
     numbers = json.loads((tmp_path / "robustness.json").read_text())
     again = robustness(
-        TactileSensor.shipped("coarse"), SCENES["coarse"], name="coarse", conditions=names, searches=1, seed=3, jobs=2
+        TactileSensor.shipped("coarse"), SCENES["coarse"], name="coarse", conditions=["noise × 2"], searches=1, seed=3
     )
     assert numbers == json.loads(json.dumps(again.numbers))
-    assert list(numbers["conditions"]) == [AS_TRAINED, *names]
+    assert list(numbers["conditions"]) == [AS_TRAINED, "noise × 2"]
     assert (tmp_path / "robustness.md").read_text().count("\n| noise × 2 |") == 1
     assert (tmp_path / "report.html").read_text().count("noise × 2") >= 2

@@ -80,7 +80,7 @@ def test_a_folder_goes_on_with_its_own_run_only(tmp_path):
 
 @pytest.mark.parametrize(
     "text",
-    ["", "{", "[]", sealed_json({"format": 3}), sealed_json({"format": 2}), sealed_json({"format": 99}), "{}"],
+    ["", "{", "[]", sealed_json({"format": 4}), sealed_json({"format": 3}), sealed_json({"format": 99}), "{}"],
 )
 def test_a_damaged_run_json_or_one_of_another_version_is_a_clear_error_and_stays(tmp_path, text):
     (tmp_path / "run.json").write_text(text)

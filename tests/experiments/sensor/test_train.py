@@ -6,8 +6,6 @@ import pytest
 from activetouch import SCENES
 from activetouch.data.dataset import read_split
 from activetouch.errors import ImpossibleRecipe
-from activetouch.perception.card import CLASSIFIER_FILE
-from activetouch.perception.classifier import TouchClassifier
 from activetouch.perception.reader import TactileReader
 from activetouch.perception.recipe import RECIPES
 from activetouch.sensor_files import READER_FILE
@@ -37,13 +35,13 @@ def trained(data, out, **settings):
     change = Changes(epochs=2, batch_size=64)
     settings = {"backbone": "cnn", "input_size": 16, "recipe": "large", "change": change, "jobs": 1} | settings
     Train(scene="coarse", data=data, out=out, **settings).run()
-    return TouchClassifier.load(out / CLASSIFIER_FILE)
+    return TactileReader.load(out / READER_FILE)
 
 
 def test_a_trained_classifier_knows_what_it_was_trained_on(data, tmp_path, capsys):
-    classifier, train = trained(data, tmp_path), read_split(data, "train")
-    card, reader = classifier.card, TactileReader.load(tmp_path / READER_FILE)
-    np.testing.assert_allclose(reader.read(train.images).logits, classifier.read(train.images).logits, atol=1e-4)
+    reader, train = trained(data, tmp_path), read_split(data, "train")
+    card = reader.card
+    assert (reader.read(train.images).labels == train.shapes).mean() > 0.4
     assert card.shape_labels == ("sphere", "cube", "cylinder", "cone")
     assert card.pixel_mean == pytest.approx(train.images.mean() / 255, abs=2e-3)
     assert card.pixel_std == pytest.approx(train.images.std() / 255, abs=5e-3)
