@@ -33,6 +33,8 @@ LIMITS = {
 }
 """Least and largest of the numbers of a :class:`SensorState` that a reader is trained with, unless its
 :class:`Imaging` goes further."""
+FEW_PIXELS = 8
+"""Along the edge of an image that needs no convolutions, and whose noise does not average away."""
 SAMPLES = 32
 """Points along the edge of a pad, at least, at which a surface is computed; at most as many pixels are read."""
 

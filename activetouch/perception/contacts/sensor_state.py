@@ -25,7 +25,7 @@ import numpy as np
 from activetouch.distributions import Constant, Distribution, Uniform
 from activetouch.errors import WrongScene
 from activetouch.hypotheses import sizes
-from activetouch.perception.contacts.imaging import BROKEN, LIMITS, SAMPLES, Imaging, SensorState, regridded
+from activetouch.perception.contacts.imaging import BROKEN, FEW_PIXELS, LIMITS, SAMPLES, Imaging, SensorState, regridded
 from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.press import Quasistatic
 from activetouch.rendering import Blur, DeadTaxels, Gain, Hysteresis, Noise, PressureRenderer, Shift, StuckTaxels
@@ -41,7 +41,7 @@ _QUANTILES = 64
 _ROUNDED = 1e-6  # by which a limit may be exceeded
 _DIFFERENT = 0.02  # of a number of the code
 _COARSER = 0.3  # share of worlds with wider taxels, of a sensor that has more than the reader sees
-_FEW, _NOISIER = 8, 8.0  # pixels along an edge that do not average noise away, and how noisy such a sensor may become
+_NOISIER = 8.0  # than described may a sensor of few pixels become
 _TAXEL, _PART = 1.1, 0.3  # by which an image may be blurred or shifted: in taxels, and at most in parts of its edge
 
 
@@ -71,7 +71,7 @@ def imaging_of(scene: Scene) -> Imaging:
         dead=_broken(scene, DeadTaxels, taxels) if faults_of(DeadTaxels, scene.faults) else None,
         samples=-(-SAMPLES // pixels) * pixels,
         coarser=_COARSER if taxels > pixels and pixels % 2 == 0 else 0.0,
-        noisier=_NOISIER if pixels <= _FEW else LIMITS["noise"][1],
+        noisier=_NOISIER if pixels <= FEW_PIXELS else LIMITS["noise"][1],
         displaced=(blur, shift),
     )
 
