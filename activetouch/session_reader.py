@@ -89,11 +89,11 @@ class SensorReader:
         if np.abs(turns[nearest] - 1.0) < _SAME**2 and away[nearest] < _SAME:
             return nearest, None
         model, hypotheses, card = joint_model(self.sensor.model), self.sensor.reader.hypotheses, self.sensor.reader.card
-        if model is None or hypotheses is None or not (card.imaging is not None or card.knows_aims or not away.min()):
+        if model is None or hypotheses is None or not (card.imaging is not None or not away.min()):
             raise InvalidArgument(
                 "only a sensor whose belief is about one rigid body takes touches that are in none of its poses "
-                f"{scene.pose_labels}, and only a reader of predicted contacts, or one trained with aims, takes other "
-                f"aims; the nearest is {scene.pose_labels[nearest]!r}, {np.degrees(angles[nearest]):.1f}° and "
+                f"{scene.pose_labels}, and only a reader of predicted contacts takes other aims; the "
+                f"nearest is {scene.pose_labels[nearest]!r}, {np.degrees(angles[nearest]):.1f}° and "
                 f"{1e3 * np.linalg.norm(scene.aim_offsets[nearest] - aim):.2f} mm away"
             )
         there = scene.with_pose(quaternion, aim)

@@ -13,9 +13,8 @@ if TYPE_CHECKING:
     from belief.categorical import Belief
     from belief.composition import Composition, Counts
     from belief.errors import ActiveTouchError, ImpossibleObservation, ZeroPriorTarget
-    from belief.history import TouchHistory
     from belief.observation_model.evidence import ObjectEvidence
-    from belief.problem import Confirm, Probe, Reject, SearchProblem, Touch, Unsure
+    from belief.problem import Confirm, Probe, Reject, SearchProblem, Touch, TouchHistory, Unsure
     from belief.scene_belief import SceneBelief
     from belief.scene_view import SceneView
     from belief.tracker import BeliefTracker
@@ -44,9 +43,8 @@ _HOMES = {
     "categorical": "Belief",
     "composition": "Composition Counts",
     "errors": "ActiveTouchError ImpossibleObservation ZeroPriorTarget",
-    "history": "TouchHistory",
     "observation_model.evidence": "ObjectEvidence",
-    "problem": "Confirm Probe Reject SearchProblem Touch Unsure",
+    "problem": "Confirm Probe Reject SearchProblem Touch TouchHistory Unsure",
     "scene_belief": "SceneBelief",
     "scene_view": "SceneView",
     "tracker": "BeliefTracker",

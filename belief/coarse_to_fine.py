@@ -150,16 +150,7 @@ class CoarseToFine:
         scale: float = 1.0,
         drift: float = 0.0,
     ) -> CoarseToFine:
-        """The belief before the first touch.
-
-        Args:
-            log_prior: of the K bodies, ``(K,)``, up to a constant; ``-inf`` for a body that it cannot be.
-            cells: of which every body has its own.
-            likelihood: of touches.
-            effort: how far to refine.
-            scale: factor on log likelihoods, one over the temperature.
-            drift: how far errors about one body are common to all touches, in [0, 1].
-        """
+        """The belief before the first touch."""
         prior = np.array(log_prior, float, ndmin=1)
         if prior.ndim != 1 or not len(prior) or np.isnan(prior).any() or not np.isfinite(prior.max()):
             raise ValueError(

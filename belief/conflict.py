@@ -137,13 +137,7 @@ class ConflictTest(FrozenArrays):
         return ObjectConflict(self, 0, frozen(np.zeros(2)), frozen(np.ones(2)), frozen(np.zeros(_NUM_BETS)))
 
     def p_values(self, kind: int, step: int, score: float) -> tuple[float, float]:
-        """Conformal p-values of a score less its prediction: that it is so high, and that it is so low.
-
-        Args:
-            kind: :data:`NOVELTY` or :data:`MISFIT`.
-            step: number of earlier touches of the object, below T.
-            score: less its median and its prediction; a misfit in units of its width.
-        """
+        """Conformal p-values of a score less its prediction: that it is so high, and that it is so low."""
         values, ranks, number = self.quantiles[kind, step], self._kept_ranks, self.num_objects
         margin = _RESOLUTION * (1.0 + abs(score))
         below = int(values.searchsorted(score - margin, side="left"))  # as many stored values are smaller
@@ -228,11 +222,7 @@ class ObjectConflict:
 
 
 def log_conflict(log_bets: Iterable[Floats]) -> float:
-    """Log e-value of all touches of several objects: the mean over strategies of their wealth.
-
-    Args:
-        log_bets: of each object; 0.0 for none.
-    """
+    """Log e-value of all touches of several objects: the mean over strategies of their wealth."""
     total = sum(log_bets, start=np.zeros(1))
     largest = total.max()
     return float(largest + np.log(np.exp(total - largest).mean()))

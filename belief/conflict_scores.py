@@ -127,12 +127,7 @@ class UsualMisfit(FrozenArrays):
 
     @classmethod
     def fit(cls, misfits: Floats, certainties: Floats) -> UsualMisfit:
-        """Fit to S sequences of T touches, rounded to single precision.
-
-        Args:
-            misfits: of each touch to the earlier ones, ``(S, T)``.
-            certainties: largest posterior of a shape before each touch, in [0, 1], ``(S, T)``.
-        """
+        """Fit to misfits of T touches of S objects, and the certainty of the shape before each, ``(S, T)`` both."""
         number, length = misfits.shape
         groups = min(_MOST_GROUPS, max(1, number // _IN_A_GROUP))
         limited = np.clip(misfits, -_WIDEST, _WIDEST)
@@ -147,13 +142,7 @@ class UsualMisfit(FrozenArrays):
         return cls(*(array.astype(np.float32).astype(np.float64) for array in (edges, medians, widths)))
 
     def standardised(self, step: int, misfit: Floats | float, certainty: Floats | float) -> Floats:
-        """Misfits less the median of their group, in its widths.
-
-        Args:
-            step: number of earlier touches of the object, below T.
-            misfit: of some touches, ``(...)``.
-            certainty: largest posterior of a shape before each touch, ``(...)``.
-        """
+        """Misfits ``(...)`` after ``step`` touches less the median of their group by certainty, in its widths."""
         group = self.edges[step].searchsorted(certainty, side="right")
         limited = np.minimum(np.maximum(misfit, -_WIDEST), _WIDEST)
         return np.asarray((limited - self.medians[step][group]) / self.widths[step][group])

@@ -154,10 +154,6 @@ def _cause(error: Exception, temporary: Path) -> OSError | None:
 def require_regular_file(path: Path, error: type[Exception] = CorruptFile) -> Path:
     """Refuse to read a path that is a folder, a pipe, a device or a socket; reading a pipe waits for ever.
 
-    Args:
-        path: file to read; links are followed. A path that does not exist is left to the reader.
-        error: class of the error.
-
     Returns:
         ``path``.
 

@@ -96,10 +96,6 @@ class Reference:
             found = getattr(found, part)
         return found
 
-    def make(self, **offered: Any) -> Any:
-        """The object itself; see :func:`build` for ``offered``."""
-        return build(self.name, self.load(), self.settings, offered, self.is_called)
-
 
 def look_in(folder: str) -> None:
     """Put a folder last in the module search path, where it hides no installed module."""
@@ -157,12 +153,7 @@ def find(what: str, text: str, registry: Mapping[str, Any], group: str) -> tuple
         return reference.load(), reference
     if reference.name in registry:
         return registry[reference.name], reference
-    offered = entry_point_names(group)
+    offered = {entry.name: entry.value for entry in entry_points(group=group)}
     if reference.name in offered:
         return Reference.parse(offered[reference.name]).load(), reference
     raise UnknownName(what, reference.name, [*registry, *offered])
-
-
-def entry_point_names(group: str) -> dict[str, str]:
-    """Entry points of a group in installed packages: ``module:attribute`` by name."""
-    return {entry.name: entry.value for entry in entry_points(group=group)}

@@ -13,13 +13,12 @@ from belief.bayes import update
 from belief.categorical import Belief
 from belief.conflict import continued_bets
 from belief.errors import ImpossibleObservation, ZeroPriorTarget
-from belief.history import TouchHistory
 from belief.naming import Name
 from belief.observation_model.evidence import ObjectEvidence, start
 from belief.observation_model.model import ObservationModel
 from belief.observation_model.sensor_health import SensorEvidence, SensorHealthModel
 from belief.observation_model.sensor_worlds import SensorHealth
-from belief.problem import SearchProblem, Touch
+from belief.problem import SearchProblem, Touch, TouchHistory
 from belief.scene_view import ReadableScene, SceneView
 from belief.validation import Floats
 

@@ -11,10 +11,10 @@ from belief.arrangement import prob_shape_absent
 from belief.categorical import Belief
 from belief.conflict import log_conflict
 from belief.frozen import frozen
-from belief.history import TouchHistory
 from belief.naming import Name, index_of
 from belief.observation_model.evidence import ObjectEvidence
 from belief.observation_model.sensor_worlds import SensorHealth
+from belief.problem import TouchHistory
 from belief.validation import Floats, require_index
 
 UNKNOWN = -1

@@ -18,15 +18,13 @@ from belief.errors import ActiveTouchError, MissingPackage, install_command
 from belief.observation_model.model import ObservationModel
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.references import BadReference, Reference, build, find
+from planners.baselines import RandomConfirm, ThresholdRule
 from planners.decider import Decider, ProbeSelector, SequentialDecider, StoppingRule
 from planners.pose_order import read_order
 from planners.ppo import PPODecider
 from planners.probing import FixedOrder, GivenOrder, RandomOrder, ShapeInformationGain, TargetInformationGain
-from planners.random_confirm import RandomConfirm
 from planners.repeats import repeat_discount
-from planners.stop_override import StopOverride
-from planners.stopping import PosteriorThresholds
-from planners.threshold_rule import ThresholdRule
+from planners.stopping import PosteriorThresholds, StopOverride
 from planners.value_of_information import ValueOfInformation
 
 PREFIX = "sb3:"

@@ -1,16 +1,19 @@
-"""Stopping by fixed thresholds on the posterior probability of the target.
+"""Stopping by fixed thresholds on the posterior probability of the target, also in place of a decider's own rule.
 
-The paper's rule, which uses single classifier outputs, is in :mod:`planners.threshold_rule`.
+The paper's rule, which uses single classifier outputs, is in :mod:`planners.baselines`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from belief.errors import InvalidArgument
-from belief.problem import Confirm, Reject
+from belief.problem import Confirm, Probe, Reject
 from belief.validation import require_count
-from planners.decider import Decision, InformationState
+from planners.answers import checked_decision
+from planners.decider import Decider, Decision, InformationState, ProbeSelector, StoppingRule
 
 _LOW_PRIOR = 1.0 / 12.0  # below it thresholds of rejection fall with the prior; the lowest prior of the named scenes
 
@@ -80,3 +83,32 @@ def _beyond(info: InformationState, confirm: float, reject: float, max_touches: 
     if len(info.history) >= max_touches:
         return Decision(Confirm() if prob >= 0.5 else Reject(), scores)
     return None
+
+
+@dataclass(frozen=True)
+class StopOverride:
+    """Follows the poses of any decider, and stops by a stopping rule.
+
+    The error rates of the rule hold for every decider, because they do not depend on which poses are probed.
+
+    Attributes:
+        stopping: decides when to stop; it is asked first.
+        decider: chooses the pose where the rule does not stop.
+        fallback: chooses the pose where the decider would stop and the rule does not; the scores then say
+            ``overruled``.
+    """
+
+    stopping: StoppingRule
+    decider: Decider
+    fallback: ProbeSelector
+
+    def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
+        """See :class:`planners.decider.Decider`."""
+        stopped = self.stopping.stop(info)
+        if stopped is not None:
+            return stopped
+        wanted = checked_decision(self.decider.decide(info, rng), self.decider, info.problem)
+        if isinstance(wanted.action, Probe):
+            return wanted
+        chosen = self.fallback.choose(info, rng)
+        return Decision(chosen.action, {**chosen.scores, "overruled": 1.0})

@@ -12,7 +12,7 @@ the plan puts there.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -48,7 +48,7 @@ __all__ = [
 ]
 
 _BODY = ("rests", "orientations", "sizes", "offsets", "frictions", "stiffnesses")
-_WIDTHS = {"rests": (4,), "orientations": (4,), "offsets": (2,), "aims": (2,)}  # of a column's rows; else one number
+_WIDTHS = {"rests": (4,), "orientations": (4,), "offsets": (2,)}  # of a column's rows; else one number
 _NUMBERS: dict[str, np.dtype[Any]] = dict.fromkeys(("shapes", "object_ids", "poses"), np.dtype(np.int64))
 _NUMBERS |= dict.fromkeys(("forces", "depths", *_BODY), np.dtype(np.float64))
 _HEADERS = 2**16  # of all arrays of a shard together, at most [bytes]
@@ -78,10 +78,7 @@ class TouchSet:
         frictions: friction coefficient of the object, ``(N,)``.
         stiffnesses: of the object's skin together with the pad's layer, relative to the layer's alone, ``(N,)``.
 
-        aims: the offset that the pose asks for, along y and z [m], ``(N, 2)``; a file does not have it, because it
-            follows from pose and scene.
-
-    The last seven are NaN where they are not given: touches from elsewhere come without them.
+    The last six are NaN where they are not given: touches from elsewhere come without them.
     """
 
     images: NDArray[np.uint8]
@@ -96,10 +93,9 @@ class TouchSet:
     offsets: NDArray[np.float64] = field(default_factory=_unknown)
     frictions: NDArray[np.float64] = field(default_factory=_unknown)
     stiffnesses: NDArray[np.float64] = field(default_factory=_unknown)
-    aims: NDArray[np.float64] = field(default_factory=_unknown)
 
     def __post_init__(self) -> None:
-        for name in (*_BODY, "aims"):
+        for name in _BODY:
             if np.ndim(getattr(self, name)) == 0:
                 object.__setattr__(self, name, np.full((len(self.images), *_WIDTHS.get(name, ())), np.nan))
 
@@ -142,8 +138,8 @@ def record_shard(scene: Scene, plan: CollectionPlan, split: str, objects: range,
         UnstablePress: objects drawn one after the other for the same place could not be pressed.
     """
     rows = [row for number in objects for row in _touch_object(scene, plan, split, number)]
-    names = [name for name in TouchSet.__dataclass_fields__ if name != "aims"]
-    arrays = {name: np.stack(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)}
+    columns = zip(TouchSet.__dataclass_fields__, zip(*rows, strict=True), strict=True)
+    arrays = {name: np.stack(column) for name, column in columns}
     with atomic_path(path) as temporary:
         np.savez(temporary, **arrays, split=np.array(SPLITS.index(split)))  # type: ignore[arg-type]  # numpy takes it
 
@@ -201,13 +197,7 @@ def read_split(folder: Path, split: str) -> TouchSet:
         touches = read_shard(folder, manifest, split, shard, objects)
         for name, column in columns.items():
             column[objects.start * per_object : objects.stop * per_object] = getattr(touches, name)
-    return TouchSet(**columns, aims=aims_of(manifest.scene, manifest.pose_labels)[columns["poses"]])
-
-
-def aims_of(scene: Mapping[str, Any], pose_labels: Sequence[str]) -> NDArray[np.float64]:
-    """The aims of poses in the fields of a scene, ``(P, 2)`` [m]; zero where it says none."""
-    found = dict(scene.get("aims", {"entries": []})["entries"])
-    return np.array([found.get(label, (0.0, 0.0)) for label in pose_labels], np.float64)
+    return TouchSet(**columns)
 
 
 def read_shard(folder: Path, manifest: Manifest, split: str, shard: int, objects: range) -> TouchSet:

@@ -10,18 +10,17 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
+from PIL import Image, ImageDraw
 
-from activetouch.envs.picture import draw
 from activetouch.envs.touch_source import EpisodeWorld, LiveTouches, Touches
 from activetouch.hand import Hand
 from activetouch.named_scenes import SCENES, NamedScene
 from activetouch.sensor import TactileSensor
 from belief.categorical import Belief
 from belief.errors import ActiveTouchError, InvalidArgument, UnknownName
-from belief.history import TouchHistory
 from belief.observation_model.evidence import start
 from belief.policy_state import ENCODINGS, NO_ACTION, WITH_GAINS, Situation, expected_gains, frame_probs
-from belief.problem import Action, Confirm, Probe, Reject, SearchProblem, Unsure
+from belief.problem import Action, Confirm, Probe, Reject, SearchProblem, TouchHistory, Unsure
 from belief.scene_belief import SceneBelief
 from belief.search_progress import Outcome, SearchProgress, success_of
 from belief.seeding import arrangement_rng, checked_key, touch_rng
@@ -269,3 +268,27 @@ def key_of(options: Mapping[str, Any] | None) -> tuple[int, ...] | None:
         return checked_key(list(key))
     except InvalidArgument as error:
         raise BadOption(f"the option 'seed' must be a key such as (0, 3, 17): {error}") from error
+
+
+_SIZE = 240  # edge of each of the two panels [pixels]
+_INK, _PAPER, _BAR, _TARGET = (40, 44, 52), (250, 250, 248), (150, 170, 200), (222, 122, 60)
+
+
+def draw(image: NDArray[np.uint8] | None, belief: Belief, target: int) -> NDArray[np.uint8]:
+    """The frame of an episode, ``(240, 480, 3)`` uint8.
+
+    Args:
+        image: of the last press; None leaves its panel blank.
+        belief: about the current object.
+        target: index of the target shape, whose bar has another colour.
+    """
+    picture = Image.new("RGB", (2 * _SIZE, _SIZE), _PAPER)
+    if image is not None:
+        picture.paste(Image.fromarray(image).convert("RGB").resize((_SIZE, _SIZE), Image.Resampling.NEAREST))
+    pen, height = ImageDraw.Draw(picture), _SIZE / len(belief.labels)
+    for index, (label, prob) in enumerate(zip(belief.labels, belief.probs, strict=True)):
+        left, top = _SIZE + 8, index * height
+        bar = [left, top + 0.55 * height, left + round((_SIZE - 16) * float(prob)), top + 0.9 * height]
+        pen.rectangle(bar, fill=_TARGET if index == target else _BAR)
+        pen.text((left, top + 0.1 * height), f"{label} {prob:.3f}", fill=_INK)
+    return np.asarray(picture)

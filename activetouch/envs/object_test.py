@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from activetouch.envs.base import State, TouchEnv, live_or_given
-from activetouch.envs.priors import ObjectPriors, TargetProb
-from activetouch.envs.touch_source import Touches
+from activetouch.envs.touch_source import ObjectPriors, TargetProb, Touches
 from activetouch.hand import Hand
 from belief.categorical import Belief
 from belief.composition import Composition

@@ -44,8 +44,6 @@ class ClassifierCard:
         log_size_mean, log_size_std: they standardise the logarithm of a hypothesis's size.
         imaging: fields of :class:`activetouch.perception.contacts.imaging.Imaging`, of a reader of any object, which
             knows no shapes until it is bound to a scene.
-        aim_scale: of the aims, the intended offsets of an object in the scene's poses [m]; 0 where no pose has an aim,
-            and hypotheses then have none.
     """
 
     backbone: str
@@ -62,22 +60,15 @@ class ClassifierCard:
     embedding: int = 0
     log_size_mean: float = 0.0
     log_size_std: float = 1.0
-    aim_scale: float = 0.0
     imaging: Mapping[str, Any] | None = None
-
-    @property
-    def knows_aims(self) -> bool:
-        """Whether a hypothesis is about a touch with an intended offset."""
-        return self.aim_scale > 0.0
 
     @property
     def num_inputs(self) -> int:
         """Numbers that describe a hypothesis to its network.
 
-        Of its shape, rotation matrix and size, of the products of two entries of the matrix, and of the aim that it
-        may have.
+        Of its shape, rotation matrix and size, and of the products of two entries of the matrix.
         """
-        return len(self.shape_labels) + 10 + len(PRODUCTS[0]) + 2 * self.knows_aims
+        return len(self.shape_labels) + 10 + len(PRODUCTS[0])
 
     @property
     def knows_orientations(self) -> bool:
@@ -134,13 +125,8 @@ class ClassifierCard:
             )
 
     def fields(self) -> dict[str, Any]:
-        """Its fields, as a file has them: nothing about aims where they are not known.
-
-        A card that knows orientations names its network of hypotheses too.
-        """
-        absent: tuple[str, ...] = () if self.knows_aims else ("aim_scale",)
-        absent += () if self.imaging is not None else ("imaging",)
-        found = {name: value for name, value in asdict(self).items() if name not in absent}
+        """Its fields, as a file has them; a card that knows orientations names its network of hypotheses too."""
+        found = {name: value for name, value in asdict(self).items() if name != "imaging" or value is not None}
         network = HYPOTHESIS_NETWORK if self.imaging is None else CONTACT_NETWORK
         return found | ({"hypothesis_network": network} if self.knows_orientations else {})
 

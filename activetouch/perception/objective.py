@@ -72,9 +72,9 @@ class Contrast:
     """The negative log probability of a touch's own hypothesis among others, plus that of its shape.
 
     The first term is InfoNCE (van den Oord et al. 2018). The others are those of the batch's other touches and fresh
-    draws from the prior: each shape equally often; orientation with aim, and size, each those of a random training
-    touch. The minimiser over all functions is log p(o | k, R, s, c) / p(o) up to a constant of the image
-    (Gutmann & Hyvärinen 2010; Durkan et al. 2020). The second term is the cross-entropy of the shape, whose likelihood
+    draws from the prior: each shape equally often; orientation and size each those of a random training touch. The
+    minimiser over all functions is log p(o | k, R, s) / p(o) up to a constant of the image (Gutmann & Hyvärinen 2010;
+    Durkan et al. 2020). The second term is the cross-entropy of the shape, whose likelihood
     is the mean over the draws of that shape. It has the same minimiser, and spends the network's capacity on what the
     belief is asked for.
 
@@ -163,9 +163,9 @@ def every_shape(number: int, num_shapes: int) -> Tensor:
 
 
 def drawn(known: Hypotheses, shapes: Tensor, chance: torch.Generator) -> Hypotheses:
-    """Draws from the prior of these shapes; orientation with aim, and size, are each those of a known one."""
+    """Draws from the prior of these shapes; orientation and size are each those of a known one."""
     rows = torch.randint(len(known.shapes), (2, len(shapes)), generator=chance)
-    return Hypotheses(shapes, known.orientations[rows[0]], known.sizes[rows[1]], known.aims[rows[0]])
+    return Hypotheses(shapes, known.orientations[rows[0]], known.sizes[rows[1]])
 
 
 def shape_logits(scores: Tensor, shapes: Tensor, num_shapes: int) -> Tensor:
@@ -196,7 +196,7 @@ def hypotheses_of(touches: TouchSet) -> Hypotheses:
     """
     if not (np.isfinite(touches.orientations).all() and np.isfinite(touches.sizes).all()):
         raise ValueError("these touches do not say in which orientation and of which size the objects were")
-    columns = (touches.orientations, touches.sizes, np.nan_to_num(touches.aims))
+    columns = (touches.orientations, touches.sizes)
     return Hypotheses(torch.from_numpy(touches.shapes), *(torch.from_numpy(column).float() for column in columns))
 
 
@@ -204,9 +204,7 @@ def turned(hypotheses: Hypotheses, angles: Tensor) -> Hypotheses:
     """Hypotheses after a turn of the object about the approach axis, x, by an angle each [rad]."""
     turn = torch.zeros(len(angles), 4)
     turn[:, 0], turn[:, 1] = torch.cos(angles / 2), torch.sin(angles / 2)
-    (y, z), cosines, sines = hypotheses.aims.unbind(1), torch.cos(angles), torch.sin(angles)
-    aims = torch.stack([cosines * y - sines * z, sines * y + cosines * z], dim=1)
-    return hypotheses._replace(orientations=compose(turn, hypotheses.orientations), aims=aims)
+    return hypotheses._replace(orientations=compose(turn, hypotheses.orientations))
 
 
 def jittered(orientations: Tensor, spread: float, chance: torch.Generator) -> Tensor:

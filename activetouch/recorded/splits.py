@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.recorded.touches import RecordedTouches
-from belief.cross_validation import object_folds
 from belief.frozen import FrozenArrays
+from belief.observation_model.calibration_data import object_folds
 
 _LEARNED, _CALIBRATED = 0.6, 0.8  # ends of the shares of an object's sessions
 _INNER = 4

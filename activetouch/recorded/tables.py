@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from activetouch.errors import BadRecording
 from activetouch.recorded.touches import RecordedTouches
 from belief.files import plain_number, require_regular_file
-from belief.observation_model.kernel_fit import numbered_sessions
+from belief.observation_model.action_kernel import numbered_sessions
 from belief.validation import Floats
 
 MOST_BYTES = 256 * 2**20

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from activetouch.errors import BadRecording
 from belief.frozen import FrozenArrays
 from belief.naming import few
+from belief.observation_model.action_kernel import numbered_sessions
 from belief.observation_model.calibration_data import LabelledTouches
-from belief.observation_model.kernel_fit import numbered_sessions
 from belief.problem import Touch
 from belief.validation import Floats
 

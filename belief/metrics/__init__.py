@@ -16,11 +16,11 @@ calibrated model with the same predictions.
 from belief.metrics.binned import (
     classwise_calibration_error,
     expected_calibration_error,
+    smooth_calibration_error,
 )
 from belief.metrics.calibration_at_stop import CalibrationAtStop, StopScore, calibration_at_stop
-from belief.metrics.chance import null_quantile
 from belief.metrics.reliability import ReliabilityCurve, reliability_curve, reliability_diagram
-from belief.metrics.report import CalibrationError, CalibrationReport, calibration_report
+from belief.metrics.report import CalibrationError, CalibrationReport, calibration_report, null_quantile
 from belief.metrics.scores import (
     ShapeScore,
     accuracy,
@@ -29,7 +29,6 @@ from belief.metrics.scores import (
     negative_log_likelihood,
     shape_scores,
 )
-from belief.metrics.smooth import smooth_calibration_error
 
 __all__ = [
     "CalibrationAtStop",

@@ -90,13 +90,7 @@ class EmbeddedHypotheses:
     temperature: float
 
     def scores(self, pose: int, embeddings: Floats, shapes: slice = slice(None)) -> Floats32:
-        """Log p(touch | shape, orientation, size) of touches in one pose, up to a constant of the touch, ``(n, K, N)``.
-
-        Args:
-            pose: index.
-            embeddings: of the touches, ``(n, D)``.
-            shapes: of the hypotheses; all by default.
-        """
+        """Log p(touch | hypothesis) of embeddings ``(n, D)`` in a pose, up to a constant of each, ``(n, K, N)``."""
         return self.scores_under(self.in_pose(pose)[shapes], embeddings)
 
     def scores_under(self, table: NDArray[np.floating], embeddings: Floats) -> Floats32:

@@ -18,14 +18,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.calibration import CALIBRATIONS, Calibration, StructuredMatrixScaling
-from belief.cross_validation import object_folds
-from belief.observation_model.calibration_data import LabelledTouches
+from belief.observation_model.calibration_data import LabelledTouches, object_folds
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import drawn, smoothed, tabulate
 from belief.observation_model.repeat_discount import (
     ASSUMED_CORRELATION,
-    Repeats,
     effective_touches,
     fit_correlation,
     repeat_shares,
@@ -125,7 +123,7 @@ class RatioModel(ArrayModel):
             prior,
             correlation,
             _references(data),
-            _status(data, found),
+            "one_shape" if np.count_nonzero(data.counts) == 1 else "no_repeats" if found is None else "ok",
         )
 
     @property
@@ -234,12 +232,6 @@ class _Means(NamedTuple):
 def _within_floats(log_likelihoods: Floats) -> Floats:
     """Log-likelihoods limited to finite floats, so that no shape becomes impossible."""
     return np.maximum(log_likelihoods, -np.finfo(np.float64).max)
-
-
-def _status(data: LabelledTouches, found: Repeats | None) -> Status:
-    if np.count_nonzero(data.counts) == 1:
-        return "one_shape"
-    return "no_repeats" if found is None else "ok"
 
 
 def _training_prior(calibrated: Calibration, data: LabelledTouches) -> Floats:

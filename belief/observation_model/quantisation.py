@@ -47,13 +47,7 @@ def merged(table: OutcomeTable, num_outcomes: int, rng: np.random.Generator) -> 
 
 
 def drawn(weights: Floats, poses: NDArray[np.int64], rng: np.random.Generator) -> NDArray[np.int64]:
-    """One of the N touches that stand for all in a pose, drawn by their weights, for every entry of ``poses``.
-
-    Args:
-        weights: of the touches in each pose, ``(P, N)``, ≥ 0.
-        poses: indices, any shape.
-        rng: of the draws.
-    """
+    """One of the N touches that stand for all in a pose, drawn by weights ``(P, N)``, for every entry of ``poses``."""
     cumulative, found = weights.cumsum(axis=1), np.empty(poses.shape, np.int64)
     for pose in np.unique(poses).tolist():
         here = poses == pose

@@ -195,13 +195,6 @@ def with_touch(
 ) -> tuple[SumsByPlace, Floats | None]:
     """The sums of scores in every place with one more touch, and the sum of all touches where some are discounted.
 
-    Args:
-        sums: number of touches and sum of their scores in every place.
-        touch: whose place counts.
-        scores: of the touch, ``(..., K, N)``.
-        correlation: ρ in [0, 1] of repeats in one place.
-        drift: κ in [0, 1] of touches in different places.
-
     Returns:
         The new sums; and log weights ``(..., K, N)``, or None where every touch counts in full.
     """

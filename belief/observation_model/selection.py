@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.bayes import update
-from belief.cross_validation import object_folds
+from belief.observation_model.calibration_data import object_folds
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.registry import Fit, fits
 from belief.problem import Touch

@@ -50,12 +50,7 @@ class Views(FrozenArrays):
         return np.unique(self.groups, return_index=True)[1]
 
     def of_all_poses(self, outcomes: NDArray[np.float32], chosen: NDArray[np.int64]) -> NDArray[np.float32]:
-        """p(outcome | pose, hypothesis) of some hypotheses, ``(P, K, H, M)``.
-
-        Args:
-            outcomes: in the first pose of each group, ``(G, K, N, M)``.
-            chosen: index of H hypotheses of each shape, ``(K, H)``.
-        """
+        """p(outcome | pose, hypothesis) of some hypotheses, ``(P, K, H, M)``."""
         shapes = np.arange(len(chosen))[None, :, None]
         return outcomes[self.groups[:, None, None], shapes, self.same[:, chosen]]
 

@@ -23,7 +23,7 @@ API = {
     "observation models": ("belief.observation_model", "belief.observation_model.selection", "belief.touch_batch"),
     "calibration": ("belief.calibration", "belief.metrics"),
     "statistics": ("belief.statistics",),
-    "planners": ("planners", "planners.stopping", "planners.probing", "planners.stop_override", "planners.abstaining"),
+    "planners": ("planners", "planners.stopping", "planners.probing", "planners.abstaining"),
     "solver": ("planners.solve", "planners.one_touch"),
     "activetouch": ("activetouch", "activetouch.sensor", "activetouch.world", "activetouch.scene",
                     "activetouch.named_scenes"),

@@ -11,7 +11,7 @@ import sys
 import threading
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
 
 _MESSAGE = "interrupted; what was written is kept. The same command goes on, or starts again if it writes at its end"
@@ -108,6 +108,10 @@ def _silence_libraries() -> None:
 
 
 def _end_workers() -> None:
-    from experiments.command_line.workers import end_workers
+    """Kill all worker processes of this process."""
+    import multiprocessing
 
-    end_workers()
+    for child in multiprocessing.active_children():
+        if child.pid is not None:
+            with suppress(ProcessLookupError):  # loky's processes have no kill()
+                os.kill(child.pid, getattr(signal, "SIGKILL", signal.SIGTERM))

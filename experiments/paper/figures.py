@@ -19,13 +19,7 @@ _SHAPES = ("sphere", "cube", "cylinder", "cone")  # order of the rows of a confu
 def draw_figure3(confusion: Sequence[Sequence[int]] | None, columns: Sequence[Column], path: Path) -> None:
     """Draw (a) the confusion matrix of the classifier that was split by image, and (b) success by target.
 
-    Args:
-        confusion: counts of (true shape, predicted shape); without it, (a) is left out.
-        columns: columns of Table 2.
-        path: file to write.
-
-    Raises:
-        CannotWrite: The disk is full, or the folder is not writable.
+    Without counts of (true shape, predicted shape), (a) is left out.
     """
     widths = [1.0, 1.5] if confusion is not None else [1.5]
     with figure((3.2 * sum(widths), 4.2), path) as drawn:

@@ -36,17 +36,10 @@ class WindowPlan:
 
 
 def record_windows(scene: Scene, plan: WindowPlan, stream: int, jobs: int) -> TouchSet:
-    """Press the objects of a plan and render the windows.
+    """Press the objects of a plan, and render the windows, on several processes.
 
-    Args:
-        scene: a scene with guarded moves and a force-patch renderer.
-        plan: size of the data set.
-        stream: number of the data set; different numbers give independent data sets.
-        jobs: number of processes; the images do not depend on it.
-
-    Returns:
-        Images ordered by object, shapes in turn; ``poses`` numbers the presses of an object. An object that misses the
-        pad has no images.
+    Different numbers of the stream give independent data sets. Images are ordered by object, shapes in turn; ``poses``
+    numbers the presses of an object. An object that misses the pad has no images.
     """
     scene = replace(scene, presentation=Resampled())
     tasks = [partial(_press, scene, plan, stream, number) for number in range(plan.objects * len(scene.shapes))]

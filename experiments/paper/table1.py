@@ -79,31 +79,21 @@ class Settings:
         backbone: a key of :data:`activetouch.perception.backbones.BACKBONES`.
         input_size: edge of the network's input [pixels].
         recipe: settings of the training.
-        weights: initial weights of the backbone; None for random weights.
     """
 
     images: WindowPlan = field(default_factory=WindowPlan)
     backbone: str = "tiny"
     input_size: int = 128
     recipe: TrainingRecipe = RECIPES["paper"]
-    weights: str | None = None
 
 
 def both_splits(
     settings: Settings, scene: Scene, images: TouchSet, others: TouchSet, seed: int, folder: Path
 ) -> dict[str, dict[str, Result]]:
-    """Train a classifier on each split and test it on the images held out by the split and on held-out objects.
+    """Train a classifier on each split; test it on the images held out by the split and on those of held-out objects.
 
-    Args:
-        settings: settings of the training.
-        scene: scene of the images.
-        images: images to split 80/20.
-        others: images of held-out objects.
-        seed: seed of the splits and of the intervals.
-        folder: folder for the states of both trainings, which are continued after an interruption.
-
-    Returns:
-        Results by split, and by "held out" and "held-out objects".
+    The states of both trainings are kept in a folder and continued after an interruption. Returns results by split, and
+    by "held out" and "held-out objects".
     """
     from activetouch.perception.training import Trainer  # loads torch
 
@@ -112,7 +102,7 @@ def both_splits(
         train, held_out = split(images, SHARE, np.random.default_rng(seed))
         card = card_for(train, settings.backbone, settings.input_size, scene.shape_labels, scene.pose_labels)
         state = folder / name.replace(" ", "-") / STATE_FILE
-        classifier = new_classifier(card, settings.recipe.seed, settings.weights)
+        classifier = new_classifier(card, settings.recipe.seed)
         trainer = Trainer(classifier, settings.recipe, train, held_out, state, scene.symmetry)
         run_to_the_end(trainer)
         classifier = trainer.finish()
@@ -142,12 +132,7 @@ def nearest_image_guesses(known: TouchSet, test: TouchSet, size: int = 32) -> ND
 
 
 def table(results: Mapping[str, Mapping[str, Result]], labels: Sequence[str]) -> Table:
-    """The paper's table and ours: precision / recall / F1 (support) of every shape, then accuracies.
-
-    Args:
-        results: those of :func:`both_splits`.
-        labels: names of the shapes.
-    """
+    """The paper's table and ours: precision / recall / F1 (support) of every shape, then accuracies."""
     columns = {f"{name}, {what}": result for name, row in results.items() for what, result in row.items()}
     scores = [dict(zip(labels, shape_scores(result.confusion), strict=True)) for result in columns.values()]
     rows = [(label, _cell(printed), *(_cell(one[label]) for one in scores)) for label, printed in PAPER.items()]

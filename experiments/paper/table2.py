@@ -48,19 +48,7 @@ class Column:
 
 
 def search_columns(sensor: Path, episodes: int, seed: int, folder: Path, jobs: int) -> list[Column]:
-    """Play live searches with every decider; finished searches are kept.
-
-    Args:
-        sensor: folder of a sensor of the scene, with policies.
-        episodes: searches per target.
-        seed: seed of the episodes.
-        folder: where the run is kept.
-        jobs: number of processes.
-
-    Raises:
-        MissingPolicy: The sensor has no policies.
-        CannotWrite: The disk is full, or the folder is not writable.
-    """
+    """Play live searches with every decider and a sensor with policies; finished searches are kept in a folder."""
     targets = tuple(PAPER["PPO"])
     found = compare(
         SCENE, DECIDERS, episodes=episodes, seed=seed, targets=targets, sensor=sensor, out=folder, jobs=jobs

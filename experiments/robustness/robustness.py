@@ -7,25 +7,25 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Any
 
 from activetouch.named_scenes import NamedScene
 from activetouch.sensor import TactileSensor
 from belief.claims import claim_folder, ends_claims
 from belief.files import write_text
+from belief.statistics import wilson_interval
 from belief.table import Table, Value, interval
-from experiments.command_line.arguments import Count, Jobs, Seed, Within, check_arguments
+from experiments.command_line.arguments import Count, Jobs, Seed, check_arguments
 from experiments.parallel import default_jobs
 from experiments.robustness.conditions import applicable_conditions
-from experiments.robustness.searches import ROBOTS, search_scores
 from experiments.scene_choice import SceneChoice, in_file_names
+from experiments.search.comparison import compare
+from experiments.search.summary import ALL
 from experiments.sensor_choice import open_sensor
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+_DECIDER = "information_gain"
 
 
 @dataclass(frozen=True)
@@ -55,63 +55,27 @@ class RobustnessReport:
             CannotWrite: the disk is full, or the folder cannot be written.
         """
         from experiments.reporting.page import Section, write_page
-        from experiments.reporting.style import Picture
 
         write_text(folder / "robustness.json", json.dumps(self.numbers, indent=1) + "\n")
         write_text(folder / "robustness.md", f"{self}\n")
-        answered = {name: row for name, row in self.numbers["conditions"].items() if row["stated"] is not None}
-        caption = "Stated probability (open) and fraction right (filled) where an object is confirmed, by condition."
-        size = (6.5, 0.8 + 0.24 * len(answered))
-        drawn = [Picture("stated_and_right", caption, [partial(_draw, rows=answered)], size=size)] if answered else []
         title = f"Changed worlds: the sensor of the scene “{self.numbers['scene']}”"
-        write_page(folder / "report.html", title, [Section("Searches", tables=self.tables(), pictures=drawn)])
+        write_page(folder / "report.html", title, [Section("Searches", tables=self.tables())])
 
     def _searches(self) -> Table:
         rows = self.numbers["conditions"]
         first = next(iter(rows.values()))
         headings = ["condition", "success", "wrong", ("touches", ".2f"), ("stated", ".3f"), ("right", ".3f")]
-        if "abstaining" in first:
-            headings += ["may be unsure: wrong", "unsure", "right among confirmed", "alarms"]
         cells: list[list[Value]] = []
         for name, row in rows.items():
             ends = row["touches"], row["stated"], row["achieved"]
             cells.append([name, interval(row["success"], *row["interval"]), interval(*row["wrong"]), *ends])
-            if "abstaining" in row:
-                cells[-1] += _unsure_cells(row["abstaining"])
         gaps = {name: row["stated"] - row["achieved"] for name, row in rows.items() if row["stated"] is not None}
         notes = ["Stated and right: where an object is confirmed."]
         if gaps:
             widest = max(gaps, key=lambda name: abs(gaps[name]))
             notes.append(f"Largest gap: {gaps[widest]:+.3f} ({widest}).")
-        if "abstaining" in first:
-            notes.append(
-                f"At most {ROBOTS} robots that may be unsure share the same searches; intervals resample robots. "
-                "Alarms: how many robots had one, in which search and after how many touches in all, the medians."
-            )
         title = f"{self.numbers['scene']}: {first['number']} live searches by information gain in each condition"
         return Table(title, headings, cells, " ".join(notes))
-
-
-def _unsure_cells(found: Mapping[str, Any]) -> list[Value]:
-    right = None if found["right"] is None else interval(*found["right"])
-    alarms = f"{found['alarms']}"
-    if found["alarms"]:
-        alarms += f", in search {found['searches_to_alarm']:g}, touch {found['touches_to_alarm']:g}"
-    return [interval(*found["wrong"]), interval(*found["unsure"]), right, alarms]
-
-
-def _draw(axes: Axes, rows: Mapping[str, Mapping[str, Any]]) -> None:
-    """Stated against right, one line for each condition, the first on top."""
-    from experiments.reporting.style import PALETTE
-
-    for place, found in enumerate(rows.values()):
-        axes.plot([found["achieved"], found["stated"]], [place, place], color="#9aa5b1", linewidth=1.5)
-        axes.plot(found["stated"], place, "o", color=PALETTE[0], markerfacecolor="none")
-        axes.plot(found["achieved"], place, "o", color=PALETTE[0])
-    axes.set_yticks(range(len(rows)), list(rows))
-    axes.invert_yaxis()
-    axes.set_xlabel("stated (open) and right (filled)")
-    axes.grid(axis="x", alpha=0.3)
 
 
 def robustness(
@@ -121,7 +85,6 @@ def robustness(
     name: str = "scene",
     conditions: Sequence[str] = (),
     searches: int = 25,
-    abstain: float | None = None,
     seed: int = 0,
     jobs: int = 1,
 ) -> RobustnessReport:
@@ -133,8 +96,6 @@ def robustness(
         name: of the scene.
         conditions: keys of :data:`~experiments.robustness.conditions.CONDITIONS`; all by default.
         searches: for every target, by information gain, under every condition.
-        abstain: false-alarm rate of the conflict test, with which searches may end with "I do not know"; also if the
-            stated confidence is below 0.95. They never do by default.
         seed: of the searches.
         jobs: number of processes; the results do not depend on it.
 
@@ -143,7 +104,20 @@ def robustness(
         UnstablePress: an object could not be pressed.
     """
     scenes, left_out = applicable_conditions(named.scene, conditions)
-    found = search_scores(sensor, scenes, named, searches, seed, jobs, abstain)
+    found: dict[str, dict[str, Any]] = {}
+    for condition, scene in scenes.items():
+        changed, world = replace(sensor, scene=scene), replace(named, scene=scene)
+        comparison = compare(world, [_DECIDER], episodes=searches, seed=seed, sensor=changed, anyway=True, jobs=jobs)
+        cell, stops = comparison.cells[_DECIDER, ALL], comparison.calibration[_DECIDER]
+        found[condition] = {
+            "number": cell.num_episodes,
+            "success": cell.success,
+            "interval": list(cell.success_interval),
+            "touches": cell.touches,
+            "wrong": [cell.wrong / cell.num_episodes, *wilson_interval(cell.wrong, cell.num_episodes)],
+            "stated": None if stops is None else stops.overall.mean_stated,
+            "achieved": None if stops is None else stops.overall.share_right,
+        }
     return RobustnessReport(
         {"scene": name, "seed": seed, "conditions": found, "left_out": left_out, "shift": list(sensor.shift)}
     )
@@ -158,7 +132,6 @@ class Robustness:
     For example:
 
         activetouch robustness --scene gel --searches 50
-        activetouch robustness --scene coarse --abstain 0.02
         activetouch robustness --scene coarse --conditions "noise × 2" "size ± 25 %"
     """
 
@@ -171,9 +144,6 @@ class Robustness:
     """Conditions to measure, such as "noise × 2"; all by default."""
     searches: Count = 25
     """Number of live searches for every target, by information gain, under every condition."""
-    abstain: Annotated[float, Within(0.0, 1.0, open_low=True, open_high=True)] | None = None
-    """False-alarm rate of the conflict test, such as 0.02, with which searches may end with "I do not know"; also if
-    the stated confidence is below 0.95. They never do by default."""
     seed: Seed = 0
     """Seed of the searches."""
     out: Path | None = None
@@ -197,7 +167,6 @@ class Robustness:
             name=self.scene,
             conditions=self.conditions,
             searches=self.searches,
-            abstain=self.abstain,
             seed=self.seed,
             jobs=self.jobs,
         )

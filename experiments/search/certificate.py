@@ -27,13 +27,7 @@ def made_for(
 ) -> dict[str, Any]:
     """What a certificate holds for, as JSON types.
 
-    Args:
-        sensor: with the scene.
-        problem: rules of the search, with the answer Unsure.
-        targets: labels of the shapes that are sought.
-        name: of the decider.
-        decider: the decider itself, with the conflict test if it has one.
-        known: objects that deciders hold and that the sensor determines, by name.
+    ``known`` are objects by name that deciders hold and that the sensor determines.
     """
     targets = [label for label in problem.shape_labels if label in targets]
     deciders = [fingerprint(decider, target, known) for target in targets]

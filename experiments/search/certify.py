@@ -108,13 +108,7 @@ def play_calibration(
 ) -> Calibration:
     """Play searches that confirm nothing, each with a target drawn uniformly, so that they are independent and alike.
 
-    Args:
-        searches: what determines them; the problem has the answer Unsure.
-        decider: whose confirmations are listed.
-        num_searches: N.
-        targets: labels of the shapes that are sought.
-        max_touches: of one object, after which the search ends.
-        jobs: number of processes; all cores by default.
+    An object is not touched more than ``max_touches`` times; then the search ends.
     """
     labels = list(searches.problem.shape_labels)
     searches = replace(searches, seed=searches.seed + _SEEDS)

@@ -256,23 +256,9 @@ def prepared(
     own_sensor: TactileSensor | None = None,
     certificate: str | Path | Certificate | None = None,
 ) -> Run:
-    """Check all that a comparison is given, before anything is played or written; arguments as :func:`compare`.
+    """Check all that a comparison is given, before anything is played or written; arguments as of :func:`compare`.
 
-    Args:
-        setting: scene, sensor and rules.
-        deciders: names, or deciders or names by name.
-        targets: shapes to search for.
-        episodes: searches per decider and target.
-        seed: seed of the whole comparison.
-        out: folder of the run.
-        reference: decider that the others are compared with.
-        jobs: number of processes.
-        named: a scene object in place of the setting's scene.
-        own_sensor: a sensor object in place of the setting's sensor.
-        certificate: by which its decider also plays.
-
-    Raises:
-        ActiveTouchError: as :func:`compare`.
+    ``named`` and ``own_sensor`` are a scene and a sensor object in place of those of the setting.
     """
     check_arguments(setting)
     for name, value, kind in (("episodes", episodes, Count), ("seed", seed, Seed), ("jobs", jobs, Jobs)):
@@ -357,12 +343,7 @@ def _predict(shared: Shared[HypothesisTable], num_hypotheses: int, pose: int) ->
 
 
 def compared(run: Run, reference: str | None = None) -> Comparison:
-    """All numbers of a run that is finished.
-
-    Args:
-        run: a run that was played.
-        reference: decider that the others are compared with; the first by default.
-    """
+    """All numbers of a run that was played."""
     cells = [(decider, target) for decider in run.deciders for target in run.targets]
     labels = tuple(run.searches.problem.shape_labels)
     return Comparison.from_episodes(

@@ -47,13 +47,7 @@ def action_words(action: Action, problem: SearchProblem) -> str:
 
 
 def replay(sensor: TactileSensor, problem: SearchProblem, episode: Episode) -> list[Frame]:
-    """Repeat the touches of an episode.
-
-    Args:
-        sensor: the sensor of the run.
-        problem: rules of its searches.
-        episode: one of them.
-    """
+    """Repeat the touches of an episode of a run with its sensor."""
     world = make_world(problem, sensor, episode.seed)
     uses: Counter[tuple[int, int]] = Counter()
     frames, nothing = [], sensor.model.start()

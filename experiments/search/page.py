@@ -39,16 +39,7 @@ _FAILURES = {
 
 
 def write_page_of(run: RunFolder, comparison: Summary, searches: Searches, verdict: Sequence[str]) -> Path:
-    """Write ``report.html``, ``figures/`` and ``tables/`` into a run folder.
-
-    Args:
-        run: the folder, with its ``run.json``.
-        comparison: results to report.
-        searches: what determined the searches.
-        verdict: sentences on the results.
-
-    Returns:
-        Path of the page.
+    """Write ``report.html``, ``figures/`` and ``tables/`` into the folder of a run; return the path of the page.
 
     Raises:
         CannotWrite: The disk is full, or the folder is not writable.

@@ -48,12 +48,7 @@ def differences(
 ) -> dict[str, Difference]:
     """Paired differences of all other deciders to the reference, on the same N episodes in the same order.
 
-    Args:
-        success: by decider, ``(N,)``.
-        touches: by decider, ``(N,)``; NaN where they are not known.
-        reward: returns by decider, ``(N,)``; None where they are not known.
-        reference: decider that the others are compared with.
-        rng: random generator of the bootstraps.
+    Values by decider are ``(N,)``; touches that are not known are NaN, rewards None.
     """
 
     def pair(values: Mapping[str, ArrayLike] | None, name: str) -> MeanInterval | None:
@@ -79,14 +74,9 @@ def differences(
 
 
 def prob_best(rewards: Mapping[str, Sequence[float]], rng: np.random.Generator) -> dict[str, float]:
-    """Fraction of bootstrap resamples of the episodes in which each decider has the highest mean return.
+    """Fraction of bootstrap resamples of the same episodes in which each decider has the highest mean return.
 
-    Args:
-        rewards: returns by decider, on the same episodes in the same order.
-        rng: random generator of the resamples.
-
-    Returns:
-        Fraction by decider; the fractions sum to 1. Deciders that tie in a resample count equally.
+    The fractions sum to 1. Deciders that tie in a resample count equally.
     """
     table = np.array(list(rewards.values())).T  # (episodes, deciders)
     num_episodes = len(table)

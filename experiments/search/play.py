@@ -98,16 +98,10 @@ def make_world(problem: SearchProblem, sensor: TactileSensor, seed: Seed) -> Tou
 def play_episodes(
     searches: Searches, decider: Decider, target: int, numbers: Sequence[int]
 ) -> tuple[list[Episode], Seconds]:
-    """Play episodes in lockstep; the same arguments give the same episodes, bit for bit, in any process.
+    """Play the episodes of a target with these numbers in lockstep; return them and the time that they took.
 
-    Args:
-        searches: what determines the searches.
-        decider: a copy of it plays, so that its state does not pass on to other episodes.
-        target: index of the target shape.
-        numbers: numbers of the episodes.
-
-    Returns:
-        The episodes, and the time that they took together.
+    The same arguments give the same episodes, bit for bit, in any process. A copy of the decider plays, so that its
+    state does not pass on to other episodes.
     """
     sensor, problem, spent = searches.sensor, searches.problem, [TouchTime()]
     seeds = [episode_seed(searches.seed, target, number) for number in numbers]

@@ -23,17 +23,9 @@ _SURFACE = LinearSegmentedColormap.from_list("surface", ["#0b1d33", "#3f6f9f", "
 def draw_search(
     episode: Episode, frames: list[Frame], problem: SearchProblem, path: Path, bodies: Bodies | None = None
 ) -> None:
-    """Write a picture with every touch image of a search and the belief after it.
+    """Write a picture with every touch image of a search and the belief after it; the ending decides the format.
 
-    Args:
-        episode: search to draw.
-        frames: frames of this search.
-        problem: rules of the search.
-        path: file to write; the ending decides the format.
-        bodies: what the objects may be, to draw the belief about their orientation; None where it has none.
-
-    Raises:
-        CannotWrite: The disk is full, or the folder is not writable.
+    ``bodies`` are what the objects may be, to draw the belief about their orientation; None where it has none.
     """
     touched = [number for number, frame in enumerate(frames) if frame.image is not None]
     labels = problem.shape_labels
@@ -74,13 +66,9 @@ def _bars(axes: Axes, frame: Frame, episode: Episode, problem: SearchProblem) ->
 
 
 def _bodies(places: Sequence[Axes], frame: Frame, bodies: Bodies, true_label: str) -> None:
-    """Draw the most probable shapes as the belief sees them, fainter if less probable.
+    """Draw the most probable shapes as the belief sees them on one axis each, fainter if less probable.
 
-    Args:
-        places: axes, one for each shape.
-        frame: a step of a search under a joint model.
-        bodies: what the objects may be.
-        true_label: shape of the object; a line shows its true outline in the picture of this shape.
+    A line shows the true outline in the picture of the true shape.
     """
     assert frame.evidence is not None, "the model is a joint one"
     shown = bodies.likeliest(frame.evidence, frame.posterior, len(places))
@@ -95,12 +83,7 @@ def _bodies(places: Sequence[Axes], frame: Frame, bodies: Bodies, true_label: st
 
 
 def coloured(picture: NDArray[np.float64], prob: float) -> NDArray[np.float64]:
-    """Colours and opacity of a body's picture, ``(H, W, 4)``, fainter if the shape is less probable.
-
-    Args:
-        picture: from :class:`~experiments.search.body_picture.Bodies`.
-        prob: of the shape.
-    """
+    """Colours and opacity of a picture of :class:`Bodies`, ``(H, W, 4)``, fainter if the shape is less probable."""
     shade, coverage = np.moveaxis(picture, 2, 0)
     with np.errstate(invalid="ignore"):
         colours = np.asarray(_SURFACE(np.nan_to_num(shade / coverage)))

@@ -82,10 +82,7 @@ class Run:
         }
 
     def play(self, jobs: int | None = None) -> None:
-        """Play the batches that the folder lacks; each is kept as soon as it is finished.
-
-        Args:
-            jobs: number of processes on this machine; as many as processors if None.
+        """Play the batches that the folder lacks on several processes; each is kept as soon as it is finished.
 
         Raises:
             RunMismatch: The folder holds another run.

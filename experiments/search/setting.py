@@ -98,10 +98,7 @@ class Setting:
         ]
 
     def open_sensor(self, named: NamedScene | None = None) -> TactileSensor:
-        """The sensor, once it is checked that it fits the scene.
-
-        Args:
-            named: a scene object in place of the setting's scene.
+        """The sensor, once it is checked that it fits the scene, or a scene object in its place.
 
         Raises:
             ActiveTouchError: as :func:`experiments.sensor_choice.open_sensor`.

@@ -57,13 +57,7 @@ class Cell:
 
 
 def summarise(episodes: Sequence[Episode], seconds: Seconds, problem: SearchProblem) -> Cell:
-    """Compute the numbers of one set of episodes.
-
-    Args:
-        episodes: at least one; those of which nobody knows whether they succeeded do not count.
-        seconds: time they took.
-        problem: rules of the search.
-    """
+    """The numbers of at least one episode; those of which nobody knows whether they succeeded do not count."""
     episodes = judged(episodes)
     successes = sum(bool(episode.success) for episode in episodes)
     failures = [episode for episode in episodes if not episode.success]
@@ -88,10 +82,7 @@ def summarise(episodes: Sequence[Episode], seconds: Seconds, problem: SearchProb
 def calibration_of_confirmations(episodes: Sequence[Episode]) -> CalibrationAtStop | None:
     """Calibration of the stated confidence at confirmation, by number of touches of the confirmed object.
 
-    The stated confidence is the posterior probability at confirmation that the object is the target.
-
-    Returns:
-        None if no object was confirmed.
+    The stated confidence is the posterior probability that the object is the target. None if none was confirmed.
     """
     stops = [(e, e.steps[-1]) for e in judged(episodes) if e.steps and isinstance(e.steps[-1].decision.action, Confirm)]
     if not stops:
@@ -168,13 +159,8 @@ class Summary:
     ) -> Self:
         """Compute all numbers of a comparison.
 
-        Args:
-            problem: rules of the search.
-            episodes: searches by (decider, target label); every decider has the same ones in the same order.
-            seconds: time they took, by the same keys.
-            reference: decider that the others are compared with.
-            rng: random generator of the bootstraps.
-            others: further fields of the class.
+        Episodes and the seconds that they took are by (decider, target label); every decider has the same episodes in
+        the same order. ``others`` are further fields of the class.
         """
         cells = {key: summarise(episodes[key], seconds[key], problem) for key in episodes}
         together: dict[str, list[Episode]] = {}

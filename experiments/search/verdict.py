@@ -97,11 +97,7 @@ def _frame(comparison: Summary) -> str:
 def success_sentence(name: str, reference: str, difference: Difference, num_targets: int | None = None) -> str:
     """How a decider succeeds beside the reference on the same episodes, without the full stop.
 
-    Args:
-        name: of the decider.
-        reference: name of the decider that it is compared with.
-        difference: of the first minus the second.
-        num_targets: number of targets, to say how many --episodes would be needed; None outside of a comparison.
+    With the number of targets it also says how many --episodes would be needed.
     """
     pairs = difference.mcnemar
     p = "< 0.001" if difference.p_value < 0.001 else f"= {difference.p_value:.2g}"

@@ -28,9 +28,8 @@ from belief.observation_model import (
 )
 from belief.observation_model.action_kernel import ActionKernelModel
 from belief.observation_model.calibration_data import LabelledTouches
-from belief.observation_model.logit_embedding import LogitEmbedding
 from belief.observation_model.outcome_mixture import OutcomeMixture
-from belief.observation_model.plda import Components
+from belief.observation_model.plda import Components, LogitEmbedding
 from belief.observation_model.views import SharedMixture, Views
 from belief.problem import Elsewhere
 from belief.synthetic import random_model

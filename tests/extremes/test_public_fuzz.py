@@ -20,7 +20,6 @@ from belief import (
     arrangement,
     bayes,
     calibration,
-    cross_validation,
     metrics,
     multisets,
     observation_model,
@@ -30,8 +29,7 @@ from belief import (
     validation,
 )
 from belief.observation_model import selection
-from belief.observation_model.logit_embedding import LogitEmbedding
-from belief.observation_model.plda import Components
+from belief.observation_model.plda import Components, LogitEmbedding
 from belief.table import Tabular
 from belief.touch_batch import TouchBatch
 
@@ -45,7 +43,6 @@ MODULES = (
     arrangement,
     bayes,
     calibration,
-    cross_validation,
     metrics,
     multisets,
     observation_model,
@@ -149,7 +146,7 @@ CALLS = {
     "prob_shape_absent": lambda a: arrangement.prob_shape_absent(a[:3], None, 0),
     "blank_objects": lambda a: arrangement.blank_objects(a, (2, 1, 1)),
     "num_states": lambda a: arrangement.num_states(as_labels(a[0]).tolist(), 2),
-    # batch, bayes, folds, multisets
+    # batch, bayes, multisets
     "TouchBatch": lambda a: (
         TouchBatch.of([touches(a)]).logits,
         TouchBatch(np.zeros((1, 4), int), a[None], a[None]).features,
@@ -158,8 +155,6 @@ CALLS = {
     "entropy": bayes.entropy,
     "expected_information_gain": lambda a: bayes.expected_information_gain(a, a[None, :3]),
     "target_information_gain": lambda a: bayes.target_information_gain(a, a[None, :3], 1),
-    "numbered_objects": lambda a: cross_validation.numbered_objects(SHAPES, a[:, 0]),
-    "object_folds": lambda a: cross_validation.object_folds(as_labels(a[:, 0]), a[:, 1], 2),
     "layers": lambda a: len(multisets.layers(tuple(as_labels(a[0]).clip(0).tolist()), 2)),
     # calibration
     "DirichletCalibration": about_logits(calibration.DirichletCalibration),

@@ -39,7 +39,7 @@ def test_a_turned_image_is_the_image_of_the_turned_object(seed, rng):
     chance = torch.Generator().manual_seed(seed)
     shown, angles = augment(image, Symmetry.ROTATIONS, 0.0, chance)
     kinds, sizes = torch.zeros(1, dtype=torch.long), torch.ones(1)
-    body = Hypotheses(kinds, orientation, sizes, torch.zeros(len(sizes), 2))
+    body = Hypotheses(kinds, orientation, sizes)
     orientation = turned(body, angles).orientations
     pressed = (255 * image_of(orientation[0])).round()
     assert np.abs(pressed - shown[0].numpy()).max() <= 2

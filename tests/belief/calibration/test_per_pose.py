@@ -13,7 +13,7 @@ from belief.calibration import (
     TemperatureScaling,
     VectorScaling,
 )
-from belief.cross_validation import object_folds
+from belief.observation_model.calibration_data import object_folds
 
 LABELS = ("cube", "sphere", "cone")
 

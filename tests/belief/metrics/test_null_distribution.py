@@ -9,7 +9,7 @@ from belief.metrics import (
     negative_log_likelihood,
     null_quantile,
 )
-from belief.metrics.chance import drawn_labels
+from belief.metrics.report import drawn_labels
 
 
 def draw(rng, n, sharpening):
@@ -48,7 +48,7 @@ def test_labels_are_drawn_with_their_probabilities(rng):
 def test_labels_come_in_blocks_that_fit_in_memory(rng, monkeypatch):
     probs = rng.dirichlet(np.ones(3), size=10)
     at_once = np.concatenate(list(drawn_labels(probs, np.random.default_rng(1), 7)))
-    monkeypatch.setattr("belief.metrics.chance._BLOCK", 25)
+    monkeypatch.setattr("belief.metrics.report._BLOCK", 25)
     blocks = list(drawn_labels(probs, np.random.default_rng(1), 7))
     assert [len(block) for block in blocks] == [2, 2, 2, 1]
     np.testing.assert_array_equal(np.concatenate(blocks), at_once)

@@ -10,13 +10,9 @@ from activetouch import SCENES, Quasistatic, TactileSensor
 from activetouch.distributions import Constant
 from activetouch.rendering import Blur, DeadTaxels, Noise, Shift
 from activetouch.rendering.faults import faults_of
-from belief import Belief, Confirm, Probe, Reject, Touch, Unsure
 from belief.errors import UnknownName
-from belief.statistics import clopper_pearson_interval
 from experiments.robustness.conditions import AS_TRAINED, CONDITIONS, DoesNotApply, _together, applicable_conditions
 from experiments.robustness.robustness import Robustness, RobustnessReport, robustness
-from experiments.robustness.searches import _abstention, search_scores
-from planners import Decision, Episode, Outcome, Step
 
 COARSE = replace(SCENES["coarse"].scene, press_model=Quasistatic())
 REPORT = {"scene": "coarse", "left_out": {"4 bits": "no taxels"}}
@@ -93,32 +89,7 @@ def test_the_pad_is_blurred_and_displaced_before_it_is_read_and_stuck_taxels_say
     assert dead(read, np.random.default_rng(0)).max() == 1.0  # it is none of those that are dead
 
 
-@pytest.mark.torch
-def test_searches_state_what_they_achieve_and_a_shy_decider_makes_the_same_searches(sensor):
-    scenes = {AS_TRAINED: COARSE, "noise × 4": CONDITIONS["noise × 4"](COARSE)}
-    searched = search_scores(sensor, scenes, SCENES["coarse"], episodes=1, seed=0, jobs=1)
-    assert list(searched) == list(scenes)
-    for found in searched.values():
-        assert found["number"] == 4
-        assert found["touches"] > 0
-    table, left = RobustnessReport(REPORT | {"conditions": searched}).tables()
-    assert [row[0] for row in table.rows] == list(scenes)
-    assert [row[-3:] for row in table.rows] == [
-        [row[name] for name in ("touches", "stated", "achieved")] for row in searched.values()
-    ]
-    assert "Largest gap: " in table.note
-    assert left.rows == [("4 bits", "no taxels")]
-    shy = search_scores(sensor, scenes, SCENES["coarse"], 1, 0, 1, abstain=0.02)
-    wide = RobustnessReport(REPORT | {"conditions": shy}).tables()[0]
-    assert {len(row) for row in wide.rows} == {len(wide.columns)} == {len(table.columns) + 4}
-    for name, row in shy.items():
-        unsure = row.pop("abstaining")
-        assert row == searched[name]
-        assert all(low < high for _, low, high in (unsure["wrong"], unsure["unsure"]))  # of few searches, too
-        assert unsure["unsure"][1] <= unsure["unsure"][0] <= unsure["unsure"][2]
-
-
-def test_a_condition_without_an_answer_has_no_gap_and_is_not_drawn(tmp_path):
+def test_a_condition_without_an_answer_has_no_gap(tmp_path):
     none = {"number": 4, "success": 0.0, "interval": [0.0, 0.6], "wrong": [0.0, 0.0, 0.6], "touches": 9.0}
     report = RobustnessReport(REPORT | {"conditions": {AS_TRAINED: none | {"stated": None, "achieved": None}}})
     report.save(tmp_path)
@@ -129,33 +100,6 @@ def test_a_condition_without_an_answer_has_no_gap_and_is_not_drawn(tmp_path):
 def test_an_unknown_condition_is_refused_with_the_nearest(tmp_path):
     with pytest.raises(UnknownName, match="noise × 2"):
         Robustness("coarse", conditions=("noise x 2",), out=tmp_path).run()
-
-
-def episode(outcome, success=False, reason=None, stated=0.9, touched=2):
-    target = 0 if success or outcome is not Outcome.CONFIRMED else 1
-    action = {Outcome.CONFIRMED: Confirm(), Outcome.UNSURE: Unsure(), Outcome.EXHAUSTED: Reject()}[outcome]
-    belief = Belief.from_probs(("a", "b"), (0.9, 0.1))
-    steps = [Step(0, belief, Decision(Probe(0)), Touch(0, np.zeros(2)))] * touched
-    last = Step(0, belief, Decision(action, {"answer_prob": stated} | ({} if reason is None else {reason: 1.0})), None)
-    return Episode((0, target, 0), target, (0,), (*steps, last), outcome)
-
-
-def test_what_robots_that_may_be_unsure_did_is_counted():
-    right, wrong = episode(Outcome.CONFIRMED, True, stated=0.97), episode(Outcome.CONFIRMED, stated=0.95, touched=4)
-    doubt, alarm = (episode(Outcome.UNSURE, reason=reason) for reason in ("is_doubtful", "is_conflict"))
-    found = _abstention([[right, doubt, alarm, alarm], [right, wrong, right, right], [alarm, right, right, right]])
-    assert (found["alarms"], found["searches_to_alarm"]) == (2, 2.0)  # in the third search, and in the first
-    assert found["touches_to_alarm"] == 4.0  # of six, and of two
-    assert (found["wrong"][0], found["unsure"][0]) == (pytest.approx(1 / 12), pytest.approx(4 / 12))
-    assert found["right"] == [7 / 8, *clopper_pearson_interval(7, 8)]
-    for share, low, high in (found["wrong"], found["unsure"]):
-        least, most = clopper_pearson_interval(round(12 * share), 12)
-        assert low <= least
-        assert high >= most
-    for events, name in (([[doubt] * 3] * 2, "unsure"), ([[wrong] * 3] * 2, "wrong")):  # always: no point
-        assert _abstention(events)[name] == [1.0, *clopper_pearson_interval(6, 6)]
-    assert _abstention([[doubt]])["right"] is None
-    assert _abstention([[doubt]])["searches_to_alarm"] is _abstention([[doubt]])["touches_to_alarm"] is None
 
 
 @pytest.mark.torch
@@ -169,5 +113,10 @@ def test_the_command_writes_a_page_and_the_same_numbers_as_the_function(tmp_path
     )
     assert numbers == json.loads(json.dumps(again.numbers))
     assert list(numbers["conditions"]) == [AS_TRAINED, "noise × 2"]
+    [table] = again.tables()
+    for row, found in zip(table.rows, numbers["conditions"].values(), strict=True):
+        assert found["number"] == 4
+        assert row[3:] == [found[name] for name in ("touches", "stated", "achieved")]
+    assert "Largest gap: " in table.note
     assert (tmp_path / "robustness.md").read_text().count("\n| noise × 2 |") == 1
-    assert (tmp_path / "report.html").read_text().count("noise × 2") >= 2
+    assert "noise × 2" in (tmp_path / "report.html").read_text()

@@ -1,8 +1,15 @@
-"""Live searches under changed conditions, on the same episodes."""
+"""Searches in changed worlds by robots that may answer "I do not know", whose conflict tests run on.
+
+Eight robots share the searches of a condition of ``robustness``. Each test continues from search to search
+(decision 0049); from an e-value of 3.5 on a robot refuses to answer, and at 1 / 0.02 it has an alarm.
+
+Run: python -m benchmarks.unsure_robots [SCENE] [SEARCHES]      (50 for every target by default; some minutes)
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import accumulate, count
@@ -11,79 +18,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from activetouch import Scene, TactileSensor
-from activetouch.named_scenes import NamedScene
+from activetouch import SCENES, TactileSensor
 from activetouch.world import touch_many
-from belief.problem import SearchProblem
-from belief.statistics import clopper_pearson_interval, cluster_bootstrap, wilson_interval
-from experiments.parallel import run_tasks
-from experiments.search.comparison import compare
+from belief import SearchProblem
+from belief.statistics import clopper_pearson_interval, cluster_bootstrap
+from belief.table import Table, interval
+from experiments.parallel import default_jobs, run_tasks
+from experiments.robustness.conditions import applicable_conditions
+from experiments.scene_choice import SceneChoice
 from experiments.search.play import make_world
-from experiments.search.summary import ALL
+from experiments.search.setting import Setting
 from planners import Decider, Episode, Outcome, make_decider, search_lockstep
 from planners.abstaining import Abstaining
 from planners.search import log_bets_after
 
-CONFIDENCE = 0.95
-"""Smallest stated confidence of an answer of a decider that may answer "I do not know"."""
 ROBOTS = 8
-"""Most robots that share the searches of a condition, where they may answer "I do not know"."""
-_DECIDER = "information_gain"
-
-
-def search_scores(
-    sensor: TactileSensor,
-    scenes: Mapping[str, Scene],
-    named: NamedScene,
-    episodes: int,
-    seed: int,
-    jobs: int,
-    abstain: float | None = None,
-) -> dict[str, dict[str, Any]]:
-    """Success and calibration at confirmation of live searches, by condition.
-
-    Args:
-        sensor: reads the touches.
-        scenes: by condition.
-        named: the scene of the sensor and its search.
-        episodes: for every target.
-        seed: of the episodes.
-        jobs: number of processes.
-        abstain: false-alarm rate of the conflict test, with which the same searches are made again by a decider that
-            may answer "I do not know", also below a stated confidence of :data:`CONFIDENCE`; not by default.
-
-    Returns:
-        By condition: ``number`` of searches, ``success`` with ``interval``, ``touches`` a search, fraction of wrong
-        confirmations with its interval, ``wrong``, and ``stated`` confidence and ``achieved`` accuracy at confirmation,
-        None without one. With ``abstain`` also ``abstaining``, see :func:`_unsure_scores`.
-    """
-    found: dict[str, dict[str, Any]] = {}
-    for condition, scene in scenes.items():
-        changed, world = replace(sensor, scene=scene), replace(named, scene=scene)
-        comparison = compare(world, [_DECIDER], episodes=episodes, seed=seed, sensor=changed, anyway=True, jobs=jobs)
-        cell, stops = comparison.cells[_DECIDER, ALL], comparison.calibration[_DECIDER]
-        found[condition] = {
-            "number": cell.num_episodes,
-            "success": cell.success,
-            "interval": list(cell.success_interval),
-            "touches": cell.touches,
-            "wrong": [cell.wrong / cell.num_episodes, *wilson_interval(cell.wrong, cell.num_episodes)],
-            "stated": None if stops is None else stops.overall.mean_stated,
-            "achieved": None if stops is None else stops.overall.share_right,
-        }
-    if abstain is not None:
-        problem = replace(comparison.problem, unsure_reward=0.0)
-        tasks = [
-            partial(_unsure_scores, condition, replace(sensor, scene=scene), problem, episodes, seed, abstain)
-            for condition, scene in scenes.items()
-        ]
-        for condition, scores in run_tasks(tasks, jobs, "searching once more, unsure"):
-            found[condition]["abstaining"] = scores
-    return found
+"""Most robots that share the searches of a condition."""
+_FALSE_ALARM, _PROMISE = 0.02, 0.95  # of the conflict test; smallest stated probability of an answer
 
 
 def _unsure_scores(
-    condition: str, sensor: TactileSensor, problem: SearchProblem, number: int, seed: int, abstain: float
+    condition: str, sensor: TactileSensor, problem: SearchProblem, number: int, seed: int
 ) -> tuple[str, dict[str, Any]]:
     """The condition, and what robots do that may be unsure: :data:`ROBOTS` of them, or one for each of fewer searches.
 
@@ -92,11 +47,11 @@ def _unsure_scores(
     test, which runs on from search to search; ``searches_to_alarm`` and ``touches_to_alarm``: median number of the
     search in which, and of all touches until then.
     """
-    decider: Decider = make_decider(_DECIDER, sensor.model.outcome_table(), sensor.model)
+    decider: Decider = make_decider("information_gain", sensor.model.outcome_table(), sensor.model)
     seeds = [(seed, target, n) for target in range(problem.num_shapes) for n in range(number)]
     order = np.random.default_rng(seed).permutation(len(seeds)).tolist()
     shares = [[seeds[n] for n in order[first::ROBOTS]] for first in range(ROBOTS)]
-    return condition, _abstention(_in_turn(sensor, problem, Abstaining(decider, abstain, CONFIDENCE), shares))
+    return condition, _abstention(_in_turn(sensor, problem, Abstaining(decider, _FALSE_ALARM, _PROMISE), shares))
 
 
 def _in_turn(
@@ -162,3 +117,28 @@ def _to_alarm(episodes: Sequence[Episode]) -> tuple[int, int] | None:
     return next(
         ((n, touched) for n, touched, episode in after if "is_conflict" in episode.steps[-1].decision.scores), None
     )
+
+
+def main(name: str = "coarse", episodes: str = "50", seed: int = 7) -> None:
+    """Search, and print the table."""
+    sensor, problem = TactileSensor.shipped(name), replace(Setting(SceneChoice(name)).problem, unsure_reward=0.0)
+    scenes, _ = applicable_conditions(SCENES[name].scene)
+    tasks = [
+        partial(_unsure_scores, condition, replace(sensor, scene=scene), problem, int(episodes), seed)
+        for condition, scene in scenes.items()
+    ]
+    found = dict(run_tasks(tasks, default_jobs(), "searching, unsure"))
+    rows = []
+    for condition in scenes:
+        row = found[condition]
+        right = None if row["right"] is None else interval(*row["right"])
+        alarms = f"{row['alarms']}"
+        if row["alarms"]:
+            alarms += f", in search {row['searches_to_alarm']:g}, touch {row['touches_to_alarm']:g}"
+        rows.append((condition, interval(*row["wrong"]), interval(*row["unsure"]), right, alarms))
+    columns = ("condition", "wrong", "unsure", "right among confirmed", "alarms")
+    print(Table(f"{name}: searches of robots that may be unsure", columns, rows).markdown())
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

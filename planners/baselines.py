@@ -1,4 +1,4 @@
-"""The paper's threshold rule: confirm or reject an object by the classifier's output for single touches."""
+"""Baselines: the paper's threshold rule, and confirming at random without a touch."""
 
 from __future__ import annotations
 
@@ -57,3 +57,16 @@ class ThresholdRule:
         if frames[-1] < self.low or len(info.history) >= self.max_touches:
             return Decision(Reject(), scores)
         return None
+
+
+@dataclass(frozen=True)
+class RandomConfirm:
+    """Confirms one object at random, without touching: the no-touch baseline.
+
+    Each of the N objects is confirmed with probability 1/N; with K shapes equally likely it succeeds once in K.
+    """
+
+    def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
+        """See :class:`planners.decider.Decider`."""
+        confirm = rng.random() < 1.0 / info.num_left
+        return Decision(Confirm() if confirm else Reject(), {"target_prob": info.target_prob})
