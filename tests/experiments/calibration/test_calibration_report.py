@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from activetouch.data.dataset import CollectionPlan, TouchSet
+from activetouch.data.dataset import TouchSet
+from activetouch.data.manifest import CollectionPlan
 from belief.calibration import TemperatureScaling
 from belief.metrics import StopScore
 from belief.metrics.calibration_at_stop import stops
