@@ -159,13 +159,8 @@ def _belief(policy: SearchPolicy, info: InformationState) -> Floats:
 def stages_by_target(problem: SearchProblem, outcome_probs: Floats, target: int, touch_cost: float) -> StagedProblem:
     """A search with known counts of shapes as stages of 2K hidden states.
 
-    States 0 to K - 1 are the current shape with no target rejected yet, states K to 2K - 1 with one rejected.
-
-    Args:
-        problem: a search whose composition has counts.
-        outcome_probs: p(outcome | pose, shape), ``(P, K, M)``.
-        target: index of the shape sought.
-        touch_cost: λ.
+    States 0 to K - 1 are the current shape with no target rejected yet, states K to 2K - 1 with one rejected. It leaves
+    out how rejections change the probabilities of the other shapes; the belief includes it (decision 0026).
     """
     counts = np.array(problem.counts, np.float64)
     num_shapes, num_targets, others = problem.num_shapes, counts[target], np.delete(counts, target)
@@ -188,14 +183,7 @@ def stages_by_target(problem: SearchProblem, outcome_probs: Floats, target: int,
 
 
 def belief_by_target(problem: SearchProblem, scene: SceneView, target: int, object_index: int) -> Floats:
-    """Belief about a stage of :func:`stages_by_target` with the exact marginals of a scene, ``(2K,)``.
-
-    Args:
-        problem: a search whose composition has counts.
-        scene: the joint belief about all objects.
-        target: index of the shape sought.
-        object_index: of the current object.
-    """
+    """Belief about a stage of :func:`stages_by_target` with the exact marginals of a scene, ``(2K,)``."""
     assert problem.counts is not None, "the composition has counts"
     marginals = scene.marginals()
     here, before = marginals[object_index], marginals[:object_index, target]

@@ -1,17 +1,13 @@
 r"""Online planning by tree search with pomdp-py: POUCT (Silver & Veness 2010).
 
-A state is (object, its shape, whether a target was rejected), or the end. CONFIRM and the last REJECT lead to the end;
-an earlier REJECT brings the next object. Its probability of being the target is hypergeometric; that the other shapes
-differ from each other is ignored. Every decision plans anew from the given belief. In the tree all touches are
-independent; at its root only the least used of the useful poses are allowed (decision 0006).
+A state is (object, its shape, whether a target was rejected), or the end. The probability that the next object is the
+target is hypergeometric; that the other shapes differ from each other is ignored. Every decision plans anew from the
+given belief. In the tree all touches are independent; at its root only the least used of the useful poses are allowed.
 
-Leaves are valued by rollouts. pomdp-py's random rollout sooner or later confirms a wrong object, so touches seem to
-have no value and the planner stops too early. An *informed* rollout takes the right action for the sampled state. It is
-too optimistic by the same amount for all actions that continue the search.
-
-The constant of exploration is a quarter of the range of returns with 100 simulations or fewer, and grows with the root
-of their number up to the whole range, which Silver & Veness use. With a quarter, an action whose first rollouts were
-poor is not tried again by any number of simulations; a hundred simulations are too few to explore more.
+Leaves are valued by rollouts that take the right action for the sampled state: optimistic by the same amount for all
+actions that continue. pomdp-py's random rollout sooner or later confirms a wrong object, so touches seem to have no
+value. The constant of exploration grows with the number of simulations up to the range of returns, which Silver &
+Veness use.
 
 Only this module needs pomdp-py, the extra ``pomdp``. It draws from Python's global generator, which is seeded for each
 plan and restored afterwards; plans of several threads run one after the other.
@@ -160,10 +156,7 @@ class RewardModel(pomdp_py.RewardModel):
 class InformedRollout(pomdp_py.RolloutPolicy):
     """The allowed actions; rollouts confirm the target and reject any other shape, by the sampled state.
 
-    Args:
-        rules: the search.
-        rng: generator of sampled actions.
-        now: actions at the root; all by default.
+    ``now`` are the actions at the root; all by default.
     """
 
     def __init__(self, rules: Rules, rng: np.random.Generator, now: Sequence[SimpleAction] | None = None) -> None:

@@ -133,10 +133,12 @@ class Training:
     def _evaluated(self) -> int:
         return _WEIGHED_EPISODES if self.recipe.state in WITH_GAINS else _EPISODES
 
-    def _episodes(self, bank: TouchBank, num_envs: int, target_prob: TargetProb, *shaping: float) -> BankEpisodes:
+    def _episodes(
+        self, bank: TouchBank, num_envs: int, target_prob: TargetProb, beta: float = 0.0, discount: float = 1.0
+    ) -> BankEpisodes:
         recipe = self.recipe
-        task = (recipe.touch_cost, recipe.touch_limit, target_prob)
-        return BankEpisodes(bank, self.model, self.target, num_envs, recipe.state, *task, *shaping)
+        task = (recipe.touch_cost, recipe.touch_limit, target_prob, beta, discount)
+        return BankEpisodes(bank, self.model, self.target, num_envs, recipe.state, *task)
 
     def _learner(self) -> PPO:
         """A new learner."""
@@ -185,11 +187,11 @@ def play(choose: Callable[[BankEpisodes], NDArray[np.int64]], episodes: BankEpis
         seed: seed of the episodes.
     """
     rng, rows = np.random.default_rng(seed), np.arange(episodes.num_envs)
-    episodes.reset(rows, rng)
+    episodes.restart(rows, rng)
     running, returns = np.ones(len(rows), np.bool_), np.zeros(len(rows))
     success, touches = np.zeros(len(rows), np.bool_), np.zeros(len(rows), np.int64)
     while running.any():
-        result = episodes.step(choose(episodes))
+        result = episodes.act(choose(episodes))
         returns += np.where(running, result.reward, 0.0)
         success |= running & result.success
         touches = np.where(running, episodes.num_touches, touches)
