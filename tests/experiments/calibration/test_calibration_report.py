@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from activetouch.data.dataset import TouchSet
-from activetouch.data.manifest import CollectionPlan
+from activetouch.data.dataset import CollectionPlan, TouchSet
 from belief.calibration import TemperatureScaling
 from belief.metrics import StopScore
 from belief.metrics.calibration_at_stop import stops
@@ -148,6 +147,6 @@ def test_a_collection_without_repeats_is_refused(tmp_path):
     collect(
         SceneChoice("coarse", fidelity="quasistatic"), CollectionPlan(train=0, calibration=1, test=1), folder, jobs=1
     )
-    with pytest.raises(NoRepeats, match=r"collect --plan\.train 0 --plan\.repeats 6"):
+    with pytest.raises(NoRepeats, match=r"Record several rounds: collect .*--plan\.repeats 6"):
         CalibrationReport(data=folder, out=tmp_path / "out").run()
     assert not (tmp_path / "out").exists()
