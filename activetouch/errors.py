@@ -49,10 +49,6 @@ class MeshWarning(UserWarning):
     """A mesh is read, and is not quite what its file says, or not one closed solid; the message says what it means."""
 
 
-class MissingWeights(ActiveTouchError, OSError):
-    """Published weights were not found, or belong to another network."""
-
-
 class ImpossibleRecipe(ActiveTouchError, ValueError):
     """A setting of a training is out of its range."""
 

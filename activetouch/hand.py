@@ -35,8 +35,6 @@ from belief.naming import few
 
 if TYPE_CHECKING:
     from activetouch.placement import Placement
-    from activetouch.pressing.pad import Pad
-    from activetouch.pressing.press import Grasp, Press
 
 _UNBALANCED = 0.02  # of the forces of all fingers together
 _SAME_PLACE = 1e-3  # rad
@@ -165,23 +163,6 @@ class Hand:
         turned = [multiply(np.array(finger) * _INVERSE, in_palm.orientation) for finger in self.fingers]
         across = self.across((depth, *in_palm.offset))
         return [replace(in_palm, orientation=q, offset=place) for q, place in zip(turned, across, strict=True)]
-
-    def close(self, in_palm: Placement, depth: float, force: float, pad: Pad, press_model: Press) -> Grasp:
-        """What all fingers feel.
-
-        Args:
-            in_palm: the body, in front of a finger that is not turned.
-            depth: of the body's centre along the palm's x axis [m].
-            force: of the fingers, on average [N].
-            pad: of every finger.
-            press_model: how the fingers close.
-
-        Raises:
-            UnstablePress: the simulation diverged.
-        """
-        centre = np.array([depth, *in_palm.offset])
-        forces = (self.forces * force).tolist()
-        return press_model.close(pad, self.placements(in_palm, depth), self.rotations, centre, forces)
 
     def apart(self, images: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
         """Images of each finger, m of ``(N, H, W)`` or ``(N, H, W, 3)``, from those of N grasps, side by side.

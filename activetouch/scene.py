@@ -316,7 +316,9 @@ class Scene:
     ) -> PressedObject:
         """Close all fingers on a body in the palm: their images, side by side."""
         in_palm, depth = self.place_in_palm(obj, pose, rng)
-        found = hand.close(in_palm, depth, self.variation.force.sample(force_rng), self.pad, self.press_model)
+        met, centre = hand.placements(in_palm, depth), np.array([depth, *in_palm.offset])
+        forces = (hand.forces * self.variation.force.sample(force_rng)).tolist()
+        found = self.press_model.close(self.pad, met, hand.rotations, centre, forces)
         ideals = [self.image(contact) for contact in found.contacts]
         images = [read_out(ideal, self.faults, rng) for ideal in ideals]
         image, ideal = np.concatenate(images, axis=1), np.concatenate(ideals, axis=1)

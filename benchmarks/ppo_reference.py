@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from activetouch.envs.batched_episodes import BankEpisodes
 from activetouch.envs.touch_bank import TouchBank
 from activetouch.envs.touch_source import ObjectPriors
-from activetouch.sensor_files import MODELS, load_observation_model
+from activetouch.sensor_files import MODELS, fitted_model
 from belief.observation_model import ArrayModel
 from benchmarks.upper_bounds.object import object_bound
 from experiments.ppo.recipe import PPO_RECIPES, PPORecipe
@@ -95,7 +95,7 @@ def thresholds(confirm: float, reject: float) -> Callable[[BankEpisodes], NDArra
 def main(out: Path, sensor: str) -> None:
     """Print the references of all policies of a training that are for one target."""
     bank, test_bank = (TouchBank.open(out / "bank" / split) for split in (TRAINING, TEST))
-    model = load_observation_model(MODELS / sensor)
+    model = fitted_model(MODELS / sensor).model
     for state, targets in json.loads((out / "scores.json").read_text()).items():
         for target in targets:
             found = reference(bank, test_bank, model, target, PPO_RECIPES[state])

@@ -22,9 +22,9 @@ from activetouch.sensor_files import (
     MODELS,
     POLICIES,
     READER_FILE,
+    files_for,
     observation_file,
     require_simulated,
-    sensor_shift,
 )
 from belief.errors import ActiveTouchError
 from experiments.scene_choice import SceneChoice, choice_name, command, in_file_names, named_scene
@@ -160,7 +160,7 @@ def _shipped_for(own: str, scene: Scene) -> str | None:
     for name in sorted(SCENES, key=lambda name: name != own):
         if SCENES[name].scene.image_shape[0] >= scene.image_shape[0]:  # coarser taxels would waste its images
             try:
-                sensor_shift(MODELS / name, scene)
+                files_for(MODELS / name, scene)
             except ActiveTouchError:
                 continue
             return name

@@ -19,7 +19,7 @@ from activetouch.envs.base import BadAction, BadOption
 from activetouch.envs.touch_bank import TouchBank
 from activetouch.envs.touch_source import ObjectPriors, TargetProb
 from activetouch.errors import LabelMismatch
-from activetouch.sensor_files import INDEPENDENT_SUFFIX, MODELS, load_observation_model
+from activetouch.sensor_files import INDEPENDENT_SUFFIX, MODELS, fitted_model
 from belief.bayes import update
 from belief.composition import Composition
 from belief.errors import UnknownName
@@ -164,7 +164,7 @@ class BankEpisodes(VectorEnv):
             UnknownName: the scene has no bank, or the target is unknown.
         """
         bank = TouchBank.shipped(scene)
-        model = load_observation_model(MODELS / f"{scene}{INDEPENDENT_SUFFIX}")
+        model = fitted_model(MODELS / f"{scene}{INDEPENDENT_SUFFIX}").model
         return cls(bank, model, target, num_envs, **settings)
 
     @property

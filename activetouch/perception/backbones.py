@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -42,16 +41,6 @@ class ConvNeXt:
         from activetouch.perception.convnext import ConvNeXtFeatures  # loads transformers
 
         return ConvNeXtFeatures(self.depths, self.widths, channels)
-
-    def build_pretrained(self, source: Path | str, channels: int) -> nn.Module:
-        """The network with published weights: a local folder, or a name on the Hugging Face hub.
-
-        Raises:
-            MissingWeights: they are not to be had, or belong to another network.
-        """
-        from activetouch.perception.convnext import pretrained
-
-        return pretrained(source, self.depths, self.widths, channels)
 
 
 @dataclass(frozen=True)

@@ -26,14 +26,13 @@ class TouchNetwork(nn.Module):
 
     Args:
         card: which backbone, for which images and shapes.
-        features: the backbone's network; one with random weights by default.
     """
 
-    def __init__(self, card: ClassifierCard, features: nn.Module | None = None) -> None:
+    def __init__(self, card: ClassifierCard) -> None:
         super().__init__()
         kind = BACKBONES[card.backbone]
         self.card = card
-        self.backbone = features if features is not None else kind.build(card.channels)
+        self.backbone = kind.build(card.channels)
         width, num_shapes = kind.num_features, len(card.shape_labels)
         self.head: nn.Module
         if card.embedding:

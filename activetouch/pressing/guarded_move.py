@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import ClassVar
+from dataclasses import dataclass
 
 from activetouch.errors import UnstablePress
 from activetouch.placement import Placement
@@ -24,8 +23,7 @@ class GuardedMove(SteppedPress):
 
     The force in the pause is not controlled: it differs from the threshold by the effect of the object's momentum and
     of the last step. A press that exceeds the threshold by far fails (:data:`MOST_FORCE`). The trace begins shortly
-    before the first contact and ends when the pad is free again; ``with_trace`` gives the press whose trace is
-    complete.
+    before the first contact and ends when the pad is free again.
 
     Attributes:
         timestep: of the simulation [s].
@@ -35,8 +33,6 @@ class GuardedMove(SteppedPress):
         travel: distance past the pad's face, or the first touch if that is behind it, at which the guide ends [m].
         rotation_time: of the object between two presses [s], on which no touch depends.
     """
-
-    is_complete: ClassVar[bool] = False
 
     timestep: float = 0.002
     speed: float = 0.02
@@ -51,8 +47,7 @@ class GuardedMove(SteppedPress):
         gap, touching = first_touch(pad, placement)
         rig, withdrawn = self._place(pad, placement, facing_geom(pad, placement, gap, touching))
         advance = self.timestep * self.speed
-        skips = target_force > 0.0 and not self.is_complete
-        skipped = rig.skip_approach(withdrawn, self.speed, touching) if skips else 0
+        skipped = rig.skip_approach(withdrawn, self.speed, touching) if target_force > 0.0 else 0
         position, force, step = withdrawn - skipped * advance, 0.0, rig.step
         end = min(0.0, touching) - self.travel  # of a hollow, the centre may lie behind its surface; nan for a miss
         while position > end and force < target_force:
@@ -60,7 +55,7 @@ class GuardedMove(SteppedPress):
             force = step(position, Phase.CONTACT if force > 0.0 else Phase.APPROACH)
         for _ in range(round(self.pause / self.timestep)):
             force = step(position, Phase.PAUSE)
-        while position < withdrawn and (rig.force > 0.0 or self.is_complete):  # until the pad is free again
+        while position < withdrawn and rig.force > 0.0:  # until the pad is free again
             position = min(position + advance, withdrawn)
             step(position, Phase.WITHDRAW)
         if rig.num_warnings or not 0.0 <= force < _LARGEST_FORCE:
@@ -81,14 +76,3 @@ class GuardedMove(SteppedPress):
     def traced(self) -> bool:
         """See :class:`Press`."""
         return True
-
-    def with_trace(self) -> GuardedMove:
-        """See :class:`Press`."""
-        return RecordedMove(**{field.name: getattr(self, field.name) for field in fields(self)})
-
-
-@dataclass(frozen=True)
-class RecordedMove(GuardedMove):
-    """A guarded move whose trace has every step from ``start`` to the end of the withdrawal."""
-
-    is_complete: ClassVar[bool] = True

@@ -76,7 +76,7 @@ class Press(Protocol):
         return None
 
     def with_trace(self) -> Press:
-        """This press with a trace of its complete motion, if it can record one."""
+        """This press with a trace of its motion, if it can record one."""
         return self
 
     def close(

@@ -24,7 +24,6 @@ from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import drawn, smoothed, tabulate
 from belief.observation_model.repeat_discount import (
     ASSUMED_CORRELATION,
-    Repeats,
     effective_touches,
     fit_correlation,
     repeat_shares,
@@ -124,7 +123,7 @@ class RatioModel(ArrayModel):
             prior,
             correlation,
             _references(data),
-            _status(data, found),
+            "one_shape" if np.count_nonzero(data.counts) == 1 else "no_repeats" if found is None else "ok",
         )
 
     @property
@@ -233,12 +232,6 @@ class _Means(NamedTuple):
 def _within_floats(log_likelihoods: Floats) -> Floats:
     """Log-likelihoods limited to finite floats, so that no shape becomes impossible."""
     return np.maximum(log_likelihoods, -np.finfo(np.float64).max)
-
-
-def _status(data: LabelledTouches, found: Repeats | None) -> Status:
-    if np.count_nonzero(data.counts) == 1:
-        return "one_shape"
-    return "no_repeats" if found is None else "ok"
 
 
 def _training_prior(calibrated: Calibration, data: LabelledTouches) -> Floats:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -25,7 +25,7 @@ Part = Literal["table1", "table2"]
 DEVIATIONS = (
     "The paper gives no numbers for its force patches, windows, batch size or rotations. Ours are in "
     "activetouch/rendering/force_patch.py, experiments/paper/sliding_windows.py and activetouch/perception/recipe.py.",
-    "The paper starts from ImageNet weights. Without --weights we start from random weights.",
+    "The paper starts from ImageNet weights, we from random weights.",
     "Objects differ in size by ±10 %, so that a split by object is possible. Each press has a new orientation.",
     "Table 2 does not use the classifier of Table 1 but the scene's own, trained on six poses of tumbled objects and "
     "split by object.",
@@ -48,13 +48,10 @@ class Reproduce:
 
         activetouch reproduce                         everything; takes hours, mostly for Table 1
         activetouch reproduce --parts table2
-        activetouch reproduce --parts table1 --weights facebook/convnext-tiny-224
     """
 
     parts: Annotated[tuple[Part, ...], NotEmpty()] = ("table1", "table2")
     """Tables to make."""
-    weights: str | None = None
-    """Table 1: initial weights of the backbone, as in activetouch train; random weights by default."""
     input_size: Pixels = 128
     """Table 1: edge of the network's input [pixels]; the paper's by default."""
     episodes: Count = 100
@@ -74,7 +71,7 @@ class Reproduce:
         check_arguments(self)
         if "table1" in self.parts:
             require_extra("train")
-        settings = replace(table1.Settings(weights=self.weights), input_size=self.input_size)
+        settings = table1.Settings(input_size=self.input_size)
         require_input_size(settings.input_size, SCENES["paper"].scene.image_shape[0], settings.backbone)
         claim_folder(self.out)
         found = reproduce(self.parts, self.out, settings, self.sensor, self.episodes, self.seed, self.jobs)

@@ -79,14 +79,12 @@ class Settings:
         backbone: a key of :data:`activetouch.perception.backbones.BACKBONES`.
         input_size: edge of the network's input [pixels].
         recipe: settings of the training.
-        weights: initial weights of the backbone; None for random weights.
     """
 
     images: WindowPlan = field(default_factory=WindowPlan)
     backbone: str = "tiny"
     input_size: int = 128
     recipe: TrainingRecipe = RECIPES["paper"]
-    weights: str | None = None
 
 
 def both_splits(
@@ -104,7 +102,7 @@ def both_splits(
         train, held_out = split(images, SHARE, np.random.default_rng(seed))
         card = card_for(train, settings.backbone, settings.input_size, scene.shape_labels, scene.pose_labels)
         state = folder / name.replace(" ", "-") / STATE_FILE
-        classifier = new_classifier(card, settings.recipe.seed, settings.weights)
+        classifier = new_classifier(card, settings.recipe.seed)
         trainer = Trainer(classifier, settings.recipe, train, held_out, state, scene.symmetry)
         run_to_the_end(trainer)
         classifier = trainer.finish()

@@ -20,7 +20,7 @@ from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
 from activetouch.scene import Scene
 from activetouch.scene_description import in_words
-from activetouch.sensor_files import INDEPENDENT_FILE, READER_FILE, write_observation_model
+from activetouch.sensor_files import INDEPENDENT_FILE, OBSERVATION_FILE, READER_FILE
 from belief.calibration import TemperatureScaling
 from belief.claims import claim_folder, ends_claims
 from belief.errors import ActiveTouchError
@@ -98,7 +98,7 @@ class Calibrate:
         scene = scene_of(manifest, Trust(data, [self.scene], self.trust))
         found = calibrate(reader, data, scene, models, self.seed)
         found.save(out)
-        print(found, found.table(), sep="\n\n")
+        print(found)
         if manifest.plan.repeats == 1:
             print(
                 "No object was touched twice in a pose, so how far touches repeat each other is an assumption. To "
@@ -134,42 +134,39 @@ class Calibration(Tabular):
             CannotWrite: The disk is full, or the folder is not writable.
         """
         self.reader.save(folder / READER_FILE)
-        write_observation_model(folder, self.choice.model, self.scene)
+        write_text(folder / OBSERVATION_FILE, self.choice.model.to_json({"scene": self.scene}) + "\n")
         if self.independent is not None:
-            write_observation_model(folder, self.independent, self.scene, INDEPENDENT_FILE)
+            write_text(folder / INDEPENDENT_FILE, self.independent.to_json({"scene": self.scene}) + "\n")
         else:
             (folder / INDEPENDENT_FILE).unlink(missing_ok=True)
         write_order(folder, list(self.order), np.array(list(self.order.values())))
         write_text(folder / "evaluation.json", json.dumps(self.evaluation, indent=1) + "\n")
 
-    def __str__(self) -> str:
-        e, (low, high) = self.evaluation, self.evaluation["accuracy_interval"]
-        fused_low, fused_high = e["fused_accuracy_interval"]
-        losses = sorted(self.choice.losses.items(), key=lambda pair: pair[1])
-        words = ", ".join(f"{name} {loss:.4f}" for name, loss in losses)
-        chosen = f" (cross-validated sequence NLL: {words})" if words else ""
-        return (
-            f"{e['num_touches']} test touches of {e['num_objects']} unseen objects\n"
-            f"single touch: accuracy {e['accuracy']:.4f} [{low:.4f}, {high:.4f}]\n"
-            f"observation model: {self.choice.name}{chosen}\n"
-            f"single touch, from raw to calibrated: NLL {e['nll_raw']:.4f} → {e['nll_calibrated']:.4f}, "
-            f"ECE {e['ece_raw']:.4f} → {e['ece_calibrated']:.4f}\n"
-            f"an object's first touch in every pose fused: accuracy {e['fused_accuracy']:.4f} "
-            f"[{fused_low:.4f}, {fused_high:.4f}], NLL {e['fused_nll']:.4f}, ECE {e['fused_ece']:.4f}\n"
-            "best order of poses, with the NLL after each on the objects by which they are ranked: "
-            + ", ".join(f"{label} {loss:.4f}" for label, loss in self.order.items())
-        )
-
     def table(self) -> Table:
-        """Precision, recall and F1 of single touches by shape, and the shapes that it is most often read as."""
-        rows, labels = [], self.choice.model.shape_labels
-        for k, (label, row) in enumerate(zip(labels, self.evaluation["confusion"], strict=True)):
-            score = self.evaluation["shapes"][label]
-            ratios = (score[name] for name in ("precision", "recall", "f1"))
-            others = sorted((j for j in range(len(row)) if j != k and row[j]), key=lambda j: -row[j])[:2]
-            rows.append((label, *ratios, ", ".join(f"{labels[j]} {row[j] / sum(row):.1%}" for j in others)))
-        headings = ["shape", ("precision", ".3f"), ("recall", ".3f"), ("F1", ".3f"), ("most often read as", "")]
-        return Table("single touches by shape; all confusions are in evaluation.json", headings, rows)
+        """How single touches and fused ones are read and calibrated; ``evaluation.json`` has all confusions."""
+        e = self.evaluation
+        losses = ", ".join(
+            f"{name} {loss:.4f}" for name, loss in sorted(self.choice.losses.items(), key=lambda p: p[1])
+        )
+        chosen = f" (cross-validated sequence NLL: {losses})" if losses else ""
+        order = ", ".join(f"{label} {loss:.4f}" for label, loss in self.order.items())
+        return Table(
+            f"{e['num_touches']} test touches of {e['num_objects']} unseen objects",
+            ["touches", ("accuracy", ".4f"), ("95 %", ".4f"), ("NLL", ".4f"), ("ECE", ".4f")],
+            [
+                ("one, as read", e["accuracy"], tuple(e["accuracy_interval"]), e["nll_raw"], e["ece_raw"]),
+                ("one, calibrated", None, None, e["nll_calibrated"], e["ece_calibrated"]),
+                (
+                    "the first in every pose, fused",
+                    e["fused_accuracy"],
+                    tuple(e["fused_accuracy_interval"]),
+                    e["fused_nll"],
+                    e["fused_ece"],
+                ),
+            ],
+            f"Observation model: {self.choice.name}{chosen}. Best order of poses, with the NLL after each on the "
+            f"objects by which they are ranked: {order}.",
+        )
 
 
 def calibrate(

@@ -11,9 +11,8 @@ import numpy as np
 
 from activetouch.data.dataset import TouchSet, read_split
 from activetouch.data.manifest import read_manifest
-from activetouch.errors import MissingWeights
 from activetouch.extras import require_extra
-from activetouch.perception.backbones import BACKBONES, ConvNeXt
+from activetouch.perception.backbones import BACKBONES
 from activetouch.perception.reader import TactileReader, resized
 from activetouch.perception.recipe import RECIPES, TrainingRecipe
 from activetouch.scene import Scene
@@ -81,7 +80,7 @@ class Train:
         activetouch train --scene coarse
         activetouch train --scene gel --recipe contacts --steps 2000 --device cuda
         activetouch train --scene hard --recipe worn --change.focus cube cuboid wedge
-        activetouch train --recipe paper --backbone tiny --weights facebook/convnext-tiny-224   (a hub's, or a folder)
+        activetouch train --recipe paper --backbone tiny
         activetouch train --data data/mug --out runs/train-mug --input-size 32 --recipe large --change.epochs 5
     """
 
@@ -95,9 +94,6 @@ class Train:
     """Edge the images are averaged down, or repeated up, to before the network [pixels]; the scene's by default."""
     backbone: BackboneName | None = None
     """The network: a plain small CNN, or a ConvNeXt by size; the scene's by default."""
-    weights: str | None = None
-    """Weights that a ConvNeXt starts from, such as ImageNet's: a local folder, or a name on the Hugging Face hub, which
-    is the only case that goes online; random weights by default."""
     recipe: Literal["contacts", "contrast", "worn", "large", "paper"] = "contrast"
     """What to learn, and how."""
     steps: Count | None = None
@@ -127,7 +123,7 @@ class Train:
         require_collection(data, manifest, None, self.scene if self.out is None else None)
         size = self.input_size if self.input_size is not None else named.input_size
         backbone = self.backbone if self.backbone is not None else named.backbone
-        train_reader(data, out, self.change.of(RECIPES[self.recipe]), backbone, size, self.weights, self.jobs)
+        train_reader(data, out, self.change.of(RECIPES[self.recipe]), backbone, size, self.jobs)
 
 
 def train_reader(
@@ -136,7 +132,6 @@ def train_reader(
     recipe: TrainingRecipe,
     backbone: str,
     input_size: int,
-    weights: str | None = None,
     jobs: int = 1,
 ) -> TactileReader:
     """Train a network on a collection; after an interruption, the same call continues.
@@ -147,7 +142,6 @@ def train_reader(
         recipe: settings of the training.
         backbone: a key of :data:`activetouch.perception.backbones.BACKBONES`.
         input_size: edge that images are brought to [pixels].
-        weights: see :class:`Train`.
         jobs: number of threads.
 
     Returns:
@@ -155,7 +149,6 @@ def train_reader(
 
     Raises:
         BadArgument: The network cannot read images of this size, or the collection has aims.
-        MissingWeights: The weights cannot be read, or belong to another network.
     """
     import torch
 
@@ -176,7 +169,7 @@ def train_reader(
         mujoco_version=manifest.versions["mujoco"],
         training=f"{recipe.words}; {len(train.images)} images",
     )
-    classifier = new_classifier(card, recipe.seed, weights)
+    classifier = new_classifier(card, recipe.seed)
     print(f"{backbone} at {input_size} pixels, {classifier.card.training}")
     taxels = (manifest.image_shape[0] // train.images.shape[1]) ** 2
     trainer = Trainer(classifier, recipe, train, calibration, out / STATE_FILE, manifest.symmetry, taxels)
@@ -293,31 +286,16 @@ def card_for(
     )
 
 
-def new_classifier(card: ClassifierCard, seed: int, weights: str | None = None) -> TouchClassifier:
-    """A classifier with random weights, or with a published backbone; its card says which.
-
-    Args:
-        card: card of the network to train.
-        seed: seed of random weights.
-        weights: see :class:`Train`.
-
-    Raises:
-        MissingWeights: The weights cannot be read, or belong to another network.
-    """
+def new_classifier(card: ClassifierCard, seed: int) -> TouchClassifier:
+    """A classifier with random weights from a seed, as its card then says."""
     import torch
 
     from activetouch.perception.classifier import TouchClassifier, TouchNetwork
 
-    features, start = None, "random weights"
-    if weights is not None:
-        kind = BACKBONES[card.backbone]
-        if not isinstance(kind, ConvNeXt):
-            raise MissingWeights(f"there are no published weights of {card.backbone!r}; leave out --weights {weights}")
-        features, start = kind.build_pretrained(weights, card.channels), f"the weights of {weights}"
-    card = replace(card, training=f"{card.training}, from {start}" if card.training else f"from {start}")
+    card = replace(card, training=f"{card.training}, from random weights".removeprefix(", "))
     with torch.random.fork_rng():  # torch draws initial weights from its global generator only
         torch.manual_seed(seed)
-        return TouchClassifier(card, TouchNetwork(card, features))
+        return TouchClassifier(card, TouchNetwork(card))
 
 
 def run_to_the_end(trainer: Trainer) -> None:

@@ -16,7 +16,7 @@ from activetouch.errors import LabelMismatch, NoIndependentModel, SceneShift, Wr
 from activetouch.perception import preparation
 from activetouch.perception.contacts import hypotheses
 from activetouch.sensor import TactileSensor
-from activetouch.sensor_files import INDEPENDENT_FILE, MODELS, OBSERVATION_FILE, READER_FILE, load_observation_model
+from activetouch.sensor_files import INDEPENDENT_FILE, MODELS, OBSERVATION_FILE, READER_FILE, fitted_model
 from belief.errors import CorruptFile
 from experiments.calibration.calibration_report import CalibrationReport
 from experiments.cli import commands
@@ -198,7 +198,7 @@ def test_an_observation_model_in_which_one_digit_flipped_is_refused(tmp_path):
     at = digits[len(digits) // 2]
     path.write_text(text[:at] + str(int(text[at]) + 1) + text[at + 1 :])
     with pytest.raises(CorruptFile, match="was changed after it was written"):
-        load_observation_model(tmp_path / "sensor")
+        fitted_model(tmp_path / "sensor")
 
 
 @pytest.mark.parametrize(
@@ -233,8 +233,8 @@ def test_no_remedy_in_the_code_is_half_a_command():
 
 def test_a_joint_sensor_keeps_its_independent_model_and_compare_can_play_it(tmp_path):
     joint = MODELS / "coarse"
-    assert [load_observation_model(joint, independent).name for independent in (False, True)] == ["rigid body", "ratio"]
-    assert load_observation_model(MODELS / "paper-independent", independent=True).name == "ratio"  # it has no other
+    assert [fitted_model(joint, independent).model.name for independent in (False, True)] == ["rigid body", "ratio"]
+    assert fitted_model(MODELS / "paper-independent", independent=True).model.name == "ratio"  # it has no other
     own = Setting(SceneChoice("coarse"))
     independent = replace(own, observation_model="independent")
     assert [setting.open_sensor().model.name for setting in (own, independent)] == ["rigid body", "ratio"]

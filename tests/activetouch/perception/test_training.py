@@ -41,9 +41,9 @@ def weights(trained):
     return torch.cat([value.flatten() for value in trained.classifier.network.state_dict().values()])
 
 
-@pytest.mark.parametrize(("backbone", "bf16"), [("cnn", True), ("atto", False)])
-def test_training_learns_a_simple_task(backbone, bf16, tmp_path):
-    trained = trainer(tmp_path / "state.safetensors", replace(RECIPE, bf16=bf16), backbone=backbone)
+@pytest.mark.parametrize("bf16", [True, False])
+def test_training_learns_a_simple_task(bf16, tmp_path):
+    trained = trainer(tmp_path / "state.safetensors", replace(RECIPE, bf16=bf16))
     reports = [trained.run_epoch() for _ in range(3)]
     assert reports[-1].calibration_loss < reports[0].calibration_loss
     assert reports[-1].calibration_accuracy > 0.9

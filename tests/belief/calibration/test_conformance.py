@@ -162,7 +162,6 @@ def narrowed(numbers, dtype):
 
 
 @every_calibration
-@settings(max_examples=150)
 @given(
     logits=st.builds(narrowed, any_logits, st.sampled_from([np.float16, np.float32, np.float64])),
     labels=arrays(np.int64, 5, elements=st.integers(0, 2)),

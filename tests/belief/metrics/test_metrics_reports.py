@@ -137,7 +137,7 @@ def test_the_report_holds_what_the_single_functions_say(rng):
 
 
 def test_the_report_of_a_false_model_says_so_and_that_of_a_true_one_does_not(rng):
-    probs, labels = draw(rng, 2000)
+    probs, labels = draw(rng, 800)
     sharper = probs**2 / (probs**2).sum(axis=1, keepdims=True)
     errors = ("ece_width", "ece_mass", "ece_classwise", "smooth")
     false, true = calibration_report(sharper, labels), calibration_report(probs, labels)

@@ -147,6 +147,6 @@ def test_a_collection_without_repeats_is_refused_with_the_command_to_record_one(
     collect(
         SceneChoice("coarse", fidelity="quasistatic"), CollectionPlan(train=0, calibration=1, test=1), folder, jobs=1
     )
-    with pytest.raises(NoRepeats, match=r"collect .*--fidelity quasistatic .*--plan\.repeats 6 --out \S*once-repeats"):
+    with pytest.raises(NoRepeats, match=r"Record several rounds: collect .*--plan\.repeats 6"):
         CalibrationReport(data=folder, out=tmp_path / "out").run()
     assert not (tmp_path / "out").exists()
