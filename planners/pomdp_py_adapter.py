@@ -101,56 +101,27 @@ class Rules:
         return histogram
 
 
-class TransitionModel(pomdp_py.TransitionModel):
-    """Probes do not change the state; REJECT brings the next object."""
+class SearchModel(pomdp_py.BlackboxModel):
+    """Draws what follows an action: probes observe an outcome, REJECT brings the next object (decision 0004)."""
 
     def __init__(self, rules: Rules, rng: np.random.Generator) -> None:
         self._rules, self._rng = rules, rng
+        self._touch_cost = float(np.float32(rules.problem.touch_cost))  # pomdp-py has rewards in single precision
 
-    def sample(self, state: SimpleState, action: SimpleAction) -> SimpleState:
-        """The next state."""
-        rules = self._rules
-        if state is END or action.name in rules.poses:
-            return state
-        index = state.data[0] + 1
-        if action.name == CONFIRM.name or index == rules.problem.num_objects:
-            return END
-        missed = int(rules.is_missed(state))
-        return rules.states[index, _draw(rules.cumulative_shapes[index][missed], self._rng), missed]
-
-
-class ObservationModel(pomdp_py.ObservationModel):
-    """Probes give an outcome, other actions no observation."""
-
-    def __init__(self, rules: Rules, rng: np.random.Generator) -> None:
-        self._rules, self._rng = rules, rng
-
-    def sample(self, next_state: SimpleState, action: SimpleAction) -> SimpleObservation:
-        """A sampled observation."""
-        pose = self._rules.poses.get(action.name)
-        if pose is None or next_state is END:
-            return NOTHING
-        return self._rules.outcomes[_draw(self._rules.cumulative_outcomes[pose][next_state.data[1]], self._rng)]
-
-
-class RewardModel(pomdp_py.RewardModel):
-    """The reward of a search (decision 0004), step by step."""
-
-    def __init__(self, rules: Rules) -> None:
-        self._rules = rules
-
-    def sample(self, state: SimpleState, action: SimpleAction, next_state: SimpleState) -> float:
-        """The reward, which is deterministic."""
+    def sample(self, state: SimpleState, action: SimpleAction) -> tuple[SimpleState, SimpleObservation, float, int]:
+        """The next state, an observation, the reward, and the number of steps, which is one."""
         rules = self._rules
         if state is END:
-            return 0.0
-        if action.name in rules.poses:
-            return -rules.problem.touch_cost
+            return END, NOTHING, 0.0, 1
+        if (pose := rules.poses.get(action.name)) is not None:
+            outcome = _draw(rules.cumulative_outcomes[pose][state.data[1]], self._rng)
+            return state, rules.outcomes[outcome], -self._touch_cost, 1
         if action.name == CONFIRM.name:
-            return 1.0 if rules.is_target(state) else -1.0
-        if next_state is END:
-            return -1.0 if rules.is_missed(state) else 1.0
-        return 0.0
+            return END, NOTHING, 1.0 if rules.is_target(state) else -1.0, 1
+        index, missed = state.data[0] + 1, int(rules.is_missed(state))
+        if index == rules.problem.num_objects:
+            return END, NOTHING, -1.0 if missed else 1.0, 1
+        return rules.states[index, _draw(rules.cumulative_shapes[index][missed], self._rng), missed], NOTHING, 0.0, 1
 
 
 class InformedRollout(pomdp_py.RolloutPolicy):
@@ -207,8 +178,9 @@ class Pouct:
         """See :class:`planners.decider.Decider`."""
         rules = self.rules(info)
         policy = self.rollout(rules, rng, _root_actions(rules, info))
-        models = TransitionModel(rules, rng), ObservationModel(rules, rng), RewardModel(rules)
-        agent = pomdp_py.Agent(pomdp_py.Histogram(rules.histogram(info)), policy, *models)
+        agent = pomdp_py.Agent(
+            pomdp_py.Histogram(rules.histogram(info)), policy, blackbox_model=SearchModel(rules, rng)
+        )
         depth = _DEPTH + 2 * info.num_left
         planner = pomdp_py.POUCT(
             max_depth=depth,
