@@ -55,10 +55,9 @@ def _held_out(touches: RecordedTouches, held: NDArray[np.bool_]) -> Split:
     train = np.flatnonzero(~held)
     pairs = np.unique(np.stack([touches.labels[train], touches.objects[train]]), axis=1)
     fewest = int(np.unique(pairs[0], return_counts=True)[1].min())  # objects of a label
-    inner = object_folds(touches.labels[train], touches.objects[train], int(np.clip(fewest, 2, _INNER))).astype(
-        np.int64
-    )
-    return Split(train, np.empty(0, np.int64), np.flatnonzero(held), inner, inner)
+    inner = object_folds(touches.labels[train], touches.objects[train], int(np.clip(fewest, 2, _INNER)))
+    folds = inner.astype(np.int64)
+    return Split(train, np.empty(0, np.int64), np.flatnonzero(held), folds, folds)
 
 
 def by_session(touches: RecordedTouches, is_tested: bool = True) -> Split:

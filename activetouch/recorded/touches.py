@@ -99,6 +99,8 @@ class RecordedTouches(FrozenArrays):
         for task, names in self.kinds.items():
             if task not in TASKS[1:] or len(names) != len(self.object_names):
                 raise BadRecording(f"kinds must give {len(self.object_names)} names for {TASKS[1:]}, got {task!r}")
+        if self.task not in (TASKS[0], *self.kinds):
+            raise BadRecording(f"these touches have no labels for {self.task!r}; they have {(TASKS[0], *self.kinds)}")
         self.freeze()
 
     def for_task(self, task: str) -> RecordedTouches:
@@ -109,16 +111,13 @@ class RecordedTouches(FrozenArrays):
         >>> touches.for_task("shapes").label_names, touches.for_task("shapes").labels.tolist()
         (('cone',), [0])
         """
-        if task == TASKS[0]:
-            return replace(self, task=task)
-        names = np.array(self.kinds.get(task, [""] * len(self.object_names)), np.str_)
-        kept = np.flatnonzero(names[self.objects] != "")
-        if not len(kept):
-            raise BadRecording(
-                f"these touches have no labels for {task!r}; they have {', '.join(TASKS[:1] + tuple(self.kinds))}"
-            )
+        found = replace(self, task=task)
+        if task == TASKS[0] or (kept := found.labels >= 0).all():
+            return found
+        if not kept.any():
+            raise BadRecording(f"no object has a label for {task!r}")
         arrays = {name: getattr(self, name)[kept] for name in ("features", "actions", "objects", "sessions")}
-        return replace(self, **arrays, task=task)
+        return replace(found, **arrays)
 
     @property
     def label_names(self) -> tuple[str, ...]:
@@ -127,7 +126,7 @@ class RecordedTouches(FrozenArrays):
 
     @property
     def labels(self) -> NDArray[np.int64]:
-        """Label of each touch, ``(n,)``, in [0, K)."""
+        """Label of each touch, ``(n,)``, in [0, K), or -1 for an object without one."""
         if self.task == TASKS[0]:
             return self.objects
         places = {name: place for place, name in enumerate(self.label_names)}

@@ -161,7 +161,7 @@ def test_a_set_that_cannot_be_split_is_refused(rng):
         check_recorded(drawn(rng, num_objects=1))
     with pytest.raises(BadRecording, match=r"at least 3 objects of each, .* there are .'even': 2, 'odd': 2"):
         check_recorded(drawn(rng, num_objects=4).for_task("categories"))
-    with pytest.raises(BadRecording, match="no labels for 'shapes'; they have objects, categories"):
+    with pytest.raises(BadRecording, match=r"no labels for 'shapes'; they have .'objects', 'categories'"):
         drawn(rng).for_task("shapes")
 
 
