@@ -21,17 +21,20 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
 
+from activetouch.distributions import Distribution, Uniform
 from activetouch.errors import WrongScene
+from activetouch.hypotheses import quantiles
 from activetouch.poses import Quaternion, multiply, require_unit, to_matrix, turn
 from belief.errors import InvalidArgument, UnknownName
 from belief.frozen import frozen
 from belief.naming import few
+from belief.validation import require_choice
 
 if TYPE_CHECKING:
     from activetouch.placement import Placement
@@ -39,7 +42,9 @@ if TYPE_CHECKING:
 _UNBALANCED = 0.02  # of the forces of all fingers together
 _SAME_PLACE = 1e-3  # rad
 _INVERSE = (1.0, -1.0, -1.0, -1.0)
+_MOST_ALONG = 3  # places along each axis
 
+PalmOffset = Literal["averaged", "anew"]
 Quaternions = tuple[tuple[float, float, float, float], ...]
 _ALLEGRO: Quaternions = (  # index, middle, ring finger and thumb, in the frame of the palm
     (-0.4836, 0.6335, -0.6021, 0.0463),
@@ -56,10 +61,13 @@ class Hand:
     Attributes:
         fingers: rotations that bring the pad of a scene without a hand to each finger's place about the palm, m unit
             quaternions ``wxyz``. Several fingers press with forces that balance each other, 1 on average.
+        offset: what the belief makes of the body's position in the palm, which every grasp draws anew. ``averaged``:
+            the reader averages over it, for each finger alone. ``anew``: it is latent, common to the fingers of a
+            grasp.
 
     Raises:
         InvalidArgument: there is no finger, a rotation is no unit quaternion, two fingers are in one place, no forces
-            of several fingers balance each other.
+            of several fingers balance each other, or offset is none of these.
 
     >>> Hand.three_finger().forces.round(6).tolist()
     [1.0, 1.0, 1.0]
@@ -68,8 +76,10 @@ class Hand:
     """
 
     fingers: Quaternions
+    offset: PalmOffset = "averaged"
 
     def __post_init__(self) -> None:
+        require_choice("offset", self.offset, get_args(PalmOffset))
         given = list(self.fingers) if isinstance(self.fingers, Sequence | np.ndarray) else []
         if not given or isinstance(self.fingers, str):
             raise InvalidArgument(f"a hand needs one rotation for each finger, got {self.fingers!r:.80}")
@@ -152,6 +162,29 @@ class Hand:
             place: along the palm's axes, ``(3,)`` [m].
         """
         return np.stack([(rotation.T @ np.asarray(place, float))[1:] for rotation in self.rotations])
+
+    def places(self, offset: Distribution, reach: float) -> NDArray[np.float64]:
+        """Positions of a body in the palm that stand for all, equally likely, ``(O, 3)`` [m].
+
+        As many along each axis as are needed so that what is between them is within the reach of the reader, but at
+        most three. Those that no finger can tell apart are one.
+
+        Args:
+            offset: distribution of the position along each axis.
+            reach: over which a reader averages, each way [m].
+
+        >>> from activetouch.distributions import Uniform
+        >>> Hand.parallel().places(Uniform(-0.006, 0.006), 0.002).shape
+        (9, 3)
+        """
+        low, high = offset.support
+        number = int(np.ceil((high - low) / (2 * reach) - 1e-6)) if reach > 0.0 else _MOST_ALONG
+        number = min(max(number, 1), _MOST_ALONG)
+        shares = (np.arange(number) + 0.5) / number
+        along = low + (high - low) * shares if isinstance(offset, Uniform) else quantiles(offset, shares)
+        grid = np.stack(np.meshgrid(along, along, along, indexing="ij"), axis=-1).reshape(-1, 3)
+        seen = np.round(np.stack([self.across(place).ravel() for place in grid]), 9)
+        return np.asarray(grid[np.unique(seen, axis=0, return_index=True)[1]])
 
     def placements(self, in_palm: Placement, depth: float) -> list[Placement]:
         """What each finger meets of a body in the palm.

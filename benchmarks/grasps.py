@@ -136,6 +136,7 @@ def main() -> None:
     parser.add_argument("--searches", type=int, default=400, help="0 for none")
     parser.add_argument("--stated", type=float, default=0.95)
     parser.add_argument("--offset", type=float, help="largest offset of a body in the palm, each way [m]")
+    parser.add_argument("--latent", choices=["anew"], help="positions in the palm")
     parser.add_argument("--meshes", type=Path, help="folder of mesh files, which are scaled to one radius")
     parser.add_argument("--bodies", type=int, default=8, help="how many of the folder, evenly chosen")
     parser.add_argument("--seed", type=int, default=0)
@@ -155,12 +156,17 @@ def main() -> None:
     each: list[tuple[int, ...]] = [(pose,) for pose in range(num_poses)]
     for m, sensor in sensors.items():
         rows.append((f"{m} fingers", sensor, each))
-        if m > 1 and not arguments.meshes:
+        if m > 1 and not (arguments.latent or arguments.meshes):
             places = {f"{p} {i}": r for i, one in enumerate(sensor.scene.fingers) for p, r in one.rotations.items()}
             pad = TactileSensor.shipped(name, replace(sensor.scene, hand=Hand.one_finger(), poses=places))
             rows.append(
                 (f"{m} single touches", pad, [tuple(range(p, m * num_poses, num_poses)) for p in range(num_poses)])
             )
+        if arguments.latent:
+            unknowing = TactileSensor.shipped(name, usual.with_hand(hands[m]))
+            rows.append((f"{m} fingers, belief of 2 mm", replace(unknowing, scene=sensor.scene), each))
+            latent = TactileSensor.shipped(name, named.scene.with_hand(replace(hands[m], offset="anew")))
+            rows.append((f"{m} fingers, latent", latent, each))
     print(
         f"{name}: {number} objects named at {stated:g}, palm poses in random order; {named.scene.variation.offset} m\n"
     )

@@ -1,13 +1,15 @@
-"""What the belief makes of grasps."""
+"""What the belief makes of grasps: the body's position in the palm."""
 
 from dataclasses import replace
 
 import gymnasium
 import numpy as np
 import pytest
+from scipy.special import logsumexp
 
 from activetouch import SCENES, Quasistatic, TactileSensor
 from activetouch.distributions import Constant, Uniform
+from activetouch.errors import WrongScene
 from activetouch.hand import Hand
 from activetouch.perception import preparation
 from activetouch.perception.contacts import hypotheses as contact_hypotheses
@@ -15,7 +17,7 @@ from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
 from activetouch.poses import POSE_SETS
 from activetouch.scene import Variation
-from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
+from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS, READER_FILE, reader_file
 from belief.errors import InvalidArgument, UnknownName
 from belief.observation_model import FixedHypotheses, RigidBodyModel
 from belief.policy_state import expected_gains
@@ -31,7 +33,10 @@ WIDE = replace(
 )
 ANY_OBJECT = TactileReader.load(MODELS / "coarse" / ANY_OBJECT_FILE)
 NUMBER, TEMPERATURE = 12, 1.7
-HELD = replace(WIDE, hand=Hand.parallel())
+
+
+def held(offset, hand=None, **others):
+    return replace(WIDE, hand=replace(Hand.parallel() if hand is None else hand, offset=offset, **others))
 
 
 def grasped(scene, seed, pose=1):
@@ -60,15 +65,55 @@ def evidence_of(scene, images):
     return evidence, embedded
 
 
-def test_the_evidence_of_a_grasp_is_that_of_its_fingers_together():
-    evidence, embedded = evidence_of(HELD, [grasped(HELD, seed, pose=seed)[1].image for seed in range(2)])
-    bodies, expected = HELD.hypotheses(NUMBER), np.zeros((2, NUMBER))
+def beside(scene, finger, pose, aim, bodies):
+    """Embedded hypotheses of one finger at one place beside its axis, by hand."""
+    single = scene.fingers[finger]
+    label = single.pose_labels[pose]
+    return ANY_OBJECT.hypotheses.embedded(replace(single, aims={label: tuple(aim)}), bodies, pose)
+
+
+def test_the_belief_over_positions_in_the_palm_is_that_of_all_of_them_one_by_one():
+    scene = held("anew")
+    evidence, embedded = evidence_of(scene, [grasped(scene, seed, pose=seed)[1].image for seed in range(2)])
+    along = scene.hand.places(scene.variation.offset, 0.002)[:3, 2]
+    assert along == pytest.approx([-0.004, 0.0, 0.004], abs=1e-12)
+    bodies, places = scene.hypotheses(NUMBER), [(y, z) for y in along for z in along]
+    expected = np.zeros((2, NUMBER))
     for pose, row in enumerate(embedded):
-        for one, part in zip(HELD.fingers, np.split(row, 2), strict=True):
-            expected += ANY_OBJECT.hypotheses.embedded(one, bodies, pose) @ part / TEMPERATURE
-    assert evidence.log_weights == pytest.approx(expected - expected.max(), abs=1e-3)
-    again = ANY_OBJECT.bound_to(HELD).bound_to(WIDE)
+        scores = [
+            sum(
+                beside(scene, finger, pose, (side * y, z), bodies) @ part
+                for finger, side, part in zip((0, 1), (1.0, -1.0), np.split(row, 2), strict=True)
+            )
+            for y, z in places
+        ]
+        expected += logsumexp(scores, axis=0) / TEMPERATURE
+    found = evidence.log_weights
+    assert found == pytest.approx(expected - expected.max(), abs=1e-3)
+
+
+def test_where_nothing_is_latent_nothing_is_summed():
+    assert len(ANY_OBJECT.bound_to(held("averaged")).hypotheses.places) == 1
+    narrow = replace(held("anew"), variation=Variation())
+    assert len(ANY_OBJECT.bound_to(narrow).hypotheses.places) == 1
+    assert np.array_equal(
+        HypothesisTable(ANY_OBJECT.bound_to(narrow), narrow)(8),
+        HypothesisTable(ANY_OBJECT.bound_to(held("averaged")), held("averaged"))(8),
+    )
+    assert [
+        len(ANY_OBJECT.bound_to(held("anew", hand)).hypotheses.places)
+        for hand in (Hand.one_finger(), Hand.parallel(), Hand.three_finger())
+    ] == [9, 9, 27]
+    again = ANY_OBJECT.bound_to(held("anew")).bound_to(replace(WIDE, hand=None))
     assert type(again.hypotheses) is type(ANY_OBJECT.hypotheses)
+
+
+def test_only_a_reader_of_any_object_knows_positions_in_the_palm():
+    scene = COARSE.with_hand(replace(Hand.parallel(), offset="anew"))
+    with pytest.raises(WrongScene, match="leave offset averaged"):
+        TactileReader.load(MODELS / "coarse" / READER_FILE).bound_to(scene)
+    assert reader_file(MODELS / "coarse", scene).name == ANY_OBJECT_FILE
+    assert reader_file(MODELS / "coarse", COARSE.with_hand("parallel")).name == READER_FILE
 
 
 @pytest.fixture
@@ -98,7 +143,7 @@ def test_an_environment_takes_one_grasp_for_one_action(briefly_fitted):
 @pytest.mark.filterwarnings("ignore::activetouch.errors.AlikeShapes")
 def test_information_gain_chooses_among_many_rotations_of_the_palm(briefly_fitted):
     directions = dict(list(POSE_SETS["directions26"].items())[:14])
-    scene = replace(HELD, poses=directions, variation=Variation())
+    scene = replace(held("averaged"), poses=directions, variation=Variation())
     sensor = TactileSensor.load(MODELS / "coarse", scene)
     played = [sensor.search("cone", "information_gain", seed=seed, num_objects=2) for seed in range(2)]
     chosen = {
@@ -116,9 +161,15 @@ def test_information_gain_chooses_among_many_rotations_of_the_palm(briefly_fitte
 
 
 def test_an_empty_hand_and_a_finger_that_misses_are_evidence_as_any_other():
-    ball = replace(HELD, shapes={"cone": HELD.solids["cone"]})
+    scene = held("anew")
+    ball = replace(scene, shapes={"cone": scene.solids["cone"]})
     images = []
     for aim in ((0.0, 0.1), (0.045, 0.0)):
         there = replace(ball, aims={"front": aim}, variation=Variation(offset=Constant(0.0)))
         images.append(grasped(there, 0, pose=0)[1].image)
-    assert all(np.isfinite(evidence_of(HELD, [image, images[0]])[0].log_weights).all() for image in images)
+    assert all(np.isfinite(evidence_of(scene, [image, images[0]])[0].log_weights).all() for image in images)
+
+
+def test_hands_say_what_offset_may_be():
+    with pytest.raises(InvalidArgument, match="offset"):
+        replace(Hand.parallel(), offset="both")

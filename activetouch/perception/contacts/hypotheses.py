@@ -210,19 +210,21 @@ def mean_ratios(embeddings: Floats32, hypotheses: Floats32) -> NDArray[np.float6
     return found - np.log(number)
 
 
-def num_hypotheses(scene: Scene) -> int:
+def num_hypotheses(scene: Scene, places: int = 1) -> int:
     """How many hypotheses of each shape a model of new objects has: a power of two.
 
     Args:
         scene: with the objects.
+        places: in the palm of the scene's hand in which each is embedded.
 
     >>> from activetouch import SCENES
     >>> [num_hypotheses(SCENES[name].scene) for name in ("gel", "many", "keyed")]
     [4096, 4096, 1024]
     """
     fingers = 1 if scene.hand is None else len(scene.hand)
-    fitting = CONTACTS_IN_ALL / (len(scene.shapes) * len(scene.poses) * fingers)
-    return int(2 ** np.floor(np.log2(np.clip(fitting, FEWEST, MOST))))
+    fitting = CONTACTS_IN_ALL / (len(scene.shapes) * len(scene.poses) * fingers * places)
+    fewest = FEWEST if places == 1 else FEWEST // 2
+    return int(2 ** np.floor(np.log2(np.clip(fitting, fewest, MOST))))
 
 
 def cell_of(num_hypotheses: int) -> float:
