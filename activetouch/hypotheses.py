@@ -51,7 +51,12 @@ def sizes(distribution: Distribution, num: int) -> Floats:
         distribution: of sizes.
         num: how many; the first are the same for every ``num``.
     """
-    return quantiles(distribution, (0.5 + _GOLDEN * np.arange(num)) % 1.0)
+    return quantiles(distribution, kronecker(_GOLDEN, num))
+
+
+def kronecker(step: float, num: int) -> Floats:
+    """Numbers that cover [0, 1) evenly, ``(num,)``: multiples of a step, modulo 1; the first is 0.5."""
+    return np.asarray((0.5 + step * np.arange(num)) % 1.0)
 
 
 def quantiles(distribution: Distribution, shares: Floats) -> Floats:

@@ -22,6 +22,7 @@ class WorldObject:
         orientation: in which it was put on its guide, ``wxyz``.
         friction: coefficient of its surface.
         stiffness: of its skin together with the pad's layer, relative to the layer's alone.
+        offset: of its centre from the middle of the palm before a pose turns it, ``(3,)`` [m], where a hand keeps it.
     """
 
     shape_index: int
@@ -29,6 +30,7 @@ class WorldObject:
     orientation: Quaternion
     friction: float = 1.0
     stiffness: float = 1.0
+    offset: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,7 +30,7 @@ from activetouch.hypotheses import Bodies, sizes
 from activetouch.mesh_source import MeshSource
 from activetouch.orientations import Presentation, Tumbled
 from activetouch.placement import Placement, WorldObject
-from activetouch.poses import POSE_SETS, POSES, Quaternion, checked_aims, require_unit
+from activetouch.poses import POSE_SETS, POSES, Quaternion, checked_aims, require_unit, to_matrix
 from activetouch.pressing.contact import Contact, PressedObject, missed
 from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.pad import Pad
@@ -171,10 +171,10 @@ class Scene:
 
     @property
     def image_shape(self) -> tuple[int, ...]:
-        """Of one image, ``(H, W)`` or ``(H, W, 3)``; of a grasp, those of its fingers side by side."""
+        """Of one image, ``(H, W)`` or ``(H, W, 3)``; of a grasp as :meth:`activetouch.hand.Hand.joined` makes it."""
         height, width, *channels = self.image(missed(self.pad)).shape
         if self.hand is not None:
-            width *= len(self.hand)
+            width = len(self.hand) * (width + (self.hand.travel is not None))
         return height, width, *channels
 
     @property
@@ -227,7 +227,7 @@ class Scene:
 
         Args:
             shape: its label or index.
-            rng: of its size, surface and orientation.
+            rng: of its size, surface and orientation, then of its position if a hand keeps it.
 
         Raises:
             UnknownName: the scene has no shape of that name.
@@ -235,7 +235,9 @@ class Scene:
         shape_index = index_of("shape", self.shape_labels, shape)
         vary = self.variation
         scale, friction, stiffness = vary.size.sample(rng), vary.friction.sample(rng), vary.stiffness.sample(rng)
-        return WorldObject(shape_index, scale, self.presentation.rest(rng), friction, stiffness)
+        rest, is_kept = self.presentation.rest(rng), self.hand is not None and self.hand.offset == "kept"
+        offset = np.array([vary.offset.sample(rng) for _ in range(3)]) if is_kept else None
+        return WorldObject(shape_index, scale, rest, friction, stiffness, offset)
 
     def hypotheses(self, num: int) -> Bodies:
         """Hypotheses about an object, as many as asked for, the same for all shapes.
@@ -321,10 +323,16 @@ class Scene:
         found = self.press_model.close(self.pad, met, hand.rotations, centre, forces)
         ideals = [self.image(contact) for contact in found.contacts]
         images = [read_out(ideal, self.faults, rng) for ideal in ideals]
-        image, ideal = np.concatenate(images, axis=1), np.concatenate(ideals, axis=1)
+        stops = np.zeros(len(hand)) if hand.travel is None else rng.normal(np.nan_to_num(found.stops), hand.travel)
+        image, ideal = hand.joined(images, stops), np.concatenate(ideals, axis=1)
         return PressedObject(found.contacts[0], image, 0, in_palm, ideal, found.contacts)
 
     def place_in_palm(self, obj: WorldObject, pose: Name, rng: np.random.Generator) -> tuple[Placement, float]:
         """An object in the palm, in front of a finger that is not turned, and its depth along the palm's x axis [m]."""
-        in_palm = self.place(obj, pose, rng)
-        return in_palm, self.variation.offset.sample(rng) if self.hand and len(self.hand) > 1 else 0.0
+        in_palm, hand = self.place(obj, pose, rng), self.hand
+        depth = self.variation.offset.sample(rng) if hand and (len(hand) > 1 or hand.travel is not None) else 0.0
+        if obj.offset is not None:
+            index = index_of("pose", self.pose_labels, pose)
+            depth, *across = to_matrix(self.rotations[self.pose_labels[index]]) @ obj.offset
+            in_palm = replace(in_palm, offset=self.aim_offsets[index] + across)
+        return in_palm, depth

@@ -95,10 +95,10 @@ class TactileReader:
         """
         require_stack(images)
         if isinstance(grasps := self.hypotheses, GraspHypotheses):
-            single = grasps.hand.apart(images)
+            single, stops = grasps.hand.apart(images)
             read = replace(self, hypotheses=grasps.single).run(np.concatenate(single), batch_size)
             embeddings, features = (np.concatenate(np.split(part, len(single)), axis=1) for part in read)
-            return embeddings, features
+            return np.concatenate([embeddings, grasps.of_travel(stops)], axis=1), features
         images = resized(images, self.card.image_shape)
         parts = [
             self._session.run(OUTPUTS, {INPUT: np.ascontiguousarray(images[first : first + batch_size])})

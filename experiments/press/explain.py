@@ -186,7 +186,8 @@ def latent(scene: Scene) -> list[str]:
         return []  # every touch has its own orientation
     low, high = scene.variation.size.support
     turned = ["heading", "tilt"] if isinstance(scene.presentation, Upright) else ["orientation"]
-    return turned + (["size"] if low < high else [])
+    kept = scene.hand is not None and scene.hand.offset == "kept"
+    return turned + (["size"] if low < high else []) + (["offset in the palm"] if kept else [])
 
 
 def _surfaces(scene: Scene) -> list[Item]:
