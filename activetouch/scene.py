@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from activetouch.distributions import Variation
 from activetouch.errors import BadMesh, UnstablePress
 from activetouch.hand import Hand, hand_named
-from activetouch.hypotheses import Bodies, sizes
+from activetouch.hypotheses import Bodies, member_shares, sizes
 from activetouch.mesh_source import MeshSource
 from activetouch.orientations import Presentation, Tumbled
 from activetouch.placement import Placement, WorldObject
@@ -39,6 +39,7 @@ from activetouch.rendering import Fault, Gain, Noise, PressureRenderer, TactileR
 from activetouch.rendering.faults import require_faults
 from activetouch.rendering.renderer import require_image, require_renderer
 from activetouch.shapes import SHAPES
+from activetouch.solids.family import Family
 from activetouch.solids.mirror import is_own_mirror_image
 from activetouch.solids.solid import Shape, require_hash
 from belief.errors import InvalidArgument, UnknownName
@@ -65,7 +66,8 @@ class Scene:
 
     Attributes:
         shapes: the shapes an object may have, by label; their order is the shape index. A path, or text such as
-            ``"mug.obj@0.001"``, stands for the solid in that mesh file (:mod:`activetouch.mesh_source`).
+            ``"mug.obj@0.001"``, stands for the solid in that mesh file (:mod:`activetouch.mesh_source`). Objects
+            whose shape is a :class:`activetouch.shapes.Family` differ in their proportions.
         poses: the exploration poses, by label; their order is the pose index. A name stands for a set of
             :data:`activetouch.poses.POSE_SETS`: ``"mix"`` or ``"directions26"``.
         pad: the tactile pad.
@@ -80,7 +82,7 @@ class Scene:
         hand: whose pads close on the object in each pose, quasistatically or by ``Closing``; None for the pad alone.
     """
 
-    shapes: Mapping[str, Shape | Path | str] = field(default_factory=lambda: SHAPES)
+    shapes: Mapping[str, Shape | Family | Path | str] = field(default_factory=lambda: SHAPES)
     poses: Mapping[str, Quaternion] | str = field(default_factory=lambda: POSES)
     pad: Pad = field(default_factory=Pad)
     press_model: Press = field(default_factory=Dynamic)
@@ -146,8 +148,14 @@ class Scene:
 
     @property
     def solids(self) -> Mapping[str, Shape]:
-        """The shapes by label, all of them solids: also those of mesh files."""
-        return cast(Mapping[str, Shape], self.shapes)
+        """The shapes by label, all of them solids: those of mesh files, and the nominal solids of families."""
+        solids = {label: shape.nominal if isinstance(shape, Family) else shape for label, shape in self.shapes.items()}
+        return cast(Mapping[str, Shape], solids)
+
+    @property
+    def families(self) -> Mapping[str, Family]:
+        """The shapes whose proportions differ from object to object, by label."""
+        return {label: shape for label, shape in self.shapes.items() if isinstance(shape, Family)}
 
     @property
     def rotations(self) -> Mapping[str, Quaternion]:
@@ -223,11 +231,11 @@ class Scene:
         return one_line(Scene, few(self.shape_labels), f"{len(self.poses)} poses", *names)
 
     def sample_object(self, shape: Name, rng: np.random.Generator) -> WorldObject:
-        """An object with random size, surface and orientation.
+        """An object with random size, surface and orientation, and random proportions if its shape is a family.
 
         Args:
             shape: its label or index.
-            rng: of its size, surface and orientation, then of its position if a hand keeps it.
+            rng: of its size, surface and orientation, then of its proportions, and of its position if a hand keeps it.
 
         Raises:
             UnknownName: the scene has no shape of that name.
@@ -235,16 +243,45 @@ class Scene:
         shape_index = index_of("shape", self.shape_labels, shape)
         vary = self.variation
         scale, friction, stiffness = vary.size.sample(rng), vary.friction.sample(rng), vary.stiffness.sample(rng)
-        rest, is_kept = self.presentation.rest(rng), self.hand is not None and self.hand.offset == "kept"
+        rest, family = self.presentation.rest(rng), self.families.get(self.shape_labels[shape_index])
+        member = family.sample(rng) if family else None
+        is_kept = self.hand is not None and self.hand.offset == "kept"
         offset = np.array([vary.offset.sample(rng) for _ in range(3)]) if is_kept else None
-        return WorldObject(shape_index, scale, rest, friction, stiffness, offset)
+        return WorldObject(shape_index, scale, rest, friction, stiffness, member, offset)
+
+    def bodies(self, shape: Name, shares: NDArray[np.float64]) -> tuple[tuple[Shape, ...], NDArray[np.int64]]:
+        """The solids of hypotheses of a shape, and which of them each hypothesis has.
+
+        Hypotheses of a family share at most 64 members, so that geometry need not be computed for each hypothesis. Any
+        other shape has one solid.
+
+        Args:
+            shape: label or index.
+            shares: where each hypothesis is in a family, ``(N,)``, from :func:`activetouch.hypotheses.member_shares`.
+                It is the same for all shapes; a part of it gives a part of the hypotheses.
+
+        Returns:
+            The M different solids at nominal size, and for each hypothesis the index of one, ``(N,)``.
+
+        Raises:
+            UnknownName: the scene has no shape of that name.
+            InvalidArgument: the shares are not in [0, 1).
+        """
+        if not ((shares >= 0.0) & (shares < 1.0)).all():  # False for NaN
+            raise InvalidArgument(
+                f"shares must be in [0, 1), from activetouch.hypotheses.member_shares; got {shares!r:.80}"
+            )
+        label = self.shape_labels[index_of("shape", self.shape_labels, shape)]
+        if label in self.families:
+            return self.families[label].bodies(shares)
+        return (self.solids[label],), np.zeros(len(shares), np.int64)
 
     def hypotheses(self, num: int) -> Bodies:
         """Hypotheses about an object, as many as asked for, the same for all shapes.
 
         They cover the orientations and sizes of objects evenly.
         """
-        return Bodies(self.presentation.rests(num), sizes(self.variation.size, num))
+        return Bodies(self.presentation.rests(num), sizes(self.variation.size, num), member_shares(num))
 
     def with_pose(self, quaternion: ArrayLike, aim: ArrayLike) -> Scene:
         """The scene with one more pose, the last: a quaternion (w, x, y, z), and an aim along y and z [m]."""
@@ -261,7 +298,7 @@ class Scene:
         if label in self.aims:
             offset += self.aims[label]
         shown = self.presentation.shown(obj.orientation, self.rotations[label], rng)
-        solid = self.solids[self.shape_labels[obj.shape_index]]
+        solid = self.solids[self.shape_labels[obj.shape_index]] if obj.member is None else obj.member
         return Placement(solid, obj.scale, shown, offset, obj.friction, obj.stiffness)
 
     def contact(self, placement: Placement, rng: np.random.Generator) -> Contact:
