@@ -32,7 +32,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from activetouch.data.dataset import read_manifest, read_split
+from activetouch.data.dataset import read_split
+from activetouch.data.manifest import read_manifest
 from activetouch.pressing.contact import Contact
 from activetouch.pressing.trace import Trace
 from activetouch.rendering import ForcePatchRenderer

@@ -14,8 +14,8 @@ from typing import Annotated
 import numpy as np
 import tyro
 
-from activetouch.data.dataset import SPLITS, TouchSet, read_split
-from activetouch.data.manifest import Manifest
+from activetouch.data.dataset import TouchSet, read_split
+from activetouch.data.manifest import SPLITS, Manifest
 from activetouch.extras import require_extra
 from activetouch.perception.recipe import RECIPES
 from belief.claims import claim_folder, ends_claims

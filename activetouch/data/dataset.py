@@ -26,26 +26,12 @@ from activetouch.data.manifest import (
     Manifest,
     read_manifest,
     shard_path,
-    write_manifest,
 )
 from activetouch.errors import LabelMismatch, UnstablePress
 from activetouch.scene import Scene, WorldObject
 from belief.errors import CorruptFile, UnknownName
 from belief.files import atomic_path, read_npz, require_regular_file
 from belief.seeding import keyed_rng
-
-__all__ = [
-    "SPLITS",
-    "CollectionPlan",
-    "TouchSet",
-    "object_rng",
-    "read_manifest",
-    "read_shard",
-    "read_split",
-    "record_shard",
-    "shard_path",
-    "write_manifest",
-]
 
 _BODY = ("rests", "orientations", "sizes", "offsets", "frictions", "stiffnesses")
 _WIDTHS = {"rests": (4,), "orientations": (4,), "offsets": (2,)}  # of a column's rows; else one number

@@ -13,7 +13,7 @@ from typing import Any
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from tables import INFERRED, health_of
+from tables import DRAWN, health_of
 
 from experiments.paper.figures import draw_figure3
 from experiments.paper.table2 import Column
@@ -61,7 +61,7 @@ def draw_drift(path: Path, paper: str, ink: str, faint: str, bad: str, good: str
         drawn = Figure((9.2, 4.9), layout="constrained", facecolor=paper)
         for axes, scene in zip(drawn.subplots(1, 2, sharey=True), ("coarse", "gel"), strict=True):
             axes.set_facecolor(paper)
-            for row, world in enumerate(INFERRED):
+            for row, world in enumerate(DRAWN):
                 own, unknown = (health_of(scene, world, sensor) for sensor in ("own", "unknown"))
                 if own is None or unknown is None:
                     continue
@@ -74,7 +74,7 @@ def draw_drift(path: Path, paper: str, ink: str, faint: str, bad: str, good: str
             axes.axvline(0.95, color=faint, linewidth=0.8, linestyle=":")
             axes.set(xlim=(0.15, 1.03), xlabel="right at stops", title=scene)
             axes.spines[["top", "right"]].set_visible(False)
-        axes.set_yticks(range(len(INFERRED)), [world.replace("usual", "as described") for world in INFERRED])
+        axes.set_yticks(range(len(DRAWN)), [world.replace("usual", "as described") for world in DRAWN])
         axes.invert_yaxis()
         marks = [("|", ink, ink), ("o", bad, bad), ("D", good, good), ("D", good, paper)]
         handles = [

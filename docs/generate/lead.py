@@ -26,9 +26,8 @@ from belief.observation_model.rigid_body_evidence import RigidBodyEvidence, join
 from belief.problem import Probe, Reject
 from belief.seeding import touch_rng
 from experiments.search.body_picture import Bodies
-from experiments.search.frames import Frame, replay
 from experiments.search.one_search import problem_of
-from experiments.search.replay_figures import coloured
+from experiments.search.replay_figures import Frame, coloured, replay
 
 FOLDER = Path(__file__).parent.parent / "lead"
 TARGET, SEED = "cone", 9

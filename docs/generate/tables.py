@@ -30,12 +30,23 @@ _HEALTH = re.compile(
     r"(?P<stops>\d+) stops .* stated (?P<stated>[\d.]+), right (?P<right>[\d.]+).*; "
     r"(?P<alarms>\d+) of (?P<sessions>\d+) alarms"
 )
-INFERRED = (
+DRAWN = (
     *("usual", "size ± 25 %", "hysteresis 5 %", "stiffness × 0.7", "stiffness × 1.5"),
     *(f"noise × {factor}" for factor in (1.5, 2, 3, 6)),
     *("cylinder twice as long", "19 % more dead", "stiffness × 0.4", "force 0.3 to 1 N"),
     *("stiffness × 0.4 + force 0.5 to 1.5 N", "shifted by 1 taxel", "blurred by 1 taxel", "6 % stuck at full scale"),
     "noise × 2 + 6 % stuck at full scale",
+)
+"""Worlds of the figure."""
+INFERRED = (
+    *DRAWN,
+    *("1 % stuck", "5 % stuck", "blurred by 2 pixels", "blurred by 5 pixels", "shifted by 2 pixels"),
+    *("shifted by 4 pixels", "shifted by 10 pixels", "hysteresis 10 %", "force 0.5 to 1.5 N", "force 1 to 4 N"),
+    *("stiffness × 0.5 to 2", "noise that repeats", "gain falls 5 % a touch", "slip, random", "slip, steady"),
+    *(f"pose error {angle}°" for angle in (5, 10, 20)),
+    *("press guarded_move", "friction 0.05", "offset ± 4 mm", "smaller by ≤ 15 %", "cylinder × 0.5", "cylinder × 1.25"),
+    *("cone × 0.6", "cone × 1.5", "cube 1 : 1 : 1.25", "noise × 1.5 + stiffness × 0.7"),
+    *("noise × 2 + shifted by 3 % of the edge", "hysteresis 5 % + 5 % more dead"),
 )
 """Worlds that a sensor in an unknown state infers."""
 _PROMISED = 0.93  # accuracy of stops below which a number is bold
@@ -69,12 +80,14 @@ def health_of(scene: str, world: str, sensor: str) -> dict[str, str] | None:
 
 
 def _health(world: str) -> Iterator[str]:
-    """What a sensor with its own reader, and one in an unknown state, state at stops, what is right, and alarms."""
-    for scene in ("coarse", "gel"):
+    """What a sensor with its own reader, and one in an unknown state, state at stops, what is right, and its alarms."""
+    alarms = []
+    for scene in ("coarse", "gel", "hard"):
         for sensor in ("own", "unknown"):
             found = health_of(scene, world, sensor)
             yield "–" if found is None else f"{found['stated']}, {_kept(float(found['right']))}"
-            yield "–" if found is None else found["alarms"]
+        alarms.append("–" if found is None else f"{found['alarms']} of {found['sessions']}")
+    yield ", ".join(alarms)
 
 
 def perception(page: str) -> str:

@@ -15,7 +15,7 @@ from belief.files import sealed_json, write_text
 from experiments.command_line.arguments import Count, Jobs, NotEmpty, Pixels, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.paper import table1, table2
-from experiments.paper.sliding_windows import record_windows
+from experiments.paper.table1 import record_windows
 from experiments.parallel import default_jobs
 from experiments.sensor.train import require_input_size
 from experiments.sensor_choice import independent_sensor
@@ -24,7 +24,7 @@ Part = Literal["table1", "table2"]
 
 DEVIATIONS = (
     "The paper gives no numbers for its force patches, windows, batch size or rotations. Ours are in "
-    "activetouch/rendering/force_patch.py, experiments/paper/sliding_windows.py and activetouch/perception/recipe.py.",
+    "activetouch/rendering/force_patch.py, experiments/paper/table1.py and activetouch/perception/recipe.py.",
     "The paper starts from ImageNet weights, we from random weights.",
     "Objects differ in size by ±10 %, so that a split by object is possible. Each press has a new orientation.",
     "Table 2 does not use the classifier of Table 1 but the scene's own, trained on six poses of tumbled objects and "

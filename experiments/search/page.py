@@ -16,8 +16,8 @@ from belief.problem import SearchProblem
 from experiments.reporting.page import Section, data_uri, write_page
 from experiments.scene_choice import command
 from experiments.search.figures import pictures
-from experiments.search.frames import Frame, action_words, replay
 from experiments.search.play import Searches
+from experiments.search.replay_figures import Frame, action_words, replay
 from experiments.search.run_folder import RunFolder
 from experiments.search.summary import Summary
 from experiments.search.tables import comparison_tables

@@ -22,8 +22,7 @@ from belief.statistics import wilson_interval
 from belief.table import Table, Value
 from experiments.command_line.arguments import BadArgument
 from experiments.reporting.page import Section, write_page
-from experiments.search.paired import Difference, differences
-from experiments.search.summary import ALL
+from experiments.search.summary import ALL, Difference, differences
 from experiments.search.verdict import success_sentence
 
 NEEDED = ("seed", "task", "success")

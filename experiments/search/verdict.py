@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from statistics import fmean
 
 from belief.statistics.power import LEVEL, POWER
-from experiments.search.paired import Difference
-from experiments.search.summary import ALL, Cell, Summary
+from experiments.search.summary import ALL, Cell, Difference, Summary
 from planners.one_touch import one_touch_bound
 
 LEAST_DOUBT = 0.025

@@ -11,8 +11,8 @@ from typing import Annotated, Any, TypeAlias
 import tyro
 
 from activetouch import Scene
-from activetouch.data.dataset import CollectionPlan, read_shard, record_shard, shard_path
-from activetouch.data.manifest import Manifest, write_manifest
+from activetouch.data.dataset import read_shard, record_shard
+from activetouch.data.manifest import CollectionPlan, Manifest, shard_path, write_manifest
 from activetouch.hand import require_no_hand
 from experiments.command_line.arguments import Count, Jobs, Seed, Within, check_arguments
 from experiments.parallel import run_tasks

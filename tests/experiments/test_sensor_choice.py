@@ -10,8 +10,7 @@ import pytest
 import tyro
 
 from activetouch import SCENES
-from activetouch.data.dataset import CollectionPlan
-from activetouch.data.manifest import NoCollection, read_manifest
+from activetouch.data.manifest import CollectionPlan, NoCollection, read_manifest
 from activetouch.errors import LabelMismatch, NoIndependentModel, SceneShift, WrongScene
 from activetouch.perception import preparation
 from activetouch.perception.contacts import hypotheses

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch import Quasistatic, Scene, TactileSensor
-from activetouch.data.dataset import CollectionPlan, read_split, record_shard, shard_path, write_manifest
-from activetouch.data.manifest import read_manifest
+from activetouch.data.dataset import read_split, record_shard
+from activetouch.data.manifest import CollectionPlan, read_manifest, shard_path, write_manifest
 from activetouch.errors import BadMesh, LabelMismatch, WrongScene
 from activetouch.named_scenes import SCENES
 from activetouch.pressing.pad import Pad

@@ -66,7 +66,7 @@ WITH_A_RULE = [
 ]
 
 
-@pytest.mark.parametrize("num_shapes", [100, 200, 1000])
+@pytest.mark.parametrize("num_shapes", [100, 1000])
 @pytest.mark.parametrize("name", WITH_A_RULE)
 def test_searches_among_very_many_shapes_touch_and_find_the_target(name, num_shapes):
     """Each reading names the true shape with probability above 0.99, so one of 9 objects fails with less than 0.09."""

@@ -14,16 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from activetouch import Quasistatic, Scene
-from activetouch.data.dataset import (
-    SPLITS,
-    CollectionPlan,
-    object_rng,
-    read_manifest,
-    read_split,
-    record_shard,
-    shard_path,
-    write_manifest,
-)
+from activetouch.data.dataset import object_rng, read_split, record_shard
+from activetouch.data.manifest import SPLITS, CollectionPlan, read_manifest, shard_path, write_manifest
 from activetouch.errors import LabelMismatch, UnstablePress
 from activetouch.placement import Placement
 from activetouch.poses import multiply

@@ -13,7 +13,7 @@ from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
 
 from activetouch import TactileSensor, TouchWorld
 from activetouch.envs import IDS
-from activetouch.envs.base import STATES, BadAction, BadOption
+from activetouch.envs.base import BadAction, BadOption
 from activetouch.envs.object_search import ObjectSearchEnv
 from activetouch.envs.object_test import ObjectTestEnv
 from activetouch.envs.touch_source import LiveTouches, SampledTouches
@@ -65,8 +65,9 @@ def test_options_that_there_are_not_are_refused(name, options, named, sampled):
 @pytest.mark.parametrize(
     ("name", "state"),
     [
-        *(("activetouch/ObjectTest-v0", state) for state in STATES),
-        *(("activetouch/ObjectSearch-v0", state) for state in ("paper", "posterior")),
+        ("activetouch/ObjectTest-v0", "paper"),
+        ("activetouch/ObjectTest-v0", "gains"),
+        ("activetouch/ObjectSearch-v0", "posterior"),
     ],
 )
 def test_gymnasium_and_sb3_find_nothing_wrong(name, state):

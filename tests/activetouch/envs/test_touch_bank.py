@@ -104,15 +104,15 @@ def assert_same_episodes(env, target, bank, model, state, **settings):
 @pytest.mark.mujoco
 def test_the_bank_gives_the_touches_that_live_episodes_of_the_same_seeds_feel():
     touches = LiveTouches(TactileSensor.shipped("paper-independent"))
-    recorder = ObjectTestEnv(touches=touches, target="cone", touch_limit=18)
-    bank = recorded(recorder, num_objects=20, num_rounds=3)
-    env = ObjectTestEnv(touches=touches, target="cone", touch_limit=14)
-    assert_same_episodes(env, "cone", bank, touches.model, "paper", touch_limit=14)
+    recorder = ObjectTestEnv(touches=touches, target="cone", touch_limit=12)
+    bank = recorded(recorder, num_objects=20, num_rounds=2)
+    env = ObjectTestEnv(touches=touches, target="cone", touch_limit=9)
+    assert_same_episodes(env, "cone", bank, touches.model, "paper", touch_limit=9)
 
 
 @pytest.mark.parametrize(
     ("state", "kind", "target_prob"),
-    [("paper", "ratio", (0.05, 0.95)), ("posterior", "ratio", 0.5), ("posterior", "confusion", (0.05, 0.95))],
+    [("paper", "ratio", 0.5), ("posterior", "confusion", (0.05, 0.95))],
 )
 def test_episodes_by_arrays_are_those_of_the_environment(state, kind, target_prob, model, ratio):
     used = ratio if kind == "ratio" else model

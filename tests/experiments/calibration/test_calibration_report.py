@@ -142,7 +142,7 @@ def test_the_report_of_a_joint_sensor_has_its_model_and_stands_alone(collection,
 
 
 @pytest.mark.mujoco
-def test_a_collection_without_repeats_is_refused_with_the_command_to_record_one(tmp_path):
+def test_a_collection_without_repeats_is_refused(tmp_path):
     folder = tmp_path / "once"
     collect(
         SceneChoice("coarse", fidelity="quasistatic"), CollectionPlan(train=0, calibration=1, test=1), folder, jobs=1

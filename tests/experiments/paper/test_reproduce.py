@@ -14,7 +14,7 @@ from belief.statistics import wilson_interval
 from experiments.paper import table1, table2
 from experiments.paper.figures import draw_figure3
 from experiments.paper.reproduce import DEVIATIONS, Reproduce, reproduce
-from experiments.paper.sliding_windows import WindowPlan, record_windows
+from experiments.paper.table1 import WindowPlan, record_windows
 from experiments.paper.table2 import DECIDERS, PAPER, Column, table
 
 ROOT = Path(__file__).parents[3]

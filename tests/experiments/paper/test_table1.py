@@ -8,8 +8,16 @@ import pytest
 from activetouch.named_scenes import SCENES
 from belief.metrics import shape_scores
 from belief.statistics import clopper_pearson_interval
-from experiments.paper.sliding_windows import WindowPlan, record_windows, split_by_image, split_by_object
-from experiments.paper.table1 import PAPER, Result, _read, table
+from experiments.paper.table1 import (
+    PAPER,
+    Result,
+    WindowPlan,
+    _read,
+    record_windows,
+    split_by_image,
+    split_by_object,
+    table,
+)
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch]
 PLAN = WindowPlan(objects=5, presses=2, images=4)

@@ -10,10 +10,9 @@ from scipy.special import logsumexp
 from experiments.scene_choice import SceneChoice
 from experiments.search.body_picture import Bodies
 from experiments.search.comparison import prepared
-from experiments.search.frames import replay
 from experiments.search.play import play_episodes
 from experiments.search.replay import NoSuchEpisode, Replay
-from experiments.search.replay_figures import draw_search
+from experiments.search.replay_figures import draw_search, replay
 from experiments.search.run_folder import read_episode
 from experiments.search.setting import Setting
 

@@ -11,9 +11,8 @@ from belief import Belief, Confirm, Probe, Reject, SearchProblem, Touch, Unsure
 from belief.statistics import clopper_pearson_interval, wilson_interval
 from belief.statistics.power import episodes_for_success
 from belief.table import Table
-from experiments.search.paired import prob_best
 from experiments.search.play import Seconds
-from experiments.search.summary import Summary, calibration_of_confirmations, summarise
+from experiments.search.summary import Summary, calibration_of_confirmations, prob_best, summarise
 from experiments.search.tables import comparison_tables
 from experiments.search.verdict import verdict_sentences
 from planners import Decision, Episode, Outcome, Step

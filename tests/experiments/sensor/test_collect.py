@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from activetouch.data.dataset import read_manifest
+from activetouch.data.manifest import read_manifest
 from belief.errors import CorruptFile
 from experiments.scene_choice import SceneChoice
 from experiments.sensor.collect import Collect, PlanArguments, collect

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from activetouch.data.dataset import read_manifest
+from activetouch.data.manifest import read_manifest
 from activetouch.scene import Symmetry
 from activetouch.sensor_files import READER_FILE
 from activetouch.shapes import Mesh
