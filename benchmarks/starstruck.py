@@ -1,4 +1,4 @@
-"""Count stars by touch: Starstruck-Depth of tactile_mnist, with a learned reader and a belief about number and places.
+"""Count stars by touch: Starstruck-Depth of tactile_mnist, with a learned reader and a belief.
 
 Run: PYOPENGL_PLATFORM=egl OMP_NUM_THREADS=1 python benchmarks/starstruck.py    (needs tactile_mnist and torch; an hour)
 
@@ -18,7 +18,7 @@ import math
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -78,7 +78,7 @@ def scenes(folder: Path, number: int, block: int = 500) -> tuple[Bools, Floats]:
             for i in range(block):
                 point = dataset[start + i]
                 places[i, : point.star_count], solids[i] = stars_and_map(point.mesh, point.star_count)
-            _replace(file, lambda f, s=solids, p=places: np.savez_compressed(f, solids=np.packbits(s), places=p))
+            _replace(file, partial(np.savez_compressed, solids=np.packbits(solids), places=places))
             print(f"scenes {start} to {start + block}", file=sys.stderr, flush=True)
         with np.load(file) as kept:
             parts.append((np.unpackbits(kept["solids"]).reshape(-1, SIZE, SIZE).astype(np.bool_), kept["places"]))
@@ -166,14 +166,14 @@ def reader(folder: Path, number: int, steps: int, seed: int = 0, batch: int = 16
             scores[:, possible], torch.from_numpy(labels)[:, possible], reduction="sum"
         )
         optimiser.zero_grad()
-        (loss / batch).backward()
+        (loss / batch).backward()  # type: ignore[no-untyped-call]
         optimiser.step()
         schedule.step()
         done, loss_sum = done + 1, loss_sum + loss.item() / batch
         if done % 50 == 0:
             print(f"reader: step {done}, loss of a map {loss_sum / 50:.4f}", file=sys.stderr, flush=True)
             loss_sum = 0.0
-            _replace(file, lambda f, d=done: torch.save((d, *(part.state_dict() for part in parts)), f))
+            _replace(file, partial(torch.save, (done, *(part.state_dict() for part in parts))))
     return net.eval()
 
 
@@ -257,9 +257,7 @@ class Player:
         area = squares()[1]
         self.weights = area[area > 0] * np.exp(ratios[area > 0])
         sums, self.pairs = arrangements(self.weights)
-        logits = (
-            np.log(sums / _untouched() + LEAST) / self.temperature
-        )  # log p(map | number of stars), up to a constant
+        logits = np.log(sums / _untouched() + LEAST) / self.temperature  # of p(map | number), up to a factor
         self.probs = np.exp(update(np.full(MOST, -np.log(MOST)), logits)[0])
 
     def step(self) -> Floats:
@@ -398,21 +396,16 @@ def plays(file: Path, split: str, net: Any, rules: Iterable[str], seeds: range, 
 
 def main(folder: Path, number: int, steps: int, calibrations: int, episodes: int, seed: int) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    net, seeds = reader(folder, number, steps), range(CALIBRATION, CALIBRATION + calibrations)
-    (true, probs), *_ = plays(
-        folder / f"calibration_{number}_{steps}.jsonl", "train", net, ["information"], seeds, 1.0
-    ).values()
-    logits = np.log(np.maximum(probs, 1e-12)).reshape(-1, MOST)
-    scale = TemperatureScaling().fit(logits, np.repeat(true, TOUCHES)).temperature
-    results = plays(
-        folder / f"test_{number}_{steps}_{seed}.jsonl", "test", net, RULES, range(seed, seed + episodes), scale
-    )
-    print(
-        f"Starstruck-Depth-test-v0, {episodes} episodes, seeds {seed} to {seed + episodes - 1}, {TOUCHES} touches each."
-    )
-    print(
-        f"Reader: {number} scenes of the training split, {steps} steps; temperature {scale:.3f}, of {calibrations} more."
-    )
+    net, scale, name = reader(folder, number, steps), 1.0, f"{number}_{steps}"
+    if calibrations:
+        file, seeds = folder / f"calibration_{name}.jsonl", range(CALIBRATION, CALIBRATION + calibrations)
+        true, probs = plays(file, "train", net, ["information"], seeds, 1.0)["information"]
+        logits = np.log(np.maximum(probs, 1e-12)).reshape(-1, MOST)
+        scale = TemperatureScaling().fit(logits, np.repeat(true, TOUCHES)).temperature
+    file = folder / f"test_{name}_{calibrations}_{seed}.jsonl"
+    results = plays(file, "test", net, RULES, range(seed, seed + episodes), scale)
+    print(f"Starstruck-Depth-test-v0: {episodes} episodes of {TOUCHES} touches, seeds {seed} to {seed + episodes - 1}.")
+    print(f"Reader: {number} training scenes, {steps} steps; temperature {scale:.3f} of {calibrations} episodes.")
     print("95 % intervals: Wilson, and a bootstrap over episodes; natural logarithms.")
     head = f"{'player':13}{'final accuracy':22}{'mean over touches':22}"
     print(f"{head}p final  mean   log final  mean   half ≤  90 % ≤   (touches to a stated {STATED})")
@@ -426,8 +419,11 @@ def main(folder: Path, number: int, steps: int, calibrations: int, episodes: int
     ours = shown["information"].right.astype(np.float64)
     for name in ("raster", "random"):
         other = shown[name].right.astype(np.float64)
-        for what, pair in (("final", (ours[:, -1], other[:, -1])), ("mean", (ours.mean(axis=1), other.mean(axis=1)))):
-            mean, low, high = paired_bootstrap(*pair, rng)
+        for what, first, second in (
+            ("final", ours[:, -1], other[:, -1]),
+            ("mean", ours.mean(axis=1), other.mean(axis=1)),
+        ):
+            mean, low, high = paired_bootstrap(first, second, rng)
             print(f"information over {name}, {what} accuracy, paired: {mean:+.3f} [{low:+.3f}, {high:+.3f}]")
     for name, one in shown.items():
         print(f"{name}, accuracy by touch: {' '.join(f'{x:.2f}' for x in one.right.mean(axis=0))}")
@@ -439,7 +435,7 @@ if __name__ == "__main__":
     parser.add_argument("--folder", type=Path, default=Path("build/starstruck"))
     parser.add_argument("--scenes", type=int, default=2500, help="scenes that the reader learns from")
     parser.add_argument("--steps", type=int, default=1000, help="training steps of the reader, 16 maps each")
-    parser.add_argument("--calibrations", type=int, default=40)
+    parser.add_argument("--calibrations", type=int, default=20, help="episodes for the temperature")
     parser.add_argument("--episodes", type=int, default=100)
     parser.add_argument("--seed", type=int, default=1000)
     asked = parser.parse_args()
