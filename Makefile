@@ -153,7 +153,7 @@ figures: development
 	$(BIN)/activetouch touch --all --seed 4 --out docs/gallery.png
 	$(BIN)/python docs/generate/gallery.py
 
-# The paper's tables and figures beside ours; make reproduce ARGS="--parts table2 figure3", or ARGS="--sensor runs/sensor-paper".
+# The paper's tables and its Figure 3 beside ours; make reproduce ARGS="--parts table2", or ARGS="--sensor runs/sensor-paper".
 reproduce: development
 	$(BIN)/activetouch reproduce $(ARGS)
 

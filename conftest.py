@@ -1,6 +1,7 @@
 """What all tests and doctests share: one thread, no module whose packages are missing, caches in a temporary folder."""
 
 import os
+import sys
 from collections.abc import Iterator
 from importlib.util import find_spec
 
@@ -8,6 +9,9 @@ import pytest
 
 # As in worker processes, before numpy is imported: the last bit of a sum depends on the number of threads.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+# Otherwise each of the many processes that tests start compiles all modules again.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 collect_ignore = [] if find_spec("pomdp_py") else ["planners/pomdp_py_adapter.py"]
 
 if find_spec("ap_gym") is None:

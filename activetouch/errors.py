@@ -33,10 +33,6 @@ class WrongRenderer(ActiveTouchError, TypeError):
     """A renderer violates the rules of :class:`activetouch.rendering.TactileRenderer`."""
 
 
-class WrongPress(ActiveTouchError, TypeError):
-    """The scene's press does not support an operation, such as a rotation."""
-
-
 class BadMesh(ActiveTouchError, ValueError):
     """A mesh is not a solid of a suitable size; the message says why and what to do."""
 
@@ -51,10 +47,6 @@ class AlikeShapes(UserWarning):
 
 class MeshWarning(UserWarning):
     """A mesh is read, and is not quite what its file says, or not one closed solid; the message says what it means."""
-
-
-class MissingWeights(ActiveTouchError, OSError):
-    """Published weights were not found, or belong to another network."""
 
 
 class ImpossibleRecipe(ActiveTouchError, ValueError):

@@ -21,7 +21,6 @@ EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "tensorboard": ("tensorboard",),
         "pomdp": ("pomdp_py",),
         "recorded": ("sklearn",),  # of examples
-        "formats": ("pyarrow", "mcap"),
     }
 )
 """Modules by the extra that installs them."""

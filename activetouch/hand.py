@@ -38,8 +38,6 @@ from belief.validation import require_choice, require_number
 
 if TYPE_CHECKING:
     from activetouch.placement import Placement
-    from activetouch.pressing.press import Grasp, Press
-    from activetouch.pressing.setup import Setup
 
 _UNBALANCED = 0.02  # of the forces of all fingers together
 _SAME_PLACE = 1e-3  # rad
@@ -206,23 +204,6 @@ class Hand:
         turned = [multiply(np.array(finger) * _INVERSE, in_palm.orientation) for finger in self.fingers]
         across = self.across((depth, *in_palm.offset))
         return [replace(in_palm, orientation=q, offset=place) for q, place in zip(turned, across, strict=True)]
-
-    def close(self, in_palm: Placement, depth: float, force: float, setup: Setup, press_model: Press) -> Grasp:
-        """What all fingers feel.
-
-        Args:
-            in_palm: the body, in front of a finger that is not turned.
-            depth: of the body's centre along the palm's x axis [m].
-            force: of the fingers, on average [N].
-            setup: of one pad.
-            press_model: how the fingers close.
-
-        Raises:
-            UnstablePress: the simulation diverged.
-        """
-        centre = np.array([depth, *in_palm.offset])
-        forces = (self.forces * force).tolist()
-        return press_model.close(setup, self.placements(in_palm, depth), self.rotations, centre, forces)
 
     def joined(self, images: Sequence[NDArray[np.uint8]], stops: ArrayLike) -> NDArray[np.uint8]:
         """The image of a grasp: those of its fingers side by side, ``(H, m · W)`` or ``(H, m · W, 3)``.

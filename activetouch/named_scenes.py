@@ -57,9 +57,6 @@ SCENES: Mapping[str, NamedScene] = MappingProxyType(
                 renderer=ForcePatchRenderer(),
                 faults=(),
                 variation=Variation(force=Uniform(0.5, 2.0)),  # the paper's "small threshold"
-                height=0.07,
-                finger=True,
-                parking=True,
             ),
             backbone="atto",
             input_size=32,

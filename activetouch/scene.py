@@ -17,8 +17,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
-from math import isfinite
-from numbers import Real
 from pathlib import Path
 from typing import cast
 
@@ -37,7 +35,6 @@ from activetouch.pressing.contact import Contact, PressedObject, missed
 from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Press, Quasistatic
-from activetouch.pressing.setup import Setup
 from activetouch.rendering import Fault, Gain, Noise, PressureRenderer, TactileRenderer, read_out
 from activetouch.rendering.faults import require_faults
 from activetouch.rendering.renderer import require_image, require_renderer
@@ -45,7 +42,6 @@ from activetouch.shapes import SHAPES
 from activetouch.solids.family import Family
 from activetouch.solids.mirror import is_own_mirror_image
 from activetouch.solids.solid import Shape, require_hash
-from activetouch.solids.twins import warn_of_twins
 from belief.errors import InvalidArgument, UnknownName
 from belief.naming import Name, few, index_of, one_line
 from belief.validation import require_count
@@ -80,16 +76,10 @@ class Scene:
         faults: from ideal image to sensor reading, in turn.
         variation: nuisances of objects and presses.
         presentation: how objects lie before a pose turns them.
-        height: of the pad above the floor [m].
-        finger: whether to model the finger that carries the pad.
-        parking: whether to load all objects at once, and park those that are not pressed.
         aims: where a pose brings the object's centre, from the approach axis along y and z [m], by label of the pose;
             to the axis where nothing is said. The offset of the variation is added. :func:`activetouch.poses.aimed`
             makes poses and aims.
         hand: whose pads close on the object in each pose, quasistatically or by ``Closing``; None for the pad alone.
-
-    Warns:
-        MeshWarning: two meshes are alike, see :func:`activetouch.solids.twins.find_twins`; once a process.
     """
 
     shapes: Mapping[str, Shape | Family | Path | str] = field(default_factory=lambda: SHAPES)
@@ -100,9 +90,6 @@ class Scene:
     faults: tuple[Fault, ...] = (Gain(0.10), Noise(0.02))
     variation: Variation = field(default_factory=Variation)
     presentation: Presentation = field(default_factory=Tumbled)
-    height: float = 0.0
-    finger: bool = False
-    parking: bool = False
     aims: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     hand: Hand | None = None
 
@@ -124,13 +111,8 @@ class Scene:
             if not all(hasattr(type(solid), member) or hasattr(solid, member) for member in members):
                 raise BadMesh(
                     f"the shape {label!r} is {solid!r}; a shape is a solid such as Sphere(0.02), or the path of a mesh "
-                    "file (STL, OBJ, PLY, OFF, GLB, 3MF, DAE); 'mug.stl@0.001' is the text for one in millimetres"
+                    "file (STL, OBJ, PLY); 'mug.stl@0.001' is the text for one in millimetres"
                 )
-        if self.parking and self.families:
-            raise InvalidArgument(
-                "parking loads all objects into one model, but "
-                f"the proportions of {', '.join(self.families)} are drawn later; leave parking out"
-            )
         require_renderer(self.renderer)
         require_faults(self.faults)
         for name, kind in (("pad", Pad), ("variation", Variation)):
@@ -144,12 +126,9 @@ class Scene:
             object.__setattr__(self, "hand", hand_named(self.hand))
             if not self.press_model.closes:
                 raise InvalidArgument(f"a hand closes by Quasistatic() or Closing(), not by {self.press_model!r}")
-        if not (isinstance(self.height, Real) and isfinite(self.height)):
-            raise InvalidArgument(f"height must be a finite number [m], got {self.height!r}")
         if getattr(self.press_model, "moves", False):  # in a MuJoCo model, which is kept by its shape
             for label, solid in self.solids.items():
                 require_hash(label, solid)
-        warn_of_twins(self.solids, self.variation.size.support)
 
     def __eq__(self, other: object) -> bool:
         """Whether all parts are equal, with shapes and poses in the same order."""
@@ -166,12 +145,6 @@ class Scene:
                 if part.name not in ("shapes", "poses")
             )
         )
-
-    @property
-    def setup(self) -> Setup:
-        """The surroundings of a press."""
-        loaded = tuple(self.solids.values()) if self.parking else ()
-        return Setup(self.pad, self.height, self.finger, loaded)
 
     @property
     def solids(self) -> Mapping[str, Shape]:
@@ -334,7 +307,7 @@ class Scene:
         Raises:
             UnstablePress: the simulation diverged.
         """
-        return self.press_model.press(self.setup, placement, self.variation.force.sample(rng))
+        return self.press_model.press(self.pad, placement, self.variation.force.sample(rng))
 
     def press(
         self,
@@ -382,7 +355,9 @@ class Scene:
     ) -> PressedObject:
         """Close all fingers on a body in the palm: their images, side by side."""
         in_palm, depth = self.place_in_palm(obj, pose, rng)
-        found = hand.close(in_palm, depth, self.variation.force.sample(force_rng), self.setup, self.press_model)
+        met, centre = hand.placements(in_palm, depth), np.array([depth, *in_palm.offset])
+        forces = (hand.forces * self.variation.force.sample(force_rng)).tolist()
+        found = self.press_model.close(self.pad, met, hand.rotations, centre, forces)
         ideals = [self.image(contact) for contact in found.contacts]
         images = [read_out(ideal, self.faults, rng) for ideal in ideals]
         stops = np.zeros(len(hand)) if hand.travel is None else rng.normal(np.nan_to_num(found.stops), hand.travel)

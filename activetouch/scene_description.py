@@ -3,7 +3,7 @@
 Checkpoints, observation models, collections and touch banks contain the fields of their scene. A difference in press,
 faults, variation, presentation or the proportions of a family is a *known shift* of the same sensor: a sensor that was
 made for the nominal solid may be used for the family, with a warning, to measure what that costs. Other differences
-need another sensor. The surroundings of the pad do not change touches (decision 0010).
+need another sensor.
 
     >>> from activetouch import SCENES
     >>> gel, coarse = (scene_fields(SCENES[name].scene) for name in ("gel", "coarse"))
@@ -37,7 +37,7 @@ SHIFTS = frozenset({"press_model", "faults", "variation", "presentation", "famil
 OBJECTS = ("shapes", "families", "poses", "aims", "presentation", "hand")
 """Fields of a scene that are about its objects and how they are met, not about its sensor."""
 SURROUNDINGS = frozenset({"height", "finger", "parking", "robot"})
-"""Fields of a scene that do not change touches; files say that there is no robot, as earlier versions could model."""
+"""Fields of scenes in files of earlier versions, which changed no touch."""
 _DECIMALS = 8  # of arrays; further decimals differ between processors
 _LARGEST = 64  # size of the largest array that is not replaced by its digest
 _DEEPEST = 20  # level of nesting

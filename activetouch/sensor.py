@@ -295,28 +295,26 @@ class RecordedSensor(TactileSensor):
             object.__setattr__(self, name, value)
 
     @classmethod
-    def fit(cls, touches: RecordedTouches, task: str = "objects") -> RecordedSensor:
+    def fit(cls, touches: RecordedTouches) -> RecordedSensor:
         """Train and calibrate a reader on all touches of a set, and fit the correlations of its actions.
 
         Nothing is held out. ``activetouch recorded`` tests readers that are made in the same way.
 
         Args:
-            touches: the set.
-            task: what its shapes are: ``objects``, ``categories`` or ``shapes``.
+            touches: the set, whose objects are the shapes of the sensor, or :meth:`RecordedTouches.for_task` of it.
 
         Raises:
-            BadRecording: the task has too few labels, objects or touches.
+            BadRecording: there are too few labels, objects or touches.
         """
         from activetouch.recorded import check_recorded
         from activetouch.recorded.reader import read
         from activetouch.recorded.splits import for_use
 
-        check_recorded(touches, task)
-        chosen = touches.for_task(task)
-        reading = read(chosen, for_use(chosen))
-        counts = {"touches": len(chosen.rows), "objects": len(np.unique(chosen.objects))}
-        origin = {"provenance": touches.provenance, "licence": touches.licence, "task": task, **counts}
-        return cls(reading.reader, reading.model(chosen), origin)
+        check_recorded(touches)
+        reading = read(touches, for_use(touches))
+        counts = {"touches": touches.num_touches, "objects": len(np.unique(touches.objects))}
+        origin = {"provenance": touches.provenance, "licence": touches.licence, "task": touches.task, **counts}
+        return cls(reading.reader, reading.model(touches), origin)
 
     @classmethod
     def read_folder(cls, folder: Path) -> RecordedSensor:

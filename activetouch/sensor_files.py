@@ -13,7 +13,7 @@ from activetouch.perception.contacts.imaging import Imaging
 from activetouch.perception.contacts.sensor_state import differs_from_training, fields_read
 from activetouch.scene_description import OBJECTS, require_scene, scene_fields
 from belief.errors import CorruptFile, InvalidArgument
-from belief.files import require_regular_file, write_text
+from belief.files import require_regular_file
 from belief.observation_model.registry import read_observation_model, read_origin
 
 if TYPE_CHECKING:
@@ -33,20 +33,6 @@ NOT_SIMULATED = (
 POLICIES = "policies"  # folder of trained policies beside the two
 
 
-def load_observation_model(folder: Path, independent: bool = False) -> ArrayModel:
-    """The observation model of the sensor in a folder.
-
-    Args:
-        folder: of the sensor.
-        independent: whether it must take touches as independent given the shape: see :func:`observation_file`.
-
-    Raises:
-        CorruptFile: it is damaged, was changed since, or is missing.
-        NoIndependentModel: the sensor has no such model.
-    """
-    return fitted_model(folder, independent).model
-
-
 def observation_file(folder: Path, independent: bool = False) -> Path:
     """The file of a sensor's observation model.
 
@@ -56,25 +42,6 @@ def observation_file(folder: Path, independent: bool = False) -> Path:
     """
     other = folder / INDEPENDENT_FILE
     return other if independent and other.exists() else folder / OBSERVATION_FILE
-
-
-def write_observation_model(
-    folder: Path, model: ArrayModel, scene: Mapping[str, Any], file: str = OBSERVATION_FILE
-) -> None:
-    """Write the observation model of a sensor.
-
-    Args:
-        folder: of the sensor.
-        model: the model.
-        scene: fields of the scene that its touches come from (:func:`activetouch.scene_description.scene_fields`).
-        file: name of the file; :data:`INDEPENDENT_FILE` for a second model beside a joint one.
-    """
-    write_text(folder / file, model.to_json({"scene": scene}) + "\n")
-
-
-def sensor_shift(folder: Path, scene: Scene, anyway: bool = False, independent: bool = False) -> tuple[str, ...]:
-    """How a scene differs from the one that the sensor in a folder was made for, in words: see :func:`files_for`."""
-    return files_for(folder, scene, anyway, independent).shift
 
 
 class FittedModel(NamedTuple):

@@ -91,11 +91,11 @@ class SensorReader:
         if np.abs(turns[nearest] - 1.0) < _SAME**2 and away[nearest] < _SAME:
             return nearest, None
         model, hypotheses, card = joint_model(self.sensor.model), self.sensor.reader.hypotheses, self.sensor.reader.card
-        if model is None or hypotheses is None or not (card.imaging is not None or card.knows_aims or not away.min()):
+        if model is None or hypotheses is None or not (card.imaging is not None or not away.min()):
             raise InvalidArgument(
                 "only a sensor whose belief is about one rigid body takes touches that are in none of its poses "
-                f"{scene.pose_labels}, and only a reader of predicted contacts, or one trained with aims, takes other "
-                f"aims; the nearest is {scene.pose_labels[nearest]!r}, {np.degrees(angles[nearest]):.1f}° and "
+                f"{scene.pose_labels}, and only a reader of predicted contacts takes other aims; the "
+                f"nearest is {scene.pose_labels[nearest]!r}, {np.degrees(angles[nearest]):.1f}° and "
                 f"{1e3 * np.linalg.norm(scene.aim_offsets[nearest] - aim):.2f} mm away"
             )
         there = scene.with_pose(quaternion, aim)
@@ -162,14 +162,15 @@ def checked_image(image: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.uint8]
     >>> checked_image([[0, 255]], (1, 2)).dtype
     dtype('uint8')
     """
+    wanted = f"an image must be {shape} whole numbers from 0 to 255"
     try:
         given = np.asarray(image)
     except (ValueError, OverflowError) as error:  # lists of different lengths
-        raise InvalidArgument(f"an image must be {shape} whole numbers from 0 to 255: {error}") from error
+        raise InvalidArgument(f"{wanted}: {error}") from error
     if given.shape != shape or given.dtype.kind not in "uif":
-        raise InvalidArgument(f"an image must be {shape} whole numbers from 0 to 255, got {given.dtype} {given.shape}")
-    if not ((given >= 0) & (given <= 255)).all() or (given != np.floor(given)).any():
-        raise InvalidArgument(f"an image must be {shape} whole numbers from 0 to 255; it holds others")
+        raise InvalidArgument(f"{wanted}, got {given.dtype} {given.shape}")
+    if not ((given >= 0) & (given <= 255) & (given == np.floor(given))).all():
+        raise InvalidArgument(f"{wanted}; it holds others")
     return given.astype(np.uint8)
 
 
@@ -178,14 +179,11 @@ def _numbers_of(place: Mapping[str, Any]) -> tuple[NDArray[np.float64], NDArray[
     if set(place) not in ({"place"}, {"quaternion"}, _KEYS):
         raise InvalidArgument(f"a place has a quaternion, and an aim where it is not 0; got {sorted(map(str, place))}")
     parts = [place[name] for name in ("place", "quaternion", "aim") if name in place]
-    if not all(isinstance(part, Sequence | np.ndarray) and not isinstance(part, str) for part in parts):
-        raise InvalidArgument(f"a place must be lists of numbers, got {parts!r:.80}")
-    given = [number for part in parts for number in part] + [0.0, 0.0] * (set(place) == {"quaternion"})
-    if not all(isinstance(number, int | float | np.number) for number in given):
-        raise InvalidArgument(f"a place must be numbers, got {given!r:.80}")
-    numbers = np.array(given, np.float64)
-    if numbers.shape != (6,) or not np.isfinite(numbers).all():
-        raise InvalidArgument(f"a place must be a quaternion (w, x, y, z) and an aim (y, z), got {given!r:.80}")
+    given = [number for part in parts if isinstance(part, Sequence | np.ndarray) for number in part]
+    given += [0.0, 0.0] * (set(place) == {"quaternion"})
+    is_numbers = all(isinstance(number, int | float | np.number) for number in given)
+    if not is_numbers or len(given) != 6 or not np.isfinite(numbers := np.array(given, np.float64)).all():
+        raise InvalidArgument(f"a place must be a quaternion (w, x, y, z) and an aim (y, z), got {parts!r:.80}")
     norm = float(np.linalg.norm(numbers[:4]))
     if abs(norm - 1.0) > 1e-3:
         raise InvalidArgument(f"the quaternion of a place must have the norm 1, got {norm:g}")

@@ -21,14 +21,13 @@ from types import MappingProxyType
 
 from activetouch.errors import BadMesh
 from activetouch.solids.conical import Cone, Cylinder, Frustum
-from activetouch.solids.cut import Cut
+from activetouch.solids.cut import Cut, Union
 from activetouch.solids.family import Family
 from activetouch.solids.mesh import Mesh
 from activetouch.solids.round import Capsule, Dome, Ellipsoid, Sphere
 from activetouch.solids.solid import Geom, Shape
-from activetouch.solids.straight import Box, ConvexPolyhedron, Prism, Pyramid, Wedge
+from activetouch.solids.straight import Box, Prism, Wedge
 from activetouch.solids.torus import Torus
-from activetouch.solids.union import Union
 
 __all__ = [
     "EXTENDED_SHAPES",
@@ -38,7 +37,6 @@ __all__ = [
     "Box",
     "Capsule",
     "Cone",
-    "ConvexPolyhedron",
     "Cut",
     "Cylinder",
     "Dome",
@@ -48,7 +46,6 @@ __all__ = [
     "Geom",
     "Mesh",
     "Prism",
-    "Pyramid",
     "Shape",
     "Sphere",
     "Torus",

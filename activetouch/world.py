@@ -11,9 +11,9 @@ all images.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -124,20 +124,12 @@ class TouchWorld:
         self._current = 0
 
 
-PendingT = TypeVar("PendingT", bound=PendingTouch)
-
-
-def touch_many(
-    sensor: TactileSensor,
-    pending: Sequence[PendingT],
-    press: Callable[[PendingT], tuple[NDArray[np.uint8], TouchTime]] | None = None,
-) -> tuple[list[Touch], TouchTime]:
+def touch_many(sensor: TactileSensor, pending: Sequence[PendingTouch]) -> tuple[list[Touch], TouchTime]:
     """Press the current object of many worlds, then read all images in one pass of the network.
 
     Args:
         sensor: reads the images.
         pending: the touches to make.
-        press: gives the image of one, and the time it took; by default its world is pressed.
 
     Returns:
         The touches, in the order of ``pending``, and the time they took.
@@ -145,7 +137,7 @@ def touch_many(
     Raises:
         UnstablePress: a press did not settle in any attempt.
     """
-    pressed = [touch.world.press(touch.pose, touch.rng) if press is None else press(touch) for touch in pending]
+    pressed = [touch.world.press(touch.pose, touch.rng) for touch in pending]
     images, times = zip(*pressed, strict=True)
     started = time.perf_counter()
     touches = sensor.read(np.stack(images), [touch.pose for touch in pending])

@@ -13,9 +13,8 @@ if TYPE_CHECKING:
     from belief.categorical import Belief
     from belief.composition import Composition, Counts
     from belief.errors import ActiveTouchError, ImpossibleObservation, ZeroPriorTarget
-    from belief.history import TouchHistory
     from belief.observation_model.evidence import ObjectEvidence
-    from belief.problem import Confirm, Probe, Reject, SearchProblem, Touch, Unsure
+    from belief.problem import Confirm, Probe, Reject, SearchProblem, Touch, TouchHistory, Unsure
     from belief.scene_belief import SceneBelief
     from belief.scene_view import SceneView
     from belief.tracker import BeliefTracker
@@ -41,32 +40,24 @@ __all__ = [
 ]
 
 _HOMES = {
-    "ActiveTouchError": ".errors",
-    "Belief": ".categorical",
-    "BeliefTracker": ".tracker",
-    "Composition": ".composition",
-    "Confirm": ".problem",
-    "Counts": ".composition",
-    "ImpossibleObservation": ".errors",
-    "ObjectEvidence": ".observation_model.evidence",
-    "Probe": ".problem",
-    "Reject": ".problem",
-    "SceneBelief": ".scene_belief",
-    "SceneView": ".scene_view",
-    "SearchProblem": ".problem",
-    "Touch": ".problem",
-    "TouchHistory": ".history",
-    "Unsure": ".problem",
-    "ZeroPriorTarget": ".errors",
+    "categorical": "Belief",
+    "composition": "Composition Counts",
+    "errors": "ActiveTouchError ImpossibleObservation ZeroPriorTarget",
+    "observation_model.evidence": "ObjectEvidence",
+    "problem": "Confirm Probe Reject SearchProblem Touch TouchHistory Unsure",
+    "scene_belief": "SceneBelief",
+    "scene_view": "SceneView",
+    "tracker": "BeliefTracker",
 }
 
 
 def __getattr__(name: str) -> Any:
     """A public name, from the module that defines it."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    found = globals()[name] = getattr(importlib.import_module(_HOMES[name], __name__), name)
-    return found
+    for home, names in _HOMES.items():
+        if name in names.split():
+            found = globals()[name] = getattr(importlib.import_module(f"belief.{home}"), name)
+            return found
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

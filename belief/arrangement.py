@@ -9,11 +9,11 @@ shapes that the first i objects use up (forward-backward algorithm):
 
 There are at most ∏ (c_k + 1) multisets for counts c_k: 2^K if all shapes differ.
 
-:mod:`belief.arrangement_sums` does this in plain numbers, or lists all arrangements if they are few. Where some of
-these numbers underflow, the weights are logarithms here, relative to the best arrangement: the dual of the assignment
-problem has prices u_i, v_k with w_ik - u_i - v_k ≤ 0, and equality in the best arrangement. Sums therefore neither
-overflow nor lose the terms that matter. Of many objects, those whose likelihood is the same for all shapes have equal
-marginals, which are computed once.
+Few arrangements (up to six objects of as many shapes) are listed in a table, and summed in plain numbers unless some
+underflow. Otherwise the weights are logarithms, relative to the best arrangement: the dual of the assignment problem
+has prices u_i, v_k with w_ik - u_i - v_k ≤ 0, and equality in the best arrangement. Sums therefore neither overflow nor
+lose the terms that matter. Of many objects, those whose likelihood is the same for all shapes have equal marginals,
+which are computed once.
 
     >>> import numpy as np
     >>> likelihoods = np.array([[0.9, 0.1], [0.5, 0.5]])      # the second object was not touched
@@ -26,13 +26,13 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
 
-from belief.arrangement_sums import every_arrangement, fast_marginals
 from belief.errors import ImpossibleObservation
 from belief.multisets import Layer, layers, num_multisets
 from belief.validation import Floats, as_real, require_index
@@ -41,6 +41,8 @@ MAX_STATES = 2**20
 """Largest number of multisets in an exact sum, reached by 20 distinct shapes."""
 
 _LARGEST = np.finfo(np.float64).max
+_RELIABLE = 1e-200  # smallest weight that is told apart from an underflow
+_LARGEST_TABLE = 2**17  # entries (object, shape, arrangement) of a table of all arrangements
 
 
 def arrangement_marginals(log_weights: ArrayLike, counts: Sequence[int] | None = None) -> Floats:
@@ -78,7 +80,8 @@ def log_arrangement_marginals(log_weights: ArrayLike, counts: Sequence[int] | No
 
 
 def _log_marginals(weights: Floats, bag: tuple[int, ...]) -> Floats:
-    if every_arrangement(bag, len(weights)) is None:
+    table = _every_arrangement(bag, len(weights))
+    if table is None:
         blank = blank_objects(weights, bag)
         if np.count_nonzero(blank) > 1:
             first = int(blank.argmax())
@@ -86,12 +89,10 @@ def _log_marginals(weights: Floats, bag: tuple[int, ...]) -> Floats:
             kept[first] = True
             rows = np.where(blank, kept[:first].sum(), kept.cumsum() - 1)
             return _log_marginals(weights[kept], bag)[rows]
-        num_states(bag, len(weights))  # raises if the sum is too large
-    fast = fast_marginals(weights, bag)
-    if fast is None:
-        return _sum_over_arrangements(weights, bag)
-    with np.errstate(divide="ignore"):
-        return np.log(fast)
+    elif (listed := _listed_marginals(weights, table)) is not None:
+        with np.errstate(divide="ignore"):
+            return np.log(listed)
+    return _sum_over_arrangements(weights, bag)
 
 
 def prob_shape_absent(log_weights: ArrayLike, counts: Sequence[int] | None, shape: int) -> float:
@@ -167,6 +168,57 @@ def _checked(log_weights: ArrayLike, counts: Sequence[int] | None) -> tuple[Floa
         row = int(np.argwhere(~(weights < np.inf))[0][0])
         raise ValueError(f"log_weights in row {row} hold NaN or +inf: {weights[row].tolist()}")
     return (weights if min(bag) > 0 else np.where(np.array(bag) > 0, weights, -np.inf)), bag
+
+
+class _Arrangements(NamedTuple):
+    """All arrangements of N objects.
+
+    Attributes:
+        places: index of the weight of object i in arrangement a, in the flat matrix of weights, ``(N, A)``.
+        draws: for every object and shape, the number of ways to draw each arrangement in which the object has the
+            shape, relative to the largest; zero for the other arrangements, ``(N * K, A)``.
+    """
+
+    places: NDArray[np.intp]
+    draws: Floats
+
+
+@lru_cache(maxsize=64)
+def _every_arrangement(counts: tuple[int, ...], num_objects: int) -> _Arrangements | None:
+    """All arrangements of objects from a bag with these counts; None if they are too many for a table."""
+    num_shapes, capacity = len(counts), np.array(counts, np.float64)
+    shapes, used, draws = np.zeros((0, 1), np.intp), np.zeros((num_shapes, 1)), np.ones(1)
+    for _ in range(num_objects):
+        if num_objects * num_shapes * shapes.shape[1] > _LARGEST_TABLE:  # further objects only increase the number
+            return None
+        shape, before = np.nonzero(used < capacity[:, None])
+        draws = draws[before] * (capacity[shape] - used[shape, before])
+        draws /= draws.max()
+        used = used[:, before]
+        used[shape, np.arange(len(shape))] += 1
+        shapes = np.concatenate([shapes[:, before], shape[None]])
+    if num_objects * num_shapes * shapes.shape[1] > _LARGEST_TABLE:
+        return None
+    has = shapes[:, None] == np.arange(num_shapes)[:, None]  # (N, K, A)
+    places = shapes + num_shapes * np.arange(num_objects)[:, None]
+    return _Arrangements(places, np.where(has, draws, 0.0).reshape(num_objects * num_shapes, -1))
+
+
+def _listed_marginals(log_weights: Floats, table: _Arrangements) -> Floats | None:
+    """Marginals by a sum over all arrangements, ``(N, K)``; None if some underflow, or no arrangement is possible."""
+    tops = log_weights.max(axis=1, keepdims=True)
+    if not tops.min() > -np.inf:
+        return None
+    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+        factors = np.exp(log_weights - tops).ravel()[table.places]
+        products = factors[0]
+        for row in factors[1:]:  # faster than prod
+            products *= row
+        totals = (table.draws @ products).reshape(log_weights.shape)
+        total = totals[0].sum()
+        if totals.min() < _RELIABLE and not (totals[log_weights > -np.inf] >= _RELIABLE).all():
+            return None
+        return np.asarray(totals / total) if total < np.inf else None
 
 
 class _Relative(NamedTuple):

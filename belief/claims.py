@@ -27,9 +27,6 @@ def claim_folder(folder: Path) -> None:
     The claim ends with the function that is decorated with :func:`ends_claims`, or with this process. A process may
     claim a folder several times.
 
-    Args:
-        folder: of the results of a command; created if it does not exist.
-
     Raises:
         CannotWrite: the folder cannot be written, or another process has claimed it.
     """
@@ -62,16 +59,8 @@ def ends_claims(function: Callable[P, T]) -> Callable[P, T]:
 def lock(handle: int, in_use: str) -> bool:
     """Lock an open file or folder until its handle is closed; False where there are no such locks.
 
-    Args:
-        handle: of the operating system.
-        in_use: what to say if another handle has the lock.
-
     Raises:
         CannotWrite: another handle has the lock; this one was closed.
-
-    >>> import tempfile
-    >>> with tempfile.TemporaryFile() as file:
-    ...     _ = lock(file.fileno(), "in use")
     """
     try:
         import fcntl

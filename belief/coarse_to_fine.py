@@ -150,19 +150,7 @@ class CoarseToFine:
         scale: float = 1.0,
         drift: float = 0.0,
     ) -> CoarseToFine:
-        """The belief before the first touch.
-
-        Args:
-            log_prior: of the K bodies, ``(K,)``, up to a constant; ``-inf`` for a body that it cannot be.
-            cells: of which every body has its own.
-            likelihood: of touches.
-            effort: how far to refine.
-            scale: factor on log likelihoods, one over the temperature.
-            drift: how far errors about one body are common to all touches, in [0, 1].
-
-        Raises:
-            ValueError: a prior is NaN or infinite, or all bodies are impossible.
-        """
+        """The belief before the first touch."""
         prior = np.array(log_prior, float, ndmin=1)
         if prior.ndim != 1 or not len(prior) or np.isnan(prior).any() or not np.isfinite(prior.max()):
             raise ValueError(
@@ -181,12 +169,7 @@ class CoarseToFine:
         return cls(prior, cells, likelihood, effort, scale, drift, (), *zeros, none)
 
     def update(self, touch: Any) -> CoarseToFine:
-        """The belief after one more touch, refined as far as the effort says.
-
-        Raises:
-            ImpossibleObservation: no body in no cell explains the touches.
-            ValueError: the callback gave NaN, or another shape than asked for.
-        """
+        """The belief after one more touch, refined as far as the effort says."""
         found = _checked(self.likelihood.coarsest(touch), self._sums.shape)
         families = tuple(
             each._replace(sums=each.sums + self._parts((touch,), level, each.body, each.parent))
@@ -206,9 +189,6 @@ class CoarseToFine:
         Args:
             bodies: that were looked at, ``(n,)``.
             log_evidence: of all touches given each of them, up to a constant, ``(n,)``.
-
-        Raises:
-            ValueError: evidence is NaN or plus infinity, or that of all is minus infinity.
         """
         looked = self.log_prior[bodies] + np.asarray(log_evidence, float)
         if not np.isfinite(looked.max(initial=-np.inf)):
@@ -390,11 +370,7 @@ class CoarseToFine:
 
 
 def _checked(found: NDArray[np.floating], shape: tuple[int, ...]) -> Floats:
-    """Log likelihoods in double precision.
-
-    Raises:
-        ValueError: they have another shape, or one is NaN or plus infinity.
-    """
+    """Log likelihoods in double precision."""
     if found.shape != shape:
         raise ValueError(f"the likelihood of cells must have the shape {shape}, got {found.shape}")
     if not found.max() < np.inf:  # False for NaN

@@ -2,7 +2,7 @@
 
 Two scores of each touch are compared with those of calibration objects after equally many touches of one object: the
 novelty of its embedding, and its misfit to the earlier touches of the object, relative to objects whose shape was known
-as well before the touch (:mod:`belief.usual_misfit`). The object's own
+as well before the touch (:mod:`belief.conflict_scores`). The object's own
 earlier scores predict a part of each score, which is subtracted. Bets against the p-values multiply over all touches of
 all objects of a search. A p-value is the rank of a score among those of the calibration objects: that of one touch of a
 new object is at most u with a probability of about u. If all p-values were independent and uniform, the product would
@@ -39,10 +39,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from belief.conflict_scores import Novelty, UsualMisfit
 from belief.files import from_field, to_field
 from belief.frozen import FrozenArrays, frozen
-from belief.novelty import Novelty
-from belief.usual_misfit import UsualMisfit
 from belief.validation import Floats
 
 NOVELTY, MISFIT = 0, 1
@@ -138,13 +137,7 @@ class ConflictTest(FrozenArrays):
         return ObjectConflict(self, 0, frozen(np.zeros(2)), frozen(np.ones(2)), frozen(np.zeros(_NUM_BETS)))
 
     def p_values(self, kind: int, step: int, score: float) -> tuple[float, float]:
-        """Conformal p-values of a score less its prediction: that it is so high, and that it is so low.
-
-        Args:
-            kind: :data:`NOVELTY` or :data:`MISFIT`.
-            step: number of earlier touches of the object, below T.
-            score: less its median and its prediction; a misfit in units of its width.
-        """
+        """Conformal p-values of a score less its prediction: that it is so high, and that it is so low."""
         values, ranks, number = self.quantiles[kind, step], self._kept_ranks, self.num_objects
         margin = _RESOLUTION * (1.0 + abs(score))
         below = int(values.searchsorted(score - margin, side="left"))  # as many stored values are smaller
@@ -191,7 +184,6 @@ class ObjectConflict:
         sums: of both scores over all tested touches: the novelty less its median, the misfit standardised, ``(2,)``.
         p_values: of the last touch, ``(2,)``: its novelty, and its misfit to earlier touches; ones without a test.
         log_bets: log wealth of every strategy, ``(12,)``.
-        misfit: of all touches after the first together [nats].
     """
 
     test: ConflictTest
@@ -199,7 +191,6 @@ class ObjectConflict:
     sums: Floats
     p_values: Floats
     log_bets: Floats
-    misfit: float = 0.0
 
     def update(self, embedding: ArrayLike, misfit: float, certainty: float = 1.0) -> ObjectConflict:
         """The test with one more touch.
@@ -210,9 +201,8 @@ class ObjectConflict:
             certainty: largest posterior of a shape before the touch, in [0, 1].
         """
         step, test = self.num_touches, self.test
-        total = self.misfit + _limited(misfit, -_WIDEST, _WIDEST) if step else 0.0
         if step >= test.num_touches:
-            return replace(self, num_touches=step + 1, p_values=frozen(np.ones(2)), misfit=total)
+            return replace(self, num_touches=step + 1, p_values=frozen(np.ones(2)))
         novelty = float(test.novelty.score(np.asarray(embedding, np.float64)[None])[0])
         unusual = _limited(novelty, -_WIDEST, _WIDEST) - test.medians.item(step)
         standardised = float(test.usual_misfit.standardised(step, misfit, certainty))
@@ -228,39 +218,14 @@ class ObjectConflict:
             values = test.quantiles[kind, step]
             sums[kind] += _limited(centred, values.item(0), values.item(-1))
         log_bets = self.log_bets + _bets(np.array(logs), step)
-        return ObjectConflict(
-            test, step + 1, frozen(np.array(sums)), frozen(np.array(p_values)), frozen(log_bets), total
-        )
+        return ObjectConflict(test, step + 1, frozen(np.array(sums)), frozen(np.array(p_values)), frozen(log_bets))
 
 
 def log_conflict(log_bets: Iterable[Floats]) -> float:
-    """Log e-value of all touches of several objects: the mean over strategies of their wealth.
-
-    Args:
-        log_bets: of each object; 0.0 for none.
-
-    >>> log_conflict([]), round(log_conflict([np.log([3.0, 0.5]), np.log([3.0, 0.5])]), 3)
-    (0.0, 1.531)
-    """
+    """Log e-value of all touches of several objects: the mean over strategies of their wealth."""
     total = sum(log_bets, start=np.zeros(1))
     largest = total.max()
     return float(largest + np.log(np.exp(total - largest).mean()))
-
-
-def log_stranger(log_bets: Floats) -> float:
-    """Log e-value of an object's touches against "it has a known shape": what bets on a high misfit alone have won.
-
-    A stranger looks familiar from each side, but its sides do not fit one body (decision 0057).
-
-    Args:
-        log_bets: of the object; those of another test than :class:`ConflictTest` all count.
-
-    >>> bets = np.zeros(12)
-    >>> bets[1:3] = 2.0
-    >>> log_stranger(bets), log_stranger(np.ones(3))
-    (2.0, 1.0)
-    """
-    return log_conflict([log_bets[_ON_MISFIT] if len(log_bets) == _NUM_BETS else log_bets])
 
 
 def continued_bets(log_bets: ArrayLike, like: ArrayLike | None) -> Floats:
@@ -269,12 +234,6 @@ def continued_bets(log_bets: ArrayLike, like: ArrayLike | None) -> Floats:
     Args:
         log_bets: :attr:`belief.SceneView.log_bets` of the earlier search, ``(J,)``; or 0.0 for none.
         like: log bets of an object in the search, ``(J,)``; None for a model without a test.
-
-    Raises:
-        ValueError: a number is not finite, or their number is not that of the model's strategies.
-
-    >>> continued_bets(0.0, np.zeros(3)), continued_bets([0.5, -0.5, 0.0], np.zeros(3))
-    (array([0., 0., 0.]), array([ 0.5, -0.5,  0. ]))
     """
     given, wanted = np.asarray(log_bets, np.float64), np.zeros(1) if like is None else np.zeros(np.shape(like))
     if given.shape not in ((), wanted.shape) or not np.isfinite(given).all():
@@ -286,16 +245,10 @@ def continued_bets(log_bets: ArrayLike, like: ArrayLike | None) -> Floats:
 
 
 _NUM_BETS = 12
-_ON_MISFIT = slice(1, 3)  # the strategies without a bet on novelty
 
 
 def _bets(logs: Floats, step: int) -> Floats:
-    """Log of what each strategy multiplies its wealth by, ``(12,)``.
-
-    Args:
-        logs: of the p-values of a high novelty, a low novelty and a high misfit, ``(3,)``.
-        step: number of earlier touches; the first has no misfit.
-    """
+    """Log of what each strategy multiplies its wealth by, ``(12,)``."""
     each = _LOG_KEPT - _POWERS * logs[:, None]  # (3, 4)
     misfit = each[2, :3] if step else np.zeros(3)
     return np.asarray((each[0] + each[1])[:, None] + misfit).ravel()

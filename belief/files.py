@@ -1,20 +1,4 @@
-"""Atomic writing of files, bounded reading of regular ones, digests of JSON and of arrays, and arrays as JSON.
-
->>> import errno, tempfile
->>> holder = tempfile.TemporaryDirectory()
->>> folder = Path(holder.name)
->>> require_writable(folder)
->>> write_text(folder / "a.txt", "whole")
->>> require_writable_file(folder / "a.txt")
->>> with atomic_path(folder / "a.txt") as temporary:
-...     _ = temporary.write_text("whole again")
->>> [(path.name, path.read_text()) for path in folder.iterdir()]
-[('a.txt', 'whole again')]
->>> full = OSError(errno.ENOSPC, "No space left on device")
->>> is_of_writing(full), type(cannot_write(folder / "a.txt", full)).__name__
-(True, 'CannotWrite')
->>> holder.cleanup()
-"""
+"""Atomic writing of files, bounded reading of regular ones, digests of JSON and of arrays, and arrays as JSON."""
 
 from __future__ import annotations
 
@@ -102,13 +86,7 @@ def _link(temporary: Path, path: Path) -> None:
 
 
 def create_text(path: Path, text: str) -> bool:
-    """Write a text file, atomically, unless the file exists; return whether it was written.
-
-    >>> import tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     create_text(Path(folder, "a"), "first"), create_text(Path(folder, "a"), "second")
-    (True, False)
-    """
+    """Write a text file, atomically, unless the file exists; return whether it was written."""
     try:
         with atomic_path(path, only_new=True) as temporary:
             temporary.write_text(text, encoding="utf-8")
@@ -162,10 +140,7 @@ _OF_WRITING = {
 
 
 def _cause(error: Exception, temporary: Path) -> OSError | None:
-    """The operating system's error behind an error of writing ``temporary``; None if there is none.
-
-    numpy and safetensors give it only as text.
-    """
+    """The operating system's error behind an error of writing ``temporary``; None if there is none."""
     if isinstance(error, ActiveTouchError):
         return None
     if isinstance(error, OSError) and error.errno in _OF_WRITING:
@@ -178,10 +153,6 @@ def _cause(error: Exception, temporary: Path) -> OSError | None:
 
 def require_regular_file(path: Path, error: type[Exception] = CorruptFile) -> Path:
     """Refuse to read a path that is a folder, a pipe, a device or a socket; reading a pipe waits for ever.
-
-    Args:
-        path: file to read; links are followed. A path that does not exist is left to the reader.
-        error: class of the error.
 
     Returns:
         ``path``.
@@ -207,17 +178,12 @@ def read_npz(content: bytes, most: int, names: Collection[str] | None = None) ->
 
     Args:
         content: bytes of the file.
-        most: largest size of all its arrays together, with some hundred bytes for the header of each [bytes].
-        names: of the arrays to read; all by default.
+        most: largest size of all of them together, with some hundred bytes for the header of each [bytes].
+        names: of the arrays; all by default.
 
     Raises:
         KeyError: an array is missing.
         Exception: the file is larger, damaged or something else; zipfile and numpy raise many kinds.
-
-    >>> file = io.BytesIO()
-    >>> np.savez_compressed(file, zeros=np.zeros(3))
-    >>> read_npz(file.getvalue(), most=1000)
-    {'zeros': array([0., 0., 0.])}
     """
     arrays: dict[str, NDArray[Any]] = {}
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
@@ -225,17 +191,15 @@ def read_npz(content: bytes, most: int, names: Collection[str] | None = None) ->
             member = archive.getinfo(f"{name}.npy")
             if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
                 raise ValueError(f"{name} is compressed in a way that numpy does not write")
-            with archive.open(member) as file:
-                data = file.read(most + 1)
-                if len(data) > most:
-                    raise ValueError("it would unpack to more bytes than such a file has")
-            most -= len(data)
+            data = archive.open(member).read(most + 1)
+            if (most := most - len(data)) < 0:
+                raise ValueError("it would unpack to more bytes than such a file has")
             arrays[name] = _array(data)
     return arrays
 
 
 def _array(data: bytes) -> NDArray[Any]:
-    """The array of an npy file; its header may not promise another size than the file has."""
+    """The array of an npy file; its header may not promise another size than the file has, nor objects."""
     stream = io.BytesIO(data)
     version = np.lib.format.read_magic(stream)
     read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
@@ -309,11 +273,7 @@ def _json_digest(fields: Mapping[str, Any]) -> str:
 
 
 def array_digest(arrays: Mapping[str, NDArray[Any]]) -> str:
-    """SHA-256 of arrays: names, types, shapes and content, in the order of the names.
-
-    >>> array_digest({"a": np.zeros(2)}) != array_digest({"a": np.zeros((1, 2))})
-    True
-    """
+    """SHA-256 of arrays: names, types, shapes and content, in the order of the names."""
     digest = hashlib.sha256()
     for name in sorted(arrays):
         array = arrays[name]
@@ -329,13 +289,6 @@ def plain_number(text: str) -> float:
 
     Raises:
         ValueError: it is not such a number.
-
-    >>> plain_number("-1.5e3")
-    -1500.0
-    >>> plain_number("1_000")
-    Traceback (most recent call last):
-    ...
-    ValueError: '1_000' is not a decimal number
     """
     try:
         if text.isascii() and "_" not in text:
@@ -346,21 +299,13 @@ def plain_number(text: str) -> float:
 
 
 def to_field(array: NDArray[np.float64], precision: Precision) -> dict[str, Any]:
-    """An array as JSON types: its shape, and its numbers in base64, little-endian, under the name of the precision.
-
-    >>> to_field(np.array([[1.0, 0.5]]), "float16")
-    {'shape': (1, 2), 'float16': 'ADwAOA=='}
-    """
+    """An array as JSON types: its shape, and its numbers in base64, little-endian, under the name of the precision."""
     numbers = np.asarray(array, np.dtype(precision).newbyteorder("<"))
     return {"shape": array.shape, precision: base64.b64encode(numbers.tobytes()).decode("ascii")}
 
 
 def from_field(field: Mapping[str, Any], precision: Precision) -> NDArray[np.float64]:
-    """The array of :func:`to_field`, in double precision.
-
-    >>> from_field({"shape": (1, 2), "float16": "ADwAOA=="}, "float16").tolist()
-    [[1.0, 0.5]]
-    """
+    """The array of :func:`to_field`, in double precision."""
     shape = tuple(int(n) for n in field["shape"])
     numbers = np.frombuffer(base64.b64decode(field[precision]), np.dtype(precision).newbyteorder("<"))
     return numbers.reshape(shape).astype(np.float64)

@@ -21,10 +21,6 @@ def index_of(kind: str, labels: Sequence[str], name: Name) -> int:
         labels: all labels, in index order.
         name: a label, or an index.
 
-    Raises:
-        UnknownName: there is no such label; the message suggests the nearest.
-        InvalidArgument: the index is out of range, or it is neither a label nor an index.
-
     >>> index_of("shape", ("sphere", "cone"), "cone"), index_of("shape", ("sphere", "cone"), 0)
     (1, 0)
     """
@@ -40,14 +36,7 @@ def index_of(kind: str, labels: Sequence[str], name: Name) -> int:
 
 
 def checked_names(name: str, labels: Sequence[str]) -> tuple[str, ...]:
-    """Labels as a tuple of one or more different strings.
-
-    Raises:
-        InvalidArgument: it is empty, holds something else than strings, or has a label twice.
-
-    >>> checked_names("shape_labels", ["cube", "cone"])
-    ('cube', 'cone')
-    """
+    """Labels as a tuple of one or more different strings."""
     names = labels if isinstance(labels, str) else tuple(labels)
     if isinstance(names, str) or not names or not all(isinstance(label, str) for label in names):
         raise InvalidArgument(f"{name} must be a sequence of names, at least one, got {labels!r}")
@@ -56,26 +45,8 @@ def checked_names(name: str, labels: Sequence[str]) -> tuple[str, ...]:
     return names
 
 
-def seed_words(seed: int | Sequence[int]) -> tuple[int, ...]:
-    """A seed as a tuple of integers ≥ 0; a single number becomes a tuple of one.
-
-    Raises:
-        InvalidArgument: it is neither an integer ≥ 0 nor a sequence of such.
-    """
-    words = (seed,) if isinstance(seed, Integral) else seed
-    if not isinstance(words, Sequence) or isinstance(words, str) or not words:
-        raise InvalidArgument(f"a seed must be an integer ≥ 0 or a sequence of such; got {seed!r}")
-    if any(not isinstance(word, Integral) or isinstance(word, bool) or word < 0 for word in words):
-        raise InvalidArgument(f"a seed must be an integer ≥ 0 or a sequence of such; got {seed!r}")
-    return tuple(int(word) for word in words)
-
-
 def one_line(cls: type, *parts: str) -> str:
-    """A representation of an object in at most 118 characters.
-
-    >>> one_line(int, "cone", "front")
-    'int(cone, front)'
-    """
+    """A representation of an object in at most 118 characters."""
     text = f"{cls.__name__}({', '.join(parts)})"
     return text if len(text) <= _WIDTH else f"{text[: _WIDTH - 2]}…)"
 

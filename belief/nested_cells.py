@@ -20,9 +20,6 @@ class NestedCells:
 
     Attributes:
         shares: prior probability of each cell of each level, ``(N_l,)``. The parts of a cell share its probability.
-
-    Raises:
-        ValueError: a level is no multiple of the one before, or the parts of a cell do not have its probability.
     """
 
     shares: tuple[Floats, ...]

@@ -17,8 +17,8 @@ what the next touch tells: the gains state has the expected gain of each pose, a
 [[0.9, 0.1, 0.5, 0.0, 0.67, 0.5]]
 >>> from dataclasses import replace
 >>> known = replace(here, gains=np.log([[2.0, 1.0]]))
->>> goal_state(known, target=0)[:, 6:].round(2).tolist()           # after the posterior state: gains, target
-[[1.0, 0.0, 1.0, 0.0]]
+>>> gains_state(known, target=0)[:, 6:].tolist(), goal_state(known, target=0)[:, 6:].tolist()  # gains, target
+([[1.0, 0.0]], [[1.0, 0.0, 1.0, 0.0]])
 """
 
 from __future__ import annotations
@@ -93,29 +93,17 @@ def paper_state(situation: Situation, target: ArrayLike) -> Floats:
 
 
 def posterior_state(situation: Situation, target: ArrayLike) -> Floats:
-    """Posterior, :func:`certainty` of the target, n/(n + 1) for the n uses of each pose, and time; in [-1, 1].
-
-    Returns:
-        ``(B, K + P + 2)``.
-    """
+    """Posterior, :func:`certainty` of the target, n/(n + 1) for the n uses of each pose, time: ``(B, K + P + 2)``."""
     worn = situation.uses / (1.0 + situation.uses)
     sure = certainty(situation.log_probs, target)[:, None]
     return np.concatenate([np.exp(situation.log_probs), sure, worn, situation.time[:, None]], axis=1)
 
 
 def gains_state(situation: Situation, target: ArrayLike) -> Floats:
-    """:func:`posterior_state`, and the gain of each pose as a fraction of one bit; in [-1, 1].
-
-    Returns:
-        ``(B, K + 2 P + 2)``.
+    """:func:`posterior_state`, and the gain of each pose as a fraction of one bit, ``(B, K + 2 P + 2)``, in [-1, 1].
 
     Raises:
         NoGains: the situation has no gains.
-
-    >>> half = np.array([[0.5, 0.5]])
-    >>> here = Situation(half, np.log(half), np.array([NO_ACTION]), np.array([[0]]), np.zeros(1), np.array([[0.5]]))
-    >>> gains_state(here, target=0).round(2).tolist()                        # the gain last: 0.5 nats of 0.69
-    [[0.5, 0.5, 0.0, 0.0, 0.0, 0.72]]
     """
     if situation.gains is None:
         raise NoGains("this state needs the expected gain of each pose: give the situation its gains")

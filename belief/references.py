@@ -46,11 +46,7 @@ class Reference:
 
     @classmethod
     def parse(cls, text: str) -> Reference:
-        """Parse ``name``, ``name(key=literal, ...)``, or either with ``module:`` before it.
-
-        Raises:
-            BadReference: the text is none of these.
-        """
+        """Parse ``name``, ``name(key=literal, ...)``, or either with ``module:`` before it."""
         name, bracket, rest = text.partition("(")
         module, colon, attribute = name.strip().rpartition(":")
         if not all(part.isidentifier() for part in [*attribute.split("."), *(module.split(".") if colon else ())]):
@@ -76,11 +72,7 @@ class Reference:
         return ":" in self.name
 
     def load(self) -> Any:
-        """The attribute of the module.
-
-        Raises:
-            BadReference: there is no such module or attribute, or importing the module fails.
-        """
+        """The attribute of the module."""
         module_name, _, attribute = self.name.rpartition(":")
         here = str(Path.cwd())
         look_in(here)
@@ -104,22 +96,9 @@ class Reference:
             found = getattr(found, part)
         return found
 
-    def make(self, **offered: Any) -> Any:
-        """The object itself; see :func:`build` for ``offered``.
-
-        Raises:
-            BadReference: as :meth:`load` and :func:`build`.
-        """
-        return build(self.name, self.load(), self.settings, offered, self.is_called)
-
 
 def look_in(folder: str) -> None:
-    """Put a folder last in the module search path, where it hides no installed module.
-
-    >>> look_in(str(Path.cwd()))
-    >>> str(Path.cwd()) in sys.path
-    True
-    """
+    """Put a folder last in the module search path, where it hides no installed module."""
     if folder not in sys.path:
         sys.path.append(folder)
     importlib.invalidate_caches()
@@ -136,9 +115,6 @@ def build(
         settings: keyword arguments.
         offered: values for parameters that ``settings`` do not give; values without a parameter are ignored.
         is_called: whether the reference had brackets.
-
-    Raises:
-        BadReference: a setting is unknown or missing, or there are brackets after an object that is not called.
     """
     if not inspect.isclass(found) and not inspect.isroutine(found):
         if is_called:
@@ -169,10 +145,6 @@ def find(what: str, text: str, registry: Mapping[str, Any], group: str) -> tuple
 
     Returns:
         The object, which is not called yet, and the parsed reference.
-
-    Raises:
-        UnknownName: there is no such name; the message suggests the nearest.
-        BadReference: the text is malformed, or its module cannot be imported.
     """
     if text in registry:  # registry names may hold any characters
         return registry[text], Reference(text)
@@ -181,16 +153,7 @@ def find(what: str, text: str, registry: Mapping[str, Any], group: str) -> tuple
         return reference.load(), reference
     if reference.name in registry:
         return registry[reference.name], reference
-    offered = entry_point_names(group)
+    offered = {entry.name: entry.value for entry in entry_points(group=group)}
     if reference.name in offered:
         return Reference.parse(offered[reference.name]).load(), reference
     raise UnknownName(what, reference.name, [*registry, *offered])
-
-
-def entry_point_names(group: str) -> dict[str, str]:
-    """Entry points of a group in installed packages: ``module:attribute`` by name.
-
-    >>> entry_point_names("console_scripts")["activetouch"]
-    'experiments.cli:main'
-    """
-    return {entry.name: entry.value for entry in entry_points(group=group)}

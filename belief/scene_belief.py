@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable
-from copy import copy
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,15 +13,14 @@ from belief.bayes import update
 from belief.categorical import Belief
 from belief.conflict import continued_bets
 from belief.errors import ImpossibleObservation, ZeroPriorTarget
-from belief.history import TouchHistory
 from belief.naming import Name
 from belief.observation_model.evidence import ObjectEvidence, start
 from belief.observation_model.model import ObservationModel
 from belief.observation_model.sensor_health import SensorEvidence, SensorHealthModel
 from belief.observation_model.sensor_worlds import SensorHealth
-from belief.problem import SearchProblem, Touch
+from belief.problem import SearchProblem, Touch, TouchHistory
 from belief.scene_view import ReadableScene, SceneView
-from belief.validation import Floats, as_logs
+from belief.validation import Floats
 
 
 class SceneBelief(ReadableScene):
@@ -100,26 +98,6 @@ class SceneBelief(ReadableScene):
     def view(self) -> SceneView:
         """A read-only view of the current belief, which later touches do not change."""
         return SceneView(self)
-
-    def supposing(self, log_likelihoods: ArrayLike | None = None, *, likelihoods: ArrayLike | None = None) -> SceneView:
-        """A view of the belief as if the touches of every object had these log-likelihoods, or likelihoods, ``(N, K)``.
-
-        Touches of many objects are evaluated faster together, by a model's ``log_likelihood_batch``, than one by one.
-
-        Raises:
-            ValueError: they are not ``(N, K)``, not real numbers, or hold NaN or +inf; or not exactly one is given.
-            ImpossibleObservation: every arrangement has likelihood zero.
-        """
-        supposed = copy(self)
-        logs = as_logs("log_likelihoods", log_likelihoods, "likelihoods", likelihoods)
-        supposed._log_likelihoods = np.array(logs, np.float64)
-        if supposed._log_likelihoods.shape != self._log_likelihoods.shape:
-            raise ValueError(
-                f"log_likelihoods must be {self._log_likelihoods.shape} (objects, shapes), "
-                f"got {supposed._log_likelihoods.shape}"
-            )
-        supposed._log_marginals = self._compute(supposed._log_likelihoods)
-        return SceneView(supposed)
 
     def update(self, object_index: int, touches: Iterable[Touch]) -> Belief:
         """Update the belief with new touches of one object and return its posterior.

@@ -11,10 +11,10 @@ from belief.arrangement import prob_shape_absent
 from belief.categorical import Belief
 from belief.conflict import log_conflict
 from belief.frozen import frozen
-from belief.history import TouchHistory
 from belief.naming import Name, index_of
 from belief.observation_model.evidence import ObjectEvidence
 from belief.observation_model.sensor_worlds import SensorHealth
+from belief.problem import TouchHistory
 from belief.validation import Floats, require_index
 
 UNKNOWN = -1
@@ -26,7 +26,7 @@ class ReadableScene:
 
     >>> from belief import SceneBelief
     >>> sorted(name for name in {*dir(SceneBelief)} - {*dir(ReadableScene)} if not name.startswith("_"))
-    ['supposing', 'update', 'view']
+    ['update', 'view']
 
     Attributes:
         labels: names of the K shapes.

@@ -30,11 +30,7 @@ from belief.scene_view import UNKNOWN
 
 
 class Outcome(StrEnum):
-    """How a search ended.
-
-    >>> [outcome.value for outcome in Outcome]
-    ['confirmed', 'exhausted', 'truncated', 'unsure']
-    """
+    """How a search ended."""
 
     CONFIRMED = "confirmed"
     EXHAUSTED = "exhausted"
@@ -46,14 +42,7 @@ class Outcome(StrEnum):
 
 
 class SearchProgress:
-    """Where a search is.
-
-    Args:
-        problem: the search.
-        model: likelihood of touches.
-        prior: belief about one object of an ``independent`` scene; uniform by default.
-        target: label or index of the shape sought; see :class:`belief.scene_belief.SceneBelief`, as for errors.
-        log_bets: of an earlier search with the same set-up.
+    """Where a search is; made of the arguments of :class:`belief.scene_belief.SceneBelief`.
 
     Attributes:
         scene: joint belief about all objects.
@@ -91,11 +80,7 @@ class SearchProgress:
         return int(self.scene.touches(self.object_index).uses(self.problem.num_poses)[pose])
 
     def touch(self, touch: Touch) -> Belief:
-        """Count a touch of the current object, and return the posterior about it.
-
-        Raises:
-            ValueError, ImpossibleObservation: as :meth:`belief.SceneBelief.update`; nothing has changed.
-        """
+        """Count a touch of the current object, and return the posterior about it."""
         belief = self.scene.update(self.object_index, [touch])
         self.num_touches += 1
         return belief

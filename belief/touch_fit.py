@@ -35,14 +35,6 @@ def touch_fit(model: ObservationModel, objects: Iterable[Sequence[Touch]], world
     every touch fits badly, but little where there are only more of them. It is 0 for models of independent touches. The
     *strangeness* is minus the log evidence that the objects have known shapes, against the background, for each touch.
     It is 0 where the state of the sensor is inferred, because usual evidence differs from world to world.
-
-    Args:
-        model: likelihood of touches.
-        objects: the touches of each, oldest first.
-        world: of the sensor: 0 as described, w > 0 for the world with index w - 1 of a :class:`SensorHealthModel`.
-
-    Raises:
-        ValueError: the model has no such world; or a touch does not fit the model.
     """
     health = model if isinstance(model, SensorHealthModel) else None
     joint = joint_model(model if health is None else health.nominal)

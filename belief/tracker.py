@@ -5,10 +5,9 @@ from __future__ import annotations
 from belief.bayes import update
 from belief.categorical import Belief
 from belief.errors import ImpossibleObservation
-from belief.history import TouchHistory
 from belief.observation_model.evidence import start
 from belief.observation_model.model import ObservationModel
-from belief.problem import Touch
+from belief.problem import Touch, TouchHistory
 
 
 class BeliefTracker:

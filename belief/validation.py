@@ -1,4 +1,4 @@
-"""Validation of arguments; an error names the argument, the row and the cause."""
+"""Validation of arguments: a ValueError names the argument, the row and the cause."""
 
 from __future__ import annotations
 
@@ -22,14 +22,7 @@ _NEAR_ONE = 1e-5  # sums of rows that were meant as probabilities
 
 
 def as_real(values: ArrayLike, name: str) -> NDArray[np.floating]:
-    """An array of floats; a float type of at most 64 bits is kept, all others become float64.
-
-    Raises:
-        ValueError: text, booleans, objects, complex numbers, masked entries, or lists of different lengths.
-
-    >>> as_real([1, 0], "probs").dtype
-    dtype('float64')
-    """
+    """An array of floats; a float type of at most 64 bits is kept, all others become float64."""
     array = unmasked(values, name)
     if array.dtype.kind not in "fiu":
         raise InvalidArgument(f"{name} must hold real numbers, got an array of {array.dtype}")
@@ -40,10 +33,7 @@ def as_real(values: ArrayLike, name: str) -> NDArray[np.floating]:
 
 
 def warn_of_probs(values: NDArray[np.floating], name: str, instead: str) -> None:
-    """A UserWarning, at the caller of the caller's caller, about logarithms ``(..., K)`` that look like probabilities.
-
-    >>> warn_of_probs(np.array([[0.5, -0.5]]), "logits", "take logarithms")  # no probabilities: no warning
-    """
+    """A UserWarning, three callers up, about logarithms ``(..., K)`` that look like probabilities."""
     if _may_be_probs(values):
         warnings.warn(f"{name} has no negative number and sums to one, as probabilities do; {instead}", stacklevel=4)
 
@@ -58,12 +48,6 @@ def as_logs(name: str, logs: ArrayLike | None, keyword: str, plain: ArrayLike | 
         logs: logarithms, ``(..., K)``, or None.
         keyword: name of the argument ``plain``.
         plain: the numbers themselves, ``(..., K)``, finite and not negative, or None.
-
-    Raises:
-        ValueError: both or none are given; numbers that are negative, NaN or infinite; not real numbers.
-
-    >>> as_logs("log_likelihood", None, "likelihood", [1.0, 0.0]).tolist()
-    [0.0, -inf]
     """
     if (logs is None) == (plain is None):
         given = "neither" if logs is None else "both"
@@ -92,13 +76,7 @@ def _may_be_probs(values: NDArray[np.floating]) -> bool:
 
 
 def unmasked(values: ArrayLike, name: str) -> NDArray[Any]:
-    """An array of any type; raises InvalidArgument for a masked entry.
-
-    >>> unmasked(np.ma.masked_equal([3, -1], -1), "labels")
-    Traceback (most recent call last):
-    ...
-    belief.errors.InvalidArgument: labels must not be masked, got a masked entry at [1]
-    """
+    """An array of any type; raises InvalidArgument for a masked entry."""
     if isinstance(values, np.ma.MaskedArray) and np.ma.is_masked(values):
         place = np.argwhere(np.ma.getmaskarray(values))[0].tolist()
         raise InvalidArgument(f"{name} must not be masked, got a masked entry at {place}")
@@ -106,16 +84,7 @@ def unmasked(values: ArrayLike, name: str) -> NDArray[Any]:
 
 
 def checked_indices(name: str, values: ArrayLike, size: int) -> NDArray[np.int64]:
-    """Integers in [0, size), ``(n,)``, as int64.
-
-    Raises:
-        InvalidArgument: a masked entry, another type, or an index out of range; the message names its row.
-
-    >>> checked_indices("labels", [0, 2], size=2)
-    Traceback (most recent call last):
-    ...
-    belief.errors.InvalidArgument: labels must be integers in [0, 2), got 2 in row 1
-    """
+    """Integers in [0, size), ``(n,)``, as int64."""
     indices = unmasked(values, name)
     if not np.issubdtype(indices.dtype, np.integer):
         raise InvalidArgument(f"{name} must be integers in [0, {size}), got {indices.dtype}")
@@ -127,49 +96,25 @@ def checked_indices(name: str, values: ArrayLike, size: int) -> NDArray[np.int64
 
 
 def require_count(name: str, value: object, least: int = 1) -> None:
-    """Raise InvalidArgument unless an argument is an integer, at least ``least``.
-
-    >>> require_count("num_folds", 1, least=2)
-    Traceback (most recent call last):
-    ...
-    belief.errors.InvalidArgument: num_folds must be an integer, at least 2, got 1
-    """
+    """Raise InvalidArgument unless an argument is an integer, at least ``least``."""
     if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
         raise InvalidArgument(f"{name} must be an integer, at least {least}, got {value!r}")
 
 
 def require_index(name: str, value: object, size: int) -> None:
-    """Raise InvalidArgument unless an argument is an integer in [0, size).
-
-    >>> require_index("object_index", -1, size=4)
-    Traceback (most recent call last):
-    ...
-    belief.errors.InvalidArgument: object_index must be an integer in [0, 4), got -1
-    """
+    """Raise InvalidArgument unless an argument is an integer in [0, size)."""
     if isinstance(value, bool) or not isinstance(value, Integral) or not 0 <= int(value) < size:
         raise InvalidArgument(f"{name} must be an integer in [0, {size}), got {value!r}")
 
 
 def require_number(name: str, value: object, least: float, most: float) -> None:
-    """Raise InvalidArgument unless an argument is a real number in [least, most].
-
-    >>> require_number("threshold", float("nan"), 0.0, 1.0)
-    Traceback (most recent call last):
-    ...
-    belief.errors.InvalidArgument: threshold must be a number in [0, 1], got nan
-    """
+    """Raise InvalidArgument unless an argument is a real number in [least, most]."""
     if not isinstance(value, Real) or isinstance(value, bool) or not least <= float(value) <= most:
         raise InvalidArgument(f"{name} must be a number in [{least:g}, {most:g}], got {value!r}")
 
 
 def require_choice(name: str, value: object, choices: Sequence[str]) -> None:
-    """Raise InvalidArgument unless an argument is one of several strings.
-
-    >>> require_choice("status", "fine", ["ok", "no_repeats"])
-    Traceback (most recent call last):
-    ...
-    belief.errors.InvalidArgument: status must be one of ok, no_repeats; got 'fine'
-    """
+    """Raise InvalidArgument unless an argument is one of several strings."""
     if value not in choices:
         raise InvalidArgument(f"{name} must be one of {', '.join(choices)}; got {value!r}")
 
@@ -205,9 +150,6 @@ def normalise_log_probs(log_probs: ArrayLike, name: str = "log_probs", row: tupl
     """Log probabilities ``(..., K)``, normalised where the probabilities sum to one within :data:`SUM_TOLERANCE`.
 
     ``name`` and ``row`` are the argument and the index of these rows in it, for the error.
-
-    Raises:
-        ValueError: NaN, a positive logarithm, or a row with another sum.
     """
     values = np.asarray(as_real(log_probs, name), np.float64)
     require(~np.isnan(values) & (values < SUM_TOLERANCE), values, name, "NaN or a probability above one", row)
@@ -218,12 +160,7 @@ def normalise_log_probs(log_probs: ArrayLike, name: str = "log_probs", row: tupl
 
 
 def normalise_probs(probs: ArrayLike, name: str = "probs", axis: int = -1, row: tuple[int, ...] = ()) -> Floats:
-    """Probabilities, normalised along an axis where they sum to one within :data:`SUM_TOLERANCE`.
-
-    Raises:
-        ValueError: no axis, an empty array, NaN, a negative number, or a row with another sum; rows are counted with
-            the axis moved to the end.
-    """
+    """Probabilities, normalised along an axis where they sum to one within :data:`SUM_TOLERANCE`."""
     values = np.asarray(as_real(probs, name), np.float64)
     if values.ndim == 0 or values.size == 0:
         raise ValueError(f"{name} needs at least one axis, none of them empty, got shape {values.shape}")
@@ -238,19 +175,7 @@ def normalise_probs(probs: ArrayLike, name: str = "probs", axis: int = -1, row: 
 
 
 def pose_count(poses: NDArray[np.integer], num_poses: int | None) -> int:
-    """P: as given, or one more than the largest of one or more poses.
-
-    Raises:
-        InvalidArgument: a pose that is not in [0, P), or a P above 1000 and above the number of touches, which would
-            waste memory.
-
-    >>> pose_count(np.array([0, 2]), None), pose_count(np.array([0, 2]), 6)
-    (3, 6)
-    >>> pose_count(np.array([0, 10**9]), None)
-    Traceback (most recent call last):
-    ...
-    belief.errors.InvalidArgument: touch 1 has pose 1000000000, 2 touches are fitted in at most 1000 poses
-    """
+    """P: as given, or one more than the largest of one or more poses."""
     largest, most = int(poses.max()), max(_MOST_POSES, poses.size)
     if num_poses is not None and not (isinstance(num_poses, int | np.integer) and 1 <= num_poses <= most):
         raise InvalidArgument(f"num_poses must be a whole number from 1 to {most}, got {num_poses!r}")
@@ -264,14 +189,7 @@ def pose_count(poses: NDArray[np.integer], num_poses: int | None) -> int:
 
 
 def finite_logits(logits: ArrayLike) -> Floats:
-    """Logits as float64, ``(..., K)``.
-
-    Raises:
-        ValueError: they are empty, masked or not real numbers, or one is NaN or infinite; the message names its row.
-
-    >>> finite_logits([[1, 2]])
-    array([[1., 2.]])
-    """
+    """Logits as float64, ``(..., K)``."""
     with np.errstate(over="ignore"):  # a long double may become infinite, which is an error
         z = np.asarray(as_real(logits, "logits"), np.float64)
     if z.ndim == 0 or z.size == 0:
@@ -283,14 +201,7 @@ def finite_logits(logits: ArrayLike) -> Floats:
 
 
 def labelled_logits(logits: ArrayLike, labels: ArrayLike) -> tuple[Floats, NDArray[np.int64]]:
-    """Logits ``(n, K)`` and labels ``(n,)``, checked.
-
-    Raises:
-        ValueError: empty input, NaN or infinite logits, labels out of range, shapes that do not fit.
-
-    >>> labelled_logits([[1.0, 2.0]], [1])
-    (array([[1., 2.]]), array([1]))
-    """
+    """Logits ``(n, K)`` and labels ``(n,)``, checked."""
     shape, num_labels = np.shape(logits), np.shape(labels)
     if len(shape) != 2 or 0 in shape or num_labels != shape[:1]:
         raise ValueError(f"need logits (n, K) and labels (n,) with n ≥ 1, got {shape} and {num_labels}")
@@ -298,14 +209,7 @@ def labelled_logits(logits: ArrayLike, labels: ArrayLike) -> tuple[Floats, NDArr
 
 
 def checked_probs(probs: ArrayLike) -> Floats:
-    """Predicted distributions ``(n, K)`` as float64, renormalised where they sum to one within 2e-3.
-
-    Raises:
-        ValueError: empty, not two-dimensional, or a row that is not a distribution; the message names the row.
-
-    >>> float(checked_probs([[0.5, 0.501]]).sum())
-    1.0
-    """
+    """Predicted distributions ``(n, K)`` as float64, renormalised where they sum to one within 2e-3."""
     p = np.asarray(as_real(probs, "probs"), np.float64)
     if p.ndim != 2 or p.size == 0:
         raise ValueError(f"need probs (n, K) with n ≥ 1 and K ≥ 1, got shape {p.shape}")
@@ -313,14 +217,7 @@ def checked_probs(probs: ArrayLike) -> Floats:
 
 
 def checked_pair(probs: ArrayLike, labels: ArrayLike) -> tuple[Floats, NDArray[np.int64]]:
-    """Predicted distributions ``(n, K)``, as from :func:`checked_probs`, and true shapes ``(n,)`` as int64.
-
-    Raises:
-        ValueError: as :func:`checked_probs`; another number of labels, or labels that are not integers in [0, K).
-
-    >>> checked_pair([[0.5, 0.5]], [1])[1].tolist()
-    [1]
-    """
+    """Predicted distributions ``(n, K)``, as from :func:`checked_probs`, and true shapes ``(n,)`` as int64."""
     p = checked_probs(probs)
     if np.shape(labels) != (len(p),):
         raise ValueError(f"need probs (n, K) and labels (n,) with n ≥ 1, got {p.shape} and {np.shape(labels)}")
@@ -328,14 +225,7 @@ def checked_pair(probs: ArrayLike, labels: ArrayLike) -> tuple[Floats, NDArray[n
 
 
 def checked_values(name: str, values: ArrayLike) -> Floats:
-    """Numbers of any shape as float64, each finite and at most 1e150 in size.
-
-    Raises:
-        ValueError: masked, not numbers, NaN, infinite or beyond ±1e150; the message names the first such place.
-
-    >>> checked_values("costs", [1, 2]).tolist()
-    [1.0, 2.0]
-    """
+    """Numbers of any shape as float64, each finite and at most 1e150 in size."""
     x = unmasked(values, name)
     if x.dtype.kind not in "fiub":
         raise InvalidArgument(f"{name} must be numbers, got an array of {x.dtype}")
@@ -348,14 +238,7 @@ def checked_values(name: str, values: ArrayLike) -> Floats:
 
 
 def checked_outcomes(name: str, outcomes: ArrayLike) -> NDArray[np.bool_]:
-    """Outcomes of n ≥ 1 episodes as booleans, from booleans or numbers 0 and 1, ``(n,)``.
-
-    Raises:
-        ValueError: empty, not one-dimensional, or other values than 0 and 1; the message names the first such row.
-
-    >>> checked_outcomes("first", [1, 0]).tolist()
-    [True, False]
-    """
+    """Outcomes of n ≥ 1 episodes as booleans, from booleans or numbers 0 and 1, ``(n,)``."""
     x = unmasked(outcomes, name)
     if x.dtype.kind not in "fiub":
         raise InvalidArgument(f"{name} must be right (1) or wrong (0), got an array of {x.dtype}")
@@ -369,14 +252,6 @@ def checked_outcomes(name: str, outcomes: ArrayLike) -> NDArray[np.bool_]:
 
 
 def require_fraction(name: str, value: float) -> None:
-    """Check that an argument lies strictly between 0 and 1.
-
-    Raises:
-        InvalidArgument: it does not, such as a confidence in percent.
-
-    >>> require_fraction("confidence", 95)
-    Traceback (most recent call last):
-    belief.errors.InvalidArgument: confidence must lie in (0, 1), got 95
-    """
+    """Check that an argument lies strictly between 0 and 1."""
     if not isinstance(value, int | float | np.number) or not 0.0 < value < 1.0:
         raise InvalidArgument(f"{name} must lie in (0, 1), got {value!r}")

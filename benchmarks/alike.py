@@ -22,7 +22,6 @@ from activetouch.poses import POSE_SETS, hamilton_product, random_orientation, t
 from activetouch.pressing.height_maps import Window, predicted_contacts
 from activetouch.scene import Scene
 from activetouch.shapes import Shape
-from activetouch.solids.twins import find_twins
 from belief.errors import InvalidArgument
 from belief.statistics import wilson_interval
 from belief.validation import require_count
@@ -249,11 +248,10 @@ class _Study:
 
     def result(self, parts: dict[str, _Compared]) -> Alike:
         """The pairs, most alike first."""
-        twins = [twin for twin in find_twins(self.solids, largest_factor=1.0) if twin.mirrored is not True]
-        same = {frozenset((twin.first, twin.second)) for twin in twins}
+        solids = self.solids
         pairs = [
-            _of_one_body(one, other) if {one, other} in same else self._likeness(parts[one], parts[other])
-            for one, other in combinations(self.solids, 2)
+            _of_one_body(one, other) if solids[one] == solids[other] else self._likeness(parts[one], parts[other])
+            for one, other in combinations(solids, 2)
         ]
         pairs.sort(key=lambda pair: (-pair.all, -pair.one))
         for place, pair in enumerate(pairs[:_MOST_COMPARED]):

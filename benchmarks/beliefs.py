@@ -17,7 +17,7 @@ from itertools import permutations
 import numpy as np
 from rounds import time_in_rounds
 
-from activetouch.sensor_files import load_observation_model
+from activetouch.sensor_files import fitted_model
 from belief import Touch
 from belief.arrangement import arrangement_marginals
 from belief.bayes import target_information_gain, update
@@ -73,7 +73,7 @@ def others() -> dict[str, Callable[[int], object]]:
     rng = np.random.default_rng(0)
     cases: dict[str, Callable[[int], object]] = {}
     for name in ("gel", "many", "hard"):
-        model = load_observation_model(independent_sensor(name), independent=True)
+        model = fitted_model(independent_sensor(name), independent=True).model
         table, num_shapes = model.outcome_table().probs, len(model.shape_labels)
         some = [Touch(i % len(table), row) for i, row in enumerate(rng.normal(size=(12, num_shapes)))]
         probs = rng.dirichlet(np.ones(num_shapes))
@@ -146,7 +146,7 @@ def print_information() -> None:
     """Print the information about the shape in a touch of the models of independent touches, and in its outcome."""
     print(f"\n{'nats per touch, mean over poses':<34}{'touch':>8}{'table':>8}{'kept':>8}{'outcomes':>10}")
     for sensor in map(independent_sensor, ("coarse", "gel", "hard", "many", "paper")):
-        model = load_observation_model(sensor, independent=True)
+        model = fitted_model(sensor, independent=True).model
         touch, table = information_of_touch(model, num_samples=20_000).mean(), model.outcome_table()
         kind, kept = f"{sensor.name} ({model.name}, K = {table.num_shapes})", table.information().mean()
         print(f"{kind:<34}{touch:8.3f}{kept:8.3f}{kept / touch:8.3f}{table.num_outcomes:10}")

@@ -55,16 +55,16 @@ def compare(scene: Scene, law: Closing, grasps: int, seed: int) -> str:
         placement, depth = scene.place_in_palm(obj, number % len(scene.poses), rng)
         met, centre = hand.placements(placement, depth), np.array([depth, *placement.offset])
         forces = (hand.forces * scene.variation.force.sample(rng)).tolist()
-        still = quasistatic.close(scene.setup, met, rotations, centre, forces)
+        still = quasistatic.close(scene.pad, met, rotations, centre, forces)
         started = time.process_time()
         try:
-            moved = law.close(scene.setup, met, rotations, centre, forces)
+            moved = law.close(scene.pad, met, rotations, centre, forces)
         except UnstablePress:
             unsettled += 1
             continue
         finally:
             seconds += time.process_time() - started
-        there = quasistatic.close(scene.setup, moved.met, rotations, centre, forces)  # where the body came to rest
+        there = quasistatic.close(scene.pad, moved.met, rotations, centre, forces)  # where the body came to rest
         images = [image(scene, grasp) for grasp in (moved, still, there)]
         normals = [contact.force for contact in moved.contacts]
         turned = abs(float(still.met[0].orientation @ moved.met[0].orientation))

@@ -49,7 +49,7 @@ def visible(scene: Scene, rng: np.random.Generator) -> NDArray[np.bool_]:
 
         solids: list[Shape] = [cube, *corners]
         placed = [Placement(shape, size, shown, offset) for shape in solids]
-        whole, *others = (scene.image(scene.press_model.press(scene.setup, one, force)) for one in placed)
+        whole, *others = (scene.image(scene.press_model.press(scene.pad, one, force)) for one in placed)
         found[number] = [np.abs(other - whole).max() > _SEEN for other in others]
     return found
 

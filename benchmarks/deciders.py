@@ -21,7 +21,7 @@ from tabular_model import TabularModel
 from timed import Timed
 from upper_bounds.search import search_bound
 
-from activetouch.sensor_files import load_observation_model
+from activetouch.sensor_files import fitted_model
 from belief import SearchProblem
 from belief.observation_model import OutcomeTable
 from belief.statistics import paired_bootstrap, wilson_interval
@@ -32,7 +32,7 @@ from planners.registry import NEED_FILES
 from planners.solve import SearchTouchProblem, solve
 
 NUM_OBJECTS, TOUCH_COST = 4, 0.02
-TREES = ("pouct", "pomcp")
+TREES = ("pouct",)
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Row:
 
 
 def tables() -> dict[str, OutcomeTable]:
-    coarse = load_observation_model(independent_sensor("coarse"), independent=True)
+    coarse = fitted_model(independent_sensor("coarse"), independent=True).model
     return {"coarse": coarse.outcome_table(), "random": random_model(np.random.default_rng(3)).outcome_table()}
 
 

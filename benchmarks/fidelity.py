@@ -23,8 +23,8 @@ from activetouch.placement import Placement
 from activetouch.poses import turn
 from activetouch.pressing.contact import first_touch
 from activetouch.pressing.dynamic import Dynamic
+from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Press, Quasistatic
-from activetouch.pressing.setup import Setup
 from activetouch.scene import Scene
 from activetouch.shapes import SHAPES
 from belief.files import require_writable_file, write_text
@@ -181,7 +181,7 @@ class FidelityCommand:
 
 
 def _depth(name: str, kind: str, press: Press, placement: Placement, force: float) -> tuple[str, str, float, float]:
-    return name, kind, force, press.press(Setup(), placement, force).depth
+    return name, kind, force, press.press(Pad(), placement, force).depth
 
 
 def _press_some(scene: Scene, shape: int, numbers: range, seed: int) -> tuple[int, int, Pressed]:
@@ -192,7 +192,7 @@ def _press_some(scene: Scene, shape: int, numbers: range, seed: int) -> tuple[in
         placement = scene.place(thing, number % len(scene.poses), rng)
         target = scene.variation.force.sample(rng)
         try:
-            contact = scene.press_model.press(scene.setup, placement, target)
+            contact = scene.press_model.press(scene.pad, placement, target)
         except UnstablePress:
             rows.append((target, np.nan, np.nan, np.nan, False))
             images.append(np.full(scene.pad.num_taxels**2, np.nan))

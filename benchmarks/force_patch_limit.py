@@ -32,7 +32,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from activetouch.data.dataset import read_manifest, read_split
+from activetouch.data.dataset import read_split
+from activetouch.data.manifest import read_manifest
 from activetouch.pressing.contact import Contact
 from activetouch.pressing.trace import Trace
 from activetouch.rendering import ForcePatchRenderer
@@ -443,7 +444,7 @@ class PixelReader:
         renderer = study.scene.renderer
         assert isinstance(renderer, ForcePatchRenderer), "the caller chose this scene for its renderer"
         manifest = read_manifest(self.collection)
-        require_collection(self.collection, manifest, study.sensor.reader.card, None, repeats=False)
+        require_collection(self.collection, manifest, study.sensor.reader.card, None)
         train = read_split(self.collection, "train")
         order = np.random.default_rng(study.seed).permutation(np.unique(train.object_ids))  # parts are of whole objects
         known, readings = close_ups(train.images, renderer), study.read()

@@ -3,7 +3,7 @@
 All are timed in turn, round after round, so that a busy moment of the machine meets all of them; a time is the median
 over rounds, and the ratio to the reference is the median of the ratios within a round.
 
-    python -m benchmarks.frontier --checkpoints runs/tiny/classifier.safetensors runs/atto/classifier.safetensors
+    python -m benchmarks.frontier --checkpoints runs/tiny/state.safetensors runs/atto/state.safetensors
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import json
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields
 from functools import partial
 from pathlib import Path
 from shutil import which
@@ -25,7 +25,9 @@ from numpy.typing import NDArray
 
 from activetouch.data.dataset import read_split
 from activetouch.extras import require_extra
-from activetouch.perception.reader import ImageReader
+from activetouch.perception.card import ClassifierCard, card_from
+from activetouch.perception.reader import TactileReader
+from activetouch.perception.sealed_tensors import read_tensors
 from belief.claims import claim_folder, ends_claims
 from belief.files import write_text
 from belief.table import Table
@@ -71,11 +73,11 @@ class Frontier:
 
     For example:
 
-        python -m benchmarks.frontier --checkpoints runs/tiny/classifier.safetensors runs/atto/classifier.safetensors
+        python -m benchmarks.frontier --checkpoints runs/tiny/state.safetensors runs/atto/state.safetensors
     """
 
     checkpoints: Annotated[tuple[Path, ...], NotEmpty()]
-    """From activetouch train --recipe large or paper."""
+    """States of activetouch train --recipe large or paper."""
     scene: str = "gel"
     """Whose touches to read."""
     data: Path | None = None
@@ -100,7 +102,7 @@ class Frontier:
         require_extra("train")
         import torch
 
-        from activetouch.perception.classifier import TouchClassifier, TouchNetwork
+        from activetouch.perception.classifier import TouchNetwork
 
         claim_folder(self.out)
         torch.set_num_threads(self.threads)
@@ -109,15 +111,15 @@ class Frontier:
         calibration, test = read_split(data, "calibration"), read_split(data, "test")
         if self.touches is not None:
             test = test.select(np.arange(min(self.touches, len(test.images))))
-        variants: list[tuple[Path, str, ImageReader]] = []
+        variants: list[tuple[Path, str, TactileReader | TouchClassifier]] = []
         for path in self.checkpoints:
-            single = TouchClassifier.load(path)
+            single = trained(path)
             if single.card.knows_orientations:
                 raise BadArgument(
                     f"--checkpoints must be plain classifiers (train --recipe large), {path} embeds images"
                 )
-            require_collection(data, manifest, single.card, None, repeats=False)
-            variants += [(path, name, reader) for name, reader in runtimes(single, manifest.image_shape, self.threads)]
+            require_collection(data, manifest, single.card, None)
+            variants += [(path, name, reader) for name, reader in runtimes(single, manifest.image_shape)]
         times = {b: self._time([reader for *_, reader in variants], test.images, b) for b in self.batches}
         entries = []
         with progress_bar() as progress:
@@ -156,7 +158,9 @@ class Frontier:
         print(shown)
         print(f"wrote {self.out}/frontier.md, .json and .svg")
 
-    def _time(self, readers: list[ImageReader], images: NDArray[np.uint8], batch: int) -> NDArray[np.float64]:
+    def _time(
+        self, readers: list[TactileReader | TouchClassifier], images: NDArray[np.uint8], batch: int
+    ) -> NDArray[np.float64]:
         """Seconds of one batch, by round and reader, ``(rounds, readers)``."""
         images = images[np.arange(batch) % len(images)]  # again from the first, if there are fewer
         calls: list[Callable[[], object]] = [partial(reader.read, images, batch) for reader in readers]
@@ -172,15 +176,30 @@ class Frontier:
         return seconds
 
 
+def trained(state: Path) -> TouchClassifier:
+    """The network of a training, of its best epoch where it keeps that."""
+    import torch
+
+    from activetouch.perception.classifier import TouchClassifier, TouchNetwork
+    from activetouch.perception.learner import with_prefix
+
+    arrays, header = read_tensors(state)
+    names = {field.name for field in fields(ClassifierCard)}
+    card = card_from({name: value for name, value in header["task"].items() if name in names}, state)
+    prefix = "best." if any(name.startswith("best.") for name in arrays) else "model."
+    network = TouchNetwork(card)
+    network.load_state_dict(with_prefix({name: torch.from_numpy(array) for name, array in arrays.items()}, prefix))
+    return TouchClassifier(card, network)
+
+
 def runtimes(
-    classifier: TouchClassifier, image_shape: tuple[int, ...], threads: int = 1
-) -> Iterator[tuple[str, ImageReader]]:
+    classifier: TouchClassifier, image_shape: tuple[int, ...]
+) -> Iterator[tuple[str, TactileReader | TouchClassifier]]:
     """A network in every runtime, by name; torch first.
 
     Args:
         classifier: the network.
         image_shape: ``(H, W)`` or ``(H, W, 3)`` of its images.
-        threads: threads of ONNX Runtime; those of torch are the process's.
     """
     from activetouch.perception.export import export_reader
 
@@ -189,7 +208,7 @@ def runtimes(
         yield "torch, compiled", _compiled(classifier)
     yield "torch, bf16", _to_bfloat16(classifier)
     yield "torch, int8", _to_int8(classifier)
-    yield "ONNX Runtime", replace(export_reader(classifier, image_shape), threads=threads)
+    yield "ONNX Runtime", export_reader(classifier, image_shape)
 
 
 def _to_bfloat16(classifier: TouchClassifier) -> TouchClassifier:

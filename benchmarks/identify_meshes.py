@@ -13,8 +13,8 @@ import argparse
 import time
 import warnings
 from collections.abc import Sequence
-from dataclasses import replace
-from functools import partial
+from dataclasses import fields, replace
+from functools import cached_property, partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -31,15 +31,88 @@ from activetouch.pressing.height_maps import predicted_contacts
 from activetouch.rotation_cells import views
 from activetouch.solids.mesh import Mesh
 from activetouch.solids.mesh_file import ENDINGS
-from belief.coarse_to_fine import Effort
+from belief.coarse_to_fine import CoarseToFine, Effort
 from belief.statistics import wilson_interval
-from experiments.meshes.naming import RULES, Naming, name_object
+from experiments.meshes.identify import Naming, name_object
 from experiments.meshes.setting import MeshSetting
 from experiments.parallel import Shared, run_tasks
 
 EDGE = 16  # of images that are compared
 COUNTS = (1, 2, 4, 6, 8, 12, 16)
 THRESHOLDS = (0.9, 0.95)
+RULES = ("information gain", "random", "fixed")
+AVERAGED = 16  # objects that the fixed order is best for
+
+
+class Timed(MeshSetting):
+    """Adds up the seconds of its decisions, updates and closer looks, and keeps the beliefs after these."""
+
+    @cached_property
+    def seconds(self) -> np.ndarray:
+        """Of decisions, updates and looks."""
+        return np.zeros(3)
+
+    @cached_property
+    def beliefs(self) -> list[CoarseToFine]:
+        """After each touch."""
+        return []
+
+    def information(self, belief: CoarseToFine, target: int | None = None) -> np.ndarray:
+        """See :class:`MeshSetting`."""
+        started = time.perf_counter()
+        found = super().information(belief, target)
+        self.seconds[0] += time.perf_counter() - started
+        return found
+
+    def update(self, belief: CoarseToFine, pose: int, embedding: np.ndarray) -> CoarseToFine:
+        """See :class:`MeshSetting`."""
+        started = time.perf_counter()
+        found = super().update(belief, pose, embedding)
+        self.seconds[1] += time.perf_counter() - started
+        return found
+
+    def looked(self, belief: CoarseToFine) -> CoarseToFine:
+        """See :class:`MeshSetting`."""
+        started = time.perf_counter()
+        found = super().looked(belief)
+        found.log_probs  # noqa: B018
+        self.seconds[2] += time.perf_counter() - started
+        self.beliefs.append(found)
+        return found
+
+
+class Touched(NamedTuple):
+    """How an object was named, seconds of a touch for decisions, updates and looks, and the unresolved share."""
+
+    naming: Naming
+    seconds: np.ndarray
+    unresolved: float
+
+
+def best_order(setting: MeshSetting) -> list[int]:
+    """The order of poses that tells most without regard to what is felt.
+
+    Greedy: each pose is the one with the largest expected information, averaged over simulated objects that were
+    touched in those before it.
+    """
+    rng, order = np.random.default_rng(0x0BD), list[int]()
+    shapes = rng.integers(len(setting.bodies.labels), size=AVERAGED).tolist()
+    objects = [setting.scene.sample_object(shape, rng) for shape in shapes]
+    beliefs = [setting.bodies.start()] * len(objects)
+    while len(order) < len(setting.scene.poses):
+        gains = np.sum([setting.information(belief) for belief in beliefs], axis=0)
+        gains[order] = -np.inf
+        pose = int(gains.argmax())
+        order.append(pose)
+        felt = [setting.touch(obj, pose, rng) for obj in objects]
+        beliefs = [setting.update(belief, pose, touch) for belief, touch in zip(beliefs, felt, strict=True)]
+    return order
+
+
+def touches_to(naming: Naming, threshold: float) -> int | None:
+    """Touches until a body is as probable as the threshold; None if that was not reached."""
+    reached = np.flatnonzero(naming.log_probs.max(axis=1) >= np.log(threshold))
+    return int(reached[0]) + 1 if len(reached) else None
 
 
 def bodies(folder: Path, number: int, jobs: int = 1) -> dict[str, Mesh]:
@@ -108,15 +181,24 @@ def compared(shared: Shared[tuple[MeshSetting, Pictures]], number: int, truth: i
     return ranks
 
 
-def searched(shared: Shared[MeshSetting], rules: tuple[str, ...], number: int, truth: int, touches: int) -> list:
-    """One object, touched by every rule."""
-    setting = shared.value
+def searched(
+    shared: Shared[MeshSetting], orders: dict[str, list[int] | None], number: int, truth: int, touches: int
+) -> list[Touched]:
+    """One object, touched by every rule, in a given order of poses or by information gain."""
+    setting, made = shared.value, []
     obj = setting.scene.sample_object(truth, np.random.default_rng([7, number]))
-    return [name_object(setting, obj, rule, [7, number], touches) for rule in rules]
+    for rule, order in orders.items():
+        timed = Timed(**{one.name: getattr(setting, one.name) for one in fields(setting)})
+        if rule == "random":
+            order = np.random.default_rng([7, number, 1]).permutation(len(setting.scene.poses)).tolist()
+        naming = name_object(timed, obj, [7, number], touches, order=order)
+        made.append(Touched(naming, timed.seconds / len(naming.poses), timed.beliefs[-1].unresolved))
+    return made
 
 
-def report(rule: str, found: list[Naming]) -> None:
+def report(rule: str, touched: list[Touched]) -> None:
     """Accuracy by touches, stops, and times."""
+    found = [one.naming for one in touched]
     truths = np.array([one.truth for one in found])
     logs = np.stack([one.log_probs for one in found])
     print(f"\n{rule}: {len(found)} objects")
@@ -133,7 +215,7 @@ def report(rule: str, found: list[Naming]) -> None:
             f"among five {five.mean():.3f}, stated {stated:.3f}, NLL {nll:.3f}"
         )
     for threshold in THRESHOLDS:
-        stops = [one.touches_to(threshold) for one in found]
+        stops = [touches_to(one, threshold) for one in found]
         done = [(n, one) for n, one in zip(stops, found, strict=True) if n is not None]
         if done:
             right = [bool(one.log_probs[n - 1].argmax() == one.truth) for n, one in done]
@@ -146,8 +228,8 @@ def report(rule: str, found: list[Naming]) -> None:
                 f"[{low:.3f}, {high:.3f}], stated {said:.3f}; touches {spent.mean():.2f} ± {half:.2f} "
                 f"(those that never reach it count as {logs.shape[1]})"
             )
-    deciding, updating, looking = np.mean([one.seconds for one in found], axis=0) * 1e3
-    rest = np.mean([one.unresolved[-1] for one in found])
+    deciding, updating, looking = np.mean([one.seconds for one in touched], axis=0) * 1e3
+    rest = np.mean([one.unresolved for one in touched])
     print(
         f"  decision {deciding:.1f} ms, update {updating:.1f} ms, closer looks {looking:.0f} ms, means of a touch, "
         f"unresolved in the end {rest:.3f}"
@@ -183,13 +265,15 @@ def main() -> None:
         f"cells of levels {model.levels}, temperature {1 / model.scale:.2f}, drift {model.drift:.3f}"
     )
     truths = np.random.default_rng(3).permutation(np.arange(args.searches) % len(solids))
-    if "fixed" in args.rules:
+    orders: dict[str, list[int] | None] = dict.fromkeys(args.rules)
+    if "fixed" in orders:
         started = time.perf_counter()
-        print(f"best fixed order {setting.best_order[:8]} in {time.perf_counter() - started:.0f} s")
-    shared, rules = Shared(setting), tuple(args.rules)
-    tasks = [partial(searched, shared, rules, n, int(truth), args.touches) for n, truth in enumerate(truths)]
+        orders["fixed"] = best_order(setting)
+        print(f"best fixed order {orders['fixed'][:8]} in {time.perf_counter() - started:.0f} s")
+    shared = Shared(setting)
+    tasks = [partial(searched, shared, orders, n, int(truth), args.touches) for n, truth in enumerate(truths)]
     found = list(run_tasks(tasks, args.jobs, "searches"))
-    for place, rule in enumerate(rules):
+    for place, rule in enumerate(orders):
         report(rule, [one[place] for one in found])
     if args.compared:
         started = time.perf_counter()

@@ -19,7 +19,7 @@ from scipy.special import softmax
 from activetouch.data.dataset import read_split
 from activetouch.data.manifest import read_manifest
 from activetouch.perception.reader import TactileReader
-from activetouch.sensor_files import READER_FILE, load_observation_model
+from activetouch.sensor_files import READER_FILE, fitted_model
 from belief.observation_model import ArrayModel, OutcomeTable
 from belief.observation_model.selection import log_posteriors
 from belief.touch_batch import TouchBatch
@@ -63,7 +63,7 @@ def main() -> None:
     print("| scene | shape | recorded: accuracy | probability of the true shape | drawn: accuracy | probability |")
     print("|---|---|---|---|---|---|")
     for scene in arguments.scenes:
-        model = load_observation_model(independent_sensor(scene))
+        model = fitted_model(independent_sensor(scene)).model
         rng = np.random.default_rng(arguments.seed)
         found = (
             recorded_posteriors(scene, model),

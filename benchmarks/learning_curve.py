@@ -14,8 +14,8 @@ from typing import Annotated
 import numpy as np
 import tyro
 
-from activetouch.data.dataset import SPLITS, TouchSet, read_split
-from activetouch.data.manifest import Manifest
+from activetouch.data.dataset import TouchSet, read_split
+from activetouch.data.manifest import SPLITS, Manifest
 from activetouch.extras import require_extra
 from activetouch.perception.recipe import RECIPES
 from belief.claims import claim_folder, ends_claims
@@ -123,7 +123,7 @@ class LearningCurve:
         state = out / f"{len(chosen)}-objects" / STATE_FILE
         classifier = new_classifier(card, recipe.seed)
         trainer = Trainer(classifier, recipe, part, calibration, state, manifest.symmetry)
-        run_to_the_end(trainer, state.parent / "tensorboard")
+        run_to_the_end(trainer)
         trainer.finish()
         result = scores(classifier, calibration, test, np.random.default_rng(self.seed))
         per_shape = len(part.images) // len(manifest.shape_labels)

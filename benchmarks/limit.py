@@ -68,7 +68,7 @@ class Limit:
         sensor = open_sensor(self.sensor, self.choice)
         data = self.data if self.data is not None else repeats_folder(self.choice.scene)
         manifest = open_collection(data, self.choice.scene, repeats=True)
-        require_collection(data, manifest, sensor.reader.card, None, repeats=True)
+        require_collection(data, manifest, sensor.reader.card, None)
         estimator = self.joint if has_few_taxels(scene) else self.congruent
         findings = estimator.measure(sensor, data, touches, self.seed, self.jobs)
         console = plain_console()

@@ -28,7 +28,7 @@ from activetouch import SCENES, Quasistatic, TactileSensor, Window, predicted_co
 from activetouch.placement import Placement
 from activetouch.poses import random_orientation, to_matrices
 from activetouch.shapes import EXTENDED_SHAPES, KEYED_SHAPES, Mesh, Shape
-from activetouch.solids.raycast import first_entry
+from activetouch.solids.mesh import first_entry
 
 Floats = np.ndarray
 OURS = "predicted_contacts"
@@ -187,7 +187,7 @@ def presses(name: str, mesh: Mesh) -> dict[str, dict[str, Callable[[int], object
 
     def press(body: str, i: int) -> object:
         placement = Placement(scene.solids[body], 1.0, rotations[i], offsets[i])
-        return Quasistatic().press(scene.setup, placement, 2.0)
+        return Quasistatic().press(scene.pad, placement, 2.0)
 
     def image(body: str, i: int) -> np.ndarray:
         return scene.press(scene.sample_object(body, rng), i, rng).image

@@ -13,7 +13,7 @@ import argparse
 import numpy as np
 from deciders import play
 
-from activetouch.sensor_files import load_observation_model
+from activetouch.sensor_files import fitted_model
 from belief.statistics import paired_bootstrap
 from experiments.sensor_choice import independent_sensor
 from planners.point_based import PointBased
@@ -33,7 +33,7 @@ def main() -> None:
     print("| scene | outcomes | return | success | touches | over the first |")
     print("|---|---|---|---|---|---|")
     for scene in arguments.scenes:
-        model = load_observation_model(independent_sensor(scene), independent=True)
+        model = fitted_model(independent_sensor(scene), independent=True).model
         reference = np.empty(0)
         for number in arguments.outcomes:
             decider = PointBased(model.outcome_table(number))

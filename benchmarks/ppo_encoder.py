@@ -111,7 +111,7 @@ def played(choose: Choose, episodes: BankEpisodes) -> tuple[NDArray[np.bool_], N
     episodes.begin(rows, np.concatenate([targets, others]))
     running, success, touches = np.ones(len(rows), np.bool_), np.zeros(len(rows), np.bool_), np.zeros(len(rows), int)
     while running.any():
-        result = episodes.step(choose(episodes))
+        result = episodes.act(choose(episodes))
         success |= running & result.success
         touches = np.where(running, episodes.num_touches, touches)
         running &= ~(result.terminated | result.truncated)

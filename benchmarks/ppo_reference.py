@@ -22,9 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.envs.batched_episodes import BankEpisodes
-from activetouch.envs.priors import ObjectPriors
 from activetouch.envs.touch_bank import TouchBank
-from activetouch.sensor_files import MODELS, load_observation_model
+from activetouch.envs.touch_source import ObjectPriors
+from activetouch.sensor_files import MODELS, fitted_model
 from belief.observation_model import ArrayModel
 from benchmarks.upper_bounds.object import object_bound
 from experiments.ppo.recipe import PPO_RECIPES, PPORecipe
@@ -95,11 +95,11 @@ def thresholds(confirm: float, reject: float) -> Callable[[BankEpisodes], NDArra
 def main(out: Path, sensor: str) -> None:
     """Print the references of all policies of a training that are for one target."""
     bank, test_bank = (TouchBank.open(out / "bank" / split) for split in (TRAINING, TEST))
-    model = load_observation_model(MODELS / sensor)
-    for state, targets in json.loads((out / "curves.json").read_text()).items():
+    model = fitted_model(MODELS / sensor).model
+    for state, targets in json.loads((out / "scores.json").read_text()).items():
         for target in targets:
             found = reference(bank, test_bank, model, target, PPO_RECIPES[state])
-            returns = ", ".join(f"{curve[-1][1]:.3f}" for curve in targets[target])
+            returns = ", ".join(f"{score['mean_return']:.3f}" for score in targets[target])
             print(
                 f"{state} {target}: returns of the seeds {returns}; {found.score.mean_return:.3f} of the best "
                 f"thresholds {found.thresholds}; upper bound {found.optimum:.3f} for the table of outcomes; with "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,10 +12,13 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from activetouch.data.dataset import TouchSet
-from activetouch.perception.reader import ImageReader
+from activetouch.perception.reader import TactileReader
 from belief.calibration import TemperatureScaling
 from belief.metrics import negative_log_likelihood
 from experiments.sensor.scores import accuracy_of_objects
+
+if TYPE_CHECKING:
+    from activetouch.perception.classifier import TouchClassifier
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,9 @@ class Scores:
         return f"{self.accuracy:.4f} [{low:.4f}, {high:.4f}]"
 
 
-def scores(reader: ImageReader, calibration: TouchSet, test: TouchSet, rng: np.random.Generator) -> Scores:
+def scores(
+    reader: TactileReader | TouchClassifier, calibration: TouchSet, test: TouchSet, rng: np.random.Generator
+) -> Scores:
     """Scores on a test split, with a temperature from the calibration split; ``rng`` is that of the interval."""
     known, read = reader.read(calibration.images, 256), reader.read(test.images, 256)
     scaling = TemperatureScaling().fit(known.logits, calibration.shapes)

@@ -32,16 +32,9 @@ def pooled(found: Sequence[Comparison], seed: int = 0) -> Comparison:
         seed: of the bootstraps.
     """
     first = found[0]
-    solved = {target: list(chain.from_iterable(one.solved[target] for one in found)) for target in first.targets}
-    episodes = {}
-    for key in first.episodes:
-        parts = [(one.episodes[key], len(one.solved[key[1]])) for one in found]
-        with_oracle = [some[:tried] for some, tried in parts]  # come first, as the oracle's answers do
-        episodes[key] = list(chain(*with_oracle, *(some[tried:] for some, tried in parts)))
+    episodes = {key: list(chain.from_iterable(one.episodes[key] for one in found)) for key in first.episodes}
     seconds = {key: sum((one.cells[key].seconds for one in found), Seconds()) for key in first.episodes}
-    return Comparison.from_episodes(
-        first.problem, episodes, seconds, solved, first.reference, np.random.default_rng(seed)
-    )
+    return Comparison.from_episodes(first.problem, episodes, seconds, first.reference, np.random.default_rng(seed))
 
 
 def main() -> None:

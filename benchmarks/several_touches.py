@@ -192,7 +192,7 @@ class SeveralTouches:
             self.readers or (sensor_folder(None, self.scene) / READER_FILE,), self.precisions
         ):
             reader = in_precision(TactileReader.load(path), precision)
-            require_collection(data, manifest, reader.card, None, repeats=True)
+            require_collection(data, manifest, reader.card, None)
             known = read_touches(reader, calibration, f"{path}, calibration touches").sequence(0)
             known_test = read_touches(reader, test, f"{path}, test touches")
             read = in_random_orders(known_test, test, self.orders, self.seed)

@@ -26,7 +26,6 @@ from activetouch.pressing.facing import facing_geom
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Press
 from activetouch.pressing.rig import LARGEST_SCALE, add_solid
-from activetouch.pressing.setup import Setup
 from activetouch.shapes import Geom, Shape
 
 Floats = NDArray[np.float64]
@@ -184,7 +183,7 @@ def shared_soft_rig(pad: Pad, soft: SoftPad, shape: Shape) -> SoftRig:
 class Deformable(SoftPad, Press):
     """A constant force pulls the object against an elastic block until the block carries it.
 
-    Only the pad of the setup is modelled. The indentation may exceed the pad's ``max_depth``. See :class:`SoftPad` for
+    The indentation may exceed the pad's ``max_depth``. See :class:`SoftPad` for
     the settings of the block.
 
     Attributes:
@@ -204,10 +203,10 @@ class Deformable(SoftPad, Press):
         if not self.pause >= self.timestep > 0.0:
             raise ValueError(f"pause must be at least one timestep, got {self.pause} s and {self.timestep} s")
 
-    def press(self, setup: Setup, placement: Placement, target_force: float) -> Contact:
+    def press(self, pad: Pad, placement: Placement, target_force: float) -> Contact:
         """See :class:`Press`."""
         require_force(target_force)
-        pad = setup.pad
+        pad = pad
         gap, touching = first_touch(pad, placement)
         if target_force == 0.0 or not np.isfinite(gap).any():
             blank = np.zeros_like(gap)
@@ -233,9 +232,9 @@ class Deformable(SoftPad, Press):
         indentation = np.maximum(_on_taxels(pad, rig.indentation), 0.0)
         return Contact(pad, gap, force, indentation, _pressure(pad, rig.node_forces, force))
 
-    def compiled(self, setup: Setup, shape: Shape) -> mujoco.MjModel:
+    def compiled(self, pad: Pad, shape: Shape) -> mujoco.MjModel:
         """See :class:`Press`."""
-        return build_soft_spec(setup.pad, self, shape.geom).compile()
+        return build_soft_spec(pad, self, shape.geom).compile()
 
 
 def _on_taxels(pad: Pad, nodal: Floats) -> Floats:

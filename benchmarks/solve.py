@@ -21,7 +21,7 @@ from scipy.special import softmax
 from upper_bounds.object import object_bound
 from upper_bounds.search import search_bound
 
-from activetouch.sensor_files import load_observation_model
+from activetouch.sensor_files import fitted_model
 from belief.validation import Floats
 from experiments.sensor_choice import independent_sensor
 from planners.solve import SearchPolicy, SearchTouchProblem, TouchPolicy, TouchProblem, solve
@@ -31,7 +31,7 @@ def table(name: str, num_outcomes: int | None) -> Floats:
     """An outcome table, by name."""
     if name == "synthetic":
         return np.asarray(softmax(2.0 * np.random.default_rng(1).normal(size=(6, 4, 12)), axis=2))
-    return load_observation_model(independent_sensor(name), independent=True).outcome_table(num_outcomes).probs
+    return fitted_model(independent_sensor(name), independent=True).model.outcome_table(num_outcomes).probs
 
 
 def decision_times(policy: TouchPolicy) -> tuple[float, float]:

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp, softmax
 
-from belief.conflict import log_stranger
+from belief.conflict import log_conflict
 from belief.errors import InvalidArgument
 from belief.frozen import frozen
 from belief.naming import checked_names
@@ -139,7 +139,8 @@ class StrangerEvidence:
         mean = logsumexp(known) - np.log(len(known))
         if np.isneginf(mean):  # no known shape is possible
             return frozen(np.append(known, 0.0))
-        return frozen(np.append(known, mean + log_stranger(bets)))
+        # A stranger looks familiar from each side, but the sides do not fit one body: bets on misfit alone count.
+        return frozen(np.append(known, mean + log_conflict([bets[1:3] if len(bets) == 12 else bets])))
 
     def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> Outcomes | None:
         """The outcomes of the next touch, given these touches; see :class:`ObjectEvidence`."""

@@ -22,16 +22,16 @@ from activetouch import SCENES, Scene, TactileSensor, TouchWorld
 from activetouch.named_scenes import NamedScene
 from activetouch.scene import WorldObject
 from activetouch.shapes import EXTENDED_SHAPES
-from activetouch.world import TouchTime
+from activetouch.world import TouchTime, touch_many
 from belief import Composition, Counts, SearchProblem
 from belief.observation_model import ObservationModel
 from belief.seeding import arrangement_rng
+from belief.statistics import clopper_pearson_interval
 from belief.synthetic import sample_arrangement
 from belief.table import Table, interval
 from benchmarks.stranger_model import StrangerModel
 from experiments.parallel import default_jobs, run_tasks
-from experiments.robustness.searches import played_together, success_scores
-from planners import Outcome, make_decider
+from planners import Episode, Outcome, make_decider, search_lockstep
 
 KNOWS, IGNORES = "knows of strangers", "knows known shapes only"
 _DECIDER = "information_gain"
@@ -74,8 +74,9 @@ def stranger_searches(
         jobs: number of processes.
 
     Returns:
-        By kind of belief :func:`~experiments.robustness.searches.success_scores`; ``taken``: fraction that confirmed a
-        stranger; and ``no_touch``: success of the better of confirming the first object and rejecting all.
+        By kind of belief: ``number`` of searches, ``success`` with ``interval``, ``touches`` a search, ``wrong``:
+        fraction with a wrong confirmation, with its interval; ``taken``: fraction that confirmed a stranger; and
+        ``no_touch``: success of the better of confirming the first object and rejecting all.
     """
     tasks = [partial(_scores, belief, sensor, named, episodes, seed) for belief in (KNOWS, IGNORES)]
     found = dict(run_tasks(tasks, jobs, "searching among strangers"))
@@ -105,10 +106,20 @@ def _scores(
         used, problem = sensor.model, replace(problem, shape_labels=known, composition=Composition.INDEPENDENT)
     decider = make_decider(_DECIDER, used.outcome_table(), used)
     targets = [target for _, target, _ in seeds]
-    played = played_together(sensor, worlds, decider, problem, targets, used, seeds)
+    played: list[Episode] = []
+    for first in range(0, len(seeds), 25):
+        part = slice(first, first + 25)
+        some = worlds[part], decider, problem, targets[part], used, seeds[part]
+        played += search_lockstep(*some, lambda pending: touch_many(sensor, pending)[0])
+    won = sum(bool(episode.success) for episode in played)
+    wrong = sum(episode.outcome is Outcome.CONFIRMED and episode.success is False for episode in played)
     confirmed = [episode.confirmed_shape for episode in played if episode.outcome is Outcome.CONFIRMED]
     return belief, {
-        **success_scores(played),
+        "number": len(played),
+        "success": won / len(played),
+        "interval": clopper_pearson_interval(won, len(played)),
+        "touches": float(np.mean([episode.num_touches for episode in played])),
+        "wrong": [wrong / len(played), *clopper_pearson_interval(wrong, len(played))],
         "taken": sum(shape == len(known) for shape in confirmed) / len(played),
         "no_touch": max(1.0 / bag.total, 1.0 - present),
     }

@@ -79,20 +79,17 @@ def _read(sensor: Any, images: np.ndarray[Any, Any]) -> Callable[[int], object]:
 
 
 def _search(scene: str) -> Callable[[int], object]:
-    """Plays the searches of one target as ``activetouch compare`` does: its four deciders and the oracle."""
+    """Plays the searches of one target as ``activetouch compare`` does: its four deciders."""
     from experiments.scene_choice import SceneChoice
     from experiments.search.comparison import DEFAULT_DECIDERS, prepared
-    from experiments.search.oracle import solved_by_full_information
-    from experiments.search.play import TouchMemo, play_episodes
+    from experiments.search.play import play_episodes
     from experiments.search.setting import Setting
 
     run, numbers = prepared(Setting(SceneChoice(scene)), DEFAULT_DECIDERS, seed=1, jobs=1), range(SEARCHES)
 
     def play(target: int) -> None:
-        memo = TouchMemo()
         for decider in run.deciders.values():
-            play_episodes(run.searches, decider, target, numbers, memo)
-        solved_by_full_information(run.searches, target, numbers, memo)
+            play_episodes(run.searches, decider, target, numbers)
 
     return play
 

@@ -26,7 +26,6 @@ from activetouch.pressing.contact import first_touch
 from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.rig import Rig
-from activetouch.pressing.setup import Setup
 from activetouch.shapes import EXTENDED_SHAPES, SHAPES
 
 ROUNDS, NUM_CORES = 7, joblib.cpu_count()
@@ -52,7 +51,7 @@ def presses_per_second(scene: Scene, number: int) -> float:
 def rollouts_per_second(number: int = 256) -> float:
     """Presses per second stepped by ``mujoco.rollout`` on all cores, each to a depth of about 2 N."""
     press, rng = Dynamic(), np.random.default_rng(0)
-    rigs = {name: Rig(Setup(), shape, press.timestep, traced=True) for name, shape in SHAPES.items()}
+    rigs = {name: Rig(Pad(), shape, press.timestep, traced=True) for name, shape in SHAPES.items()}
     models, states, controls = [], [], []
     scene = SCENES["gel"].scene
     for index in range(number):
@@ -94,7 +93,7 @@ def presses(scene: Scene) -> Callable[[int], object]:
     rng = np.random.default_rng(0)
     things = [scene.sample_object(index % len(scene.shapes), rng) for index in range(24)]
     placements = [scene.place(thing, index % 6, rng) for index, thing in enumerate(things)]
-    return lambda index: scene.press_model.press(scene.setup, placements[index % 24], 2.0)
+    return lambda index: scene.press_model.press(scene.pad, placements[index % 24], 2.0)
 
 
 def native_sensor(num_taxels: int) -> Callable[[int], object]:
@@ -124,7 +123,6 @@ def main() -> None:
     stages = {
         "minimal scene": presses(gel),
         "and a trace": presses(traced),
-        "and finger and parked objects": presses(replace(traced, finger=True, parking=True)),
     }
     table("one dynamic press, without image", stages, 24)
     table("height map of all twelve shapes, 128 × 128", {name: height_map(name) for name in EXTENDED_SHAPES}, 24)

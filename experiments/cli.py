@@ -36,9 +36,9 @@ COMMAND_GROUPS: dict[str, dict[str, Command]] = {
         "compare": Command("search.compare:Compare", "run the same searches with several deciders; report"),
         "find": Command("meshes.find:Find", "find the object of one mesh among others; no training"),
         "identify": Command("meshes.identify:Identify", "name objects, given a folder of meshes; no training"),
-        "replay": Command("search.replay:Replay", "draw or animate one recorded search"),
+        "replay": Command("search.replay:Replay", "draw one recorded search"),
         "live": Command("search.live:Live", "run a search that a robot carries out, over lines of JSON"),
-        "export": Command("search.export:Export", "write a run's figures and tables, or a .pomdp file"),
+        "export": Command("search.export:Export", "write a run's figures and tables"),
     },
     "Look at touches": {
         "touch": Command("press.touch:TouchCommand", "draw presses, watch one, or write them as time series"),
@@ -58,7 +58,7 @@ COMMAND_GROUPS: dict[str, dict[str, Command]] = {
         "recorded": Command("recorded.recorded:Recorded", "search among real objects by recorded touches"),
         "robustness": Command("robustness.robustness:Robustness", "test faults, changed objects and unknown shapes"),
         "tradeoff": Command("tradeoff.tradeoff:Tradeoff", "measure accuracy against time; recommend configurations"),
-        "reproduce": Command("paper.reproduce:Reproduce", "reproduce the paper's tables and figures"),
+        "reproduce": Command("paper.reproduce:Reproduce", "reproduce the paper's tables and Figure 3"),
     },
 }
 """All commands, grouped and ordered as in the help."""

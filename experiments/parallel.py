@@ -5,14 +5,19 @@ from __future__ import annotations
 import os
 import pickle
 import re
+import signal
 import tempfile
+import threading
+import time
 import warnings
 import weakref
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import closing, suppress
+from contextlib import closing, contextmanager, suppress
 from functools import lru_cache
+from multiprocessing import resource_tracker
 from pathlib import Path
 from pickle import PicklingError
+from types import FrameType
 from typing import Any, Generic, TypeVar
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -22,7 +27,6 @@ from belief.errors import CannotWrite
 from belief.files import is_of_writing
 from belief.references import look_in
 from experiments.command_line.console import plain_console
-from experiments.command_line.workers import block_interrupt, end_with_parent
 
 T = TypeVar("T")
 
@@ -144,3 +148,50 @@ def _begin_worker(parent: int) -> None:
     """Make a worker end with its parent, and not repeat what that has said about mesh files."""
     end_with_parent(parent)
     warnings.simplefilter("ignore", MeshWarning)
+
+
+_EVERY = 0.5  # seconds
+
+
+def end_with_parent(parent: int) -> None:
+    """Make this process end soon after the process with this id, its parent.
+
+    A thread watches the parent. Without it, workers of a killed parent wait forever for a task, on a pipe that the
+    other workers keep open. ``PR_SET_PDEATHSIG`` is unsuitable: Linux sends it when the starting *thread* ends. The
+    worker ignores Ctrl-C; the parent ends its workers.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_watch, args=(parent,), name="end-with-parent", daemon=True).start()
+
+
+def _watch(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(_EVERY)
+    os._exit(1)
+
+
+@contextmanager
+def block_interrupt() -> Iterator[None]:
+    """Block Ctrl-C in all processes that are started within the block; this process handles it after the block.
+
+    New processes inherit the blocked signals. The resource trackers are started first, because starting one unblocks
+    the signals.
+    """
+    handler = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(handler) or os.name != "posix":
+        yield
+        return
+    from joblib.externals.loky.backend import resource_tracker as loky_resource_tracker
+
+    resource_tracker.ensure_running()
+    loky_resource_tracker.ensure_running()
+    heard: list[tuple[int, FrameType | None]] = []
+    signal.signal(signal.SIGINT, lambda number, frame: heard.append((number, frame)))
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        signal.signal(signal.SIGINT, handler)
+        if heard:
+            handler(*heard[0])

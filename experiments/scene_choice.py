@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
@@ -20,7 +21,7 @@ from activetouch import Dynamic, Quasistatic, Scene
 from activetouch.distributions import Constant, Uniform
 from activetouch.errors import DuplicateShape
 from activetouch.hand import HANDS, hand_named
-from activetouch.mesh_source import read_meshes
+from activetouch.mesh_source import mesh_labels, read_meshes
 from activetouch.named_scenes import SCENES, NamedScene
 from activetouch.orientations import Inexact, Presentation, Resampled, Tumbled, Upright
 from activetouch.pressing.guarded_move import GuardedMove
@@ -113,6 +114,22 @@ def in_file_names(scene: str) -> str:
     ('gel', 'mine-scene-force-2')
     """
     return re.sub(r"[^\w.]+", "-", scene).strip("-.")
+
+
+def command(name: str, *words: object, **options: object) -> str:
+    """A command line, such as ``command("train", scene="gel")``; options that are None are omitted."""
+    told = [str(word) for word in words]
+    for option, value in options.items():
+        if value is not None:
+            told += [f"--{option.replace('_', '-')}", str(value)]
+    return shlex.join(["activetouch", name, *told])
+
+
+def choice_name(choice: SceneChoice) -> str:
+    """The name of a scene with its changes, as used in folder names."""
+    own = [choice.fidelity, choice.renderer, choice.presentation, choice.poses, "only" if choice.only else None]
+    changes = [*own, *mesh_labels(*choice.meshes), *choice.family, choice.hand]
+    return in_file_names("-".join([choice.scene, *(str(change) for change in changes if change)]))
 
 
 def collection_folder(scene: str) -> Path:
@@ -261,10 +278,10 @@ class SceneChoice:
             BadArgument: a field is of a wrong type.
         """
         trust.require([fields["scene"], fields.get("renderer")])
-        lists = {"meshes": tuple(map(Path, fields["meshes"])), "family": tuple(fields.get("family", ()))}
-        without_effect = (None, False, 1.0)  # options of earlier versions
         names = {field.name for field in dataclasses.fields(cls)}
+        without_effect = (None, False, 1.0)  # options of earlier versions
         known = {name: value for name, value in fields.items() if name in names or value not in without_effect}
+        lists = {"meshes": tuple(map(Path, fields["meshes"])), "family": tuple(fields.get("family", ()))}
         choice = cls(**{**known, **lists})
         require_types(choice)
         return choice

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
 import warnings
 from collections.abc import Mapping, Sequence
@@ -13,8 +12,9 @@ from activetouch.data.manifest import Manifest, NoCollection, read_manifest
 from activetouch.errors import LabelMismatch, SceneShift, WrongScene
 from activetouch.named_scenes import SCENES, NamedScene
 from activetouch.perception.card import ClassifierCard
+from activetouch.rendering import PressureRenderer
 from activetouch.scene import Scene
-from activetouch.scene_description import in_words, scene_differences, scene_fields
+from activetouch.scene_description import in_words, require_scene, scene_fields
 from activetouch.sensor import TactileSensor
 from activetouch.sensor_files import (
     ANY_OBJECT_FILE,
@@ -22,16 +22,17 @@ from activetouch.sensor_files import (
     MODELS,
     POLICIES,
     READER_FILE,
+    files_for,
     observation_file,
     require_simulated,
-    sensor_shift,
 )
 from belief.errors import ActiveTouchError
-from belief.policy_state import WITH_GAINS
-from experiments.scene_choice import SceneChoice, collection_folder, in_file_names, named_scene, repeats_folder
-from experiments.sensor_commands import REPEATS, command, sensor_commands
+from experiments.scene_choice import SceneChoice, choice_name, command, in_file_names, named_scene
 from planners.ppo import BadPolicy, MissingPolicy, load_ppo_policy, policy_file
 from planners.registry import trained_state
+
+REPEATS = ("--plan.train", "0", "--plan.repeats", "6")
+"""Options of ``collect`` for the touches that a sensor is calibrated with."""
 
 
 class NoSensor(ActiveTouchError, FileNotFoundError):
@@ -60,15 +61,10 @@ def require_policies(decider: str, targets: Sequence[str], scene: str, sensor: P
         ready = independent_sensor(scene)
         if ready != sensor and (ready / POLICIES / policy_file(state, targets[0])).is_file():
             raise type(error)(f"{error}. The sensor {ready.name} has policies: add --sensor {ready.name}") from error
-        joint, repeats = state in WITH_GAINS, repeats_folder(scene)
-        out = Path(f"runs/ppo-{scene}{'-joint' if joint else ''}")
-        commands = (
-            command("collect", "--scene", scene, *REPEATS, out=repeats),
-            command("train-ppo", scene=scene, data=repeats, sensor=sensor, recipes=state, out=out),
-            shlex.join(["cp", "-r", str(out / POLICIES), str(sensor)]),
-        )
-        whose = "a sensor of one rigid body" if joint else "this sensor"
-        raise type(error)("\n".join((f"{error}. To train policies for {whose}:", *commands))) from error
+        train = command("train-ppo", scene=scene, sensor=sensor, recipes=state)
+        raise type(error)(
+            f"{error}. Train policies, and copy their folder {POLICIES} into that of the sensor:\n{train}"
+        ) from error
 
 
 def independent_sensor(scene: str) -> Path:
@@ -116,7 +112,7 @@ def open_sensor(
         CorruptFile: A file of the sensor is damaged.
         NoIndependentModel: the sensor has only a joint model.
         LabelMismatch: The sensor was made for other shapes or poses.
-        WrongScene: The sensor was made for another scene; the message names the commands that make a fitting one. Or it
+        WrongScene: The sensor was made for another scene; the message says how to make a fitting one. Or it
             is of recorded touches.
     """
     name, scene = (choice.scene, choice.named.scene) if isinstance(choice, SceneChoice) else ("", choice.scene)
@@ -134,8 +130,7 @@ def open_sensor(
             warnings.simplefilter("ignore", SceneShift)  # printed below, also where it is accepted
             sensor = TactileSensor.load(chosen, scene, anyway, independent, unknown_state)
     except (LabelMismatch, WrongScene) as error:
-        advice = _anyway(chosen, scene, independent)
-        raise type(error)(f"{error}. {_remedy(choice, name, scene)}{advice}") from error
+        raise type(error)(f"{error}. {_remedy(choice, name, scene)}\nTo use it nevertheless, add --anyway.") from error
     for sentence in shift_sentences(sensor.shift):
         print(f"warning: {sentence}", file=sys.stderr)
     return sensor
@@ -146,15 +141,6 @@ def shift_sentences(shift: tuple[str, ...]) -> list[str]:
     return [f"The sensor was made for another scene: {in_words(shift)}."] if shift else []
 
 
-def _anyway(folder: Path, scene: Scene, independent: bool) -> str:
-    """Advice to use ``--anyway``, if the network can read the images of the scene."""
-    try:
-        sensor_shift(folder, scene, anyway=True, independent=independent)
-    except ActiveTouchError:
-        return ""
-    return "\nTo use it nevertheless, add --anyway."
-
-
 def _remedy(choice: SceneChoice | NamedScene, name: str, scene: Scene) -> str:
     ready = _shipped_for(name, scene)
     if ready is not None and ready == name:
@@ -163,7 +149,10 @@ def _remedy(choice: SceneChoice | NamedScene, name: str, scene: Scene) -> str:
         return f"Add --sensor {ready}: it reads any objects with this pad."
     if not isinstance(choice, SceneChoice):
         return "Make a sensor for this scene: activetouch.make_sensor(scene)"
-    return f"Make a sensor for this scene:\n{sensor_commands(choice)}"
+    if choice.renderer is None and isinstance(scene.renderer, PressureRenderer):
+        any_object = command("train", "--recipe", "contacts", scene=choice.scene, out=f"sensors/{choice_name(choice)}")
+        return f"Make one for any objects with this pad:\n{any_object}"
+    return "Make one with the commands collect, train and calibrate, of which each has the options of the scene."
 
 
 def _shipped_for(own: str, scene: Scene) -> str | None:
@@ -171,7 +160,7 @@ def _shipped_for(own: str, scene: Scene) -> str | None:
     for name in sorted(SCENES, key=lambda name: name != own):
         if SCENES[name].scene.image_shape[0] >= scene.image_shape[0]:  # coarser taxels would waste its images
             try:
-                sensor_shift(MODELS / name, scene)
+                files_for(MODELS / name, scene)
             except ActiveTouchError:
                 continue
             return name
@@ -193,16 +182,14 @@ def open_collection(folder: Path, scene: str, repeats: bool) -> Manifest:
     try:
         return read_manifest(folder)
     except NoCollection as error:
-        raise NoCollection(f"{error}. Record one with: {_collect(scene, folder, repeats)}") from error
+        options = REPEATS if repeats else ()
+        raise NoCollection(
+            f"{error}. Record one with: {command('collect', *options, scene=scene, out=folder)}"
+        ) from error
 
 
 def require_collection(
-    folder: Path,
-    manifest: Manifest,
-    card: ClassifierCard | None,
-    scene: str | None,
-    repeats: bool,
-    anyway: bool | None = None,
+    folder: Path, manifest: Manifest, card: ClassifierCard | None, scene: str | None, anyway: bool = False
 ) -> None:
     """Check that a collection has the scene of a reader and of the results; print accepted differences to stderr.
 
@@ -211,53 +198,29 @@ def require_collection(
         manifest: manifest of the collection.
         card: of the reader that is to read it; None if one is to be trained on it.
         scene: name of the scene that results will be filed under; None if the user names the folder of the results.
-        repeats: whether the collection must contain repeated touches.
-        anyway: whether to accept all differences; None for a command without this option.
+        anyway: whether to accept all differences.
 
     Raises:
         LabelMismatch: The collection has other shapes or poses than the reader.
-        WrongScene: It differs by more than a known shift; the message names the command that records a fitting one.
+        WrongScene: It differs by more than a known shift, or the reader cannot read its images.
     """
-    wanted: dict[str, Mapping[str, Any]] = {}
+    wanted: dict[str, Mapping[str, Any] | None] = {}
+    if card is not None:
+        card.require_labels(manifest.shape_labels, manifest.pose_labels)
+        wanted["the reader"] = card.in_poses_of(manifest.scene)
     if scene is not None:
         wanted[f"the scene {scene!r}"] = scene_fields(named_scene(scene).scene)
-    flag = "" if anyway is None else "To use it all the same, add --anyway."
-    if card is None:
-        flag = "To train on it nevertheless, name a folder for the results with --out."
-    else:
-        card.require_labels(manifest.shape_labels, manifest.pose_labels)
-        if card.scene is None and not anyway:
-            raise WrongScene(f"the reader does not say of which scene its touches were. {flag}")
-        if (reads := card.in_poses_of(manifest.scene)) is not None:
-            wanted = {"the reader's scene": reads} | wanted
     shift: list[str] = []
     for whose, made_for in wanted.items():
-        found = scene_differences(made_for, manifest.scene)
-        if not anyway and any(not difference.is_shift for difference in found):
+        try:
+            shift += require_scene(whose, made_for, manifest.scene, anyway)
+        except WrongScene as error:
+            remedy = "name a folder for the results with --out" if whose != "the reader" else "add --anyway"
             raise WrongScene(
-                f"{folder} is no collection of {whose}: {in_words(map(str, found))}. "
-                f"{_another_collection(made_for, folder, repeats)}{flag}"
-            )
-        shift += map(str, found)
+                f"{error}. Such are the touches in {folder}; to use them nevertheless, {remedy}"
+            ) from error
     if shift:
         told = in_words(tuple(dict.fromkeys(shift)))
         print(f"warning: {folder} was recorded in another scene than {' or '.join(wanted)}: {told}", file=sys.stderr)
     if card is not None:
-        try:
-            card.require_images(manifest.image_shape)
-        except WrongScene as error:
-            raise WrongScene(f"{folder} is of no use here: {error}") from error
-
-
-def _another_collection(made_for: Any, folder: Path, repeats: bool) -> str:
-    """Advice to record a collection of a scene; empty unless the scene has a name."""
-    for name, named in SCENES.items():
-        if scene_fields(named.scene) == made_for:
-            own = repeats_folder(name) if repeats else collection_folder(name)
-            out = own if own.resolve() != folder.resolve() else own.with_name(f"{own.name}-again")
-            return f"Record one, and name it with --data:\n{_collect(name, out, repeats)}\n"
-    return ""
-
-
-def _collect(scene: str, folder: Path, repeats: bool) -> str:
-    return command("collect", "--scene", scene, *(REPEATS if repeats else ()), out=folder)
+        card.require_images(manifest.image_shape)

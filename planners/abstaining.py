@@ -39,7 +39,7 @@ class Abstaining:
 
     Rejecting an object is an answer only if it is the last one: it says that there is no target. Rejecting an earlier
     object is never overruled for its probability, because a later answer can still be reliable. To touch on where a
-    decider would stop below the promise, wrap a :class:`planners.stop_override.StopOverride`.
+    decider would stop below the promise, wrap a :class:`planners.stopping.StopOverride`.
 
     Every decision has the score ``log_conflict``, and every answer ``answer_prob``, the stated probability that it is
     right.
@@ -59,7 +59,7 @@ class Abstaining:
         BrokenContract: in :meth:`decide`, the statistic of the conflict test is NaN.
 
     >>> from belief import Belief, SearchProblem
-    >>> from planners.random_confirm import RandomConfirm
+    >>> from planners.baselines import RandomConfirm
     >>> problem = SearchProblem(("cube", "cone"), ("front",), num_objects=1, unsure_reward=0.0)
     >>> info = InformationState(problem, 0, Belief.uniform(("cube", "cone")))
     >>> Abstaining(RandomConfirm()).decide(info, np.random.default_rng(0)).action

@@ -28,7 +28,7 @@ from planners.decider import Decider, Decision, InformationState, are_touches_us
 from planners.episode import Step
 from planners.session import Session
 
-SCHEMA = "activetouch certificate 2"
+SCHEMA = "activetouch certificate 3"
 WANTED, WORLD = "confirm_prob", "sensor_world"
 """Scores of a decision. The first, where the decider would confirm: the stated probability that this is right. The
 second, where the state of the sensor is unknown: index of its likeliest world, 0 as described."""
@@ -139,8 +139,6 @@ class Certificate:
         stops: stops in the testing half, by number of touches as ``thresholds``.
         wrong: wrong ones among these.
         max_touches: as of :class:`Certified`.
-        abstain: false-alarm rate and promise of the conflict test (:class:`planners.abstaining.Abstaining`) with which
-            the decider was followed; None without the test.
         made_for: JSON types that name the world, the objects, the decider, the sensor and the rules.
         usual: of each calibration search.
         since: of each search of the set-up, in their order.
@@ -154,7 +152,6 @@ class Certificate:
     stops: tuple[int, ...]
     wrong: tuple[int, ...]
     max_touches: int
-    abstain: tuple[float, float] | None
     made_for: Mapping[str, Any] = field(repr=False)
     usual: tuple[Fit, ...] = field(default=(), repr=False)
     since: tuple[Fit, ...] = field(default=(), repr=False)
@@ -248,12 +245,11 @@ class Certificate:
                 raise ValueError(f"its schema is {schema!r}, not {SCHEMA!r}")
             limits = tuple(math.inf if limit is None else float(limit) for limit in given["thresholds"])
             counts = {name: tuple(int(number) for number in given[name]) for name in ("stops", "wrong")}
-            tested = None if given["abstain"] is None else (float(given["abstain"][0]), float(given["abstain"][1]))
             fits = {
                 name: tuple((int(target), float(misfit), float(strange)) for target, misfit, strange in given[name])
                 for name in ("usual", "since")
             }
-            found = cls(**{**given, "thresholds": limits, **counts, **fits, "abstain": tested})
+            found = cls(**{**given, "thresholds": limits, **counts, **fits})
             if (
                 not isinstance(found.made_for["targets"], list)
                 or not len(limits) == len(found.stops) == len(found.wrong) > 0

@@ -47,12 +47,6 @@ class ContinuationValue:
     ) -> ContinuationValue:
         """Compute the values from the last object to the first.
 
-        Args:
-            problem: the search.
-            target: index of the target shape.
-            table: p(outcome | pose, shape).
-            repeats: discounts the value of repeated poses.
-
         A perfect pose finds the target among the first three of four objects with one touch each; the last object needs
         none. The number of touches is 1, 2, 3 or 3, each with probability 1/4.
 

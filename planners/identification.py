@@ -9,11 +9,10 @@ import numpy as np
 
 from belief.composition import Composition
 from belief.errors import InvalidArgument
-from belief.naming import seed_words
 from belief.observation_model.model import ObservationModel
 from belief.problem import Probe, SearchProblem
 from belief.scene_belief import SceneBelief
-from belief.seeding import deciding_rng, touch_rng
+from belief.seeding import checked_key, deciding_rng, touch_rng
 from planners.decider import InformationState, ProbeSelector
 from planners.search import World
 
@@ -28,7 +27,6 @@ class Identification:
         stated: probability of that label.
         poses: of the touches.
         is_certain: whether the stated probability reached the threshold.
-        leading: most probable label and its probability after 0, 1, … touches; the last is named and stated.
     """
 
     truth: int
@@ -36,7 +34,6 @@ class Identification:
     stated: float
     poses: tuple[int, ...]
     is_certain: bool
-    leading: tuple[tuple[int, float], ...] = ()
 
     @property
     def is_right(self) -> bool:
@@ -76,18 +73,17 @@ def identify(
     """
     if not 0.0 < threshold <= 1.0:
         raise InvalidArgument(f"threshold must be in (0, 1], got {threshold!r}")
-    words = seed_words(seed)
+    words = checked_key(seed)
     rng, labels = deciding_rng(words), tuple(model.shape_labels)
     problem = SearchProblem(labels, tuple(pose_labels), 1, Composition.INDEPENDENT, touch_limit=max_touches)
     world.reset()
-    scene, poses, leading = SceneBelief(problem, model), list[int](), list[tuple[int, float]]()
+    scene, poses = SceneBelief(problem, model), list[int]()
     while True:
         info = InformationState.of(problem, 0, scene, 0)
         best = int(info.belief.log_probs.argmax())
         stated = float(np.exp(info.belief.log_probs[best]))
-        leading.append((best, stated))
         if stated >= threshold or len(poses) >= max_touches:
-            return Identification(world.arrangement[0], best, stated, tuple(poses), stated >= threshold, tuple(leading))
+            return Identification(world.arrangement[0], best, stated, tuple(poses), stated >= threshold)
         action = selector.choose(info, rng).action
         assert isinstance(action, Probe), "a probe selector probes"
         touch = world.touch(action.pose, touch_rng(words, 0, action.pose, int(info.uses[action.pose])))

@@ -2,7 +2,7 @@
 
 The policy is solved once for every search problem and target, on the outcome table (:func:`planners.solve.solve`). Its
 hidden state is the smallest exact one (:mod:`planners.pomdp.stages`), but for bags and for many distinct objects the
-shape and whether a target was rejected before (:mod:`planners.target_abstraction`). At run time the belief is exact: it
+shape and whether a target was rejected before (:func:`stages_by_target`). At run time the belief is exact: it
 comes from the observation model, not from discretised outcomes.
 
 There are few poses, and repeated touches in one pose give less information than new ones. The policy therefore has a
@@ -29,13 +29,14 @@ from belief.composition import Composition
 from belief.errors import InvalidArgument
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Confirm, Probe, Reject, SearchProblem
+from belief.scene_view import SceneView
 from belief.validation import Floats
 from planners.decider import Decision, InformationState, are_touches_used, require_fit
-from planners.next_touch import HYPOTHESES, OUTCOMES
 from planners.pomdp.problem import require_rounds
+from planners.pomdp.stages import StagedProblem, stages_by_missed
+from planners.probing import HYPOTHESES, OUTCOMES
 from planners.repeats import LeastUsedFirst, RepeatDiscount, weights_in_turn
-from planners.solve import SearchPolicy, SearchTouchProblem, StagedProblem, solve
-from planners.target_abstraction import belief_by_target, stages_by_target
+from planners.solve import SearchPolicy, SearchTouchProblem, solve
 
 MAX_STATES = 200
 """Largest number of exact hidden states of distinct objects; four objects have 32. Independent ones have 2K, always."""
@@ -153,3 +154,44 @@ def _belief(policy: SearchPolicy, info: InformationState) -> Floats:
     ratio = np.divide(info.belief.probs, marginal, out=np.zeros_like(marginal), where=marginal > 0.0)
     belief = before * ratio[shapes]
     return np.asarray(belief / belief.sum()) if belief.sum() > 0.0 else before
+
+
+def stages_by_target(problem: SearchProblem, outcome_probs: Floats, target: int, touch_cost: float) -> StagedProblem:
+    """A search with known counts of shapes as stages of 2K hidden states.
+
+    States 0 to K - 1 are the current shape with no target rejected yet, states K to 2K - 1 with one rejected. It leaves
+    out how rejections change the probabilities of the other shapes; the belief includes it (decision 0026).
+    """
+    counts = np.array(problem.counts, np.float64)
+    num_shapes, num_targets, others = problem.num_shapes, counts[target], np.delete(counts, target)
+
+    def next_shape(num_gone: int, targets_left: float) -> Floats:
+        """Distribution over the shape of the object after ``num_gone`` others, ``(K,)``."""
+        prob = min(max(targets_left / (counts.sum() - num_gone), 0.0), 1.0)
+        total = others.sum()
+        other_probs = others / total if total else np.zeros(len(others))
+        found = np.insert((1.0 - prob) * other_probs, target, prob)
+        return np.asarray(found / found.sum()) if found.sum() else np.eye(num_shapes)[target]
+
+    later = [
+        (next_shape(number, num_targets), next_shape(number, max(num_targets - 1.0, 0.0)))
+        for number in range(1, problem.num_objects)
+    ]
+    stages = stages_by_missed(num_shapes, target, later)
+    initial = np.concatenate([problem.prior_probs, np.zeros(num_shapes)])
+    return StagedProblem(tuple(stages), initial, outcome_probs, touch_cost, 1.0)
+
+
+def belief_by_target(problem: SearchProblem, scene: SceneView, target: int, object_index: int) -> Floats:
+    """Belief about a stage of :func:`stages_by_target` with the exact marginals of a scene, ``(2K,)``."""
+    assert problem.counts is not None, "the composition has counts"
+    marginals = scene.marginals()
+    here, before = marginals[object_index], marginals[:object_index, target]
+    if problem.counts[target] > 1:
+        missed = 1.0 - float(np.prod(1.0 - before))
+        return np.concatenate([(1.0 - missed) * here, missed * here])
+    missed = min(float(before.sum()), 1.0 - here[target])
+    other = 1.0 - here[target]
+    share = missed / other if other > 0.0 else 0.0  # of each other shape's probability, as there is only one target
+    lost = np.where(np.arange(len(here)) == target, 0.0, share * here)
+    return np.concatenate([here - lost, lost])

@@ -1,17 +1,13 @@
-r"""Online planning by tree search with pomdp-py: POUCT and POMCP (Silver & Veness 2010).
+r"""Online planning by tree search with pomdp-py: POUCT (Silver & Veness 2010).
 
-A state is (object, its shape, whether a target was rejected), or the end. CONFIRM and the last REJECT lead to the end;
-an earlier REJECT brings the next object. Its probability of being the target is hypergeometric; that the other shapes
-differ from each other is ignored. Every decision plans anew from the given belief. In the tree all touches are
-independent; at its root only the least used of the useful poses are allowed (decision 0006).
+A state is (object, its shape, whether a target was rejected), or the end. The probability that the next object is the
+target is hypergeometric; that the other shapes differ from each other is ignored. Every decision plans anew from the
+given belief. In the tree all touches are independent; at its root only the least used of the useful poses are allowed.
 
-Leaves are valued by rollouts. pomdp-py's random rollout sooner or later confirms a wrong object, so touches seem to
-have no value and the planner stops too early. An *informed* rollout takes the right action for the sampled state. It is
-too optimistic by the same amount for all actions that continue the search.
-
-The constant of exploration is a quarter of the range of returns with 100 simulations or fewer, and grows with the root
-of their number up to the whole range, which Silver & Veness use. With a quarter, an action whose first rollouts were
-poor is not tried again by any number of simulations; a hundred simulations are too few to explore more.
+Leaves are valued by rollouts that take the right action for the sampled state: optimistic by the same amount for all
+actions that continue. pomdp-py's random rollout sooner or later confirms a wrong object, so touches seem to have no
+value. The constant of exploration grows with the number of simulations up to the range of returns, which Silver &
+Veness use.
 
 Only this module needs pomdp-py, the extra ``pomdp``. It draws from Python's global generator, which is seeded for each
 plan and restored afterwards; plans of several threads run one after the other.
@@ -33,7 +29,6 @@ from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from scipy.special import rel_entr
@@ -106,65 +101,33 @@ class Rules:
         return histogram
 
 
-class TransitionModel(pomdp_py.TransitionModel):
-    """Probes do not change the state; REJECT brings the next object."""
+class SearchModel(pomdp_py.BlackboxModel):
+    """Draws what follows an action: probes observe an outcome, REJECT brings the next object (decision 0004)."""
 
     def __init__(self, rules: Rules, rng: np.random.Generator) -> None:
         self._rules, self._rng = rules, rng
+        self._touch_cost = float(np.float32(rules.problem.touch_cost))  # pomdp-py has rewards in single precision
 
-    def sample(self, state: SimpleState, action: SimpleAction) -> SimpleState:
-        """The next state."""
-        rules = self._rules
-        if state is END or action.name in rules.poses:
-            return state
-        index = state.data[0] + 1
-        if action.name == CONFIRM.name or index == rules.problem.num_objects:
-            return END
-        missed = int(rules.is_missed(state))
-        return rules.states[index, _draw(rules.cumulative_shapes[index][missed], self._rng), missed]
-
-
-class ObservationModel(pomdp_py.ObservationModel):
-    """Probes give an outcome, other actions no observation."""
-
-    def __init__(self, rules: Rules, rng: np.random.Generator) -> None:
-        self._rules, self._rng = rules, rng
-
-    def sample(self, next_state: SimpleState, action: SimpleAction) -> SimpleObservation:
-        """A sampled observation."""
-        pose = self._rules.poses.get(action.name)
-        if pose is None or next_state is END:
-            return NOTHING
-        return self._rules.outcomes[_draw(self._rules.cumulative_outcomes[pose][next_state.data[1]], self._rng)]
-
-
-class RewardModel(pomdp_py.RewardModel):
-    """The reward of a search (decision 0004), step by step."""
-
-    def __init__(self, rules: Rules) -> None:
-        self._rules = rules
-
-    def sample(self, state: SimpleState, action: SimpleAction, next_state: SimpleState) -> float:
-        """The reward, which is deterministic."""
+    def sample(self, state: SimpleState, action: SimpleAction) -> tuple[SimpleState, SimpleObservation, float, int]:
+        """The next state, an observation, the reward, and the number of steps, which is one."""
         rules = self._rules
         if state is END:
-            return 0.0
-        if action.name in rules.poses:
-            return -rules.problem.touch_cost
+            return END, NOTHING, 0.0, 1
+        if (pose := rules.poses.get(action.name)) is not None:
+            outcome = _draw(rules.cumulative_outcomes[pose][state.data[1]], self._rng)
+            return state, rules.outcomes[outcome], -self._touch_cost, 1
         if action.name == CONFIRM.name:
-            return 1.0 if rules.is_target(state) else -1.0
-        if next_state is END:
-            return -1.0 if rules.is_missed(state) else 1.0
-        return 0.0
+            return END, NOTHING, 1.0 if rules.is_target(state) else -1.0, 1
+        index, missed = state.data[0] + 1, int(rules.is_missed(state))
+        if index == rules.problem.num_objects:
+            return END, NOTHING, -1.0 if missed else 1.0, 1
+        return rules.states[index, _draw(rules.cumulative_shapes[index][missed], self._rng), missed], NOTHING, 0.0, 1
 
 
 class InformedRollout(pomdp_py.RolloutPolicy):
     """The allowed actions; rollouts confirm the target and reject any other shape, by the sampled state.
 
-    Args:
-        rules: the search.
-        rng: generator of sampled actions.
-        now: actions at the root; all by default.
+    ``now`` are the actions at the root; all by default.
     """
 
     def __init__(self, rules: Rules, rng: np.random.Generator, now: Sequence[SimpleAction] | None = None) -> None:
@@ -202,8 +165,6 @@ class Pouct:
         ValueError: too few simulations to try every action once.
     """
 
-    _planner: ClassVar[type[pomdp_py.Planner]] = pomdp_py.POUCT
-
     table: OutcomeTable
     simulations: int = 1000
     rollout: type[InformedRollout] = InformedRollout
@@ -217,11 +178,11 @@ class Pouct:
         """See :class:`planners.decider.Decider`."""
         rules = self.rules(info)
         policy = self.rollout(rules, rng, _root_actions(rules, info))
-        belief = self._belief(rules.histogram(info), rng)
-        models = TransitionModel(rules, rng), ObservationModel(rules, rng), RewardModel(rules)
-        agent = pomdp_py.Agent(belief, policy, *models)
+        agent = pomdp_py.Agent(
+            pomdp_py.Histogram(rules.histogram(info)), policy, blackbox_model=SearchModel(rules, rng)
+        )
         depth = _DEPTH + 2 * info.num_left
-        planner = self._planner(
+        planner = pomdp_py.POUCT(
             max_depth=depth,
             num_sims=self.simulations,
             discount_factor=1.0,
@@ -242,24 +203,6 @@ class Pouct:
     def rules(self, info: InformationState) -> Rules:
         """The search as the tree sees it from an information state."""
         return Rules(info.problem, info.target, self.table)
-
-    def _belief(self, histogram: dict[SimpleState, float], rng: np.random.Generator) -> pomdp_py.GenerativeDistribution:
-        return pomdp_py.Histogram(histogram)
-
-
-@dataclass(frozen=True, eq=False)
-class Pomcp(Pouct):
-    """POMCP, with the belief as particles, drawn anew for every decision, as many as simulations.
-
-    Attributes and errors are those of :class:`Pouct`.
-    """
-
-    _planner: ClassVar[type[pomdp_py.Planner]] = pomdp_py.POMCP
-
-    def _belief(self, histogram: dict[SimpleState, float], rng: np.random.Generator) -> pomdp_py.GenerativeDistribution:
-        states, probs = list(histogram), np.array(list(histogram.values()))
-        drawn = rng.choice(len(states), size=self.simulations, p=probs / probs.sum())
-        return pomdp_py.Particles([states[index] for index in drawn.tolist()])
 
 
 def _exploration(simulations: int) -> float:

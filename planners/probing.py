@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from belief.bayes import target_information_gain
 from belief.errors import InvalidArgument, UnknownName
@@ -14,8 +15,40 @@ from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Probe
 from belief.validation import Floats, require_count
 from planners.decider import Decision, InformationState, require_fit
-from planners.next_touch import HYPOTHESES, OUTCOMES, next_touch
 from planners.repeats import LeastUsedFirst, RepeatDiscount
+
+OUTCOMES = 128
+HYPOTHESES = 32
+
+
+def next_touch(
+    info: InformationState,
+    shares: Floats,
+    table: OutcomeTable,
+    repeats: RepeatDiscount,
+    outcomes: int = OUTCOMES,
+    hypotheses: int = HYPOTHESES,
+) -> tuple[NDArray[np.floating], Floats]:
+    """Joint probabilities of the next touch, and the value of a touch in each pose as a fraction of one with these.
+
+    Args:
+        info: the information state.
+        shares: of the belief in what the touch is to distinguish: one row for each answer, ``(J, K)``.
+        table: p(outcome | pose, shape) of single touches, for models that take touches as independent given the shape.
+        repeats: discounts the value of repeated poses, for the same models.
+        outcomes: of a mixture, at most.
+        hypotheses: about the object that a mixture works with, of each shape, at most.
+
+    Returns:
+        p(answer, outcome | pose), ``(P, J, M)``, and weights in [0, 1], ``(P,)``; a pose with weight zero is not used.
+    """
+    evidence = info.evidence
+    mixture = None if evidence is None else evidence.outcome_mixture(outcomes, hypotheses)
+    if mixture is None:
+        return shares @ table.probs, repeats.weights(info.uses)
+    joint = mixture.one_touch(shares)
+    return joint, np.ones(len(joint)) if mixture.new is None else mixture.new
+
 
 _ALIKE = 1e-9  # difference of gains [nats]
 
@@ -108,35 +141,28 @@ class TargetInformationGain:
         if self.given == "shape":
             gains = target_information_gain(info.belief.probs, self.table.probs, info.target)
             return _best(info, gains, self.repeats.weights(info.uses), rng)
-        shares = target_shares(info.belief.probs, info.target)
+        shares = self._shares(info)
         joint, weights = next_touch(info, shares, self.table, self.repeats, self.outcomes, self.hypotheses)
         return _best(info, information(joint), weights)
 
+    def _shares(self, info: InformationState) -> Floats:
+        """What the touch is to distinguish: one row for each answer, ``(J, K)``."""
+        return target_shares(info.belief.probs, info.target)
+
 
 @dataclass(frozen=True, eq=False)
-class ShapeInformationGain:
+class ShapeInformationGain(TargetInformationGain):
     """The pose with the largest expected information gain about the shape of this object.
 
     It is the usual criterion of active perception. Where many touches are needed, as in the scene ``keyed``, it needs
     fewer than the gain about the target: what tells the other shapes apart tells how the object lies, and so where the
-    target would differ. Its attributes are the first four of :class:`TargetInformationGain`.
+    target would differ. Attributes as of :class:`TargetInformationGain`; ``given`` is "body".
     """
 
-    table: OutcomeTable
-    repeats: RepeatDiscount = field(default_factory=LeastUsedFirst)
-    outcomes: int = OUTCOMES
-    hypotheses: int = HYPOTHESES
+    given: Literal["body"] = field(default="body", init=False)
 
-    def __post_init__(self) -> None:
-        for name in ("outcomes", "hypotheses"):
-            require_count(name, getattr(self, name))
-
-    def choose(self, info: InformationState, rng: np.random.Generator) -> Decision:
-        """See :class:`planners.decider.ProbeSelector`."""
-        require_fit(self.table, info.problem)
-        shares = np.diag(info.belief.probs)
-        joint, weights = next_touch(info, shares, self.table, self.repeats, self.outcomes, self.hypotheses)
-        return _best(info, information(joint), weights)
+    def _shares(self, info: InformationState) -> Floats:
+        return np.diag(info.belief.probs)
 
 
 def _best(

@@ -18,15 +18,13 @@ from belief.errors import ActiveTouchError, MissingPackage, install_command
 from belief.observation_model.model import ObservationModel
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.references import BadReference, Reference, build, find
+from planners.baselines import RandomConfirm, ThresholdRule
 from planners.decider import Decider, ProbeSelector, SequentialDecider, StoppingRule
 from planners.pose_order import read_order
 from planners.ppo import PPODecider
 from planners.probing import FixedOrder, GivenOrder, RandomOrder, ShapeInformationGain, TargetInformationGain
-from planners.random_confirm import RandomConfirm
 from planners.repeats import repeat_discount
-from planners.stop_override import StopOverride
-from planners.stopping import PosteriorThresholds, SequentialTest
-from planners.threshold_rule import ThresholdRule
+from planners.stopping import PosteriorThresholds, StopOverride
 from planners.value_of_information import ValueOfInformation
 
 PREFIX = "sb3:"
@@ -51,16 +49,6 @@ def _loaded(reference: str) -> Any:
     return getattr(import_module(module), name)
 
 
-def _tree_search(name: str) -> Any:
-    try:
-        return _loaded(f"planners.pomdp_py_adapter:{name}")
-    except ImportError as error:
-        raise MissingPackage(
-            f"the deciders 'pouct' and 'pomcp' need pomdp-py: {install_command('pomdp')} (wheels exist for Linux and "
-            "Python 3.11 and 3.12; elsewhere it is built from source)"
-        ) from error
-
-
 def _sequential(summary: str, stopping: Callable[..., StoppingRule], probing: Callable[..., ProbeSelector]) -> Builder:
     """A builder of a sequential decider with the settings of its two parts; ``summary`` is its docstring.
 
@@ -83,13 +71,13 @@ def _sequential(summary: str, stopping: Callable[..., StoppingRule], probing: Ca
 
 def _pouct(table: OutcomeTable, simulations: int = 1000) -> Decider:
     """Tree search by POUCT of pomdp-py, from the belief as a histogram."""
-    decider: Decider = _tree_search("Pouct")(table, simulations)
-    return decider
-
-
-def _pomcp(table: OutcomeTable, simulations: int = 1000) -> Decider:
-    """Tree search by POMCP of pomdp-py, from particles drawn from the belief."""
-    decider: Decider = _tree_search("Pomcp")(table, simulations)
+    try:
+        decider: Decider = _loaded("planners.pomdp_py_adapter:Pouct")(table, simulations)
+    except ImportError as error:
+        raise MissingPackage(
+            f"the decider 'pouct' needs pomdp-py: {install_command('pomdp')} (wheels exist for Linux and Python 3.11 "
+            "and 3.12; elsewhere it is built from source)"
+        ) from error
     return decider
 
 
@@ -157,18 +145,12 @@ DECIDERS: Mapping[str, Builder] = MappingProxyType(
             ShapeInformationGain,
         ),
         "value_of_information": _value_of_information,
-        "sequential_test": _sequential(
-            "Wald's sequential probability ratio test, with poses by information gain.",
-            SequentialTest,
-            lambda table: TargetInformationGain(table),
-        ),
         "ppo": _ppo("PPO policies on the state of the paper, one per target.", "paper"),
         "ppo_posterior": _ppo("PPO policies on the posterior, one per target.", "posterior"),
         "ppo_gains": _ppo("PPO policies on the joint belief and the gain of each pose, one per target.", "gains"),
         "ppo_goal": _ppo("One PPO policy for all targets, on the joint belief and the gain of each pose.", "goal"),
         "ppo_confident": confident_ppo,
         "pouct": _pouct,
-        "pomcp": _pomcp,
         "point_based": _point_based,
     }
 )

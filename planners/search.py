@@ -18,7 +18,9 @@ from belief.errors import InvalidArgument
 from belief.naming import Name, index_of
 from belief.observation_model.model import ObservationModel
 from belief.problem import Probe, SearchProblem, Touch
+from belief.scene_belief import SceneBelief
 from belief.seeding import touch_rng
+from belief.validation import Floats
 from planners.decider import Decider
 from planners.episode import Episode
 from planners.session import Session
@@ -52,30 +54,11 @@ class TouchRequest(Generic[WorldT]):
         world: whose current object to touch.
         pose: in which pose.
         rng: generator of the touch.
-        key: seed of the episode, index of the object, pose, and number of earlier touches in it. It determines the
-            touch: worlds with the same objects give the same one.
     """
 
     world: WorldT
     pose: int
     rng: np.random.Generator
-    key: tuple[int, ...]
-
-    @classmethod
-    def of(
-        cls, world: WorldT, seed: tuple[int, ...], object_index: int, pose: int, repeat: int
-    ) -> TouchRequest[WorldT]:
-        """The request for a touch of the current object of an episode.
-
-        Args:
-            world: with the object in front of the pad.
-            seed: of the episode.
-            object_index: of the object.
-            pose: index of the pose.
-            repeat: number of earlier touches of the object in this pose.
-        """
-        rng = touch_rng(seed, object_index, pose, repeat)
-        return cls(world, pose, rng, (*seed, object_index, pose, repeat))
 
 
 TouchMany: TypeAlias = Callable[[Sequence[TouchRequest[WorldT]]], Sequence[Touch]]
@@ -99,7 +82,7 @@ def search(
         target: label or index of the target shape.
         model: likelihood of touches.
         seed: of the episode, one number or several; the same seed gives the same episode.
-        log_bets: of an earlier search with the same set-up (:mod:`planners.set_up`).
+        log_bets: of an earlier search with the same set-up (:func:`log_bets_after`).
 
     Raises:
         UnknownName: no shape has the target's name.
@@ -161,8 +144,31 @@ def _next_touch(session: Session, world: WorldT) -> TouchRequest[WorldT] | None:
     """The touch that a session asks for, once it was told of all other actions; None when the search has ended."""
     while (action := session.ask()) is not None:
         if isinstance(action, Probe):
-            return TouchRequest.of(world, session.seed, session.object_index, action.pose, session.uses(action.pose))
+            repeat = session.uses(action.pose)
+            rng = touch_rng(session.seed, session.object_index, action.pose, repeat)
+            return TouchRequest(world, action.pose, rng)
         session.tell()
         if session.outcome is None:
             world.advance()
     return None
+
+
+def log_bets_after(
+    episode: Episode, problem: SearchProblem, model: ObservationModel, log_bets: ArrayLike = 0.0
+) -> Floats:
+    """Log wealth of the conflict test after a search, with which the next search of the same robot begins, ``(J,)``.
+
+    A robot whose world is not the one that the observation model was fitted to is in that world in every search: the
+    touches of several searches tell it, and the false-alarm rate is for all of them together.
+
+    Args:
+        episode: the search, with the features of its touches.
+        problem: of the search.
+        model: likelihood of touches.
+        log_bets: with which the search began.
+    """
+    scene = SceneBelief(problem, model, log_bets=log_bets)
+    for step in episode.steps:
+        if step.touch is not None:
+            scene.update(step.object_index, [step.touch])
+    return scene.log_bets

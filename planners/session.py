@@ -31,12 +31,12 @@ from numpy.typing import ArrayLike
 from belief.categorical import Belief
 from belief.errors import CorruptFile, InvalidArgument
 from belief.journal import Journal
-from belief.naming import Name, index_of, seed_words
+from belief.naming import Name, index_of
 from belief.observation_model.model import ObservationModel
 from belief.problem import Action, Probe, SearchProblem, Touch
 from belief.scene_view import UNKNOWN, SceneView
 from belief.search_progress import Outcome, SearchProgress
-from belief.seeding import deciding_rng
+from belief.seeding import checked_key, deciding_rng
 from planners.abstaining import Abstaining
 from planners.answers import checked_decision
 from planners.decider import Decider, Decision, InformationState
@@ -74,7 +74,7 @@ class Session:
         arrangement: true shape of every object, by label or index, None for one that nobody knows; for scoring only.
         abstain: whether the decider may answer "I do not know" (:class:`planners.abstaining.Abstaining`); by default,
             if no true shape is given. The problem then has the answer Unsure, with a reward of 0 unless it has one.
-        log_bets: of an earlier search with the same set-up (:mod:`planners.set_up`).
+        log_bets: of an earlier search with the same set-up (:func:`planners.search.log_bets_after`).
         reader: reads images.
         least_force: a contact whose stated force is not larger is no contact [N].
         least_area: a contact whose area is not larger is no contact [m²].
@@ -110,7 +110,7 @@ class Session:
             decider = decider if isinstance(decider, Abstaining) else Abstaining(decider)
             problem = problem if problem.unsure_reward is not None else replace(problem, unsure_reward=0.0)
         self.problem, self.model = problem, model
-        self.seed, self.target = seed_words(seed), index_of("target", problem.shape_labels, target)
+        self.seed, self.target = checked_key(seed), index_of("target", problem.shape_labels, target)
         self._decider, self._log_bets = decider, log_bets
         self._listener = Listener(problem, model, reader, least_force, least_area)
         self._journal: Journal | None = None

@@ -18,6 +18,13 @@ FOLDER = Path(__file__).parent.parent / "examples" / "foreign"
 def run(tmp_path, monkeypatch, sensors_loaded_once, few_hypotheses):
     """Runs a script or a command in a folder that holds the examples alone."""
     shutil.copytree(FOLDER, tmp_path, dirs_exist_ok=True)
+    for name, of_users, few in (
+        ("sb3_ppo.py", "n_steps=256, batch_size=128", "n_steps=32, batch_size=32"),
+        ("pomdp_py_agent.py", "num_sims=300", "num_sims=20"),
+    ):
+        text = (tmp_path / name).read_text()
+        assert of_users in text
+        (tmp_path / name).write_text(text.replace(of_users, few))
     monkeypatch.chdir(tmp_path)
     monkeypatch.delitem(sys.modules, "pomdp_py_agent", raising=False)
 

@@ -133,7 +133,7 @@ def test_every_section_a_page_links_to_exists(page):
             assert section in [anchor(line) for line in re.findall(r"^#+ (.*)$", text, flags=re.M)]
 
 
-ENTRY_POINTS = {f"activetouch.{part}" for part in ("deciders", "scenes", "renderers", "observation_models")}
+ENTRY_POINTS = {f"activetouch.{part}" for part in ("deciders", "scenes", "renderers")}
 
 
 @pytest.mark.parametrize("page", PROSE)

@@ -4,21 +4,18 @@ A :class:`CollectionPlan` says how many objects each split has. Every object is 
 round, and draws from a generator keyed by (seed, split, object), so a shard's bytes depend on plan and scene alone: not
 on how many processes ran, nor on what was interrupted. An object is in one split only; nothing is ever split by image.
 
-Where a press does not settle, another object of the shape takes the place of the one that was pressed, and the shard
-says so (decision 0020).
-
-A shard is read as arrays of numbers only, never unpickled, and is used only if it holds the touches that the plan puts
-there, byte for byte as they were recorded (:mod:`activetouch.data.manifest`).
+Where a press does not settle, another object of the shape takes the place of the one that was pressed (decision 0020).
+A shard is read as arrays of numbers only, never unpickled, and is used only if it is sound and holds the touches that
+the plan puts there.
 """
 
 from __future__ import annotations
 
-import hashlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +26,6 @@ from activetouch.data.manifest import (
     Manifest,
     read_manifest,
     shard_path,
-    write_manifest,
 )
 from activetouch.errors import LabelMismatch, UnstablePress
 from activetouch.scene import Scene, WorldObject
@@ -37,22 +33,8 @@ from belief.errors import CorruptFile, UnknownName
 from belief.files import atomic_path, read_npz, require_regular_file
 from belief.seeding import keyed_rng
 
-__all__ = [
-    "SPLITS",
-    "CollectionPlan",
-    "TouchSet",
-    "num_redrawn",
-    "object_rng",
-    "read_manifest",
-    "read_shard",
-    "read_split",
-    "record_shard",
-    "shard_path",
-    "write_manifest",
-]
-
 _BODY = ("rests", "orientations", "sizes", "offsets", "frictions", "stiffnesses")
-_WIDTHS = {"rests": (4,), "orientations": (4,), "offsets": (2,), "aims": (2,)}  # of a column's rows; else one number
+_WIDTHS = {"rests": (4,), "orientations": (4,), "offsets": (2,)}  # of a column's rows; else one number
 _NUMBERS: dict[str, np.dtype[Any]] = dict.fromkeys(("shapes", "object_ids", "poses"), np.dtype(np.int64))
 _NUMBERS |= dict.fromkeys(("forces", "depths", *_BODY), np.dtype(np.float64))
 _HEADERS = 2**16  # of all arrays of a shard together, at most [bytes]
@@ -82,10 +64,7 @@ class TouchSet:
         frictions: friction coefficient of the object, ``(N,)``.
         stiffnesses: of the object's skin together with the pad's layer, relative to the layer's alone, ``(N,)``.
 
-        aims: the offset that the pose asks for, along y and z [m], ``(N, 2)``; a file does not have it, because it
-            follows from pose and scene.
-
-    The last seven are NaN where they are not given: touches from elsewhere come without them.
+    The last six are NaN where they are not given: touches from elsewhere come without them.
     """
 
     images: NDArray[np.uint8]
@@ -100,10 +79,9 @@ class TouchSet:
     offsets: NDArray[np.float64] = field(default_factory=_unknown)
     frictions: NDArray[np.float64] = field(default_factory=_unknown)
     stiffnesses: NDArray[np.float64] = field(default_factory=_unknown)
-    aims: NDArray[np.float64] = field(default_factory=_unknown)
 
     def __post_init__(self) -> None:
-        for name in (*_BODY, "aims"):
+        for name in _BODY:
             if np.ndim(getattr(self, name)) == 0:
                 object.__setattr__(self, name, np.full((len(self.images), *_WIDTHS.get(name, ())), np.nan))
 
@@ -130,11 +108,10 @@ def object_rng(plan: CollectionPlan, split: str, number: int, draw: int = 0) -> 
     return keyed_rng([plan.seed, SPLITS.index(split), number, draw], is_fixed_length=True)
 
 
-def record_shard(scene: Scene, plan: CollectionPlan, split: str, objects: range, path: Path) -> tuple[str, int]:
+def record_shard(scene: Scene, plan: CollectionPlan, split: str, objects: range, path: Path) -> None:
     """Touch each object in every pose, in as many rounds as planned, and write the shard, atomically.
 
-    An object with a press that does not settle is replaced, all its touches with it. A shard in which that happened
-    has one more array, ``redrawn``: for each of its objects, how many were drawn in vain before it.
+    An object with a press that does not settle is replaced, all its touches with it.
 
     Args:
         scene: to press in.
@@ -143,41 +120,25 @@ def record_shard(scene: Scene, plan: CollectionPlan, split: str, objects: range,
         objects: their numbers.
         path: of the shard.
 
-    Returns:
-        SHA-256 of the file, and how many places went to another object.
-
     Raises:
         UnstablePress: objects drawn one after the other for the same place could not be pressed.
     """
-    rows: list[tuple[object, ...]] = []
-    redrawn = []
-    for number in objects:
-        draw, touches = _touch_object(scene, plan, split, number)
-        redrawn.append(draw)
-        rows += touches
-    names = [name for name in TouchSet.__dataclass_fields__ if name != "aims"]
-    arrays = {name: np.stack(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)}
-    arrays |= {"redrawn": np.array(redrawn)} if any(redrawn) else {}
+    rows = [row for number in objects for row in _touch_object(scene, plan, split, number)]
+    columns = zip(TouchSet.__dataclass_fields__, zip(*rows, strict=True), strict=True)
+    arrays = {name: np.stack(column) for name, column in columns}
     with atomic_path(path) as temporary:
-        np.savez(temporary, **arrays)  # type: ignore[arg-type]  # numpy takes it
-        with temporary.open("rb") as file:
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
-    return digest, int(np.count_nonzero(redrawn))
+        np.savez(temporary, **arrays, split=np.array(SPLITS.index(split)))  # type: ignore[arg-type]  # numpy takes it
 
 
-def _touch_object(scene: Scene, plan: CollectionPlan, split: str, number: int) -> tuple[int, list[tuple[object, ...]]]:
-    """Touch an object in all planned poses and rounds, or the next one drawn for its place.
-
-    Returns:
-        How many were drawn in vain, and what a shard says of each touch.
-    """
+def _touch_object(scene: Scene, plan: CollectionPlan, split: str, number: int) -> list[tuple[object, ...]]:
+    """What a shard says of each touch of an object, or of the next one drawn for its place."""
     poses = list(range(len(scene.poses))) * plan.repeats
     shape = number % len(scene.shapes)
     for draw in range(_MOST_DRAWS):
         rng = object_rng(plan, split, number, draw)
         obj = scene.sample_object(shape, rng)
         try:
-            return draw, [_touch(scene, obj, number, pose, rng) for pose in poses]
+            return [_touch(scene, obj, number, pose, rng) for pose in poses]
         except UnstablePress as error:
             last = error
     raise UnstablePress(
@@ -194,50 +155,11 @@ def _touch(scene: Scene, obj: WorldObject, number: int, pose: int, rng: np.rando
     return *felt, obj.orientation, placed.orientation, placed.scale, placed.offset, placed.friction, placed.stiffness
 
 
-def read_shard(folder: Path, manifest: Manifest, split: str, shard: int, objects: range) -> tuple[TouchSet, str]:
-    """One shard, and the SHA-256 of its bytes.
-
-    Raises:
-        CorruptFile: it is damaged, was changed after it was recorded, or holds other touches than the plan puts there.
-        LabelMismatch: its shapes or poses are not the planned ones.
-    """
-    path = shard_path(folder, split, shard)
-    remedy = f"Delete it and record it again {manifest.how(folder)}"
-    recorded = (manifest.sha256 or {}).get(shard_path(Path(), split, shard).as_posix())
-    data = _content(path, remedy)
-    digest = hashlib.sha256(data).hexdigest()
-    if recorded is not None and digest != recorded:
-        raise CorruptFile(
-            f"{path} was changed after it was recorded: its SHA-256 is {digest[:12]}…, that of the record "
-            f"{recorded[:12]}…. {remedy}"
-        )
-    columns = _planned(manifest, objects)
-    touches = TouchSet(**_parse(data, columns, path, remedy))
-    _require_planned(touches, columns, manifest, objects, path, remedy)
-    return touches, digest
-
-
-def num_redrawn(path: Path) -> int:
-    """How many places of a shard went to another object, because a press of the first did not settle.
-
-    Raises:
-        CorruptFile: that cannot be read.
-    """
-    data = _content(path, "Restore it from a copy")
-    try:
-        return int(np.count_nonzero(read_npz(data, len(data), ["redrawn"])["redrawn"]))
-    except KeyError:
-        return 0
-    except Exception as error:  # as many kinds as in _parse
-        raise CorruptFile(f"{path} is truncated or damaged ({error})") from error
-
-
 def read_split(folder: Path, split: str) -> TouchSet:
     """All touches of one split.
 
     Raises:
-        CorruptFile: the folder holds no such shards, or one of them is damaged, foreign, or was changed after it was
-            recorded.
+        CorruptFile: the folder holds no such shards, or one of them is damaged or foreign.
         LabelMismatch: shapes or poses of a shard are not the planned ones.
         UnknownName: there is no such split.
     """
@@ -250,77 +172,56 @@ def read_split(folder: Path, split: str) -> TouchSet:
     missing = [shard for shard, _ in shards if not shard_path(folder, split, shard).exists()]
     if missing:
         raise CorruptFile(
-            f"{len(missing)} of {len(shards)} shards are missing in {folder / split}; finish the collection "
-            f"{manifest.how(folder)}"
+            f"{len(missing)} of {len(shards)} shards are missing in {folder / split}; finish the collection with the "
+            "command or program that began it"
         )
     per_object = manifest.touches_per_object
     total = shards[-1][1].stop * per_object
     columns = {name: np.empty((total, *_WIDTHS.get(name, ())), dtype) for name, dtype in _NUMBERS.items()}
     columns["images"] = np.empty((total, *manifest.image_shape), np.uint8)
     for shard, objects in shards:
-        touches, _ = read_shard(folder, manifest, split, shard, objects)
+        touches = read_shard(folder, manifest, split, shard, objects)
         for name, column in columns.items():
             column[objects.start * per_object : objects.stop * per_object] = getattr(touches, name)
-    return TouchSet(**columns, aims=aims_of(manifest.scene, manifest.pose_labels)[columns["poses"]])
+    return TouchSet(**columns)
 
 
-def aims_of(scene: Mapping[str, Any], pose_labels: Sequence[str]) -> NDArray[np.float64]:
-    """The aims of poses in the fields of a scene, ``(P, 2)`` [m]; zero where it says none."""
-    found = dict(scene.get("aims", {"entries": []})["entries"])
-    return np.array([found.get(label, (0.0, 0.0)) for label in pose_labels], np.float64)
+def read_shard(folder: Path, manifest: Manifest, split: str, shard: int, objects: range) -> TouchSet:
+    """One shard of a collection.
 
-
-def _content(path: Path, remedy: str) -> bytes:
+    Raises:
+        CorruptFile: it is damaged, or holds other touches than the plan puts there.
+        LabelMismatch: its shapes or poses are not the planned ones.
+    """
+    path, per_object = shard_path(folder, split, shard), manifest.touches_per_object
+    number, remedy = len(objects) * per_object, "Delete it and record it again, with the command that began it"
+    planned = {"images": ((number, *manifest.image_shape), np.dtype(np.uint8))}
+    planned |= {name: ((number, *_WIDTHS.get(name, ())), dtype) for name, dtype in _NUMBERS.items()}
+    size = sum(math.prod(shape) * dtype.itemsize for shape, dtype in planned.values())
     try:
-        return require_regular_file(path).read_bytes()
-    except OSError as error:
-        raise CorruptFile(f"{path} cannot be read ({error}). {remedy}") from error
-
-
-_Columns: TypeAlias = Mapping[str, tuple[tuple[int, ...], Any]]
-
-
-def _planned(manifest: Manifest, objects: range) -> _Columns:
-    """Shape and type of each column of a shard."""
-    num_touches = len(objects) * manifest.touches_per_object
-    numbers = {name: ((num_touches, *_WIDTHS.get(name, ())), dtype) for name, dtype in _NUMBERS.items()}
-    return {"images": ((num_touches, *manifest.image_shape), np.uint8), **numbers}
-
-
-def _parse(data: bytes, columns: _Columns, path: Path, remedy: str) -> dict[str, NDArray[Any]]:
-    """The arrays of an npz file, whose checksums ``zipfile`` checks."""
-    if not data.startswith(b"PK"):
-        raise CorruptFile(f"{path} is no shard: it does not begin like an npz file. {remedy}")
-    try:
-        size = sum(math.prod(shape) * np.dtype(dtype).itemsize for shape, dtype in columns.values())
-        return read_npz(data, size + _HEADERS, list(columns))
+        found = read_npz(require_regular_file(path).read_bytes(), size + _HEADERS)
     except Exception as error:  # readers of zip and npy raise a dozen kinds on damaged bytes, and all mean this
         raise CorruptFile(f"{path} is truncated or damaged ({error}). {remedy}") from error
-
-
-def _require_planned(
-    touches: TouchSet, columns: _Columns, manifest: Manifest, objects: range, path: Path, remedy: str
-) -> None:
-    per_object = manifest.touches_per_object
-    for name, (shape, dtype) in columns.items():
-        column = getattr(touches, name)
-        if column.shape != shape or column.dtype != dtype:
+    for name, (shape, dtype) in planned.items():
+        if (column := found.get(name)) is None or column.shape != shape or column.dtype != dtype:
+            given = "missing" if column is None else f"{column.shape} {column.dtype}"
             raise CorruptFile(
-                f"{path} is not of this collection: its {name} are {column.shape} {column.dtype}, the plan and the "
-                f"scene make them {shape} {np.dtype(dtype)}. {remedy}"
+                f"{path} is not of this collection: its {name} are {given}, the plan and the scene make them {shape} "
+                f"{dtype}. {remedy}"
             )
-    if not np.array_equal(touches.object_ids, np.repeat(objects, per_object)):
-        found = touches.object_ids
+    touches, index = TouchSet(**{name: found[name] for name in planned}), SPLITS.index(split)
+    if not np.array_equal(touches.object_ids, np.repeat(objects, per_object)) or found.get("split", index) != index:
+        ids = touches.object_ids
         raise CorruptFile(
-            f"{path} is not the shard of that name: it holds objects {found.min()} to {found.max()}, the plan puts "
-            f"{objects.start} to {objects.stop - 1} there, {per_object} touches of each. {remedy}"
+            f"{path} is not the shard of that name: it holds objects {ids.min()} to {ids.max()} of "
+            f"{SPLITS[int(found.get('split', index))]}, the plan puts {objects.start} to {objects.stop - 1} of {split} "
+            f"there, {per_object} touches of each. {remedy}"
         )
     poses = np.tile(np.arange(len(manifest.pose_labels)), len(objects) * manifest.plan.repeats)
-    planned = {"shapes": touches.object_ids % len(manifest.shape_labels), "poses": poses}
-    for name, numbers in planned.items():
-        wrong = np.flatnonzero(getattr(touches, name) != numbers)
-        if wrong.size:
+    for name, numbers in {"shapes": touches.object_ids % len(manifest.shape_labels), "poses": poses}.items():
+        if (wrong := np.flatnonzero(getattr(touches, name) != numbers)).size:
             raise LabelMismatch(
                 f"{path} has wrong labels: {wrong.size} of {len(numbers)} {name} are not the planned ones, first that "
                 f"of object {touches.object_ids[wrong[0]]}. {remedy}"
             )
+    return touches

@@ -1,18 +1,16 @@
-"""What a folder of recorded touches says about itself, in ``manifest.json``.
+"""What a folder of recorded touches says about itself, in ``manifest.json``: its plan, its scene, and versions.
 
-Plan and scene decide what is recorded; versions and contact model tell why another machine may get other bytes; the
-SHA-256 of every shard, added when the last one is there, tells whether it did. Whatever is recorded stays what was
-recorded first: a collection may be finished with another NumPy, but not with another scene or other physics.
+A collection may be finished with another NumPy, but not with another plan, scene or MuJoCo.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import re
-import shlex
+import platform
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +20,12 @@ from activetouch.errors import LabelMismatch
 from activetouch.scene import Scene, Symmetry
 from activetouch.scene_description import in_words, scene_differences, scene_fields
 from belief.errors import CorruptFile
-from belief.files import create_text, require_regular_file, sealed_json, unsealed_json, write_text
+from belief.files import create_text, require_regular_file, sealed_json, unsealed_json
 
 SPLITS = ("train", "calibration", "test")
 FORMAT = 4
 _OBJECTS_PER_SHARD = 48
-_DECISIVE = ("plan", "shape_labels", "pose_labels", "symmetry", "image_shape", "MuJoCo", "contact_model", "scene")
+_DECISIVE = ("plan", "shape_labels", "pose_labels", "symmetry", "image_shape", "MuJoCo", "scene")
 
 
 @dataclass(frozen=True)
@@ -81,9 +79,6 @@ class Manifest:
         symmetry: of its images.
         image_shape: of one image, ``(H, W)`` or ``(H, W, 3)``; all are uint8.
         versions: of activetouch, mujoco, numpy and python that recorded it, as far as it is known.
-        contact_model: what MuJoCo's contacts were computed with (:func:`solver_settings`).
-        sha256: of every shard, by its path in the folder; None until all are there.
-        redrawn: objects that took the place of one with a press that did not settle; None until all shards are there.
     """
 
     plan: CollectionPlan
@@ -94,13 +89,12 @@ class Manifest:
     symmetry: Symmetry
     image_shape: tuple[int, ...]
     versions: Mapping[str, str]
-    contact_model: Mapping[str, Any]
-    sha256: Mapping[str, str] | None = None
-    redrawn: int | None = None
 
     @classmethod
     def of(cls, scene: Scene, plan: CollectionPlan, choice: Mapping[str, Any] | None = None) -> Manifest:
         """The manifest of a collection that this machine would begin now."""
+        import mujoco
+
         return cls(
             plan,
             scene_fields(scene),
@@ -109,8 +103,12 @@ class Manifest:
             scene.pose_labels,
             scene.symmetry,
             scene.image_shape,
-            _versions(),
-            solver_settings(scene),
+            {
+                "activetouch": version("activetouch"),
+                "mujoco": mujoco.__version__,
+                "numpy": np.__version__,
+                "python": platform.python_version(),
+            },
         )
 
     @property
@@ -138,47 +136,9 @@ class Manifest:
         known = {**asdict(self), "MuJoCo": self.mujoco_version}
         return {name: known[name] for name in _DECISIVE}
 
-    def how(self, folder: Path) -> str:
-        """How to go on with the collection in a folder, as the end of a sentence."""
-        return "with the program that began it" if self.choice is None else f"with: {self.command(folder)}"
-
-    def command(self, folder: Path) -> str:
-        """The command that goes on with the collection in a folder: it records what is missing and checks the rest.
-
-        It is for collections that the command ``collect`` began.
-        """
-        choice = {name.replace("_", "-"): value for name, value in (self.choice or {}).items()}
-        plan = {f"plan.{name}": value for name, value in asdict(self.plan).items()}
-        words = ["activetouch", "collect"]
-        for name, value in {**choice, **plan, "out": folder}.items():
-            if value is True:
-                words.append(f"--{name}")
-            elif value is not None and value is not False and value != []:
-                words += [f"--{name}", *map(str, value if isinstance(value, list) else [value])]
-        return shlex.join(words)
-
-    def differences(self, other: Manifest) -> str:
-        """How versions and contact model of ``other`` differ, in words; they decide bytes beyond scene and plan."""
-        mine, others = ({**manifest.versions, **manifest.contact_model} for manifest in (self, other))
-        differing = [
-            f"{key} {mine.get(key, 'unknown')} there, {others.get(key, 'unknown')} here"
-            for key in sorted({*mine, *others})
-            if mine.get(key) != others.get(key)
-        ]
-        return "; ".join(differing) or (
-            "the versions are the same. Another kind of processor rounds differently in the last bit (decision 0007), "
-            "or the code has changed"
-        )
-
-    def write(self, folder: Path) -> None:
-        """Write ``manifest.json``, whole or not at all."""
-        write_text(folder / "manifest.json", self.to_json())
-
     def to_json(self) -> str:
         """The content of ``manifest.json``, with a digest of its own."""
-        content = asdict(self)
-        shards = content.pop("sha256")
-        return sealed_json({"format": FORMAT, **content, "shards": shards}, 2) + "\n"
+        return sealed_json({"format": FORMAT, **asdict(self)}, 2) + "\n"
 
 
 class NoCollection(CorruptFile):
@@ -245,72 +205,25 @@ def _require_same(folder: Path, first: Manifest, wanted: Manifest) -> None:
         )
 
 
-def _versions() -> dict[str, str]:
-    import importlib.metadata
-    import platform
-
-    import mujoco
-
-    own = importlib.metadata.version("activetouch")
-    return {
-        "activetouch": own,
-        "mujoco": mujoco.__version__,
-        "numpy": np.__version__,
-        "python": platform.python_version(),
-    }
-
-
-def solver_settings(scene: Scene) -> dict[str, Any]:
-    """What MuJoCo computes the pad's contacts with, read from the compiled model; empty for a press without MuJoCo."""
-    model = scene.press_model.compiled(scene.setup, next(iter(scene.solids.values())))
-    if model is None:
-        return {}
-    import mujoco
-
-    option, pad = model.opt, model.pair("touch").id
-    return {
-        "solver": mujoco.mjtSolver(option.solver).name,
-        "cone": mujoco.mjtCone(option.cone).name,
-        "integrator": mujoco.mjtIntegrator(option.integrator).name,
-        "impratio": float(option.impratio),
-        "timestep": float(option.timestep),
-        "iterations": int(option.iterations),
-        "tolerance": float(option.tolerance),
-        "disableflags": int(option.disableflags),
-        "enableflags": int(option.enableflags),
-        "pad condim": int(model.pair_dim[pad]),
-        **{f"pad {name}": getattr(model, f"pair_{name}")[pad].tolist() for name in ("solref", "solimp")},
-        **{f"pad {name}": float(getattr(model, f"pair_{name}")[pad]) for name in ("margin", "gap")},
-    }
-
-
 def _parse(found: Mapping[str, Any], path: Path) -> Manifest:
     if isinstance(number := found.get("format"), int) and number != FORMAT:
-        remedy = "a newer activetouch reads it" if number > FORMAT else f"record the touches anew, not in {path.parent}"
-        raise CorruptFile(f"{path} has format {number}, this version reads {FORMAT}; {remedy}")
+        raise CorruptFile(
+            f"{path} has format {number}, this version reads {FORMAT}; record the touches anew, not in {path.parent}"
+        )
     try:
-        values = {field.name: found[field.name] for field in fields(Manifest) if field.name != "sha256"}
-        values["sha256"] = digests = found["shards"]
+        values = {field.name: found[field.name] for field in fields(Manifest)}  # files of earlier versions have more
         for name in ("shape_labels", "pose_labels", "image_shape"):
             values[name] = tuple(values[name])
         values["plan"], values["symmetry"] = CollectionPlan(**values["plan"]), Symmetry(values["symmetry"])
         manifest = Manifest(**values)
-        if type(found["format"]) is not int:
-            raise TypeError(f"format is {found['format']!r}")
-        for name in ("scene", "versions", "contact_model"):
-            if not isinstance(values[name], Mapping):
-                raise TypeError(f"{name} is {values[name]!r}")
-        if not all(isinstance(label, str) for label in (*manifest.shape_labels, *manifest.pose_labels)):
-            raise TypeError("a label that is no text")
-        _ = manifest.mujoco_version
-        names = {shard_path(Path(), split, shard).as_posix() for split, shard, _ in manifest.shards()}
-        if digests is not None and not (
-            digests.keys() == names and all(re.fullmatch("[0-9a-f]{64}", digest) for digest in digests.values())
+        labels = (*manifest.shape_labels, *manifest.pose_labels)
+        if not (
+            type(found["format"]) is int
+            and isinstance(manifest.scene, Mapping)
+            and isinstance(manifest.mujoco_version, str)
+            and all(isinstance(label, str) for label in labels)
         ):
-            raise ValueError("it does not list the SHA-256 of the shards of the plan")
-        redrawn = manifest.redrawn
-        if redrawn is not None and not (type(redrawn) is int and redrawn >= 0):
-            raise TypeError(f"redrawn is {redrawn!r}")
+            raise TypeError("a field is of another type")
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise _damaged(path, f"{type(error).__name__}: {error}") from error
     return manifest
@@ -318,17 +231,3 @@ def _parse(found: Mapping[str, Any], path: Path) -> Manifest:
 
 def _damaged(path: Path, why: object) -> CorruptFile:
     return CorruptFile(f"{path} is damaged ({why}). Restore it from a copy, or record the touches anew elsewhere")
-
-
-def seal(folder: Path, manifest: Manifest, sha256: Mapping[str, str], redrawn: int = 0) -> Manifest:
-    """Write what all shards say into the manifest of a collection that has become complete.
-
-    Args:
-        folder: of the collection.
-        manifest: so far.
-        sha256: of every shard, by its path in the folder.
-        redrawn: objects that took the place of one that could not be pressed.
-    """
-    sealed = replace(manifest, sha256=dict(sorted(sha256.items())), redrawn=redrawn)
-    sealed.write(folder)
-    return sealed

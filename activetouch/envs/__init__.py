@@ -28,6 +28,6 @@ if find_spec("gymnasium") is not None:
         if _id not in registry:  # also if the module is reloaded
             register(_id, _entry_point, max_episode_steps=MOST_STEPS, kwargs=_settings)
     if BANK_ID not in registry:
-        register(BANK_ID, vector_entry_point="activetouch.envs.vector:recorded_tests")
+        register(BANK_ID, vector_entry_point="activetouch.envs.batched_episodes:recorded_tests")
 
 __all__ = ["BANK_ID", "IDS", "MOST_STEPS"]

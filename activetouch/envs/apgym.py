@@ -16,8 +16,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from scipy.special import log_softmax
 
-from activetouch.envs.base import BadAction, key_of
-from activetouch.envs.picture import draw
+from activetouch.envs.base import BadAction, draw, key_of
 from activetouch.envs.touch_source import LiveTouches
 from activetouch.sensor import TactileSensor
 from belief.categorical import Belief

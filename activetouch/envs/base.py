@@ -10,18 +10,17 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
+from PIL import Image, ImageDraw
 
-from activetouch.envs.picture import Window, draw
 from activetouch.envs.touch_source import EpisodeWorld, LiveTouches, Touches
 from activetouch.hand import Hand
 from activetouch.named_scenes import SCENES, NamedScene
 from activetouch.sensor import TactileSensor
 from belief.categorical import Belief
 from belief.errors import ActiveTouchError, InvalidArgument, UnknownName
-from belief.history import TouchHistory
 from belief.observation_model.evidence import start
 from belief.policy_state import ENCODINGS, NO_ACTION, WITH_GAINS, Situation, expected_gains, frame_probs
-from belief.problem import Action, Confirm, Probe, Reject, SearchProblem, Unsure
+from belief.problem import Action, Confirm, Probe, Reject, SearchProblem, TouchHistory, Unsure
 from belief.scene_belief import SceneBelief
 from belief.search_progress import Outcome, SearchProgress, success_of
 from belief.seeding import arrangement_rng, checked_key, touch_rng
@@ -47,7 +46,7 @@ class TouchEnv(gymnasium.Env[State, int]):
         touches: the source of touches.
         target: label of the target shape; the attribute ``target`` is its index.
         state: what is observed, one of :data:`STATES`.
-        render_mode: None, "rgb_array", or "human" for a window that follows the episode.
+        render_mode: None or "rgb_array".
 
     Attributes:
         last_image: of the last press of the current object; None before the first, or without physics.
@@ -57,7 +56,7 @@ class TouchEnv(gymnasium.Env[State, int]):
         NoGains: the state is "gains", and the touches are of a sensor whose belief is not about one rigid body.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["human", "rgb_array"], "render_fps": 2}  # type: ignore[misc]
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 2}  # type: ignore[misc]
 
     def __init__(
         self, problem: SearchProblem, touches: Touches, target: str, state: str, render_mode: str | None
@@ -75,7 +74,6 @@ class TouchEnv(gymnasium.Env[State, int]):
         if state in WITH_GAINS:
             expected_gains(start(touches.model), np.full(len(labels), -np.log(len(labels))), 0)  # raises
         self.last_image: NDArray[np.uint8] | None = None
-        self._window: Window | None = None
         self._prior: Belief | None = None  # of every object of an ``independent`` problem
         self._begun: SearchProgress | None = None
         has_unsure = problem.unsure_reward is not None
@@ -174,7 +172,6 @@ class TouchEnv(gymnasium.Env[State, int]):
         self._begun = SearchProgress(self.problem, self.touches.model, self._prior)
         self._previous = NO_ACTION
         self.last_image = None
-        self._follow()
         return self.observe(), self._info(False)
 
     def step(self, action: int) -> tuple[State, float, bool, bool, dict[str, Any]]:
@@ -184,31 +181,11 @@ class TouchEnv(gymnasium.Env[State, int]):
         if not self.action_space.contains(action):
             raise BadAction(f"action must be an integer in [0, {self.action_space.n - 1}], got {action!r}")
         reward, terminated, truncated, success = self._act(int(action))
-        self._follow()
         return self.observe(), reward, terminated, truncated, self._info(success)
 
     def render(self) -> NDArray[np.uint8] | None:
-        """The image of the last touch and the belief, side by side, ``(H, W, 3)`` uint8; or a window of it."""
-        if self.render_mode is None:
-            return None
-        frame = draw(self.last_image, self.belief, self.target)
-        if self.render_mode == "rgb_array":
-            return frame
-        if self._window is None:
-            self._window = Window(type(self).__name__)
-        self._window.show(frame)
-        return None
-
-    def _follow(self) -> None:
-        """In mode "human", show the state without being asked."""
-        if self.render_mode == "human":
-            self.render()
-
-    def close(self) -> None:
-        """Close the window, if there is one."""
-        if self._window is not None:
-            self._window.close()
-            self._window = None
+        """The image of the last touch and the belief, side by side, ``(H, W, 3)`` uint8; None without a mode."""
+        return None if self.render_mode is None else draw(self.last_image, self.belief, self.target)
 
     @abstractmethod
     def _sample_arrangement(self, rng: np.random.Generator) -> tuple[int, ...]:
@@ -291,3 +268,27 @@ def key_of(options: Mapping[str, Any] | None) -> tuple[int, ...] | None:
         return checked_key(list(key))
     except InvalidArgument as error:
         raise BadOption(f"the option 'seed' must be a key such as (0, 3, 17): {error}") from error
+
+
+_SIZE = 240  # edge of each of the two panels [pixels]
+_INK, _PAPER, _BAR, _TARGET = (40, 44, 52), (250, 250, 248), (150, 170, 200), (222, 122, 60)
+
+
+def draw(image: NDArray[np.uint8] | None, belief: Belief, target: int) -> NDArray[np.uint8]:
+    """The frame of an episode, ``(240, 480, 3)`` uint8.
+
+    Args:
+        image: of the last press; None leaves its panel blank.
+        belief: about the current object.
+        target: index of the target shape, whose bar has another colour.
+    """
+    picture = Image.new("RGB", (2 * _SIZE, _SIZE), _PAPER)
+    if image is not None:
+        picture.paste(Image.fromarray(image).convert("RGB").resize((_SIZE, _SIZE), Image.Resampling.NEAREST))
+    pen, height = ImageDraw.Draw(picture), _SIZE / len(belief.labels)
+    for index, (label, prob) in enumerate(zip(belief.labels, belief.probs, strict=True)):
+        left, top = _SIZE + 8, index * height
+        bar = [left, top + 0.55 * height, left + round((_SIZE - 16) * float(prob)), top + 0.9 * height]
+        pen.rectangle(bar, fill=_TARGET if index == target else _BAR)
+        pen.text((left, top + 0.1 * height), f"{label} {prob:.3f}", fill=_INK)
+    return np.asarray(picture)

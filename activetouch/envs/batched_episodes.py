@@ -1,4 +1,7 @@
-"""The paper's task on recorded touches: many episodes at once, as array operations."""
+"""The paper's task on recorded touches: many episodes at once, as array operations, for learners of Gymnasium.
+
+envs = gymnasium.make_vec("activetouch:activetouch/ObjectTestBank-v0", num_envs=256, target="cone")
+"""
 
 from __future__ import annotations
 
@@ -6,14 +9,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
+from gymnasium.error import ResetNeeded
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from activetouch.envs.bank_evidence import BankEvidence, JointEvidence, evidence_of
 from activetouch.envs.base import BadAction, BadOption
-from activetouch.envs.priors import ObjectPriors, TargetProb
 from activetouch.envs.touch_bank import TouchBank
+from activetouch.envs.touch_source import ObjectPriors, TargetProb
 from activetouch.errors import LabelMismatch
-from activetouch.sensor_files import INDEPENDENT_SUFFIX, MODELS, load_observation_model
+from activetouch.sensor_files import INDEPENDENT_SUFFIX, MODELS, fitted_model
 from belief.bayes import update
 from belief.composition import Composition
 from belief.errors import UnknownName
@@ -43,11 +49,14 @@ class StepResult(NamedTuple):
     success: Bools
 
 
-class BankEpisodes:
+class BankEpisodes(VectorEnv):
     """B parallel episodes of :class:`activetouch.envs.object_test.ObjectTestEnv` on recorded touches.
 
     The first R touches of an object in a pose come from R different rounds of the bank, starting at a random one; then
     the rounds repeat. With gains they start at the first, so that equal touches, which take long to weigh, come again.
+
+    ``infos`` of :meth:`reset` and :meth:`step` have ``is_success``, ``num_touches`` and ``target_prob`` of every
+    episode. :meth:`restart` and :meth:`act` are the same for programs that start episodes themselves.
 
     Args:
         bank: the touches.
@@ -61,6 +70,7 @@ class BankEpisodes:
         beta: weight β of the paper's shaping reward (decision 0031): β (γ Φ(s') - Φ(s)) is added with
             Φ = |:func:`belief.policy_state.certainty`|, 0 after a decision, which changes no optimal policy.
         discount: γ of the learner, for the shaping.
+        autoreset_mode: NEXT_STEP, in which the action after the end of an episode starts another one, or SAME_STEP.
 
     Attributes:
         objects: index of each episode's object in the bank, ``(B,)``.
@@ -88,7 +98,11 @@ class BankEpisodes:
         target_prob: TargetProb = 0.5,
         beta: float = 0.0,
         discount: float = 1.0,
+        autoreset_mode: AutoresetMode = AutoresetMode.NEXT_STEP,
     ) -> None:
+        mode = AutoresetMode(autoreset_mode)
+        if mode is AutoresetMode.DISABLED:
+            raise BadOption(f"autoreset_mode must be NEXT_STEP or SAME_STEP, got {autoreset_mode}")
         if target is not None and target not in bank.shape_labels:
             raise UnknownName("target", target, list(bank.shape_labels))
         if state not in ENCODINGS:
@@ -128,6 +142,13 @@ class BankEpisodes:
         self._num_touches = np.zeros(num_envs, np.int64)
         self._potential = self._potential_of(np.arange(num_envs))
         self._ask_gains(np.arange(num_envs))
+        self.metadata = {"autoreset_mode": mode}
+        self._is_started, self._over = False, np.zeros(num_envs, np.bool_)  # to start again in the next step
+        self.single_action_space = spaces.Discrete(self.num_poses + 2)
+        least = 0.0 if state == "paper" else -1.0  # a saved policy tells by it what it saw
+        self.single_observation_space = spaces.Box(least, 1.0, self.observe().shape[1:], np.float32)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
 
     @classmethod
     def shipped(cls, scene: str, target: str | None, num_envs: int, **settings: Any) -> BankEpisodes:
@@ -143,7 +164,7 @@ class BankEpisodes:
             UnknownName: the scene has no bank, or the target is unknown.
         """
         bank = TouchBank.shipped(scene)
-        model = load_observation_model(MODELS / f"{scene}{INDEPENDENT_SUFFIX}")
+        model = fitted_model(MODELS / f"{scene}{INDEPENDENT_SUFFIX}").model
         return cls(bank, model, target, num_envs, **settings)
 
     @property
@@ -151,17 +172,49 @@ class BankEpisodes:
         """Number of touches made, ``(B,)``; a copy."""
         return self._num_touches.copy()
 
-    @property
-    def num_actions(self) -> int:
-        """P + 2: the poses, CONFIRM and REJECT."""
-        return self.num_poses + 2
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Start new episodes in all rows.
 
-    @property
-    def observation_space(self) -> spaces.Box:
-        """Space of one observation, as in Gymnasium's environment, so that a saved policy tells what it saw."""
-        return spaces.Box(0.0 if self.state == "paper" else -1.0, 1.0, self.observe().shape[1:], np.float32)
+        Raises:
+            BadOption: there are options.
+        """
+        if options:
+            raise BadOption(f"reset() of episodes from a bank has no options, got {options!r}")
+        super().reset(seed=seed)
+        self._is_started, self._over = True, np.zeros(self.num_envs, np.bool_)
+        self.restart(np.arange(self.num_envs), self.np_random)
+        return self.observe(), self._infos(self._over.copy())
 
-    def reset(self, rows: Ints, rng: np.random.Generator) -> None:
+    def step(
+        self, actions: NDArray[np.integer]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float64], Bools, Bools, dict[str, Any]]:
+        """Take one action in each episode; errors as :meth:`act`, and ResetNeeded if no episode was started."""
+        if not self._is_started:
+            raise ResetNeeded("no episode was started: call reset()")
+        over = self._over
+        result = self.act(actions)
+        terminated, truncated, success = (~over & flags for flags in result[1:])
+        if over.any():
+            self.restart(np.flatnonzero(over), self.np_random)
+        observations, infos, ended = self.observe(), self._infos(success), terminated | truncated
+        if self.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP:
+            self._over = ended
+        elif ended.any():
+            final, rows = np.full(self.num_envs, None, object), np.flatnonzero(ended)
+            final[rows] = list(observations[rows])
+            last = infos | {f"_{name}": ended for name in infos}
+            infos = infos | {"final_obs": final, "_final_obs": ended, "final_info": last, "_final_info": ended}
+            self.restart(rows, self.np_random)
+            observations = self.observe()
+        return observations, np.where(over, 0.0, result.reward), terminated, truncated, infos
+
+    def _infos(self, success: Bools) -> dict[str, Any]:
+        probs = np.exp(self.log_probs[np.arange(self.num_envs), self.targets])
+        return {"is_success": success, "num_touches": self.num_touches, "target_prob": probs}
+
+    def restart(self, rows: Ints, rng: np.random.Generator) -> None:
         """Start new random episodes in these rows."""
         if self._draws_target:
             self.targets[rows] = rng.integers(len(self._of_shape), size=len(rows))
@@ -209,17 +262,17 @@ class BankEpisodes:
 
     def action_masks(self) -> Bools:
         """Valid actions, ``(B, P + 2)``."""
-        masks = np.ones((self.num_envs, self.num_actions), np.bool_)
+        masks = np.ones((self.num_envs, self.num_poses + 2), np.bool_)
         masks[:, : self.num_poses] = (self._num_touches < self.touch_limit)[:, None]
         return masks
 
-    def step(self, actions: NDArray[np.integer]) -> StepResult:
+    def act(self, actions: NDArray[np.integer]) -> StepResult:
         """Take one action in each episode; episodes that end keep their state until they are started again.
 
         Raises:
             BadAction: there is not one action for each episode, or one is outside the action space or no integer.
         """
-        chosen, limit = np.asarray(actions), self.num_actions - 1
+        chosen, limit = np.asarray(actions), self.num_poses + 1
         are_integers = chosen.dtype.kind in "iu" and chosen.shape == (self.num_envs,)
         if not (are_integers and chosen.min() >= 0 and chosen.max() <= limit):
             found = f"{chosen.shape} {chosen.dtype}: {chosen}"
@@ -266,3 +319,8 @@ def _choose(probs: NDArray[np.float64], rng: np.random.Generator) -> Ints:
     """A shape from each of the distributions ``(n, K)``, sampled as ``rng.choice`` does."""
     up_to = probs.cumsum(axis=1)
     return (rng.random((len(probs), 1)) >= up_to / up_to[:, -1:]).sum(axis=1)
+
+
+def recorded_tests(num_envs: int = 1, scene: str = "paper", target: str = "cone", **settings: Any) -> BankEpisodes:
+    """What ``gymnasium.make_vec("activetouch/ObjectTestBank-v0")`` makes; see :meth:`BankEpisodes.shipped`."""
+    return BankEpisodes.shipped(scene, target, num_envs, **settings)

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from activetouch.envs.base import State, TouchEnv, live_or_given
-from activetouch.envs.priors import ObjectPriors, TargetProb
-from activetouch.envs.touch_source import Touches
+from activetouch.envs.touch_source import ObjectPriors, TargetProb, Touches
 from activetouch.hand import Hand
 from belief.categorical import Belief
 from belief.composition import Composition
@@ -36,8 +35,8 @@ class ObjectTestEnv(TouchEnv):
     | 12 | touches made, as a fraction of `touch_limit` |
 
     `state="posterior"` is a `Box(-1, 1)` of K + P + 2 numbers (:func:`belief.policy_state.posterior_state`), and
-    `state="gains"` of K + 2 P + 2 for a sensor of one rigid body (:func:`belief.policy_state.gains_state`). The wrapper
-    :class:`activetouch.envs.wrappers.RawImage` gives the image instead. With `target=None` the target follows, one-hot.
+    `state="gains"` of K + 2 P + 2 for a sensor of one rigid body (:func:`belief.policy_state.gains_state`).
+    `env.unwrapped.last_image` is the image of the last press. With `target=None` the target follows, one-hot.
 
     ## Starting State
     The object has the target's shape with probability `target_prob`; the other shapes are equally likely. The belief
@@ -64,7 +63,7 @@ class ObjectTestEnv(TouchEnv):
         target_prob: prior of the target (decision 0030); or a range such as ``(0.05, 0.95)``, from which every episode
             draws its own (decision 0024).
         touches: another source of touches, a :class:`activetouch.envs.touch_source.Touches`.
-        render_mode: None, "rgb_array", or "human", a window that follows the episode.
+        render_mode: None or "rgb_array".
         state: "paper", "posterior" or "gains".
         hand: a :class:`activetouch.hand.Hand`, or its name, such as "parallel": each probe is then one grasp.
     """

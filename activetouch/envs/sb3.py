@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
+from activetouch.envs.base import BadOption
 from activetouch.envs.batched_episodes import BankEpisodes
-from activetouch.envs.vector import BankVectorEnv
 from belief.seeding import checked_key, keyed_rng
 
 
@@ -27,11 +26,11 @@ class BankVecEnv(VecEnv):
     """
 
     def __init__(self, episodes: BankEpisodes, seed: int | Sequence[int]) -> None:
-        self._envs, self._seed = BankVectorEnv(episodes, AutoresetMode.SAME_STEP), checked_key(seed)
-        self._envs.np_random = keyed_rng(seed, is_fixed_length=True)
+        self._episodes, self._seed = episodes, checked_key(seed)
+        self._rng = keyed_rng(seed, is_fixed_length=True)
         self._returns, self._lengths = np.zeros(episodes.num_envs), np.zeros(episodes.num_envs, np.int64)
         self.render_mode = None
-        super().__init__(episodes.num_envs, self._envs.single_observation_space, self._envs.single_action_space)
+        super().__init__(episodes.num_envs, episodes.single_observation_space, episodes.single_action_space)
 
     def reset(self) -> NDArray[np.float32]:
         """Start new episodes in all rows.
@@ -40,12 +39,15 @@ class BankVecEnv(VecEnv):
             BadOption: there are options.
         """
         options = next((given for given in self._options if given), None)
+        if options:
+            raise BadOption(f"reset() of episodes from a bank has no options, got {options!r}")
         self._reset_options()
-        if self._seeds[0] is not None and not options:
-            self._envs.np_random = keyed_rng([*self._seed, self._seeds[0]], is_fixed_length=True)
+        if self._seeds[0] is not None:
+            self._rng = keyed_rng([*self._seed, self._seeds[0]], is_fixed_length=True)
         self._reset_seeds()
         self._returns[:], self._lengths[:] = 0.0, 0
-        return self._envs.reset(options=options)[0]
+        self._episodes.restart(np.arange(self.num_envs), self._rng)
+        return self._episodes.observe()
 
     def step_async(self, actions: NDArray[np.integer]) -> None:
         """Set the actions of the next :meth:`step_wait`."""
@@ -53,20 +55,23 @@ class BankVecEnv(VecEnv):
 
     def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
         """Take the actions; replace episodes that end by new ones."""
-        observations, rewards, terminated, truncated, found = self._envs.step(self._actions)
-        self._returns += rewards
+        result, final = self._episodes.act(self._actions), self._episodes.observe()
+        self._returns += result.reward
         self._lengths += 1
-        ended = terminated | truncated
+        ended = result.terminated | result.truncated
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         for row in np.flatnonzero(ended).tolist():
             infos[row] = {
-                "terminal_observation": found["final_obs"][row],
+                "terminal_observation": final[row],
                 "TimeLimit.truncated": False,
-                "is_success": bool(found["is_success"][row]),
+                "is_success": bool(result.success[row]),
                 "episode": {"r": float(self._returns[row]), "l": int(self._lengths[row]), "t": 0.0},
             }
         self._returns[ended], self._lengths[ended] = 0.0, 0
-        return observations, rewards.astype(np.float32), ended, infos
+        if ended.any():
+            self._episodes.restart(np.flatnonzero(ended), self._rng)
+            final = self._episodes.observe()
+        return final, result.reward.astype(np.float32), ended, infos
 
     def close(self) -> None:
         """Do nothing."""
@@ -81,7 +86,7 @@ class BankVecEnv(VecEnv):
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Valid actions, ``(B, P + 2)``."""
-        return self._envs.action_masks()
+        return self._episodes.action_masks()
 
     def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
         """Only ``action_masks``, which :class:`sb3_contrib.MaskablePPO` asks for."""

@@ -1,33 +1,17 @@
 """The networks a classifier may be made of, by name; reading the table loads no torch.
 
-To add one, write a frozen dataclass with the members of :class:`Backbone` and a line in :data:`BACKBONES`.
+To add one, write a frozen dataclass with the members of :class:`SmallCNN` and a line in :data:`BACKBONES`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from torch import nn
-
-
-class Backbone(Protocol):
-    """From images ``(B, channels, H, W)``, centred and scaled, to features ``(B, num_features)``."""
-
-    @property
-    def num_features(self) -> int:
-        """Length of a feature vector."""
-
-    @property
-    def smallest_image(self) -> int:
-        """Edge of the smallest image that it takes [pixels]."""
-
-    def build(self, channels: int) -> nn.Module:
-        """The network with random weights, drawn from torch's global generator."""
 
 
 @dataclass(frozen=True)
@@ -44,29 +28,19 @@ class ConvNeXt:
 
     @property
     def num_features(self) -> int:
-        """See :class:`Backbone`."""
+        """Length of a feature vector."""
         return self.widths[-1]
 
     @property
     def smallest_image(self) -> int:
-        """See :class:`Backbone`: a patch of the first layer is 4 pixels wide, and every further stage halves."""
+        """Edge of the smallest image [pixels]: a patch of the first layer is 4 wide, and every further stage halves."""
         return 4 * 2 ** (len(self.depths) - 1)
 
     def build(self, channels: int) -> nn.Module:
-        """See :class:`Backbone`."""
+        """The network with random weights: from images ``(B, channels, H, W)`` to features ``(B, num_features)``."""
         from activetouch.perception.convnext import ConvNeXtFeatures  # loads transformers
 
         return ConvNeXtFeatures(self.depths, self.widths, channels)
-
-    def build_pretrained(self, source: Path | str, channels: int) -> nn.Module:
-        """The network with published weights: a local folder, or a name on the Hugging Face hub.
-
-        Raises:
-            MissingWeights: they are not to be had, or belong to another network.
-        """
-        from activetouch.perception.convnext import pretrained
-
-        return pretrained(source, self.depths, self.widths, channels)
 
 
 @dataclass(frozen=True)
@@ -87,16 +61,16 @@ class SmallCNN:
 
     @property
     def num_features(self) -> int:
-        """See :class:`Backbone`."""
+        """Length of a feature vector."""
         return self.widths[-1]
 
     @property
     def smallest_image(self) -> int:
-        """See :class:`Backbone`: a pixel of the last layer for each cell."""
+        """Edge of the smallest image [pixels]: a pixel of the last layer for each cell."""
         return (self.cells - 1) * 2 ** len(self.widths) + 1
 
     def build(self, channels: int) -> nn.Module:
-        """See :class:`Backbone`."""
+        """The network with random weights: from images ``(B, channels, H, W)`` to features ``(B, num_features)``."""
         from torch import nn
 
         layers: list[nn.Module] = []
@@ -112,7 +86,7 @@ class SmallCNN:
         return nn.Sequential(*layers)
 
 
-BACKBONES: Mapping[str, Backbone] = MappingProxyType(
+BACKBONES: Mapping[str, ConvNeXt | SmallCNN] = MappingProxyType(
     {
         "cnn": SmallCNN((24, 48, 96, 128)),
         "grid_cnn": SmallCNN((24, 48, 96, 128), cells=2),

@@ -15,8 +15,6 @@ from activetouch.perception.sealed_tensors import read_fields
 from activetouch.scene_description import OBJECTS
 from belief.errors import CorruptFile
 
-CHECKPOINT = "activetouch-classifier-5"
-"""The kind of file that training writes and goes on from, with weights for torch."""
 READER = "activetouch-reader-1"
 """The kind of file that a sensor has, with a network for ONNX Runtime."""
 HYPOTHESIS_NETWORK = "residual"
@@ -25,8 +23,6 @@ CONTACT_NETWORK = "contacts"
 """The network of readers of any object, which embeds hypotheses by their predicted contacts."""
 PRODUCTS = np.triu_indices(9)
 """The pairs of entries of a rotation matrix whose products a network of hypotheses reads, two arrays."""
-CLASSIFIER_FILE = "classifier.safetensors"
-"""Name of a checkpoint in the folder of a training."""
 
 
 @dataclass(frozen=True)
@@ -43,13 +39,11 @@ class ClassifierCard:
             nobody said.
         mujoco_version: MuJoCo that pressed them.
         training: summary of how training went (epochs, images, losses).
-        image_shape: ``(H, W)`` or ``(H, W, 3)`` of the images that an exported network takes; empty in a checkpoint.
+        image_shape: ``(H, W)`` or ``(H, W, 3)`` of the images that an exported network takes; empty before the export.
         embedding: length of the embeddings of images and hypotheses; 0 for a network that gives logits of the shapes.
         log_size_mean, log_size_std: they standardise the logarithm of a hypothesis's size.
         imaging: fields of :class:`activetouch.perception.contacts.imaging.Imaging`, of a reader of any object, which
             knows no shapes until it is bound to a scene.
-        aim_scale: of the aims, the intended offsets of an object in the scene's poses [m]; 0 where no pose has an aim,
-            and hypotheses then have none.
     """
 
     backbone: str
@@ -66,22 +60,15 @@ class ClassifierCard:
     embedding: int = 0
     log_size_mean: float = 0.0
     log_size_std: float = 1.0
-    aim_scale: float = 0.0
     imaging: Mapping[str, Any] | None = None
-
-    @property
-    def knows_aims(self) -> bool:
-        """Whether a hypothesis is about a touch with an intended offset."""
-        return self.aim_scale > 0.0
 
     @property
     def num_inputs(self) -> int:
         """Numbers that describe a hypothesis to its network.
 
-        Of its shape, rotation matrix and size, of the products of two entries of the matrix, and of the aim that it
-        may have.
+        Of its shape, rotation matrix and size, and of the products of two entries of the matrix.
         """
-        return len(self.shape_labels) + 10 + len(PRODUCTS[0]) + 2 * self.knows_aims
+        return len(self.shape_labels) + 10 + len(PRODUCTS[0])
 
     @property
     def knows_orientations(self) -> bool:
@@ -138,13 +125,8 @@ class ClassifierCard:
             )
 
     def fields(self) -> dict[str, Any]:
-        """Its fields, as a file has them: nothing about aims where they are not known.
-
-        A card that knows orientations names its network of hypotheses too.
-        """
-        absent: tuple[str, ...] = () if self.knows_aims else ("aim_scale",)
-        absent += () if self.imaging is not None else ("imaging",)
-        found = {name: value for name, value in asdict(self).items() if name not in absent}
+        """Its fields, as a file has them; a card that knows orientations names its network of hypotheses too."""
+        found = {name: value for name, value in asdict(self).items() if name != "imaging" or value is not None}
         network = HYPOTHESIS_NETWORK if self.imaging is None else CONTACT_NETWORK
         return found | ({"hypothesis_network": network} if self.knows_orientations else {})
 

@@ -1,12 +1,9 @@
-"""The network that reads a tactile image, in torch, and the checkpoint that training writes and goes on from.
+"""The network that reads a tactile image, in torch; a sensor has a reader in its place.
 
-A checkpoint is one sealed file (:mod:`activetouch.perception.sealed_tensors`): weights in half precision, and the card
-(:mod:`activetouch.perception.card`). A sensor has a reader in its place (:mod:`activetouch.perception.export`).
+See :mod:`activetouch.perception.export`.
 """
 
 from __future__ import annotations
-
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -15,11 +12,10 @@ from torch import Tensor, nn
 
 from activetouch.errors import TrainingDiverged
 from activetouch.perception.backbones import BACKBONES
-from activetouch.perception.card import CHECKPOINT, ClassifierCard, card_from
+from activetouch.perception.card import ClassifierCard
 from activetouch.perception.hypothesis_network import HypothesisNetwork
 from activetouch.perception.reader import Reading, require_stack
-from activetouch.perception.sealed_tensors import read_tensors, write_tensors
-from belief.errors import CorruptFile, InvalidArgument
+from belief.errors import InvalidArgument
 
 
 class TouchNetwork(nn.Module):
@@ -30,14 +26,13 @@ class TouchNetwork(nn.Module):
 
     Args:
         card: which backbone, for which images and shapes.
-        features: the backbone's network; one with random weights by default.
     """
 
-    def __init__(self, card: ClassifierCard, features: nn.Module | None = None) -> None:
+    def __init__(self, card: ClassifierCard) -> None:
         super().__init__()
         kind = BACKBONES[card.backbone]
         self.card = card
-        self.backbone = features if features is not None else kind.build(card.channels)
+        self.backbone = kind.build(card.channels)
         width, num_shapes = kind.num_features, len(card.shape_labels)
         self.head: nn.Module
         if card.embedding:
@@ -104,30 +99,6 @@ class TouchClassifier:
         ]
         logits, features = (torch.cat(column).float().numpy() for column in zip(*parts, strict=True))
         return Reading(logits.astype(np.float64), features, features)
-
-    def save(self, path: Path) -> None:
-        """Write the checkpoint, atomically.
-
-        Raises:
-            TrainingDiverged: a weight is too large for half precision, or not finite.
-        """
-        write_tensors(path, half_weights(self.network), self.card.fields(), CHECKPOINT)
-
-    @classmethod
-    def load(cls, path: Path) -> TouchClassifier:
-        """Read a checkpoint.
-
-        Raises:
-            CorruptFile: the file is truncated, was changed after it was written, or is not one of ours.
-        """
-        tensors, fields = read_tensors(path, CHECKPOINT)
-        card = card_from(fields, path)
-        try:
-            network = TouchNetwork(card)
-            network.load_state_dict({name: torch.from_numpy(value) for name, value in tensors.items()})
-        except (KeyError, TypeError, RuntimeError) as error:
-            raise CorruptFile(f"{path} does not describe a classifier: {error}") from error
-        return cls(card, network)
 
 
 def half_weights(network: nn.Module) -> dict[str, NDArray[np.float16]]:

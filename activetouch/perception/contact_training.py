@@ -16,8 +16,8 @@ from torch.utils.data import DataLoader, IterableDataset
 from activetouch.errors import ImpossibleRecipe
 from activetouch.perception.card import ClassifierCard
 from activetouch.perception.contacts.hypotheses import CONTACTS, EMBEDDING, ContactHypotheses
-from activetouch.perception.contacts.imaging import STATE_SIZE, Imaging
-from activetouch.perception.contacts.network import FEW_PIXELS, ContactNetwork, ContactReader, ImageNetwork, losses
+from activetouch.perception.contacts.imaging import FEW_PIXELS, STATE_SIZE, Imaging
+from activetouch.perception.contacts.network import ContactNetwork, ContactReader, ImageNetwork, losses
 from activetouch.perception.contacts.touches import Batch, Batches
 from activetouch.perception.export import exported
 from activetouch.perception.learner import Learner, falling
@@ -76,13 +76,14 @@ class ContactRecipe:
 
     @classmethod
     def of(cls, imaging: Imaging, **changes: Any) -> ContactRecipe:
-        """The recipe for a sensor: images of few pixels need fewer convolutions.
+        """The recipe for a sensor: images of few pixels need fewer convolutions, and more bodies in a batch.
 
         Args:
             imaging: of the sensor.
             changes: fields that differ.
         """
-        return cls(**({"widths": (16, 32, 64)} if imaging.pixels <= FEW_PIXELS else {}) | changes)
+        few = {"widths": (16, 32, 64), "groups": 64} if imaging.pixels <= FEW_PIXELS else {}
+        return cls(**few | changes)
 
     def rate(self, step: int) -> float:
         """Learning rate of a step: linear rise, then a cosine to almost zero."""

@@ -118,7 +118,6 @@ def fixed_hypotheses(classifier: TouchClassifier, touches: TouchSet) -> Hypothes
         layers,
         rotations,
         sizes,
-        touches.aims[rows].astype(np.float32) if card.knows_aims else None,
     )
 
 

@@ -23,7 +23,7 @@ _AT_ONCE = 4096  # hypotheses
 _CACHED = 1 << 15  # numbers of an array that stay in the cache
 _ERFC = tuple(np.float32(c) for c in (1.061405429, -1.453152027, 1.421413741, -0.284496736, 0.254829592))
 _IMAGES = 64  # whose logits are computed at a time
-_LAYER, _ROTATIONS, _SIZES, _AIMS = "hypothesis", "hypotheses.rotations", "hypotheses.sizes", "hypotheses.aims"
+_LAYER, _ROTATIONS, _SIZES = "hypothesis", "hypotheses.rotations", "hypotheses.sizes"
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,12 +33,11 @@ class HypothesisEmbedding:
     Attributes:
         card: of the reader that it belongs to.
         layers: weight ``(out, in)`` and bias ``(out,)`` of each layer. The first reads the one-hot shape, the nine
-            entries of the rotation matrix row by row, the standardised log size, the scaled aim where the card knows
-            it, and the products of two entries of the matrix. GELU follows every layer but the last. Hidden layers but
-            the first read normalised numbers, and add to them.
+            entries of the rotation matrix row by row, the standardised log size, and the products of two entries of the
+            matrix. GELU follows every layer but the last. Hidden layers but the first read normalised numbers, and add
+            to them.
         rotations: of the fixed hypotheses, ``(M, 3, 3)``; every shape has the same.
         sizes: of the fixed hypotheses, ``(M,)``.
-        aims: of the fixed hypotheses, ``(M, 2)`` [m]; all 0 if not given.
 
     Raises:
         ValueError: the arrays do not fit each other or the card.
@@ -48,7 +47,6 @@ class HypothesisEmbedding:
     layers: tuple[tuple[Floats32, Floats32], ...]
     rotations: Floats32
     sizes: Floats32
-    aims: Floats32 | None = None
 
     def __post_init__(self) -> None:
         card, number = self.card, len(self.sizes)
@@ -57,11 +55,11 @@ class HypothesisEmbedding:
         fits = shapes == [(width, before) for before, width in pairwise(widths)] and widths[-1] == card.embedding
         fits = fits and len(set(widths[1:-1])) == 1  # hidden layers add to each other
         fits = fits and self.rotations.shape == (number, 3, 3) and number > 0 and bool((self.sizes > 0).all())
-        if not fits or (self.aims is not None and self.aims.shape != (number, 2)):
+        if not fits:
             raise ValueError(
                 f"the network of hypotheses must lead from {card.num_inputs} to {card.embedding} numbers by hidden "
-                f"layers of one width, and the fixed hypotheses have positive sizes (M,), rotations (M, 3, 3) and aims "
-                f"(M, 2); got layers {shapes}, {number} sizes and rotations {self.rotations.shape}"
+                f"layers of one width, and the fixed hypotheses have positive sizes (M,) and rotations (M, 3, 3); "
+                f"got layers {shapes}, {number} sizes and rotations {self.rotations.shape}"
             )
 
     def embed(
@@ -69,7 +67,6 @@ class HypothesisEmbedding:
         shapes: NDArray[np.int64],
         rotations: NDArray[Any],
         sizes: NDArray[Any],
-        aims: NDArray[Any] | None = None,
     ) -> Floats32:
         """Embeddings of hypotheses.
 
@@ -77,19 +74,12 @@ class HypothesisEmbedding:
             shapes: indices, ``(H,)``.
             rotations: from the object's frame to the pad's, ``(H, 3, 3)``.
             sizes: relative to the nominal size, ``(H,)``.
-            aims: intended offsets of the touch, along y and z [m], ``(H, 2)``; all 0 if not given. They count only
-                where the card knows them.
 
         Returns:
             ``(H, D)``.
         """
         number, num_shapes = len(shapes), len(self.card.shape_labels)
-        aims = np.zeros((number, 2)) if aims is None else aims
-        card = self.card
-        numbers = [(np.log(sizes) - card.log_size_mean) / card.log_size_std]
-        if card.knows_aims:
-            numbers += list(aims.T / card.aim_scale)
-        standard = np.stack(numbers, axis=1)
+        standard = ((np.log(sizes) - self.card.log_size_mean) / self.card.log_size_std)[:, None]
         found = np.empty((number, self.card.embedding), np.float32)
         for first in range(0, number, _AT_ONCE):
             some = slice(first, first + _AT_ONCE)
@@ -116,8 +106,7 @@ class HypothesisEmbedding:
         sizes = np.tile(bodies.sizes, num_shapes)
         rotation = scene.rotations[scene.pose_labels[pose]]
         rotations = np.tile(to_matrices(turned(rotation, bodies.rests)), (num_shapes, 1, 1))
-        aims = np.tile(scene.aim_offsets[pose], (len(shapes), 1))
-        return self.embed(shapes, rotations, sizes, aims).reshape(num_shapes, number, -1)
+        return self.embed(shapes, rotations, sizes).reshape(num_shapes, number, -1)
 
     @cached_property
     def _fixed(self) -> Floats32:
@@ -127,7 +116,6 @@ class HypothesisEmbedding:
             np.repeat(np.arange(num_shapes), number),
             np.tile(self.rotations, (num_shapes, 1, 1)),
             np.tile(self.sizes, num_shapes),
-            None if self.aims is None else np.tile(self.aims, (num_shapes, 1)),
         )
 
     def shape_logits(self, embeddings: Floats32) -> NDArray[np.float64]:
@@ -143,8 +131,6 @@ class HypothesisEmbedding:
     def tensors(self) -> dict[str, NDArray[Any]]:
         """The arrays by name, as a file has them: layers in half precision."""
         found: dict[str, NDArray[Any]] = {_ROTATIONS: self.rotations, _SIZES: self.sizes}
-        if self.aims is not None:
-            found[_AIMS] = self.aims
         for number, (weight, bias) in enumerate(self.layers):
             found[f"{_LAYER}.{number}.weight"] = weight.astype(np.float16)
             found[f"{_LAYER}.{number}.bias"] = bias.astype(np.float16)
@@ -166,7 +152,7 @@ class HypothesisEmbedding:
             )
             for layer in range(number)
         )
-        return cls(card, layers, tensors[_ROTATIONS], tensors[_SIZES], tensors.get(_AIMS))
+        return cls(card, layers, tensors[_ROTATIONS], tensors[_SIZES])
 
 
 def _normalised(x: Floats32) -> Floats32:

@@ -1,6 +1,6 @@
 """The network g(shape, rotation, size) that embeds a hypothesis about an object, in torch, for training.
 
-With the embedding f(o) of an image, f(o) · g(k, R, s, c) is the log ratio log p(o | k, R, s, c) / p(o), up to a
+With the embedding f(o) of an image, f(o) · g(k, R, s) is the log ratio log p(o | k, R, s) / p(o), up to a
 constant of the image. :mod:`activetouch.perception.hypothesis_embedding` computes the same network without torch.
 """
 
@@ -26,13 +26,11 @@ class Hypotheses(NamedTuple):
         shapes: indices, ``(H,)``.
         orientations: unit quaternions ``wxyz`` from the object's frame to the pad's, ``(H, 4)``.
         sizes: relative to the nominal size, ``(H,)``.
-        aims: intended offset of the touch, along y and z [m], ``(H, 2)``.
     """
 
     shapes: Tensor
     orientations: Tensor
     sizes: Tensor
-    aims: Tensor
 
     def select(self, rows: Tensor | slice) -> Hypotheses:
         """Some of them, by index."""
@@ -46,8 +44,8 @@ class Hypotheses(NamedTuple):
 class HypothesisNetwork(nn.ModuleList):
     """A residual network (He et al. 2016; Xiong et al. 2020) with GELU after every layer but the last, to ``(H, D)``.
 
-    Its inputs are the one-hot shape, the rotation matrix, the standardised log size, the scaled aim where training
-    touches differed in it, and all products of two entries of the rotation matrix. Hidden layers but the first read
+    Its inputs are the one-hot shape, the rotation matrix, the standardised log size, and all products of two entries of
+    the rotation matrix. Hidden layers but the first read
     normalised numbers, and add to them. A plain perceptron on the matrix alone learns sharp functions of the rotation
     slowly (Rahaman et al. 2019; decision 0063).
 
@@ -66,8 +64,6 @@ class HypothesisNetwork(nn.ModuleList):
         kinds = nn.functional.one_hot(hypotheses.shapes, len(card.shape_labels)).float()
         log_sizes = (hypotheses.sizes.log() - card.log_size_mean) / card.log_size_std
         columns = [kinds, rotations, log_sizes[:, None]]
-        if card.knows_aims:
-            columns.append(hypotheses.aims / card.aim_scale)
         left, right = map(torch.from_numpy, PRODUCTS)
         columns.append(rotations[:, left] * rotations[:, right])
         first, *middle, last = self

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Protocol
 
 import numpy as np
 import torch
@@ -19,29 +18,6 @@ _CHECKED = 4096
 """Hypotheses among which the calibration split's are distinguished."""
 _FOCUS = 4.0
 """How much more often shapes in the recipe's focus are drawn than others."""
-
-
-class Objective(Protocol):
-    """A loss of a network on touches [nats], and the accuracy of the shape that it reads."""
-
-    def batches(self, chance: torch.Generator) -> list[Tensor]:
-        """Rows of the training split for each step of an epoch, in random order."""
-
-    def loss(
-        self, network: TouchNetwork, images: Tensor, rows: Tensor, turns: Tensor, chance: torch.Generator
-    ) -> Tensor:
-        """Mean loss of a batch of the training split.
-
-        Args:
-            network: in training.
-            images: uint8, augmented, ``(B, H, W)`` or ``(B, H, W, channels)``.
-            rows: which touches of the training split they show, ``(B,)``.
-            turns: by how much each image was turned about the approach axis [rad], ``(B,)``.
-            chance: source of random hypotheses.
-        """
-
-    def evaluate(self, network: TouchNetwork, touches: TouchSet) -> tuple[float, float]:
-        """Mean loss [nats] and accuracy on touches of other objects."""
 
 
 class ShapeObjective:
@@ -67,19 +43,27 @@ class ShapeObjective:
         self._bf16, self._batch_size = recipe.bf16, recipe.batch_size
 
     def batches(self, chance: torch.Generator) -> list[Tensor]:
-        """See :class:`Objective`."""
+        """Rows of the training split for each step of an epoch, in random order."""
         return single_touches(len(self._shapes), self._batch_size, chance)
 
     def loss(
         self, network: TouchNetwork, images: Tensor, rows: Tensor, turns: Tensor, chance: torch.Generator
     ) -> Tensor:
-        """See :class:`Objective`."""
+        """Mean loss [nats] of a batch of the training split.
+
+        Args:
+            network: in training.
+            images: uint8, augmented, ``(B, H, W)`` or ``(B, H, W, channels)``.
+            rows: which touches of the training split they show, ``(B,)``.
+            turns: by how much each image was turned about the approach axis [rad], ``(B,)``.
+            chance: source of random hypotheses.
+        """
         with torch.autocast("cpu", torch.bfloat16, enabled=self._bf16):
             logits, _ = network(images)
         return nn.functional.cross_entropy(logits.float(), self._shapes[rows], weight=self.class_weights)
 
     def evaluate(self, network: TouchNetwork, touches: TouchSet) -> tuple[float, float]:
-        """See :class:`Objective`."""
+        """Mean loss [nats] and accuracy on touches of other objects."""
         logits, labels = embeddings(network, touches, self._bf16), torch.from_numpy(touches.shapes)
         return nn.functional.cross_entropy(logits, labels).item(), (logits.argmax(1) == labels).float().mean().item()
 
@@ -88,9 +72,9 @@ class Contrast:
     """The negative log probability of a touch's own hypothesis among others, plus that of its shape.
 
     The first term is InfoNCE (van den Oord et al. 2018). The others are those of the batch's other touches and fresh
-    draws from the prior: each shape equally often; orientation with aim, and size, each those of a random training
-    touch. The minimiser over all functions is log p(o | k, R, s, c) / p(o) up to a constant of the image
-    (Gutmann & Hyvärinen 2010; Durkan et al. 2020). The second term is the cross-entropy of the shape, whose likelihood
+    draws from the prior: each shape equally often; orientation and size each those of a random training touch. The
+    minimiser over all functions is log p(o | k, R, s) / p(o) up to a constant of the image (Gutmann & Hyvärinen 2010;
+    Durkan et al. 2020). The second term is the cross-entropy of the shape, whose likelihood
     is the mean over the draws of that shape. It has the same minimiser, and spends the network's capacity on what the
     belief is asked for.
 
@@ -116,7 +100,7 @@ class Contrast:
         self._drawn_shapes = self._in_proportion(recipe.negatives)
 
     def batches(self, chance: torch.Generator) -> list[Tensor]:
-        """See :class:`Objective`; touches are drawn anew for every epoch where the recipe has a focus."""
+        """As of :class:`ShapeObjective`; touches are drawn anew for every epoch where the recipe has a focus."""
         shapes, size = self._known.shapes, self._recipe.batch_size
         if not self._recipe.focus:
             return single_touches(len(shapes), size, chance)
@@ -134,7 +118,7 @@ class Contrast:
     def loss(
         self, network: TouchNetwork, images: Tensor, rows: Tensor, turns: Tensor, chance: torch.Generator
     ) -> Tensor:
-        """See :class:`Objective`."""
+        """As of :class:`ShapeObjective`."""
         with torch.autocast("cpu", torch.bfloat16, enabled=self._recipe.bf16):
             found, _ = network(images)
         own = turned(self._known.select(rows), turns)
@@ -147,7 +131,7 @@ class Contrast:
         return contrast + nn.functional.cross_entropy(logits + self._log_prior, own.shapes)
 
     def evaluate(self, network: TouchNetwork, touches: TouchSet) -> tuple[float, float]:
-        """See :class:`Objective`: among the touch's own hypothesis and 4 096 that are the same for all touches."""
+        """As of :class:`ShapeObjective`: among the touch's own hypothesis and 4 096 others, the same for all."""
         found, own = embeddings(network, touches, self._recipe.bf16), hypotheses_of(touches)
         others = drawn(self._known, every_shape(_CHECKED, self._num_shapes), torch.Generator().manual_seed(0))
         loss = correct = 0.0
@@ -179,9 +163,9 @@ def every_shape(number: int, num_shapes: int) -> Tensor:
 
 
 def drawn(known: Hypotheses, shapes: Tensor, chance: torch.Generator) -> Hypotheses:
-    """Draws from the prior of these shapes; orientation with aim, and size, are each those of a known one."""
+    """Draws from the prior of these shapes; orientation and size are each those of a known one."""
     rows = torch.randint(len(known.shapes), (2, len(shapes)), generator=chance)
-    return Hypotheses(shapes, known.orientations[rows[0]], known.sizes[rows[1]], known.aims[rows[0]])
+    return Hypotheses(shapes, known.orientations[rows[0]], known.sizes[rows[1]])
 
 
 def shape_logits(scores: Tensor, shapes: Tensor, num_shapes: int) -> Tensor:
@@ -212,7 +196,7 @@ def hypotheses_of(touches: TouchSet) -> Hypotheses:
     """
     if not (np.isfinite(touches.orientations).all() and np.isfinite(touches.sizes).all()):
         raise ValueError("these touches do not say in which orientation and of which size the objects were")
-    columns = (touches.orientations, touches.sizes, np.nan_to_num(touches.aims))
+    columns = (touches.orientations, touches.sizes)
     return Hypotheses(torch.from_numpy(touches.shapes), *(torch.from_numpy(column).float() for column in columns))
 
 
@@ -220,9 +204,7 @@ def turned(hypotheses: Hypotheses, angles: Tensor) -> Hypotheses:
     """Hypotheses after a turn of the object about the approach axis, x, by an angle each [rad]."""
     turn = torch.zeros(len(angles), 4)
     turn[:, 0], turn[:, 1] = torch.cos(angles / 2), torch.sin(angles / 2)
-    (y, z), cosines, sines = hypotheses.aims.unbind(1), torch.cos(angles), torch.sin(angles)
-    aims = torch.stack([cosines * y - sines * z, sines * y + cosines * z], dim=1)
-    return hypotheses._replace(orientations=compose(turn, hypotheses.orientations), aims=aims)
+    return hypotheses._replace(orientations=compose(turn, hypotheses.orientations))
 
 
 def jittered(orientations: Tensor, spread: float, chance: torch.Generator) -> Tensor:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,17 +55,6 @@ class Reading(NamedTuple):
         return self.logits.argmax(axis=1)
 
 
-class ImageReader(Protocol):
-    """What reads images: a :class:`TactileReader`, or a network in torch that is still being trained or compared."""
-
-    @property
-    def card(self) -> ClassifierCard:
-        """What it was trained for."""
-
-    def read(self, images: NDArray[np.uint8], batch_size: int = 64) -> Reading:
-        """See :meth:`TactileReader.read`."""
-
-
 @dataclass(frozen=True, eq=False)
 class TactileReader:
     """A trained network, ready to read touches.
@@ -74,7 +63,6 @@ class TactileReader:
         card: what it was trained for.
         network: an ONNX graph.
         hypotheses: embeds hypotheses; None where the network gives logits of the shapes.
-        threads: of the network; one by default, so that processes share the cores and sums keep their order.
 
     With :class:`activetouch.perception.grasps.GraspHypotheses` it reads the images of grasps, and what it gives for a
     grasp is that of its fingers, one after another.
@@ -83,7 +71,6 @@ class TactileReader:
     card: ClassifierCard
     network: bytes
     hypotheses: Hypotheses | None = None
-    threads: int = 1
 
     def read(self, images: NDArray[np.uint8], batch_size: int = 64) -> Reading:
         """Logits, features and embeddings of images.
@@ -162,12 +149,8 @@ class TactileReader:
         write_tensors(path, tensors, card.fields(), READER)
 
     @classmethod
-    def load(cls, path: Path, threads: int = 1) -> TactileReader:
+    def load(cls, path: Path) -> TactileReader:
         """Read a reader from its file.
-
-        Args:
-            path: of the file.
-            threads: of the network.
 
         Raises:
             CorruptFile: the file is truncated, was changed after it was written, or is not one of ours.
@@ -180,7 +163,7 @@ class TactileReader:
                 hypotheses = ContactHypotheses.from_tensors(card.imaging, tensors)
             elif card.embedding:
                 hypotheses = HypothesisEmbedding.from_tensors(card, tensors)
-            reader = cls(card, tensors[_NETWORK].tobytes(), hypotheses, threads)
+            reader = cls(card, tensors[_NETWORK].tobytes(), hypotheses)
             reader._require_graph()
         except (KeyError, ValueError) as error:
             raise CorruptFile(f"{path} does not describe a reader: {error}") from error
@@ -188,7 +171,7 @@ class TactileReader:
 
     @cached_property
     def _session(self) -> InferenceSession:
-        return session_of(self.network, self.threads)
+        return session_of(self.network)
 
     def _require_graph(self) -> None:
         """Check that the graph reads the card's images, and gives as many numbers as the card says."""

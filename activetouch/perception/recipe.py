@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from types import MappingProxyType
 from typing import Literal
 
@@ -82,28 +82,9 @@ class TrainingRecipe:
 
     @property
     def words(self) -> str:
-        """In words."""
-        parts = [
-            f"{self.epochs} epochs" if self.epochs > 1 else "1 epoch",
-            "Muon" if self.optimizer == "muon" else "",
-            f"{self.batch_size} images a step",
-            f"learning rate {self.learning_rate:g}",
-            f"weight decay {self.weight_decay:g}",
-            f"warm-up of {self.warmup:g} epochs" if self.warmup else "",
-            "rare shapes weighted up" if self.class_weights else "",
-            f"rotations up to {self.rotation:g}°" if self.rotation else "",
-            f"patience of {self.patience} epochs" if self.patience is not None else "",
-            f"by contrast with {self.negatives} hypotheses" if self.embedding else "",
-            f"cells of {self.cell:g}°" if self.embedding and self.cell else "",
-            f"focus on {', '.join(self.focus)}" if self.focus else "",
-            f"gains of 1 ± {self.gain:g} in half of the images" if self.gain else "",
-            f"noise of up to {self.noise:g} of full scale in half of the images" if self.noise else "",
-            f"up to {self.dead:.0%} of the taxels dead in half of the images" if self.dead else "",
-            "residual network of hypotheses" if self.embedding else "",
-            "bfloat16" if self.bf16 else "",
-            f"seed {self.seed}",
-        ]
-        return ", ".join(part for part in parts if part)
+        """The settings that are not off, in words."""
+        chosen = {name: value for name, value in asdict(self).items() if value or name == "seed"}
+        return ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in chosen.items())
 
 
 _CONTRAST = TrainingRecipe(  # for a reader that knows orientations

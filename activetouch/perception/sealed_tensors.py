@@ -76,8 +76,8 @@ def _header(metadata: Mapping[str, str] | None, kind: str) -> dict[str, Any]:
     if not metadata or kind not in metadata:
         found = ", ".join(sorted(metadata or {})) or "another program's tensors"
         raise ValueError(
-            f"it holds {found}, not {kind}. A training writes a checkpoint, classifier.safetensors, a "
-            "reader, reader.safetensors, and its state, state.safetensors"
+            f"it holds {found}, not {kind}. A training writes a reader, reader.safetensors, and its state, "
+            "state.safetensors"
         )
     return unsealed_json(metadata[kind])
 

@@ -4,7 +4,9 @@ Each world is the state of the sensor that the scene describes, with something c
 more noise, and all of these together; an image that is blurred or shifted; hysteresis; broken taxels. A reader of any
 object was trained with all of them, and reads in each.
 
->>> worlds = changed_worlds(SensorState.nominal(1))
+>>> from activetouch import SCENES
+>>> from activetouch.perception.contacts.sensor_state import imaging_of
+>>> worlds = changed_worlds(imaging_of(SCENES["gel"].scene), SensorState.nominal(1))
 >>> worlds.labels[:2], len(worlds.labels) == len(worlds.states.noise)
 (('noise × 1.6', 'noise × 2.5'), True)
 """
@@ -21,7 +23,7 @@ from numpy.typing import NDArray
 
 from activetouch.hypotheses import Bodies
 from activetouch.perception.contacts.hypotheses import ContactHypotheses
-from activetouch.perception.contacts.imaging import BROKEN, LIMITS, SensorState
+from activetouch.perception.contacts.imaging import BROKEN, Imaging, SensorState
 from activetouch.perception.contacts.sensor_state import sensor_state
 from activetouch.perception.reader import TactileReader
 from activetouch.scene import Scene
@@ -34,8 +36,8 @@ from belief.observation_model.rigid_body import joint_model
 HYPOTHESES = 512
 """Of each shape, in a changed world."""
 _NOISES, _STIFFNESSES, _FORCES = (1.0, 1.6, 2.5), (1.0, 0.4, 0.65, 1.5), (1.0, 0.3, 0.55, 1.3)
-_ALONE = {"noise": (3.6,), "gain": (0.8, 1.2), "blur": (0.02, 0.05), "hysteresis": (0.04, 0.09)}
-_SHIFTS = 0.035, 0.075  # parts of the edge of the image
+_ALONE = {"noise": (3.6, 6.0), "gain": (0.8, 1.2), "blur": (0.02, 0.05, 0.12, 0.25), "hysteresis": (0.04, 0.09)}
+_SHIFTS = 0.035, 0.075, 0.15, 0.25  # parts of the edge of the image
 _SHARES = 0.012, 0.03, 0.06, 0.11, 0.2  # of all taxels
 
 
@@ -51,10 +53,11 @@ class Worlds(NamedTuple):
     states: SensorState
 
 
-def changed_worlds(usual: SensorState) -> Worlds:
-    """What may be wrong with a sensor.
+def changed_worlds(imaging: Imaging, usual: SensorState) -> Worlds:
+    """What may be wrong with a sensor, within what its reader was trained with.
 
     Args:
+        imaging: of the reader's own scene.
         usual: its described state, arrays of one.
     """
     found: list[tuple[str, dict[str, Any]]] = []
@@ -65,9 +68,11 @@ def changed_worlds(usual: SensorState) -> Worlds:
             found.append((", ".join(f"{name} × {factor:g}" for name, factor in changed.items()), changed))
     for name, values in _ALONE.items():
         sign = "× " if name in ("noise", "gain") else ""
-        found += [(f"{name} {sign}{value:g}", {name: value}) for value in values]
+        known = [value for value in values if value <= imaging.limits[name][1]]
+        found += [(f"{name} {sign}{value:g}", {name: value}) for value in known]
     around = [(rows, columns) for rows, columns in product((-1, 0, 1), repeat=2) if rows or columns]
-    for part, (rows, columns) in product(_SHIFTS, around):
+    shifts = [part for part in _SHIFTS if part <= imaging.limits["shift"][1]]
+    for part, (rows, columns) in product(shifts, around):
         found.append((f"shift ({rows * part:+g}, {columns * part:+g})", {"shift": (rows * part, columns * part)}))
     for name, (row, column) in product(("stuck", "dead"), np.ndindex(BROKEN, BROKEN)):
         cells = np.zeros((BROKEN, BROKEN))
@@ -75,13 +80,13 @@ def changed_worlds(usual: SensorState) -> Worlds:
         found.append((f"{name} taxels in row {row + 1}, column {column + 1} of {BROKEN}", {name: cells}))
     for name, share in product(("stuck", "dead"), _SHARES):
         found.append((f"{share:.1%} of the taxels {name}", {name: np.full((BROKEN, BROKEN), share)}))
-    states = [_with(usual, changed) for _, changed in found]
+    states = [_with(imaging, usual, changed) for _, changed in found]
     return Worlds(tuple(label for label, _ in found), SensorState(*map(np.concatenate, zip(*states, strict=True))))
 
 
-def _with(usual: SensorState, changed: dict[str, Any]) -> SensorState:
+def _with(imaging: Imaging, usual: SensorState, changed: dict[str, Any]) -> SensorState:
     """A state with something changed, within what readers are trained with."""
-    found = usual._asdict()
+    found, limits = usual._asdict(), imaging.limits
     for name, value in changed.items():
         before = found[name]
         if name in ("noise", "stiffness", "force", "gain"):
@@ -90,7 +95,7 @@ def _with(usual: SensorState, changed: dict[str, Any]) -> SensorState:
             new = np.maximum(before, value)
         else:
             new = before + np.asarray(value)
-        found[name] = np.clip(new, *LIMITS.get(name, (0.0, 1.0))).astype(np.float32)
+        found[name] = np.clip(new, *limits.get(name, (0.0, 1.0))).astype(np.float32)
     return SensorState(**found)
 
 
@@ -156,6 +161,6 @@ def sensor_health(model: ArrayModel, reader: TactileReader, scene: Scene) -> Sen
         raise InvalidArgument(
             "the state of a sensor is inferred with a reader of any object, its joint model, and no hand"
         )
-    worlds = changed_worlds(sensor_state(hypotheses.imaging, scene))
+    worlds = changed_worlds(hypotheses.imaging, sensor_state(hypotheses.imaging, scene))
     embedded = EmbeddedWorlds(hypotheses, scene, worlds)
     return SensorHealthModel(described, embedded, worlds.labels, spread_prior(len(worlds.labels)))

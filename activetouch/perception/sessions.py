@@ -8,17 +8,12 @@ if TYPE_CHECKING:
     from onnxruntime import InferenceSession
 
 
-def session_of(network: bytes, threads: int = 1) -> InferenceSession:
-    """A session for an ONNX graph.
-
-    Args:
-        network: the graph.
-        threads: one by default, so that processes share the cores and sums keep their order.
-    """
+def session_of(network: bytes) -> InferenceSession:
+    """A session for an ONNX graph, of one thread, so that processes share the cores and sums keep their order."""
     import onnxruntime
 
     options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # idle threads leave the cores alone
     options.use_deterministic_compute = True
     options.log_severity_level = 3  # errors

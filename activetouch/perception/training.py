@@ -17,13 +17,14 @@ from activetouch.errors import LabelMismatch, TrainingDiverged
 from activetouch.perception.augmentation import augment, worn
 from activetouch.perception.classifier import TouchClassifier
 from activetouch.perception.learner import Learner, falling, with_prefix
-from activetouch.perception.objective import Contrast, Objective, ShapeObjective
+from activetouch.perception.objective import Contrast, ShapeObjective
 from activetouch.perception.reader import require_stack
 from activetouch.perception.recipe import TrainingRecipe
 from activetouch.perception.sealed_tensors import read_fields, read_tensors, write_tensors
 from activetouch.scene import Symmetry
 from belief.errors import CorruptFile
 from belief.files import array_digest
+from belief.naming import few
 
 _ADVICE = "Train with a lower --change.learning-rate"
 
@@ -87,7 +88,7 @@ class Trainer:
         self.learner = Learner(classifier.network, recipe.weight_decay, recipe.optimizer == "muon")
         labels = classifier.card.shape_labels
         contrast = classifier.card.knows_orientations
-        self.objective: Objective = (Contrast if contrast else ShapeObjective)(train, labels, recipe)
+        self.objective = (Contrast if contrast else ShapeObjective)(train, labels, recipe)
         if contrast and symmetry is Symmetry.ROTATIONS_AND_MIRROR:
             self.symmetry = Symmetry.ROTATIONS  # how a mirrored body lies depends on its shape
         self.steps_per_epoch = len(self.objective.batches(torch.Generator()))
@@ -187,19 +188,9 @@ class Trainer:
         self.learner.restore(tensors, self.epochs_done * self.steps_per_epoch)
 
     def _require_own(self, header: Mapping[str, Any]) -> None:
-        if header.get("task") != self._task:
+        theirs = dict(header.get("task") or {})
+        if differing := [name for name in {**self._task, **theirs} if theirs.get(name) != self._task.get(name)]:
             raise LabelMismatch(
-                f"{self.state} belongs to another training{_differences(header.get('task'), self._task)}. Choose "
-                "another folder, or delete this file to start anew"
+                f"{self.state} belongs to another training, with another {few(differing, 12)}. Choose another folder, "
+                "or delete this file to start anew"
             )
-
-
-def _differences(there: Any, here: Mapping[str, Any]) -> str:
-    """What differs between the training of a file and this one, with values where they are short."""
-    if not isinstance(there, dict):
-        return ""
-    values = {name: (there.get(name), here.get(name)) for name in {**here, **there}}
-    differing = {name: f"{one} there, {other} here" for name, (one, other) in values.items() if one != other}
-    return ", with other " + "; ".join(
-        f"{name} ({text})" if len(text) < 60 else name for name, text in differing.items()
-    )

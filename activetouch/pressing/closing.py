@@ -27,7 +27,6 @@ from activetouch.pressing.facing import facing_geom
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Grasp
 from activetouch.pressing.rig import PAD_SOLIMP, add_solid, stop_clock
-from activetouch.pressing.setup import Setup
 
 Floats = NDArray[np.float64]
 Watch = Callable[[mujoco.MjModel, mujoco.MjData], None]
@@ -184,8 +183,8 @@ def add_body(spec: mujoco.MjSpec, turned: Floats, centre: Floats, pad: Pad, met:
 class SlidingPads(Gripper):
     """Pads that slide along their axes in the frame of the palm."""
 
-    def __init__(self, law: Closing, setup: Setup, met: Sequence[Placement], fingers: Floats, centre: Floats) -> None:
-        spec, pad, radius = mujoco.MjSpec(), setup.pad, met[0].bounding_radius
+    def __init__(self, law: Closing, pad: Pad, met: Sequence[Placement], fingers: Floats, centre: Floats) -> None:
+        spec, pad, radius = mujoco.MjSpec(), pad, met[0].bounding_radius
         open_at = max(law.start, float(np.linalg.norm(centre)) + radius + pad.max_depth)
         for number, rotation in enumerate(fingers):
             name = f"finger{number}"
@@ -242,14 +241,14 @@ class Closing(Dynamic):
     damping: float = 10.0
 
     def close(
-        self, setup: Setup, met: Sequence[Placement], fingers: Floats, centre: Floats, forces: Sequence[float]
+        self, pad: Pad, met: Sequence[Placement], fingers: Floats, centre: Floats, forces: Sequence[float]
     ) -> Grasp:
         """See :class:`activetouch.pressing.press.Press`."""
         if len(met) == 1:  # the palm holds the body
-            return super().close(setup, met, fingers, centre, forces)
+            return super().close(pad, met, fingers, centre, forces)
         for force in forces:
             require_force(force)
-        return self.settle(SlidingPads(self, setup, met, fingers, centre), met[0], np.asarray(forces, float))
+        return self.settle(SlidingPads(self, pad, met, fingers, centre), met[0], np.asarray(forces, float))
 
     def settle(self, gripper: Gripper, placement: Placement, forces: Floats, watch: Watch | None = None) -> Grasp:
         """Close the fingers of a model until they and the body rest.

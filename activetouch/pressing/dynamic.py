@@ -9,8 +9,8 @@ from activetouch.errors import UnstablePress
 from activetouch.placement import Placement
 from activetouch.pressing.contact import Contact, elastic_contact, first_touch
 from activetouch.pressing.facing import facing_geom
+from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Press
-from activetouch.pressing.setup import Setup
 from activetouch.pressing.trace import Phase
 from activetouch.solids.solid import Geom, Shape
 
@@ -57,21 +57,21 @@ class SteppedPress(Press):
                 f"step; got {self.speed} m/s × {self.timestep} s"
             )
 
-    def compiled(self, setup: Setup, shape: Shape) -> mujoco.MjModel:
+    def compiled(self, pad: Pad, shape: Shape) -> mujoco.MjModel:
         """See :class:`Press`."""
         from activetouch.pressing.rig import build_spec  # loads MuJoCo
 
-        return build_spec(setup, shape, self.timestep, self.traced).compile()
+        return build_spec(pad, shape, self.timestep, self.traced).compile()
 
-    def _place(self, setup: Setup, placement: Placement, facing: Geom | None = None) -> tuple[Rig, float]:
+    def _place(self, pad: Pad, placement: Placement, facing: Geom | None = None) -> tuple[Rig, float]:
         """The rig with the object at the start, and the position of the object's centre [m]."""
         from activetouch.pressing.rig import Rig, shared_rig  # loads MuJoCo
 
         if facing is None:
-            rig = shared_rig(setup, placement.shape, self.timestep, self.traced)
+            rig = shared_rig(pad, placement.shape, self.timestep, self.traced)
         else:
-            rig = Rig(setup, placement.shape, self.timestep, self.traced, facing=facing)
-        position = max(self.start, placement.bounding_radius + setup.pad.max_depth)
+            rig = Rig(pad, placement.shape, self.timestep, self.traced, facing=facing)
+        position = max(self.start, placement.bounding_radius + pad.max_depth)
         rig.place(position, placement)
         return rig, position
 
@@ -105,13 +105,13 @@ class Dynamic(SteppedPress):
     travel: float = 0.005
     traced: bool = False
 
-    def press(self, setup: Setup, placement: Placement, target_force: float) -> Contact:
+    def press(self, pad: Pad, placement: Placement, target_force: float) -> Contact:
         """See :class:`Press`."""
         from mujoco import mj_step
 
         require_force(target_force)
-        gap, touching = first_touch(setup.pad, placement)
-        rig, withdrawn = self._place(setup, placement, facing_geom(setup.pad, placement, gap, touching))
+        gap, touching = first_touch(pad, placement)
+        rig, withdrawn = self._place(pad, placement, facing_geom(pad, placement, gap, touching))
         advance, gain = self.timestep * self.speed, self.timestep * self.admittance  # per step [m], per newton [m/N]
         deepest = min(0.0, touching)  # of a hollow, the centre may lie behind its surface; nan for a miss
         end, slack = deepest - self.travel, self.tolerance * target_force
@@ -144,7 +144,7 @@ class Dynamic(SteppedPress):
         elif at_end and force > 0.0:
             for _ in range(wanted):
                 force = step(position, Phase.PAUSE)
-        pressed_through = touching - position > 2 * setup.pad.half_thickness
+        pressed_through = touching - position > 2 * pad.half_thickness
         while self.traced and position < withdrawn:  # the withdrawal changes nothing but the trace
             position = min(position + advance, withdrawn)
             step(position, Phase.WITHDRAW)
@@ -154,7 +154,7 @@ class Dynamic(SteppedPress):
                 f"{num_steps}, {rig.num_warnings} MuJoCo warnings). Try a smaller timestep (now {self.timestep} s) or "
                 f"speed (now {self.speed} m/s)."
             )
-        return elastic_contact(setup.pad, gap, force, placement.stiffness, rig.trace())
+        return elastic_contact(pad, gap, force, placement.stiffness, rig.trace())
 
     def with_trace(self) -> Dynamic:
         """See :class:`Press`."""

@@ -1,20 +1,16 @@
-"""The paper's press: move until the force exceeds a threshold, pause, withdraw, rotate (paper §5.3)."""
+"""The paper's press: move until the force exceeds a threshold, pause, withdraw (paper §5.3)."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import ClassVar
-
-import numpy as np
+from dataclasses import dataclass
 
 from activetouch.errors import UnstablePress
 from activetouch.placement import Placement
-from activetouch.poses import Quaternion
 from activetouch.pressing.contact import Contact, elastic_contact, first_touch
 from activetouch.pressing.dynamic import SteppedPress, require_force
 from activetouch.pressing.facing import facing_geom
-from activetouch.pressing.setup import Setup
-from activetouch.pressing.trace import Phase, Trace
+from activetouch.pressing.pad import Pad
+from activetouch.pressing.trace import Phase
 
 _LARGEST_FORCE = 1e4  # [N]; a larger force means that the simulation diverged
 MOST_FORCE = (2.0, 1.0)
@@ -27,8 +23,7 @@ class GuardedMove(SteppedPress):
 
     The force in the pause is not controlled: it differs from the threshold by the effect of the object's momentum and
     of the last step. A press that exceeds the threshold by far fails (:data:`MOST_FORCE`). The trace begins shortly
-    before the first contact and ends when the pad is free again; ``with_trace`` gives the press whose trace is
-    complete.
+    before the first contact and ends when the pad is free again.
 
     Attributes:
         timestep: of the simulation [s].
@@ -36,10 +31,8 @@ class GuardedMove(SteppedPress):
         pause: time to hold the position before the force is read [s].
         start: distance of the object's centre from the pad at the start [m]; larger objects start further away.
         travel: distance past the pad's face, or the first touch if that is behind it, at which the guide ends [m].
-        rotation_time: duration of a rotation between two presses [s].
+        rotation_time: of the object between two presses [s], on which no touch depends.
     """
-
-    is_complete: ClassVar[bool] = False
 
     timestep: float = 0.002
     speed: float = 0.02
@@ -48,14 +41,13 @@ class GuardedMove(SteppedPress):
     travel: float = 0.005
     rotation_time: float = 0.2
 
-    def press(self, setup: Setup, placement: Placement, target_force: float) -> Contact:
+    def press(self, pad: Pad, placement: Placement, target_force: float) -> Contact:
         """See :class:`Press`; ``target_force`` is the threshold."""
         require_force(target_force)
-        gap, touching = first_touch(setup.pad, placement)
-        rig, withdrawn = self._place(setup, placement, facing_geom(setup.pad, placement, gap, touching))
+        gap, touching = first_touch(pad, placement)
+        rig, withdrawn = self._place(pad, placement, facing_geom(pad, placement, gap, touching))
         advance = self.timestep * self.speed
-        skips = target_force > 0.0 and not self.is_complete
-        skipped = rig.skip_approach(withdrawn, self.speed, touching) if skips else 0
+        skipped = rig.skip_approach(withdrawn, self.speed, touching) if target_force > 0.0 else 0
         position, force, step = withdrawn - skipped * advance, 0.0, rig.step
         end = min(0.0, touching) - self.travel  # of a hollow, the centre may lie behind its surface; nan for a miss
         while position > end and force < target_force:
@@ -63,7 +55,7 @@ class GuardedMove(SteppedPress):
             force = step(position, Phase.CONTACT if force > 0.0 else Phase.APPROACH)
         for _ in range(round(self.pause / self.timestep)):
             force = step(position, Phase.PAUSE)
-        while position < withdrawn and (rig.force > 0.0 or self.is_complete):  # until the pad is free again
+        while position < withdrawn and rig.force > 0.0:  # until the pad is free again
             position = min(position + advance, withdrawn)
             step(position, Phase.WITHDRAW)
         if rig.num_warnings or not 0.0 <= force < _LARGEST_FORCE:
@@ -78,33 +70,9 @@ class GuardedMove(SteppedPress):
                 f"because at {self.speed} m/s the object's momentum carries it on. Try a speed of "
                 f"{self.speed * target_force / force:.2g} m/s, or Dynamic, which controls the force."
             )
-        return elastic_contact(setup.pad, gap, force, placement.stiffness, rig.trace())
+        return elastic_contact(pad, gap, force, placement.stiffness, rig.trace())
 
     @property
     def traced(self) -> bool:
         """See :class:`Press`."""
         return True
-
-    def with_trace(self) -> GuardedMove:
-        """See :class:`Press`."""
-        return RecordedMove(**{field.name: getattr(self, field.name) for field in fields(self)})
-
-    def rotate(self, setup: Setup, placement: Placement, orientation: Quaternion) -> Trace:
-        """See :class:`Press`; the object turns along the shorter arc."""
-        rig, position = self._place(setup, placement)
-        start, end = np.asarray(placement.orientation), np.asarray(orientation)
-        end = end if start @ end >= 0.0 else -end  # the same rotation
-        for share in np.linspace(0.0, 1.0, max(1, round(self.rotation_time / self.timestep)) + 1)[1:]:
-            between = (1.0 - share) * start + share * end
-            rig.turn(between / np.linalg.norm(between))
-            rig.step(position, Phase.ROTATE)
-        trace = rig.trace()
-        assert trace is not None, "the rig was built with sensors"
-        return trace
-
-
-@dataclass(frozen=True)
-class RecordedMove(GuardedMove):
-    """A guarded move whose trace has every step from ``start`` to the end of the withdrawal."""
-
-    is_complete: ClassVar[bool] = True

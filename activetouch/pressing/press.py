@@ -15,12 +15,9 @@ from typing import TYPE_CHECKING, ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.errors import WrongPress
 from activetouch.placement import Placement
-from activetouch.poses import Quaternion
 from activetouch.pressing.contact import Contact, elastic_contact, first_touch, surface_gap
-from activetouch.pressing.setup import Setup
-from activetouch.pressing.trace import Trace
+from activetouch.pressing.pad import Pad
 from activetouch.solids.solid import Shape
 
 if TYPE_CHECKING:
@@ -70,11 +67,11 @@ class Press(Protocol):
         return not self.moves
 
     @abstractmethod
-    def press(self, setup: Setup, placement: Placement, target_force: float) -> Contact:
+    def press(self, pad: Pad, placement: Placement, target_force: float) -> Contact:
         """The contact in the pause; its force is 0 for a miss.
 
         Args:
-            setup: the pad and its surroundings.
+            pad: the pad.
             placement: the object.
             target_force: force at which the motion stops [N].
 
@@ -82,17 +79,17 @@ class Press(Protocol):
             UnstablePress: the simulation diverged.
         """
 
-    def compiled(self, setup: Setup, shape: Shape) -> mujoco.MjModel | None:
+    def compiled(self, pad: Pad, shape: Shape) -> mujoco.MjModel | None:
         """The MuJoCo model of a press of this shape; None if the press does not use MuJoCo."""
         return None
 
     def with_trace(self) -> Press:
-        """This press with a trace of its complete motion, if it can record one."""
+        """This press with a trace of its motion, if it can record one."""
         return self
 
     def close(
         self,
-        setup: Setup,
+        pad: Pad,
         met: Sequence[Placement],
         fingers: NDArray[np.float64],
         centre: NDArray[np.float64],
@@ -101,7 +98,7 @@ class Press(Protocol):
         """What fingers feel when they close on a body; by default, each presses by itself.
 
         Args:
-            setup: of one pad and its surroundings.
+            pad: of every finger.
             met: what each of the m fingers has in front of it.
             fingers: rotations of the pads about the middle of the palm, ``(m, 3, 3)``; they press along the first
                 columns.
@@ -111,28 +108,15 @@ class Press(Protocol):
         Raises:
             UnstablePress: the simulation diverged.
         """
-        contacts = tuple(self.press(setup, seen, float(force)) for seen, force in zip(met, forces, strict=True))
+        contacts = tuple(self.press(pad, seen, float(force)) for seen, force in zip(met, forces, strict=True))
         axes = fingers[:, :, 0]
         return Grasp(contacts, tuple(met), axes @ centre, np.array([one.force for one in contacts]) @ axes)
-
-    def rotate(self, setup: Setup, placement: Placement, orientation: Quaternion) -> Trace:
-        """The time series of a rotation of the withdrawn object to another orientation.
-
-        Args:
-            setup: the pad and its surroundings.
-            placement: the object before the rotation.
-            orientation: unit quaternion ``wxyz`` after the rotation.
-
-        Raises:
-            WrongPress: this press does not simulate rotations.
-        """
-        raise WrongPress(f"only guarded moves simulate rotations, not {self}; use the scene 'paper'")
 
 
 @dataclass(frozen=True)
 class Quasistatic(Press):
     """A press without simulated time: the object rests on the pad with exactly the target force."""
 
-    def press(self, setup: Setup, placement: Placement, target_force: float) -> Contact:
+    def press(self, pad: Pad, placement: Placement, target_force: float) -> Contact:
         """See :class:`Press`."""
-        return elastic_contact(setup.pad, surface_gap(setup.pad, placement), target_force, placement.stiffness)
+        return elastic_contact(pad, surface_gap(pad, placement), target_force, placement.stiffness)

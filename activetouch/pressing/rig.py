@@ -1,8 +1,8 @@
-"""The MuJoCo model of a press: a pad with a soft contact, an object on a linear guide, and the surroundings.
+"""The MuJoCo model of a press: a pad with a soft contact, and an object on a linear guide.
 
-The default model has two geoms, one slide joint, one contact pair and no gravity. Each shape has its own model, in
-which parked objects are fixed to the world. A model is compiled once, at the largest size; a press sets size,
-orientation and offset in place, so that MuJoCo's bounding volumes remain valid.
+It has two geoms, one slide joint, one contact pair and no gravity. Each shape has its own model. A model is compiled
+once, at the largest size; a press sets size, orientation and offset in place, so that MuJoCo's bounding volumes remain
+valid.
 """
 
 from __future__ import annotations
@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from activetouch.errors import WrongMujoco
 from activetouch.placement import Placement
-from activetouch.poses import Quaternion
-from activetouch.pressing.setup import Setup
+from activetouch.pressing.pad import Pad
 from activetouch.pressing.trace import Phase, Trace
 from activetouch.solids.solid import Geom, Shape
 
@@ -38,53 +37,37 @@ LARGEST_SCALE = 2.0
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION  # all that determines the next step
 _CLEAREST = 0.0005  # smallest distance between pad and object after a skipped approach [m]
 _TRANSIENT = 8.0  # of the servo, relative to its lag: its error is then e^-16 of its first
-_PARKING = (0.10, 0.25, 0.10)  # of the parking area: x, first y and distance between places [m]
-_DARK, _GREY, _ORANGE, _BLUE = (0.15, 0.16, 0.2, 1), (0.6, 0.62, 0.66, 1), (0.9, 0.45, 0.1, 1), (0.3, 0.5, 0.75, 1)
+_DARK, _ORANGE = (0.15, 0.16, 0.2, 1), (0.9, 0.45, 0.1, 1)
 _NO_CONTACT = {"contype": 0, "conaffinity": 0}
-# Half-extents of the finger's segments [m] (paper §5.2); the tip stands on the base.
-_FINGER_BASE, _FINGER_TIP = (0.02, 0.02, 0.05), (0.02, 0.02, 0.02)
 # Settings of MuJoCo's contact sensor: net force and position of all contacts.
 _FORCE_AND_POSITION, _NET_FORCE = (1 << 1) | (1 << 4), 3
 
 
 def build_spec(
-    setup: Setup,
+    pad: Pad,
     shape: Shape,
     timestep: float,
     traced: bool = False,
     largest_scale: float = LARGEST_SCALE,
     facing: Geom | None = None,
 ) -> mujoco.MjSpec:
-    """The model of a setup and one object at its largest size, not compiled; see :class:`Rig` for the arguments."""
+    """The model of a pad and one object at its largest size, not compiled; see :class:`Rig` for the arguments."""
     spec = mujoco.MjSpec()
     spec.option.timestep = timestep
     spec.option.gravity = [0.0, 0.0, 0.0]
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_ISLAND  # one body moves; a tenth of the time of a step
-    pad, world = setup.pad, spec.worldbody
+    world = spec.worldbody
     world.add_geom(
         name="pad",
         type=mujoco.mjtGeom.mjGEOM_BOX,
         size=[pad.half_thickness, pad.half_width, pad.half_width],
-        pos=[-pad.half_thickness, 0.0, setup.height],
+        pos=[-pad.half_thickness, 0.0, 0.0],
         rgba=_DARK,
         **_NO_CONTACT,
     )
-    if setup.finger:
-        # No object reaches the finger behind the pad, so it needs no contact pair.
-        x, z = -2 * pad.half_thickness - _FINGER_TIP[0], setup.height - _FINGER_TIP[2] - _FINGER_BASE[2]
-        for name, size, height in (("base", _FINGER_BASE, z), ("tip", _FINGER_TIP, setup.height)):
-            position = [x, 0.0, height]
-            world.add_geom(
-                name=f"finger_{name}",
-                type=mujoco.mjtGeom.mjGEOM_BOX,
-                size=size,
-                pos=position,
-                rgba=_GREY,
-                **_NO_CONTACT,
-            )
-    guide = world.add_body(name="guide", pos=[0.0, 0.0, setup.height])
+    guide = world.add_body(name="guide")
     guide.add_joint(name="guide", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1.0, 0.0, 0.0])
     body = guide.add_body(name="object")  # its own body, so that its orientation does not turn the guide
     geom = shape.geom if facing is None else facing
@@ -93,10 +76,6 @@ def build_spec(
     spec.add_pair(name="touch", geomname1="pad", geomname2="object", solref=softness, solimp=PAD_SOLIMP)
     actuator = spec.add_actuator(name="guide", target="guide", trntype=mujoco.mjtTrn.mjTRN_JOINT)
     actuator.set_to_position(kp=_SERVO_STIFFNESS, dampratio=1.0)
-    for place, parked in enumerate(setup.loaded):
-        if parked != shape:
-            position = [_PARKING[0], _PARKING[1] + place * _PARKING[2], setup.height]
-            add_solid(spec, world, f"parked{place}", parked.geom, 1.0, pos=position, rgba=_BLUE, **_NO_CONTACT)
     if traced:
         kind, geom = mujoco.mjtSensor.mjSENS_CONTACT, mujoco.mjtObj.mjOBJ_GEOM
         sensor = spec.add_sensor(name="touch", type=kind, objtype=geom, objname="pad")
@@ -132,10 +111,10 @@ def stop_clock() -> None:
 
 
 class Rig:
-    """A compiled model of a setup and one object, which can be placed and pressed many times.
+    """A compiled model of a pad and one object, which can be placed and pressed many times.
 
     Args:
-        setup: the pad and its surroundings.
+        pad: the pad.
         shape: of the object.
         timestep: of the simulation [s].
         traced: whether to record force vector and contact point in every step.
@@ -146,7 +125,7 @@ class Rig:
 
     def __init__(
         self,
-        setup: Setup,
+        pad: Pad,
         shape: Shape,
         timestep: float,
         traced: bool = False,
@@ -154,12 +133,12 @@ class Rig:
         facing: Geom | None = None,
     ) -> None:
         stop_clock()
-        self.model = build_spec(setup, shape, timestep, traced, largest_scale, facing).compile()
+        self.model = build_spec(pad, shape, timestep, traced, largest_scale, facing).compile()
         self._largest_scale = largest_scale
         self.data = mujoco.MjData(self.model)
         self._fresh = np.empty(mujoco.mj_stateSize(self.model, _STATE))  # of a model that was never stepped
         mujoco.mj_getState(self.model, self.data, self._fresh, _STATE)
-        self._height, self._traced = setup.height, traced
+        self._traced = traced
         self._body, self._geom = self.model.body("object").id, self.model.geom("object").id
         mesh = self.model.geom_dataid[self._geom]
         first, count = (self.model.mesh_vertadr[mesh], self.model.mesh_vertnum[mesh]) if mesh >= 0 else (0, 0)
@@ -203,12 +182,8 @@ class Rig:
         self._vertices[:] = vertices * factor
         model.pair_friction[0, :2] = placement.friction
         model.body_pos[self._body, 1:] = placement.offset
-        self.turn(placement.orientation)
+        model.body_quat[self._body] = placement.orientation
         self._position[0] = self.command[0] = position
-
-    def turn(self, orientation: Quaternion) -> None:
-        """Set the orientation of the object."""
-        self.model.body_quat[self._body] = orientation
 
     def skip_approach(self, position: float, speed: float, nearest: float) -> int:
         """Put the object, placed at rest at ``position`` [m], near the pad, in the motion that it would have there.
@@ -265,10 +240,10 @@ class Rig:
         sensed = np.array([row for _, row in self._rows]).reshape(num_steps, -1)
         time = self.model.opt.timestep * np.arange(self._num_skipped + 1, self._num_skipped + num_steps + 1)
         y, z = self.model.body_pos[self._body, 1:]
-        position = np.tile([0.0, y, z + self._height], (num_steps, 1))
+        position = np.tile([0.0, y, z], (num_steps, 1))
         position[:, 0] = [x for x, _ in self._rows]
         force = sensed[:, :3]
-        point = np.where(force.any(axis=1, keepdims=True), sensed[:, 4:6] - (0.0, self._height), 0.0)
+        point = np.where(force.any(axis=1, keepdims=True), sensed[:, 4:6], 0.0)
         return Trace(time, position, force, point, tuple(self._phases))
 
     @property
@@ -283,6 +258,6 @@ class Rig:
 
 
 @lru_cache(maxsize=64)
-def shared_rig(setup: Setup, shape: Shape, timestep: float, traced: bool) -> Rig:
+def shared_rig(pad: Pad, shape: Shape, timestep: float, traced: bool) -> Rig:
     """The cached rig of this process; a press does not depend on earlier ones, but only one can run at a time."""
-    return Rig(setup, shape, timestep, traced)
+    return Rig(pad, shape, timestep, traced)

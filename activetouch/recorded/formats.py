@@ -1,31 +1,244 @@
-"""The formats of recorded touches. To add one, write a function in a file of its own and add a line here."""
+"""The formats of recorded touches, each a function that reads a folder. To add one, write it and add a line at the end.
+
+* ``csv``: one row for each touch, in all ``.csv`` and ``.csv.gz`` files of a folder. The first line names the columns.
+  ``object`` is needed; ``action`` (by default all touches have one action), ``session`` (order of recording among the
+  touches of an object and action), ``category`` and ``shape`` are optional; all others are features.
+* ``npz``: arrays in one ``.npz`` file, which is read without running anything: ``features (n, F)`` and ``object (n,)``,
+  and optionally ``action``, ``session``, ``category`` and ``shape``, each ``(n,)``, and ``feature_names (F,)``,
+  ``provenance`` and ``licence``.
+* ``bts3``: grasps of objects in three hand poses with three BioTac SP fingers of 24 electrodes, from the BioTac SP
+  Stability Set v2 (MIT): ``bts3v2_palm_POSE.csv``, also compressed, with the columns ``object,slipped,ff_biotac_1,…``.
+  Whether the object slipped is known only after the touch, and is no feature.
+* ``session``: :mod:`activetouch.recorded.session_log`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import csv
+import zipfile
+from array import array
+from bisect import bisect
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal, TypeAlias, get_args
+from typing import Any, Literal, NamedTuple, TypeAlias, get_args
+
+import numpy as np
+from numpy.typing import NDArray
 
 from activetouch.errors import BadRecording
-from activetouch.recorded.bts3 import read_bts3
-from activetouch.recorded.csv_format import read_csv
-from activetouch.recorded.named_columns import features_read
-from activetouch.recorded.npz_format import read_npz
 from activetouch.recorded.session_log import read_session_logs
+from activetouch.recorded.tables import (
+    KINDS_OF,
+    MOST_BYTES,
+    lines_of,
+    require_bounded,
+    require_folder,
+    require_short,
+    touches_of_columns,
+)
 from activetouch.recorded.touches import RecordedTouches
+from belief.files import plain_number, require_regular_file
+from belief.naming import few
+from belief.validation import Floats
+
+_NAMES = ("object", "action", "session", *KINDS_OF.values())  # columns that are no features
+_ARRAYS = (*_NAMES, "features", "feature_names", "provenance", "licence")
+_POSES = ("down", "45", "side")
+Read: TypeAlias = tuple[RecordedTouches, tuple[str, ...]]
+
+
+class _Table(NamedTuple):
+    """Features, their names, columns of words, number of rows of each file, and the place of a row in words."""
+
+    features: Floats
+    names: list[str]
+    columns: dict[str, NDArray[Any]]
+    sizes: list[int]
+    place: Callable[[int], str]
+
+
+def _table(paths: Sequence[Path], words: Sequence[str], source: str) -> _Table:
+    """The rows of CSV files with the same columns, of which some are words and all others numbers."""
+    header: list[str] = []
+    columns: dict[str, list[str]] = {name: [] for name in words}
+    numbers, known = array("d"), dict[str, str]()
+    line_of, firsts = array("q"), list[int]()  # line of each row, and first row of each file
+    for path in paths:
+        lines = lines_of(path)
+        names = _header(path, *next(lines, (1, "")))
+        if header and names != header:
+            raise BadRecording(f"{path} has the columns {names[:12]}, {paths[0]} has {header[:12]}")
+        header = names
+        features = [column for column, name in enumerate(header) if name not in columns]
+        labels = [(columns[name], column) for column, name in enumerate(header) if name in columns]
+        firsts.append(len(line_of))
+        for number, line in lines:
+            cells = _cells(path, number, line)
+            if len(cells) != len(header):
+                raise BadRecording(f"line {number} of {path} has {len(cells)} cells, the header has {len(header)}")
+            numbers.extend([_number(cells[column], header[column], number, path) for column in features])
+            for told, column in labels:
+                cell = cells[column].strip()
+                told.append(known.setdefault(cell, cell))  # once in memory
+            line_of.append(number)
+            require_bounded(len(line_of), len(numbers), "these recordings")
+    size = len(line_of)
+    if not size:
+        raise BadRecording(f"the CSV files in {source} have no rows below their headers")
+
+    def place(row: int) -> str:
+        return f"line {line_of[row]} of {paths[bisect(firsts, row) - 1]}"
+
+    names, table = [header[column] for column in features], np.array(numbers, np.float64).reshape(size, -1)
+    if (wrong := np.argwhere(~np.isfinite(table))).size:
+        row, column = wrong[0].tolist()
+        raise BadRecording(f"{place(row)}: the feature {names[column]!r} is '{table[row, column]}', not finite")
+    for name, told in columns.items():
+        require_short(name, max(map(len, told), default=0), size, source)
+    given = {name: np.array(told) for name, told in columns.items() if told}
+    return _Table(table, names, given, np.diff([*firsts, size]).tolist(), place)
+
+
+def read_csv(folder: Path) -> Read:
+    """The touches of all CSV files of a folder.
+
+    Raises:
+        BadRecording: no file, a column without a name, different columns, a row of another length, or a feature that
+            is not a number; the message names the file and the line.
+    """
+    require_folder(folder, "one or more .csv files, with the columns object, action, session and features")
+    paths = sorted(path for end in ("*.csv", "*.csv.gz") for path in folder.glob(end))
+    if not paths:
+        raise BadRecording(f"there is no .csv or .csv.gz file in {folder}")
+    found = _table(paths, _NAMES, str(folder))
+    touches = touches_of_columns(
+        found.features, found.columns, str(folder), place=found.place, feature_names=found.names
+    )
+    return touches, _ignored("file", sorted(path.name for path in folder.iterdir() if path not in paths))
+
+
+def read_bts3(folder: Path) -> Read:
+    """The grasps of the 41 objects of the training files, and what was left out; errors as of :func:`read_csv`."""
+    require_folder(folder, "bts3v2_palm_down.csv, bts3v2_palm_45.csv and bts3v2_palm_side.csv (or .csv.gz)")
+    paths = []
+    for pose in _POSES:
+        found = [path for end in ("csv", "csv.gz") if (path := folder / f"bts3v2_palm_{pose}.{end}").exists()]
+        if not found:
+            raise BadRecording(f"there is no file bts3v2_palm_{pose}.csv or .csv.gz in {folder}")
+        paths.append(found[0])
+    table, poses = _table(paths, ("object", "slipped"), str(folder)), [f"palm {pose}" for pose in _POSES]
+    touches = touches_of_columns(
+        table.features,
+        {"object": table.columns["object"], "action": np.repeat(poses, table.sizes)},
+        str(folder),
+        place=table.place,
+        action_names=poses,
+        feature_names=table.names,
+        provenance="BioTac SP Stability Set v2 (3dperceptionlab/biotacsp-stability-set-v2), 41 training objects",
+        licence="MIT",
+    )
+    return touches, ("the column 'slipped' is left out: it is known only after the touch",)
+
+
+def _header(path: Path, number: int, line: str) -> list[str]:
+    """The names of the columns."""
+    names = [name.strip() for name in _cells(path, number, line)]
+    if "object" not in names or len(set(names)) < len(names):
+        raise BadRecording(
+            f"the first line of {path} must name the columns, each once, separated by commas, with 'object' among "
+            f"them; got {names[:12]}"
+        )
+    if "" in names:
+        raise BadRecording(
+            f"column {names.index('') + 1} of {path} has no name: name it or leave it out, as a row number is no "
+            "feature (pandas writes none with to_csv(index=False))"
+        )
+    return names
+
+
+def _number(cell: str, name: str, number: int, path: Path) -> float:
+    try:
+        return plain_number(cell)
+    except ValueError:
+        hint = " (decimals have a point)" if "," in cell else ""
+        raise BadRecording(f"line {number} of {path}: the feature {name!r} is {cell[:40]!r}, no number{hint}") from None
+
+
+def _cells(path: Path, number: int, line: str) -> list[str]:
+    try:
+        return next(csv.reader([line]), [])
+    except csv.Error as error:
+        raise BadRecording(f"line {number} of {path} is not CSV: {error}") from error
+
+
+def read_npz(path: Path) -> Read:
+    """The touches of a ``.npz`` file, or of the only one in a folder.
+
+    Raises:
+        BadRecording: no such file, several, arrays of objects that would have to be unpickled, or a missing array.
+    """
+    if path.is_dir():
+        found = sorted(path.glob("*.npz"))
+        if len(found) != 1:
+            raise BadRecording(f"{path} must hold one .npz file, it holds {len(found)}; give the file itself")
+        path = found[0]
+    require_regular_file(path, BadRecording)
+    try:
+        with zipfile.ZipFile(path) as archive:
+            size = sum(entry.file_size for entry in archive.infolist())
+        if size > MOST_BYTES:
+            raise BadRecording(f"{path} holds {size} bytes when decompressed; at most {MOST_BYTES} are read")
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {n: file[n] for n in file.files if n in _ARRAYS}
+            others = [name for name in file.files if name not in arrays]
+            given = {name: _text(name, arrays[name], str(path)) for name in _NAMES if name in arrays}
+    except BadRecording:
+        raise
+    except Exception as error:  # readers of zip and npy raise a dozen kinds on damaged bytes
+        raise BadRecording(f"{path} cannot be read as .npz of plain arrays: {error}") from error
+    if missing := [name for name in ("features", "object") if name not in arrays]:
+        raise BadRecording(f"{path} has no array {missing[0]!r}; it has {', '.join(arrays) or 'none that is known'}")
+    features = arrays["features"]
+    if features.ndim != 2 or features.dtype.kind not in "biuf":
+        raise BadRecording(f"features in {path} must be numbers (n, F), got {features.dtype} {features.shape}")
+    require_bounded(len(features), features.size, str(path))
+    touches = touches_of_columns(
+        features.astype(np.float64),
+        given,
+        str(path),
+        feature_names=list(map(str, np.atleast_1d(arrays.get("feature_names", ())).tolist())),
+        provenance=str(arrays.get("provenance", "")),
+        licence=str(arrays.get("licence", "not stated")),
+    )
+    return touches, _ignored("array", others)
+
+
+def _text(name: str, column: NDArray[Any], source: str) -> NDArray[Any]:
+    """A column, whose bytes are text in UTF-8, and in which NaN is an empty cell."""
+    if column.dtype.kind in "SU":
+        require_short(name, column.dtype.itemsize // np.dtype(f"{column.dtype.kind}1").itemsize, column.size, source)
+    if column.dtype.kind == "f" and np.isnan(column).any():
+        return np.where(np.isnan(column), "", column.astype(str))
+    return np.char.decode(column, "utf-8") if column.dtype.kind == "S" else column
+
+
+def _ignored(kind: str, names: Iterable[str]) -> tuple[str, ...]:
+    """A sentence about what is not read; none where there is nothing."""
+    listed = [repr(name) for name in names]
+    return (f"ignored {kind}s: {few(listed, 12)}",) if listed else ()
+
 
 Format: TypeAlias = Literal["csv", "npz", "bts3", "session"]
-
-FORMATS: Mapping[str, Callable[[Path], tuple[RecordedTouches, tuple[str, ...]]]] = MappingProxyType(
+FORMATS: Mapping[str, Callable[[Path], Read]] = MappingProxyType(
     {"csv": read_csv, "npz": read_npz, "bts3": read_bts3, "session": read_session_logs}
 )
 """Functions that read a folder: they return the touches, and sentences about what was left out."""
 assert tuple(FORMATS) == get_args(Format)
 
 
-def read_recorded(data: str | Path, format: str) -> tuple[RecordedTouches, tuple[str, ...]]:
-    """Recorded touches from a folder, and sentences about what was read, what was left out, and suspicious features.
+def read_recorded(data: str | Path, format: str) -> Read:
+    """Recorded touches from a folder, and sentences about what was read and what was left out.
 
     Args:
         data: folder of the recordings; for ``npz`` also the file.
@@ -37,4 +250,5 @@ def read_recorded(data: str | Path, format: str) -> tuple[RecordedTouches, tuple
     if format not in FORMATS:
         raise BadRecording(f"unknown format {format!r}; known are {', '.join(FORMATS)}")
     touches, notes = FORMATS[format](Path(data))
-    return touches, (features_read(touches), *notes)
+    names = few(touches.feature_names, 12) or "without names"
+    return touches, (f"{touches.features.shape[1]} features: {names}", *notes)

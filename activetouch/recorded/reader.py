@@ -4,8 +4,9 @@ The classifiers are discriminants; each action's is chosen by cross-validation, 
 temperature scaling. Features are standardised by their spread within labels.
 
 Labels may have different numbers of touches, and the classifiers take all as equally probable. The calibration is a
-temperature or, with at most 30 labels, a structured matrix, which learns the labels' shares; the ratios are without
-them. The better one is chosen on objects, or sessions, that it was not fitted to (decision 0073).
+structured matrix, which learns the labels' shares, or a temperature with more than 30 labels, and for categories and
+shapes: the touches of an object err alike, so that a matrix learns from a few objects of each. The ratios are without
+the shares. What correlations are fitted to is calibrated by other sessions (decision 0073).
 """
 
 from __future__ import annotations
@@ -21,13 +22,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from activetouch.recorded.discriminants import LinearDiscriminants
 from activetouch.recorded.splits import Split
-from activetouch.recorded.touches import LARGEST, TaskTouches
+from activetouch.recorded.touches import LARGEST, TASKS, RecordedTouches
 from belief.calibration import Calibration, PerPose, StructuredMatrixScaling, TemperatureScaling
 from belief.errors import InvalidArgument
 from belief.metrics import negative_log_likelihood
 from belief.naming import few
-from belief.observation_model.action_kernel import ActionKernelModel, Law
-from belief.observation_model.kernel_fit import fit_kernel, fused_loss
+from belief.observation_model.action_kernel import ActionKernelModel
 from belief.validation import Floats, as_real, require
 
 Integers = NDArray[np.int64]
@@ -137,7 +137,7 @@ class Reading:
 
     Attributes:
         reader: fitted to the training and calibration touches.
-        calibration_rows: of the task, ``(c,)``.
+        calibration_rows: of the set, ``(c,)``.
         calibration_ratios: their log likelihood ratios, ``(c, K)``; neither the classifiers nor the calibration of
             each learned from it.
         test_ratios: those of the test touches, ``(t, K)``.
@@ -148,12 +148,11 @@ class Reading:
     calibration_ratios: Floats
     test_ratios: Floats
 
-    def model(self, touches: TaskTouches, law: Law = "kernel", repeats: int | None = None) -> ActionKernelModel:
+    def model(self, touches: RecordedTouches, repeats: int | None = None) -> ActionKernelModel:
         """The observation model that is fitted to the calibration touches.
 
         Args:
-            touches: the task that was read.
-            law: which touches may be correlated.
+            touches: the set that was read.
             repeats: number of different touches of an object with an action; None if every touch is a new one.
         """
         rows = self.calibration_rows
@@ -163,32 +162,26 @@ class Reading:
             touches.objects[rows],
             sessions=touches.sessions_of(rows),
             shape_labels=touches.label_names,
-            num_poses=touches.source.num_actions,
+            num_poses=touches.num_actions,
             repeats=repeats,
-            law=law,
         )
 
 
-def read(touches: TaskTouches, split: Split, control: str | None = None, kind: Calibration | None = None) -> Reading:
+def read(touches: RecordedTouches, split: Split) -> Reading:
     """Fit a reader to a split, and read the calibration and test touches.
-
-    The calibration is the candidate with the least loss of fused touches, each read by one of other folds.
 
     The calibration touches are read by classifiers that learned from the training touches. The classifiers of the
     result learn from both. So the calibration knows touches that were recorded after those that were learned from, as
     test touches are: in order of recording, the gap between learning and reading is one share of the sessions in both.
 
     Args:
-        touches: of the task.
+        touches: the set.
         split: what to learn from, to calibrate on and to test on.
-        control: name of a control whose features are read instead.
-        kind: the calibration, unfitted; by default the best of the candidates.
     """
-    features, num_labels = touches.features(control), len(touches.label_names)
-    num_actions = touches.source.num_actions
+    features, num_labels = touches.features, len(touches.label_names)
+    num_actions = touches.num_actions
     x, y, a = features[split.train], touches.labels[split.train], touches.actions[split.train]
-    held = np.zeros((len(x), num_labels))
-    chosen: list[str] = []
+    held, chosen = np.zeros((len(x), num_labels)), list[str]()
     for action in range(num_actions):
         here = np.flatnonzero(a == action)
         tried = {name: _held_out(make, x[here], y[here], split.inner[here], num_labels) for name, make in KINDS.items()}
@@ -207,29 +200,18 @@ def read(touches: TaskTouches, split: Split, control: str | None = None, kind: C
     if len(split.calibration):
         rows = split.calibration
         logits = _logits(learned(split.train), features[rows], touches.actions[rows])
-    calibration, log_prior, ratios = _best_calibration(touches, rows, logits, split.folds, kind)
+    knows_labels = touches.task == TASKS[0] and num_labels <= _MANY_LABELS
+    kind = StructuredMatrixScaling() if knows_labels else TemperatureScaling()
+    ratios = _cross_calibrated(kind, touches, rows, logits, split.folds)
+    calibration, log_prior = _calibrated(kind, touches, rows, logits)
     classifiers = learned(np.concatenate([split.train, split.calibration]))
-    names = touches.label_names, touches.source.action_names, touches.source.feature_names if control is None else ()
+    names = touches.label_names, touches.action_names, touches.feature_names
     reader = RecordedReader(classifiers, calibration, log_prior, tuple(chosen), *names)
     return Reading(reader, rows, ratios, reader.ratios(features[split.test], touches.actions[split.test]))
 
 
-def _best_calibration(
-    touches: TaskTouches, rows: Integers, logits: Floats, folds: Integers, kind: Calibration | None
-) -> tuple[PerPose, Floats, Floats]:
-    """The calibration with the least fused loss, its log prior, and ratios by calibrations of other folds."""
-    candidates: list[Calibration] = [TemperatureScaling() if kind is None else kind]
-    if kind is None and logits.shape[1] <= _MANY_LABELS:
-        candidates.append(StructuredMatrixScaling())
-    crossed = [_cross_calibrated(kind, touches, rows, logits, folds) for kind in candidates]
-    best = 0
-    if len(candidates) > 1:
-        best = int(np.argmin([_fused_loss(touches, rows, ratios) for ratios in crossed]))
-    return *_calibrated(candidates[best], touches, rows, logits), crossed[best]
-
-
 def _cross_calibrated(
-    kind: Calibration, touches: TaskTouches, rows: Integers, logits: Floats, folds: Integers
+    kind: Calibration, touches: RecordedTouches, rows: Integers, logits: Floats, folds: Integers
 ) -> Floats:
     """Log likelihood ratios of touches, ``(c, K)``, each by a calibration of the other folds."""
     ratios = np.empty_like(logits)
@@ -240,19 +222,13 @@ def _cross_calibrated(
     return ratios
 
 
-def _calibrated(kind: Calibration, touches: TaskTouches, rows: Integers, logits: Floats) -> tuple[PerPose, Floats]:
+def _calibrated(kind: Calibration, touches: RecordedTouches, rows: Integers, logits: Floats) -> tuple[PerPose, Floats]:
     """A calibration of each action, and the log shares of the labels in it."""
     labels, num_labels = touches.labels[rows], logits.shape[1]
-    calibration = PerPose(kind, _POOLING).fit(logits, labels, touches.actions[rows], touches.source.num_actions)
+    calibration = PerPose(kind, _POOLING).fit(logits, labels, touches.actions[rows], touches.num_actions)
     learns_shares = isinstance(kind, StructuredMatrixScaling)
     counts = np.bincount(labels, minlength=num_labels) + 0.5 if learns_shares else np.ones(num_labels)
     return calibration, np.log(counts / counts.sum())
-
-
-def _fused_loss(touches: TaskTouches, rows: Integers, ratios: Floats) -> float:
-    """Loss of fused touches after the best correlation for all pairs of actions."""
-    data, sessions = touches.labelled(rows, ratios), touches.sessions_of(rows)
-    return fused_loss(data, fit_kernel(data, "flat", sessions), sessions)
 
 
 def _logits(classifiers: tuple[Fitted, ...], features: Floats, actions: Integers) -> Floats:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.recorded.touches import TaskTouches
-from belief.cross_validation import object_folds
+from activetouch.recorded.touches import TASKS, RecordedTouches
 from belief.frozen import FrozenArrays
+from belief.observation_model.calibration_data import object_folds
 
 _LEARNED, _CALIBRATED = 0.6, 0.8  # ends of the shares of an object's sessions
 _INNER = 4
@@ -17,14 +17,14 @@ _INNER = 4
 
 @dataclass(frozen=True, eq=False)
 class Split(FrozenArrays):
-    """Indices into the rows of a task.
+    """Indices of touches.
 
     Attributes:
         train: to learn from.
         calibration: to calibrate on; empty where calibration is by cross-validation within ``train``.
         test: to test on.
-        inner: fold of each row of ``train``, for that cross-validation and for the choice of a classifier.
-        folds: fold of each row of ``calibrated``; the calibration of a row is of other folds where correlations are
+        inner: fold of each row of ``train``, for the choice of a classifier and for that cross-validation.
+        folds: fold of each row that is calibrated on; the calibration of a row is of other folds where correlations are
             fitted.
     """
 
@@ -34,74 +34,57 @@ class Split(FrozenArrays):
     inner: NDArray[np.int64]
     folds: NDArray[np.int64]
 
-    @property
-    def calibrated(self) -> NDArray[np.int64]:
-        """The rows that the calibration is fitted to."""
-        return self.calibration if len(self.calibration) else self.train
+
+def splits_of(touches: RecordedTouches, num_folds: int) -> list[Split]:
+    """Objects in order of recording; of categories and shapes whole objects held out, each in one of the splits."""
+    if touches.task == TASKS[0]:
+        return [by_session(touches)]
+    folds = object_folds(touches.labels, touches.objects, min(num_folds, len(np.unique(touches.objects))))
+    return [_held_out(touches, folds == fold) for fold in range(int(folds.max()) + 1)]
 
 
-def for_use(touches: TaskTouches) -> Split:
+def for_use(touches: RecordedTouches) -> Split:
     """All touches to learn from and calibrate on, in the same way as for a test, and none to test on."""
-    if touches.task == "objects":
+    if touches.task == TASKS[0]:
         return by_session(touches, is_tested=False)
-    return _held_out(touches, np.zeros(len(touches.rows), np.bool_))
+    return _held_out(touches, np.zeros(touches.num_touches, np.bool_))
 
 
-def by_session(touches: TaskTouches, rng: np.random.Generator | None = None, is_tested: bool = True) -> Split:
+def _held_out(touches: RecordedTouches, held: NDArray[np.bool_]) -> Split:
+    """Some objects to test on, and the others to learn from, in folds of objects; ``held (n,)``."""
+    train = np.flatnonzero(~held)
+    pairs = np.unique(np.stack([touches.labels[train], touches.objects[train]]), axis=1)
+    fewest = int(np.unique(pairs[0], return_counts=True)[1].min())  # objects of a label
+    inner = object_folds(touches.labels[train], touches.objects[train], int(np.clip(fewest, 2, _INNER)))
+    folds = inner.astype(np.int64)
+    return Split(train, np.empty(0, np.int64), np.flatnonzero(held), folds, folds)
+
+
+def by_session(touches: RecordedTouches, is_tested: bool = True) -> Split:
     """Each object's first sessions to learn from, later ones to calibrate on, the last ones to test on (3 : 1 : 1).
 
     Args:
-        touches: of a task whose labels are objects.
-        rng: draws another order of each object's sessions: the control that shows what the order of recording hides.
+        touches: the set.
         is_tested: False to learn from and calibrate on all sessions (3 : 1).
     """
     learned, calibrated = (_LEARNED, _CALIBRATED) if is_tested else (_LEARNED / _CALIBRATED, 1.0)
-    place = np.empty(len(touches.rows))
-    rank = np.empty(len(touches.rows), np.int64)
-    for index in np.unique(touches.objects).tolist():
-        own = np.flatnonzero(touches.objects == index)
-        sessions, number = np.unique(touches.sessions[own], return_inverse=True)
-        order = np.arange(len(sessions)) if rng is None else rng.permutation(len(sessions))
-        for action in np.unique(touches.actions[own]).tolist():
-            here = np.flatnonzero(touches.actions[own] == action)
-            ranks = np.unique(order[number[here]], return_inverse=True)[1]
-            rank[own[here]] = ranks
-            place[own[here]] = (ranks + 0.5) / (ranks.max() + 1)
+    place = np.empty(touches.num_touches)
+    rank = np.empty(touches.num_touches, np.int64)
+    for index, action in np.unique(np.stack([touches.objects, touches.actions]), axis=1).T.tolist():
+        here = np.flatnonzero((touches.objects == index) & (touches.actions == action))
+        rank[here] = np.unique(touches.sessions[here], return_inverse=True)[1]
+        place[here] = (rank[here] + 0.5) / (rank[here].max() + 1)
     train = np.flatnonzero(place < learned)
     calibration = np.flatnonzero((place >= learned) & (place < calibrated))
     blocks = np.minimum((place[train] / learned * 3).astype(np.int64), 2)
-    folds = _calibration_folds(touches, calibration if len(calibration) else train, rank)
+    folds = _calibration_folds(touches, calibration, rank)
     return Split(train, calibration, np.flatnonzero(place >= calibrated), blocks, folds)
 
 
-def by_object(touches: TaskTouches, num_folds: int) -> list[Split]:
-    """Whole objects held out, in folds in which every object is tested once."""
-    folds = object_folds(touches.labels, touches.objects, num_folds)
-    return [_held_out(touches, folds == fold) for fold in range(num_folds)]
-
-
-def _held_out(touches: TaskTouches, held: NDArray[np.bool_]) -> Split:
-    """Some objects to test on, and the others to learn from; ``held (n,)``."""
-    train = np.flatnonzero(~held)
-    inner = object_folds(touches.labels[train], touches.objects[train], _inner_folds(touches, train)).astype(np.int64)
-    return Split(train, np.empty(0, np.int64), np.flatnonzero(held), inner, inner)
-
-
-def _calibration_folds(touches: TaskTouches, rows: NDArray[np.int64], rank: NDArray[np.int64]) -> NDArray[np.int64]:
+def _calibration_folds(touches: RecordedTouches, rows: NDArray[np.int64], rank: NDArray[np.int64]) -> NDArray[np.int64]:
     """Folds of sessions where every object has several to calibrate on, of objects where one has a single session."""
-    sessions = [
-        len(np.unique(rank[rows][touches.objects[rows] == index])) for index in np.unique(touches.objects[rows])
-    ]
+    owners = touches.objects[rows]
+    sessions = [len(np.unique(rank[rows][owners == index])) for index in np.unique(owners)]
     if min(sessions) > 1:
         return np.unique(rank[rows], return_inverse=True)[1] % _INNER
-    folds = object_folds(touches.labels[rows], touches.objects[rows], min(_INNER, len(sessions)))
-    return folds.astype(np.int64)
-
-
-def _inner_folds(touches: TaskTouches, train: NDArray[np.int64]) -> int:
-    """As many folds as the label with the fewest objects has, but at least 2 and at most 4."""
-    fewest = min(
-        len(np.unique(touches.objects[train][touches.labels[train] == label]))
-        for label in np.unique(touches.labels[train]).tolist()
-    )
-    return int(np.clip(fewest, 2, _INNER))
+    return object_folds(owners, owners, min(_INNER, len(sessions))).astype(np.int64)

@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.errors import BadRecording
 from belief.frozen import FrozenArrays
+from belief.naming import few
+from belief.observation_model.action_kernel import numbered_sessions
 from belief.observation_model.calibration_data import LabelledTouches
-from belief.observation_model.kernel_fit import numbered_sessions
 from belief.problem import Touch
 from belief.validation import Floats
 
-TASKS = ("objects", "categories", "shapes")
-"""What a search can be about."""
+TASKS = "objects", "categories", "shapes"
+"""What the labels of touches are: their objects, or kinds of objects."""
 LARGEST = 1e100
 """Size of a feature, so that squares and their sums are finite."""
 
-_FEWEST_LABELS = 2
 _SHARED = 0.9  # of the sessions have all actions, if actions are recorded in sessions
+_SESSIONS, _OBJECTS = 4, 3  # of three sessions none is left to calibrate on; objects of a category or shape
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,20 +37,20 @@ class RecordedTouches(FrozenArrays):
             with equal numbers belong together, such as the behaviours of one trial.
         action_names: of the P actions.
         object_names: of the objects.
-        labels: name of each object's category or shape by task, for the tasks that the set has besides ``objects``; an
-            empty name leaves the object out of the task.
-        controls: features that should know nothing or little of the object, by name, ``(n, C)``.
         provenance: where the set comes from.
         licence: its licence.
         feature_names: F names, or none.
+        kinds: category or shape of each object by task, ``categories`` or ``shapes``; an empty name leaves the object
+            out of the task.
+        task: whether a reader learns to tell apart ``objects``, ``categories`` or ``shapes``, see :meth:`for_task`.
 
     Raises:
         BadRecording: the arrays do not fit each other, hold values that are not finite or too large, or indices and
             sessions that are not whole numbers; the message names the touch.
 
     >>> touches = RecordedTouches(np.zeros((2, 3)), [0, 0], [0, 1], [0, 0], ("press",), ("mug", "ball"))
-    >>> touches.num_touches, touches.tasks
-    (2, ('objects',))
+    >>> touches.num_touches, touches.num_actions
+    (2, 1)
     """
 
     features: Floats
@@ -58,11 +59,11 @@ class RecordedTouches(FrozenArrays):
     sessions: NDArray[np.int64]
     action_names: tuple[str, ...]
     object_names: tuple[str, ...]
-    labels: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    controls: Mapping[str, Floats] = field(default_factory=dict)
     provenance: str = "the user"
     licence: str = "not stated"
     feature_names: tuple[str, ...] = ()
+    kinds: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    task: str = TASKS[0]
 
     def __post_init__(self) -> None:
         for name in ("actions", "objects", "sessions"):
@@ -80,39 +81,56 @@ class RecordedTouches(FrozenArrays):
             )
         if self.feature_names and len(self.feature_names) != self.features.shape[1]:
             raise BadRecording(f"feature_names must be none or {self.features.shape[1]}, got {len(self.feature_names)}")
-        for name, size in (
-            ("actions", len(self.action_names)),
-            ("objects", len(self.object_names)),
-            ("sessions", None),
-        ):
+        for name, size in (("actions", self.num_actions), ("objects", len(self.object_names)), ("sessions", None)):
             values = getattr(self, name)
             if values.shape != (n,):
                 raise BadRecording(f"{name} must be ({n},) as there are {n} rows of features, got {values.shape}")
             if size is not None and not ((values >= 0) & (values < size)).all():
                 raise BadRecording(f"{name} must be in [0, {size}), got {values.min()} to {values.max()}")
-        for name, rows in {"features": self.features, **self.controls}.items():
-            if np.ndim(rows) != 2 or len(rows) != n:
-                raise BadRecording(
-                    f"the control {name!r} must be ({n}, C), as there are {n} touches; got {np.shape(rows)}"
-                )
-            fits = np.abs(rows) <= LARGEST  # not where it is NaN
-            if not fits.all():
-                row = int(np.argmin(fits.all(axis=1)))
-                raise BadRecording(
-                    f"{name} of {self.describe(row)} hold {rows[row][~fits[row]][0]}; they must be finite and of a "
-                    f"size up to {LARGEST:g}: use another unit, or leave the touch out"
-                )
-        for task, names in self.labels.items():
+        fits = np.abs(self.features) <= LARGEST  # not where it is NaN
+        if not fits.all():
+            row = int(np.argmin(fits.all(axis=1)))
+            raise BadRecording(
+                f"features of touch {row} (object {self.object_names[self.objects[row]]}, action "
+                f"{self.action_names[self.actions[row]]}, session {self.sessions[row]}) hold "
+                f"{self.features[row][~fits[row]][0]}; they must be finite and of a size up to {LARGEST:g}: use "
+                "another unit, or leave the touch out"
+            )
+        for task, names in self.kinds.items():
             if task not in TASKS[1:] or len(names) != len(self.object_names):
-                raise BadRecording(f"labels must give {len(self.object_names)} names for {TASKS[1:]}, got {task!r}")
+                raise BadRecording(f"kinds must give {len(self.object_names)} names for {TASKS[1:]}, got {task!r}")
+        if self.task not in (TASKS[0], *self.kinds):
+            raise BadRecording(f"these touches have no labels for {self.task!r}; they have {(TASKS[0], *self.kinds)}")
         self.freeze()
 
-    def describe(self, row: int) -> str:
-        """A touch in words, for messages."""
-        return (
-            f"touch {row} (object {self.object_names[self.objects[row]]}, action "
-            f"{self.action_names[self.actions[row]]}, session {self.sessions[row]})"
-        )
+    def for_task(self, task: str) -> RecordedTouches:
+        """The touches of the objects that have a label in a task; raises BadRecording if there are none.
+
+        >>> kinds = {"shapes": ("", "cone")}
+        >>> touches = RecordedTouches(np.eye(2), [0, 0], [0, 1], [0, 0], ("press",), ("mug", "hat"), kinds=kinds)
+        >>> touches.for_task("shapes").label_names, touches.for_task("shapes").labels.tolist()
+        (('cone',), [0])
+        """
+        found = replace(self, task=task)
+        if task == TASKS[0] or (kept := found.labels >= 0).all():
+            return found
+        if not kept.any():
+            raise BadRecording(f"no object has a label for {task!r}")
+        arrays = {name: getattr(self, name)[kept] for name in ("features", "actions", "objects", "sessions")}
+        return replace(found, **arrays)
+
+    @property
+    def label_names(self) -> tuple[str, ...]:
+        """Names of the K labels of the task."""
+        return self.object_names if self.task == TASKS[0] else tuple(sorted({*self.kinds[self.task]} - {""}))
+
+    @property
+    def labels(self) -> NDArray[np.int64]:
+        """Label of each touch, ``(n,)``, in [0, K), or -1 for an object without one."""
+        if self.task == TASKS[0]:
+            return self.objects
+        places = {name: place for place, name in enumerate(self.label_names)}
+        return np.array([places.get(name, -1) for name in self.kinds[self.task]])[self.objects]
 
     @property
     def num_touches(self) -> int:
@@ -124,86 +142,92 @@ class RecordedTouches(FrozenArrays):
         """P."""
         return len(self.action_names)
 
-    @property
-    def tasks(self) -> tuple[str, ...]:
-        """Tasks that the set has labels for."""
-        return ("objects", *(task for task in TASKS[1:] if task in self.labels))
-
-    def for_task(self, task: str) -> TaskTouches:
-        """The touches of the objects that have a label in a task.
-
-        Raises:
-            BadRecording: the set has no such labels, or fewer than two.
-        """
-        if task not in self.tasks:
-            raise BadRecording(f"these touches have no labels for {task!r}; they have {', '.join(self.tasks)}")
-        names = self.object_names if task == "objects" else self.labels[task]
-        used = sorted({names[index] for index in np.unique(self.objects).tolist()} - {""})
-        if len(used) < _FEWEST_LABELS:
-            raise BadRecording(f"{task} need at least two different labels, there is {used}")
-        label_of = np.array([used.index(name) if name in used else -1 for name in names])
-        rows = np.flatnonzero(label_of[self.objects] >= 0)
-        return TaskTouches(self, task, tuple(used), rows, label_of[self.objects[rows]])
-
-
-@dataclass(frozen=True, eq=False)
-class TaskTouches(FrozenArrays):
-    """The touches of a task, with the label of each.
-
-    Attributes:
-        source: all touches.
-        task: what the labels are.
-        label_names: of the K labels.
-        rows: of the source, ``(n,)``.
-        labels: of each row, ``(n,)``.
-    """
-
-    source: RecordedTouches
-    task: str
-    label_names: tuple[str, ...]
-    rows: NDArray[np.int64]
-    labels: NDArray[np.int64]
-
-    @property
-    def objects(self) -> NDArray[np.int64]:
-        """Object of each row, ``(n,)``."""
-        return self.source.objects[self.rows]
-
-    @property
-    def actions(self) -> NDArray[np.int64]:
-        """Action of each row, ``(n,)``."""
-        return self.source.actions[self.rows]
-
-    @property
-    def sessions(self) -> NDArray[np.int64]:
-        """Session of each row, ``(n,)``."""
-        return self.source.sessions[self.rows]
-
     def sessions_of(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
         """Sessions of some rows, ``(r,)``; touches of single sessions are numbered anew if no two actions share one."""
         objects, actions, sessions = self.objects[rows], self.actions[rows], self.sessions[rows]
         pairs = np.unique(np.stack([objects, sessions, actions]), axis=1)
         _, counts = np.unique(pairs[:2], axis=1, return_counts=True)
-        is_shared = (counts == self.source.num_actions).mean() > _SHARED
+        is_shared = (counts == self.num_actions).mean() > _SHARED
         return sessions if is_shared else numbered_sessions(objects, actions)
 
     def labelled(self, rows: NDArray[np.int64], ratios: Floats) -> LabelledTouches:
         """Some rows ``(r,)`` as a reader sees them, with log likelihood ratios ``(r, K)``, and their labels."""
         listed = [Touch(int(action), row) for action, row in zip(self.actions[rows], ratios, strict=True)]
-        size = self.source.num_actions
-        return LabelledTouches.of(listed, self.labels[rows], self.objects[rows], self.label_names, size)
-
-    def features(self, control: str | None = None) -> Floats:
-        """Features of each row, or those of a control, ``(n, F)``."""
-        return (self.source.features if control is None else self.source.controls[control])[self.rows]
+        return LabelledTouches.of(listed, self.labels[rows], self.objects[rows], self.label_names, self.num_actions)
 
 
-def scalar_features(features: Floats) -> Floats:
-    """Sum, mean size, largest and spread of each row, ``(n, 4)``: a control without the pattern of a touch.
+def check_recorded(touches: RecordedTouches) -> tuple[str, ...]:
+    """Check that a set can be split, read and searched in, and return remarks about what weakens its results.
 
-    >>> scalar_features(np.array([[1.0, 3.0]])).tolist()
-    [[4.0, 2.0, 3.0, 1.0]]
+    Raises:
+        BadRecording: there are fewer than two labels, one has too few objects, or an object has too few sessions of an
+            action; the message says which and what is needed.
+
+    >>> rows = np.arange(12.0).reshape(12, 1) % 5
+    >>> mugs = RecordedTouches(rows, [0] * 12, [0, 1] * 6, np.arange(12) // 2, ("press",), ("mug", "ball"))
+    >>> check_recorded(mugs)
+    ('7 touches have exactly the features of an earlier touch; copies leak from training into tests',)
     """
-    rows = np.asarray(features, np.float64)
-    with np.errstate(over="ignore", invalid="ignore"):  # of features that RecordedTouches refuses
-        return np.stack([rows.sum(axis=1), np.abs(rows).mean(axis=1), rows.max(axis=1), rows.std(axis=1)], axis=1)
+    names = touches.object_names
+    if len(touches.label_names) < 2:
+        raise BadRecording(
+            f"a search needs at least two different {touches.task}, there is {list(touches.label_names)}"
+        )
+    counts = np.zeros((len(names), touches.num_actions), np.int64)
+    np.add.at(counts, tuple(np.unique([touches.objects, touches.actions, touches.sessions], axis=1)[:2]), 1)
+    needed = _SESSIONS if touches.task == TASKS[0] else 1
+    short = counts < needed
+    if touches.task != TASKS[0]:
+        kinds = touches.kinds[touches.task]
+        short &= np.array(kinds)[:, None] != ""
+        if scarce := {kind: kinds.count(kind) for kind in touches.label_names if kinds.count(kind) < _OBJECTS}:
+            raise BadRecording(
+                f"{touches.task} need at least {_OBJECTS} objects of each, to learn from, to calibrate on and to test "
+                f"on; there are {scarce}"
+            )
+    if lacking := np.flatnonzero(short.any(axis=1)).tolist():
+        missing = [[f"{counts[i, a]} of {touches.action_names[a]}" for a in np.flatnonzero(short[i])] for i in lacking]
+        listed = "; ".join(f"{names[i]} ({', '.join(parts)})" for i, parts in zip(lacking, missing, strict=True))
+        raise BadRecording(
+            f"{len(lacking)} of {len(names)} objects have too few sessions: {listed}; {touches.task} need at least "
+            f"{needed} of each action, to learn from, to calibrate on and to test on; leave these out"
+        )
+    copies = len(touches.features) - len(np.unique(np.column_stack([touches.features, touches.actions]), axis=0))
+    said = "touches have exactly the features of an earlier touch; copies leak from training into tests"
+    return (*([f"{copies} {said}"] if copies else []), *suspicious_features(touches))
+
+
+def suspicious_features(touches: RecordedTouches) -> tuple[str, ...]:
+    """Sentences about features that name the object of a touch, or number its session or row.
+
+    >>> rows = [[0.1, 7.0], [0.3, 7.0], [0.2, 8.0], [0.4, 8.0]]
+    >>> mugs = RecordedTouches(rows, [0] * 4, [0, 0, 1, 1], [0, 1] * 2, ("press",), ("mug", "cup"))
+    >>> suspicious_features(mugs)  # doctest: +ELLIPSIS
+    ('these features name the object: feature 1. They are equal in all touches of an object and differ between...',)
+    """
+    steps = np.diff(touches.features, axis=0)
+    counts = (steps == steps[:1]).all(axis=0) & (steps[:1] != 0.0).any(axis=0) & (touches.num_touches > 2)
+    by_object, by_session = (_tells(touches.features, groups) for groups in (touches.objects, touches.sessions))
+    same = "are equal in all touches of"
+    found = (
+        ("name the object", by_object, f"{same} an object and differ between objects"),
+        ("number the session", by_session, f"{same} a session and differ between sessions"),
+        ("count the rows", counts, "grow by the same in every row"),
+    )
+    names = touches.feature_names or [f"feature {i}" for i in range(touches.features.shape[1])]
+    return tuple(
+        f"these features {what}: {few([names[i] for i in np.flatnonzero(which)], 12)}. They {why}; leave out what was "
+        "not measured in the touch"
+        for what, which, why in found
+        if which.any()
+    )
+
+
+def _tells(features: Floats, groups: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Whether each feature is equal within every group and differs between groups of two rows or more on average."""
+    order = np.argsort(groups, kind="stable")
+    starts = np.flatnonzero(np.diff(groups[order], prepend=groups.min() - 1))
+    if 2 * len(starts) > len(groups):
+        return np.zeros(features.shape[1], np.bool_)
+    low, high = (bound.reduceat(features[order], starts) for bound in (np.minimum, np.maximum))
+    return np.asarray((low == high).all(axis=0) & (np.ptp(low, axis=0) > 0.0))

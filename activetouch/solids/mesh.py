@@ -13,8 +13,7 @@ import scipy  # whose parts load at first use
 
 from activetouch.errors import BadMesh, MeshWarning
 from activetouch.solids.mesh_surface import examined
-from activetouch.solids.raster import Surface
-from activetouch.solids.raycast import first_entry
+from activetouch.solids.raster import Surface, portions
 from activetouch.solids.solid import Floats, Geom, Ints
 from activetouch.solids.triangles import is_convex
 from belief.errors import InvalidArgument
@@ -22,9 +21,8 @@ from belief.errors import InvalidArgument
 _MIN_RADIUS, _MAX_RADIUS = 0.0005, 0.3  # of the bounding ball [m]; objects may be much larger than the pad
 _VAST = 1e100  # squares of longer lengths may not be finite [m]
 _ORDINARY = (0.005, 0.15)  # radii for which an error message suggests a unit [m]
+_MOST_PAIRS = 1 << 18  # of a triangle and a ray, tested at a time; limits memory to about 100 MB
 _UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254}
-MOST_TRIANGLES = 50_000
-"""Largest number of triangles that is kept as it is when a file is read."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -83,21 +81,15 @@ class Mesh:
             warnings.warn(f"{self.name}: {'; '.join(words)}", MeshWarning, stacklevel=level)
 
     @classmethod
-    def from_file(
-        cls, path: Path | str, scale: float | None = None, max_triangles: int | None = MOST_TRIANGLES
-    ) -> Mesh:
-        """The mesh in an STL, OBJ, PLY, OFF, GLB, glTF, 3MF or DAE file, with its centre of mass moved to the origin.
+    def from_file(cls, path: Path | str, scale: float | None = None) -> Mesh:
+        """The mesh in an STL, OBJ or PLY file, with its centre of mass moved to the origin.
 
-        Corners within 10 nm of each other are merged. Scenes of several parts are read as one mesh.
+        Corners within 10 nm of each other are merged. Files of several parts are read as one mesh.
 
         Args:
-            path: the file. Of the files that it refers to, only the buffers of a glTF file are opened.
-            scale: metres per unit of the file; 0.001 for a file in millimetres. By default, that of the format (GLB,
-                glTF, 3MF and DAE say their unit) or 1; an object of 15 to 150 m about its middle is taken to be in
-                millimetres, with a warning.
-            max_triangles: largest number of triangles that is kept as it is; above it, they are reduced such that no
-                measured point of either surface is more than 0.1 mm from the other
-                (:mod:`activetouch.solids.mesh_reduction`). None keeps all.
+            path: the file. No file that it refers to is opened.
+            scale: metres per unit of the file; 0.001 for a file in millimetres. By default 1; an object of 15 to 150 m
+                about its middle is taken to be in millimetres, with a warning.
 
         Raises:
             FileNotFoundError: the file does not exist.
@@ -106,13 +98,13 @@ class Mesh:
             InvalidArgument: the scale is not positive and finite.
 
         Warns:
-            MeshWarning: the unit was guessed, the triangles were reduced, or see :class:`Mesh`.
+            MeshWarning: the unit was guessed, there are more than 50 000 triangles, or see :class:`Mesh`.
         """
         from activetouch.solids.mesh_file import read_surface
 
         if scale is not None and not 0.0 < scale < np.inf:
             raise InvalidArgument(f"scale must be positive and finite, got {scale}")
-        vertices, faces, remarks = read_surface(Path(path), scale, max_triangles)
+        vertices, faces, remarks = read_surface(Path(path), scale)
         return cls(Path(path).name, vertices, faces, centred=True, remarks=remarks)
 
     @cached_property
@@ -166,3 +158,49 @@ class Mesh:
             f"its farthest point is {radius:.4g} m from its origin, allowed are {_MIN_RADIUS} m to {_MAX_RADIUS} m. "
             f"Lengths are in metres{hint}"
         )
+
+
+def first_entry(vertices: Floats, faces: Ints, origins: Floats, direction: Floats) -> Floats:
+    """Distance along rays to the first triangle, whichever side it shows [m]; ``inf`` if there is none.
+
+    A grid of rays is faster with :func:`activetouch.solids.raster.heights`. No ray passes between two triangles with a
+    common edge: the signed areas that decide this differ only in sign.
+
+    Args:
+        vertices: ``(v, 3)`` [m].
+        faces: corners of the triangles, ``(f, 3)``.
+        origins: ray starts, ``(3, n)`` [m].
+        direction: one unit vector ``(3,)`` shared by all rays.
+
+    Returns:
+        ``(n,)``, in ``[0, inf]``.
+    """
+    frame = _frame_towards_viewer(direction)
+    order = np.argsort(frame[1] @ origins)
+    ray_x, ray_y, ray_start = np.vstack([frame, direction]) @ origins[:, order]
+    nearest = np.full(ray_x.size, np.inf)
+    x, y = (vertices @ frame[0])[faces].T, (vertices @ frame[1])[faces].T  # (3, f)
+    depth = vertices @ direction
+    begin = np.searchsorted(ray_y, y.min(axis=0), side="left")
+    num_rays = np.searchsorted(ray_y, y.max(axis=0), side="right") - begin
+    for some in portions(num_rays, _MOST_PAIRS):
+        count = num_rays[some]
+        triangle = np.arange(some.start, some.stop).repeat(count)
+        ray = np.arange(len(triangle)) + (begin[some] - np.cumsum(count) + count).repeat(count)
+        ax, bx, cx = x[:, triangle] - ray_x[ray]
+        ay, by, cy = y[:, triangle] - ray_y[ray]
+        weights = np.stack([bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx])
+        total = weights.sum(axis=0)
+        hit = np.flatnonzero(((weights.min(axis=0) >= 0.0) | (weights.max(axis=0) <= 0.0)) & (total != 0.0))
+        corners = depth[faces[triangle[hit]]].T
+        distance = (weights[:, hit] * corners).sum(axis=0) / total[hit] - ray_start[ray[hit]]
+        ahead = distance >= 0.0
+        np.minimum.at(nearest, order[ray[hit[ahead]]], distance[ahead])
+    return nearest
+
+
+def _frame_towards_viewer(direction: Floats) -> Floats:
+    """Unit vectors x and y that form a right-handed frame with z = −direction, ``(2, 3)``."""
+    x = np.cross(np.eye(3)[np.argmin(np.abs(direction))], direction)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(x, direction)])

@@ -8,29 +8,27 @@ import numpy as np
 import scipy  # whose parts load at first use
 
 from activetouch.errors import BadMesh
-from activetouch.solids.mesh_assembly import MOST_BYTES
-from activetouch.solids.mesh_reduction import LARGEST_ERROR, reduced
+from activetouch.solids.mesh_formats import read_obj, read_ply, read_stl
 from activetouch.solids.solid import Floats, Ints
 from belief.files import require_regular_file
 
-ENDINGS = (".stl", ".obj", ".ply", ".off", ".glb", ".gltf", ".3mf", ".dae")
+_READERS = {".stl": read_stl, ".obj": read_obj, ".ply": read_ply}
+ENDINGS = tuple(_READERS)
 """Of the files that can be read."""
+_MOST_BYTES = 256 * 2**20
 _MOST_PAIRS = 10_000_000
-_REDUCED = 20_000  # triangles that a reduction aims at
+_MANY = 50_000  # triangles from which a view takes more than 15 ms
 _SAME_POINT = 1e-8  # distance [m]; STL repeats corners in every triangle, with seven digits
 _MILLIMETRES = (15.0, 150.0)  # radii for which no other usual unit gives an object of less than 150 mm
 
 
 @np.errstate(over="ignore", invalid="ignore")  # such vertices are rejected later
-def read_surface(
-    path: Path, scale: float | None, max_triangles: int | None = None
-) -> tuple[Floats, Ints, tuple[str, ...]]:
-    """Vertices in metres, ``(v, 3)``, triangles, ``(f, 3)``, and what was guessed or changed, as texts.
+def read_surface(path: Path, scale: float | None) -> tuple[Floats, Ints, tuple[str, ...]]:
+    """Vertices in metres, ``(v, 3)``, triangles, ``(f, 3)``, and what was guessed or is unusual, as texts.
 
     Args:
         path: the file.
-        scale: metres per unit of the file; that of the format or of the size by default, see :meth:`Mesh.from_file`.
-        max_triangles: above this number, triangles are reduced; None keeps all.
+        scale: metres per unit of the file; that of the size by default, see :meth:`Mesh.from_file`.
 
     Raises:
         FileNotFoundError: the file does not exist.
@@ -40,57 +38,23 @@ def read_surface(
     if not path.exists():
         raise FileNotFoundError(f"there is no mesh file {path}; relative paths start from {Path.cwd()}")
     if kind not in ENDINGS:
-        raise BadMesh(f"{path}: meshes are read from {', '.join(ENDINGS)} files")
+        raise BadMesh(f"{path}: meshes are read from {', '.join(ENDINGS)} files; the library trimesh converts others")
     require_regular_file(path, BadMesh)
     try:
-        if (size := path.stat().st_size) > MOST_BYTES:
-            raise ValueError(f"it has {size} bytes, {MOST_BYTES} are the most; simplify it")
-        vertices, faces, unit = _read(kind, path.read_bytes(), path.parent)
-    except (OSError, ValueError) as error:
+        if (size := path.stat().st_size) > _MOST_BYTES:
+            raise ValueError(f"it has {size} bytes, {_MOST_BYTES} are the most; simplify it")
+        vertices, faces = _READERS[kind](path.read_bytes())
+    except (OSError, ValueError, OverflowError) as error:
         raise BadMesh(f"{path.name}: cannot be read as {kind[1:].upper()}: {error}") from error
-    scale = unit if scale is None else scale
     used, faces = np.unique(faces, return_inverse=True)
     vertices, faces = vertices[used], faces.reshape(-1, 3)
     if not (len(used) and np.isfinite(np.square(np.ptp(vertices, axis=0)).sum())):
         return vertices, faces, ()  # rejected later
     scale, remarks = _scale(path, vertices, scale)
     vertices, faces = _welded(path.name, vertices * scale, faces)
-    if max_triangles is None or len(faces) <= max_triangles:
-        return vertices, faces, remarks
-    fewer_vertices, fewer, largest = reduced(vertices, faces, min(max_triangles, _REDUCED))
-    how = f"reduced to {len(fewer)}; no measured point moves by more than {max(largest * 1000, 0.001):.2g} mm"
-    if len(fewer) == len(faces):
-        how = f"kept, because fewer would move points by more than {LARGEST_ERROR * 1000:g} mm: touches will be slow"
-    return fewer_vertices, fewer, (*remarks, f"{len(faces)} triangles {how}")
-
-
-def _read(kind: str, content: bytes, folder: Path) -> tuple[Floats, Ints, float | None]:
-    """The triangles of a file, and metres per unit, if its format says so; only the reader that it needs is loaded.
-
-    Raises:
-        ValueError: for every damage; what is read from the description of a scene may have any type.
-    """
-    try:
-        match kind:
-            case ".glb" | ".gltf":
-                from activetouch.solids.mesh_gltf import read_gltf
-
-                return read_gltf(content, folder)
-            case ".3mf" | ".dae":
-                from activetouch.solids.mesh_xml import read_3mf, read_dae
-
-                return read_3mf(content) if kind == ".3mf" else read_dae(content)
-            case ".ply":
-                from activetouch.solids.mesh_ply import read_ply
-
-                return *read_ply(content), None
-        from activetouch.solids.mesh_formats import read_obj, read_off, read_stl
-
-        return *{".stl": read_stl, ".obj": read_obj, ".off": read_off}[kind](content), None
-    except (ValueError, OSError):
-        raise
-    except Exception as error:  # zipfile, expat and the use of what should be numbers raise many kinds
-        raise ValueError(f"{type(error).__name__}: {error}") from error
+    if len(faces) > _MANY:
+        remarks = (*remarks, f"{len(faces)} triangles make touches slow; a program for meshes reduces them")
+    return vertices, faces, remarks
 
 
 def _scale(path: Path, vertices: Floats, given: float | None) -> tuple[float, tuple[str, ...]]:

@@ -7,21 +7,20 @@ from itertools import permutations, product
 import numpy as np
 
 from activetouch.solids.conical import Cone, Cylinder, Frustum
-from activetouch.solids.cut import Cut
+from activetouch.solids.cut import Cut, Union
 from activetouch.solids.round import Capsule, Dome, Ellipsoid, Sphere
 from activetouch.solids.solid import Floats, Shape, corners
-from activetouch.solids.straight import Box, ConvexPolyhedron, Prism, Pyramid, Wedge
+from activetouch.solids.straight import Box, Prism, Wedge
 from activetouch.solids.torus import Torus
-from activetouch.solids.union import Union
 
-_SYMMETRIC = (Box, Capsule, Cone, Cylinder, Dome, Ellipsoid, Frustum, Prism, Pyramid, Sphere, Torus, Wedge)
+_SYMMETRIC = (Box, Capsule, Cone, Cylinder, Dome, Ellipsoid, Frustum, Prism, Sphere, Torus, Wedge)
 _DIGITS = 9  # of corners [m]
 
 
 def is_own_mirror_image(shape: Shape) -> bool:
     """Whether a solid is known to be its own mirror image, up to a rotation.
 
-    Polyhedra, cuts and unions are if one of the 24 reflections of a cube keeps them. Of meshes and of solids of other
+    Cuts and unions are if one of the 24 reflections of a cube keeps them. Of meshes and of solids of other
     classes it is not known.
 
     >>> cube = Box((1.0, 1.0, 1.0))
@@ -35,7 +34,7 @@ def _is_kept(shape: Shape, reflection: Floats) -> bool:
     """Whether a reflection keeps a solid."""
     if isinstance(shape, Union):
         return all(_is_kept(part, reflection) for part in shape.parts)
-    if type(shape) not in (Cut, ConvexPolyhedron, *_SYMMETRIC):
+    if type(shape) not in (Cut, *_SYMMETRIC):
         return False
     found = corners(shape.geom)
     return np.array_equal(_sorted(found), _sorted(found @ reflection))

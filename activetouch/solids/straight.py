@@ -1,4 +1,4 @@
-"""Convex solids with flat faces: box, wedge, prism, pyramid, and convex hulls."""
+"""Convex solids with flat faces: box, wedge and prism."""
 
 from __future__ import annotations
 
@@ -133,48 +133,3 @@ class Prism(FlatFaced):
     def corners(self) -> Floats:
         """See :class:`Shape`."""
         return np.vstack([ring(self.radius, z, self.num_sides) for z in (-self.half_length, self.half_length)])
-
-
-@dataclass(frozen=True)
-class Pyramid(FlatFaced):
-    """Regular pyramid about its z axis, origin at half height: ``radius`` of its base corners, ``height`` [m]."""
-
-    num_sides: int
-    radius: float
-    height: float
-
-    def __post_init__(self) -> None:
-        if self.num_sides < 3:
-            raise ValueError(f"num_sides must be at least 3, got {self}")
-        require_lengths(self, self.radius, self.height)
-
-    @property
-    def corners(self) -> Floats:
-        """See :class:`Shape`."""
-        return np.vstack([ring(self.radius, -self.height / 2, self.num_sides), [0.0, 0.0, self.height / 2]])
-
-
-@dataclass(frozen=True)
-class ConvexPolyhedron(FlatFaced):
-    """Convex hull of at least four ``vertices`` [m], a tuple of tuples; the origin must lie inside.
-
-    Raises:
-        ValueError: a vertex is not finite, the vertices span no volume, or the origin is not inside.
-    """
-
-    vertices: tuple[tuple[float, float, float], ...]
-
-    def __post_init__(self) -> None:
-        corners = self.corners
-        if corners.shape != (len(corners), 3) or len(corners) < 4 or not np.isfinite(corners).all():
-            raise ValueError(f"vertices must be at least four finite triples, got {self.vertices}")
-        extents = np.linalg.svd(corners - corners.mean(axis=0), compute_uv=False)
-        if extents[2] < 1e-9 * extents[0]:
-            raise ValueError(f"the {len(corners)} vertices lie in one plane and enclose no volume")
-        if self.planes[1].min() <= 0.0:
-            raise ValueError("the origin must lie inside the polyhedron; subtract the vertices' mean, for example")
-
-    @property
-    def corners(self) -> Floats:
-        """See :class:`Shape`."""
-        return np.array(self.vertices, dtype=float)

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from activetouch.placement import Placement
 from activetouch.pressing.contact import first_touch
+from activetouch.pressing.pad import Pad
 from activetouch.pressing.rig import Rig
-from activetouch.pressing.setup import Setup
 
 _SKY = (237, 240, 245)
 _LIGHT = np.array([0.45, -0.55, 0.7])  # direction towards the light
@@ -23,7 +23,7 @@ _MOST_FRAMES, _FRAME = 40, (320, 240)  # of an animation [pixels]
 
 
 def press_picture(
-    setup: Setup,
+    pad: Pad,
     placement: Placement,
     depth: float,
     width: int = 640,
@@ -33,22 +33,20 @@ def press_picture(
     """A picture ``(height, width, 3)`` of the object pressed ``depth`` [m] into the pad.
 
     Args:
-        setup: the pad and its surroundings.
+        pad: the pad.
         placement: the object.
         depth: of the press [m].
         width: of the picture [pixels].
         height: of the picture [pixels].
         sky: colour of the background, in [0, 255].
     """
-    _, touching = first_touch(setup.pad, placement)
+    _, touching = first_touch(pad, placement)
     position = touching - depth if np.isfinite(touching) else placement.bounding_radius
-    rig = Rig(setup, placement.shape, timestep=0.002, largest_scale=placement.scale)
+    rig = Rig(pad, placement.shape, timestep=0.002, largest_scale=placement.scale)
     rig.place(position, placement)
     mujoco.mj_forward(rig.model, rig.data)
-    middle = np.array([position / 2, 0.0, setup.height])
-    distance = 5.5 * max(setup.pad.half_width, placement.bounding_radius)
-    if setup.loaded:
-        middle, distance = np.array([0.0, 0.1, setup.height]), 0.45
+    middle = np.array([position / 2, 0.0, 0.0])
+    distance = 5.5 * max(pad.half_width, placement.bounding_radius)
     return cast_rays(rig.model, rig.data, middle, distance, (width, height), sky)
 
 

@@ -1,27 +1,23 @@
 """Calibration of a classifier's probabilities.
 
 The default is :class:`StructuredMatrixScaling` (decision 0022): with few touches it equals temperature scaling, with
-many it also corrects confusions of single shapes. :func:`choose_calibration` compares calibrations by cross-validation;
-:class:`PerPose` fits one calibration per pose, with shrinkage.
+many it also corrects confusions of single shapes. :class:`PerPose` fits one calibration per pose, with
+shrinkage.
 """
 
-from belief.calibration.affine import DirichletCalibration, StructuredMatrixScaling, VectorScaling
+from belief.calibration.affine import CALIBRATIONS, DirichletCalibration, StructuredMatrixScaling, VectorScaling
 from belief.calibration.base import Calibration, Status, logits_from_probs
-from belief.calibration.choice import Choice, choose_calibration
 from belief.calibration.per_pose import PerPose
-from belief.calibration.table import CALIBRATIONS
 from belief.calibration.temperature import TemperatureScaling
 
 __all__ = [
     "CALIBRATIONS",
     "Calibration",
-    "Choice",
     "DirichletCalibration",
     "PerPose",
     "Status",
     "StructuredMatrixScaling",
     "TemperatureScaling",
     "VectorScaling",
-    "choose_calibration",
     "logits_from_probs",
 ]

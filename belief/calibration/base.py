@@ -64,33 +64,30 @@ class Calibration(ABC):
         if weights is None:
             return self.fit_logits(z, labels)
         z, y = labelled_logits(z, labels)
-        w = checked_weights(weights, len(y))
+        w = checked_values("weights", weights)
+        if w.shape != y.shape:
+            raise ValueError(f"need a weight for each of {len(y)} rows, got shape {w.shape}")
+        if w.min() < 0.0 or not w.max() > 0.0:
+            row = int(w.argmin())
+            raise ValueError(f"weights must not be negative, and one must be above zero; got {w[row]} in row {row}")
         return self.fit_logits(z[w > 0.0], y[w > 0.0], w[w > 0.0])
 
+    @abstractmethod
     def predict_log_proba(self, logits: ArrayLike) -> Floats:
-        """Calibrated log probabilities, ``(..., K)``, of logits ``(..., K)``; finite. Warns as :meth:`fit`.
+        """Calibrated log probabilities, ``(..., K)``, of logits ``(..., K)``; finite.
 
         Raises:
             ValueError: empty, NaN or infinite logits, or another K than in the fit.
         """
-        return self.log_proba_of(no_probs(logits))
 
     def predict_proba(self, logits: ArrayLike) -> Floats:
         """Calibrated probabilities, ``(..., K)``; arguments and errors are those of :meth:`predict_log_proba`."""
-        return self.proba_of(no_probs(logits))
+        with np.errstate(under="ignore"):
+            return np.exp(self.predict_log_proba(logits))
 
     @abstractmethod
     def fit_logits(self, logits: ArrayLike, labels: ArrayLike, weights: Floats | None = None) -> Self:
         """:meth:`fit` to logits, without a warning; weights are above zero."""
-
-    @abstractmethod
-    def log_proba_of(self, logits: ArrayLike) -> Floats:
-        """:meth:`predict_log_proba` of logits, without a warning."""
-
-    def proba_of(self, logits: ArrayLike) -> Floats:
-        """:meth:`predict_proba` of logits, without a warning."""
-        with np.errstate(under="ignore"):
-            return np.exp(self.log_proba_of(logits))
 
     @abstractmethod
     def objective(self, logits: ArrayLike, labels: ArrayLike) -> tuple[float, Floats]:
@@ -110,11 +107,7 @@ class Calibration(ABC):
 
 
 def no_probs(logits: ArrayLike) -> Floats:
-    """Logits as float64, with a UserWarning at the caller's caller if they look like probabilities.
-
-    >>> no_probs([[2, -1]])
-    array([[ 2., -1.]])
-    """
+    """Logits as float64, with a UserWarning at the caller's caller if they look like probabilities."""
     found = as_real(logits, "logits")
     warn_of_probs(found, "logits", "take the logarithms of probabilities")
     return np.asarray(found, np.float64)
@@ -146,21 +139,3 @@ def logits_from_probs(probs: ArrayLike, floor: float = 1e-12) -> Floats:
     if p.ndim == 1 or (p.ndim == 2 and p.shape[1] == 1):
         p = np.stack([1.0 - p.reshape(-1), p.reshape(-1)], axis=1)
     return np.log(np.maximum(normalise_probs(p), floor))
-
-
-def checked_weights(weights: ArrayLike, num_rows: int) -> Floats:
-    """Weights of rows, ``(n,)``, as float64.
-
-    Raises:
-        ValueError: another number of them, one that is negative or not finite, or none above zero.
-
-    >>> checked_weights([1, 2], 2)
-    array([1., 2.])
-    """
-    w = checked_values("weights", weights)
-    if w.shape != (num_rows,):
-        raise ValueError(f"need a weight for each of {num_rows} rows, got shape {w.shape}")
-    if w.min() < 0.0 or not w.max() > 0.0:
-        row = int(w.argmin())
-        raise ValueError(f"weights must not be negative, and one must be above zero; got {w[row]} in row {row}")
-    return w

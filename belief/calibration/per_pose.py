@@ -7,12 +7,11 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from belief.calibration.affine import StructuredMatrixScaling
+from belief.calibration.affine import CALIBRATIONS, StructuredMatrixScaling
 from belief.calibration.base import Calibration, no_probs
-from belief.calibration.table import CALIBRATIONS
-from belief.validation import Floats, checked_indices, finite_logits, labelled_logits, pose_count, unmasked
+from belief.validation import Floats, checked_indices, finite_logits, labelled_logits, pose_count
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,12 +24,11 @@ class PerPose:
     Attributes:
         kind: the unfitted calibration.
         pooling: weight of the pooled calibration, in touches, ≥ 0.
-        pooled: fitted to all touches.
-        by_pose: fitted to the touches of each pose, P of them; the pooled one for poses without touches.
-        num_touches: number of touches in each pose.
+        fitted: calibrations of all touches together, and of those of each pose; none before the fit.
+        num_touches: number of touches in each of P poses.
 
     Raises:
-        ValueError: ``pooling`` is negative or not finite.
+        ValueError: ``pooling`` is negative or not finite, or the calibrations do not fit each other.
 
     Example:
         >>> rng = np.random.default_rng(0)
@@ -39,21 +37,24 @@ class PerPose:
         >>> calibration = PerPose().fit(logits, labels, poses)
         >>> np.exp(calibration.predict_log_proba([[4.0, 0.0], [4.0, 0.0]], [0, 1])).round(2).tolist()
         [[1.0, 0.0], [0.74, 0.26]]
+        >>> PerPose.from_fields(calibration.to_fields()).to_fields() == calibration.to_fields()
+        True
     """
 
     kind: Calibration = field(default=StructuredMatrixScaling())
     pooling: float = 100.0
-    pooled: Calibration | None = None
-    by_pose: tuple[Calibration, ...] = ()
+    fitted: tuple[Calibration, ...] = ()
     num_touches: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.pooling < np.inf:
             raise ValueError(f"pooling must be finite and ≥ 0, got {self.pooling}")
-        if len(self.by_pose) != len(self.num_touches) or (self.pooled is None) != (not self.by_pose):
-            raise ValueError("a fitted one needs a pooled calibration, one for every pose, and numbers of touches")
-        if len({calibration.num_shapes for calibration in self.by_pose} - {self.num_shapes}) > 0:
-            raise ValueError(f"poses have calibrations for other numbers of shapes than {self.num_shapes}")
+        sizes = {calibration.num_shapes for calibration in self.fitted}
+        if len(self.fitted) - bool(self.fitted) != len(self.num_touches) or len(sizes) > 1:
+            raise ValueError(
+                f"need a calibration of all touches and of each of {len(self.num_touches)} poses, for as many shapes, "
+                f"got {len(self.fitted)} for {sizes} shapes"
+            )
         if not all(isinstance(n, int) and n >= 0 for n in self.num_touches):
             raise ValueError(f"numbers of touches must be integers ≥ 0, got {self.num_touches}")
 
@@ -70,12 +71,13 @@ class PerPose:
             ValueError: invalid logits or labels, or poses out of range.
         """
         z, y = labelled_logits(no_probs(logits), labels)
-        p = _poses(poses, len(y))
-        size = pose_count(p, num_poses)
+        p = checked_indices("poses", poses, np.iinfo(np.int64).max)
+        if p.shape != y.shape:
+            raise ValueError(f"need a pose for each of {len(y)} rows, got {p.shape}")
+        masks = [p == pose for pose in range(pose_count(p, num_poses))]
         pooled = self.kind.fit_logits(z, y)
-        masks = [p == pose for pose in range(size)]
-        own = tuple(self.kind.fit_logits(z[mask], y[mask]) if mask.any() else pooled for mask in masks)
-        return replace(self, pooled=pooled, by_pose=own, num_touches=tuple(int(mask.sum()) for mask in masks))
+        own = (self.kind.fit_logits(z[mask], y[mask]) if mask.any() else pooled for mask in masks)
+        return replace(self, fitted=(pooled, *own), num_touches=tuple(int(mask.sum()) for mask in masks))
 
     def predict_log_proba(self, logits: ArrayLike, poses: ArrayLike) -> Floats:
         """Calibrated log probabilities, ``(n, K)``, of logits ``(n, K)`` in poses ``(n,)``.
@@ -83,70 +85,36 @@ class PerPose:
         Raises:
             ValueError: not fitted, invalid logits, or poses out of range.
         """
-        return self._log_proba_of(no_probs(logits), poses)
-
-    def _log_proba_of(self, logits: Floats, poses: ArrayLike) -> Floats:
-        if self.pooled is None:
+        if not self.fitted:
             raise ValueError("there is no calibration yet: call fit first")
-        z = finite_logits(logits)
-        if z.ndim != 2:
-            raise ValueError(f"need logits (n, K), got {z.shape}")
-        p = checked_indices("poses", _poses(poses, len(z)), len(self.by_pose))
-        log_probs = self.pooled.log_proba_of(z)
+        z, p = finite_logits(logits), checked_indices("poses", poses, len(self.num_touches))
+        if z.ndim != 2 or p.shape != z.shape[:1]:
+            raise ValueError(f"need logits (n, K) and a pose for each row, got {z.shape} and {p.shape}")
+        log_probs = self.fitted[0].predict_log_proba(z)
         with np.errstate(over="ignore", under="ignore"):
             for pose in np.unique(p).tolist():
                 rows, n = p == pose, self.num_touches[pose]
                 weight = n / (n + self.pooling) if n else 0.0
-                own = self.by_pose[pose].log_proba_of(z[rows])
+                own = self.fitted[1 + pose].predict_log_proba(z[rows])
                 log_probs[rows] = weight * own + (1.0 - weight) * log_probs[rows]
             log_probs -= log_probs.max(axis=1, keepdims=True)
             np.maximum(log_probs, -np.finfo(float).max, out=log_probs)
             log_probs -= np.log(np.exp(log_probs).sum(axis=1, keepdims=True))
         return log_probs
 
-    def predict_proba(self, logits: ArrayLike, poses: ArrayLike) -> Floats:
-        """Calibrated probabilities, ``(n, K)``; raises as :meth:`predict_log_proba`."""
-        with np.errstate(under="ignore"):
-            return np.exp(self._log_proba_of(no_probs(logits), poses))
-
     def to_fields(self) -> dict[str, Any]:
         """All parameters, as JSON types, exact to the last bit."""
-        fitted = [] if self.pooled is None else [self.pooled, *self.by_pose]
         return {
             "kind": self.kind.name,
             "unfitted": self.kind.to_fields(),
             "pooling": self.pooling,
-            "fitted": [calibration.to_fields() for calibration in fitted],
+            "fitted": [calibration.to_fields() for calibration in self.fitted],
             "num_touches": list(self.num_touches),
         }
 
     @classmethod
     def from_fields(cls, fields: Mapping[str, Any]) -> PerPose:
-        """The calibration of fields from :meth:`to_fields`.
-
-        Raises:
-            KeyError: a field is missing, or there is no such kind of calibration.
-            ValueError: parameters that are out of range or do not fit each other.
-
-        >>> calibration = PerPose().fit(4.0 * np.eye(2), [0, 1], [0, 0])
-        >>> PerPose.from_fields(calibration.to_fields()).to_fields() == calibration.to_fields()
-        True
-        """
+        """The calibration of fields from :meth:`to_fields`; KeyError or ValueError for fields that are none."""
         kind = CALIBRATIONS[fields["kind"]]
-        fitted = [kind.from_fields(one) for one in fields["fitted"]]
-        pooled, by_pose = (fitted[0], tuple(fitted[1:])) if fitted else (None, ())
-        unfitted, pooling = kind.from_fields(fields["unfitted"]), float(fields["pooling"])
-        return cls(unfitted, pooling, pooled, by_pose, tuple(fields["num_touches"]))
-
-    @property
-    def num_shapes(self) -> int | None:
-        """K; None if it is valid for any number."""
-        return None if self.pooled is None else self.pooled.num_shapes
-
-
-def _poses(poses: ArrayLike, num_rows: int) -> NDArray[np.integer]:
-    """Poses as an array with an integer for each row."""
-    p = unmasked(poses, "poses")
-    if p.shape != (num_rows,) or not np.issubdtype(p.dtype, np.integer):
-        raise ValueError(f"need an integer pose for each of {num_rows} rows, got {p.dtype} {p.shape}")
-    return p
+        fitted = tuple(kind.from_fields(one) for one in fields["fitted"])
+        return cls(kind.from_fields(fields["unfitted"]), float(fields["pooling"]), fitted, tuple(fields["num_touches"]))

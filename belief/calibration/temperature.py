@@ -90,7 +90,7 @@ class TemperatureScaling(Calibration):
             gaps -= gaps.max(axis=0)
             return _fit(gaps, y, np.ones(len(y)) if weights is None else weights, 1.0 / factor)
 
-    def log_proba_of(self, logits: ArrayLike) -> Floats:
+    def predict_log_proba(self, logits: ArrayLike) -> Floats:
         """See :meth:`Calibration.predict_log_proba`."""
         z = finite_logits(logits)
         with np.errstate(over="ignore", under="ignore"):
@@ -111,7 +111,7 @@ class TemperatureScaling(Calibration):
         [0.813, [-0.231]]
         """
         z, y = labelled_logits(logits, labels)
-        log_probs = TemperatureScaling(self.temperature, self.status).log_proba_of(z)
+        log_probs = TemperatureScaling(self.temperature, self.status).predict_log_proba(z)
         with np.errstate(over="ignore", under="ignore"):
             at_label = np.take_along_axis(log_probs, y[:, None], axis=1)
             excess = log_probs - at_label  # β (z - z_label)
@@ -155,11 +155,7 @@ def _mean(values: Floats, weights: Floats) -> float:
 
 
 def _best_beta(gaps: Floats, weights: Floats, label_gap: float, beta: float) -> float:
-    """The root of the slope, from an initial value; an end of the range if there is no root in it.
-
-    Newton steps in log β as long as each is at most half the one before and stays in the bracket. Otherwise the bracket
-    is halved, or, while one of its ends is open, the stride doubled.
-    """
+    """The root of the slope, from an initial value; an end of the range if there is no root in it."""
     (low, high), at = _LOG_BETA, math.log(beta)
     before, stride = math.inf, 1.0
     for _ in range(200):

@@ -16,11 +16,11 @@ calibrated model with the same predictions.
 from belief.metrics.binned import (
     classwise_calibration_error,
     expected_calibration_error,
+    smooth_calibration_error,
 )
 from belief.metrics.calibration_at_stop import CalibrationAtStop, StopScore, calibration_at_stop
-from belief.metrics.chance import bias_corrected_interval, null_quantile
 from belief.metrics.reliability import ReliabilityCurve, reliability_curve, reliability_diagram
-from belief.metrics.report import CalibrationError, CalibrationReport, calibration_report
+from belief.metrics.report import CalibrationError, CalibrationReport, calibration_report, null_quantile
 from belief.metrics.scores import (
     ShapeScore,
     accuracy,
@@ -29,19 +29,15 @@ from belief.metrics.scores import (
     negative_log_likelihood,
     shape_scores,
 )
-from belief.metrics.selective_risk import RiskCoverage, risk_coverage
-from belief.metrics.smooth import smooth_calibration_error
 
 __all__ = [
     "CalibrationAtStop",
     "CalibrationError",
     "CalibrationReport",
     "ReliabilityCurve",
-    "RiskCoverage",
     "ShapeScore",
     "StopScore",
     "accuracy",
-    "bias_corrected_interval",
     "brier_score",
     "calibration_at_stop",
     "calibration_report",
@@ -52,7 +48,6 @@ __all__ = [
     "null_quantile",
     "reliability_curve",
     "reliability_diagram",
-    "risk_coverage",
     "shape_scores",
     "smooth_calibration_error",
 ]

@@ -62,7 +62,6 @@ def reliability_curve(
     labels: ArrayLike,
     num_bins: int = 15,
     binning: Binning = "width",
-    shape: int | None = None,
     confidence: float = 0.95,
 ) -> ReliabilityCurve:
     """Mean confidence against accuracy in bins (lo, hi], with consistency bands (Bröcker and Smith 2007).
@@ -75,12 +74,11 @@ def reliability_curve(
         labels: ``(n,)``.
         num_bins: bins over [0, 1].
         binning: as for :func:`~belief.metrics.binned.expected_calibration_error`.
-        shape: k, to compare p_k with the event "the label is k"; by default the top shape of each row.
         confidence: of each single band, in (0, 1).
 
     Raises:
-        ValueError: as :func:`~belief.validation.checked_pair` and :func:`~belief.metrics.binned.bin_edges`; a shape
-            or a confidence out of range.
+        ValueError: as :func:`~belief.validation.checked_pair` and :func:`~belief.metrics.binned.bin_edges`; a
+            confidence out of range.
 
     >>> curve = reliability_curve([[0.8, 0.2]] * 10 + [[0.3, 0.7]] * 10, [0] * 20, num_bins=10)
     >>> curve.mean_confidence.round(2).tolist(), curve.accuracy.tolist(), curve.band_low.round(1).tolist()
@@ -88,12 +86,7 @@ def reliability_curve(
     """
     p, y = checked_pair(probs, labels)
     require_fraction("confidence", confidence)
-    if shape is None:
-        predicted, happened = top_label(p, y)
-    elif isinstance(shape, int | np.integer) and 0 <= shape < p.shape[1]:
-        predicted, happened = p[:, shape], y == shape
-    else:
-        raise ValueError(f"shape must be an integer in [0, {p.shape[1]}) or None, got {shape}")
+    predicted, happened = top_label(p, y)
     edges, index = bin_edges(predicted, num_bins, binning), bin_index(predicted, num_bins, binning)
     filled, index, count = np.unique(index, return_inverse=True, return_counts=True)
     mean = np.clip(np.bincount(index, predicted) / count, 0.0, 1.0)  # rounding may leave it above one

@@ -15,28 +15,32 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Literal, TypeAlias, get_args
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
+import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import log_softmax, softmax
 
 from belief.errors import InvalidArgument
 from belief.frozen import frozen
 from belief.observation_model.calibration_data import LabelledTouches
-from belief.observation_model.kernel_fit import fit_kernel
 from belief.observation_model.model import ArrayModel, Reads
 from belief.observation_model.outcome_mixture import OutcomeMixture, with_nothing_new
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import drawn, smoothed, tabulate
+from belief.observation_model.repeat_discount import ASSUMED_CORRELATION
 from belief.problem import Touch
 from belief.touch_batch import TouchBatch
-from belief.validation import Floats, require_choice, require_count, unmasked
+from belief.validation import Floats, require_count, unmasked
 
-Law: TypeAlias = Literal["none", "repeats", "flat", "kernel"]
-"""Which touches are correlated: none; those in one pose; all, equally; all, by the likeness of their poses."""
+Integers: TypeAlias = NDArray[np.int64]
 
 _REFERENCES = 500  # touches stored per pose
 _ROUNDING = 1e-9  # of correlations
+_ORDERS = 4  # random orders of the poses of an object
+_LONGEST = 12  # touches of a sequence
+_MOST_VALUES = 4_000_000  # logits of all sequences together
 _LARGEST = 1e290  # log likelihood ratios are limited to it, so that sums of them do not overflow
 
 
@@ -58,10 +62,6 @@ class ActionKernelModel(ArrayModel):
         references: log likelihood ratios of N representative touches per pose, ``(P, N, K)``.
         repeats: number of different touches of an object in a pose; one more in the pose repeats a recording and counts
             for nothing. None if every touch is a new one.
-        law: how the kernel was fitted.
-
-    Raises:
-        ValueError: an invalid kernel, references or number of repeats.
     """
 
     name: ClassVar[str] = "action kernel"
@@ -71,7 +71,6 @@ class ActionKernelModel(ArrayModel):
     kernel: Floats
     references: Floats
     repeats: int | None = None
-    law: Law = "kernel"
 
     def __post_init__(self) -> None:
         self.to_floats("kernel", "references")
@@ -91,7 +90,6 @@ class ActionKernelModel(ArrayModel):
             raise ValueError(f"references must be ({len(kernel)}, N, {num_shapes}), N ≥ 1, got {references.shape}")
         if self.repeats is not None:
             require_count("repeats", self.repeats)
-        require_choice("law", self.law, get_args(Law))
         self.freeze()
 
     @classmethod
@@ -105,7 +103,6 @@ class ActionKernelModel(ArrayModel):
         shape_labels: Sequence[str] | None = None,
         num_poses: int | None = None,
         repeats: int | None = None,
-        law: Law = "kernel",
     ) -> ActionKernelModel:
         """Fit the kernel to sequences of touches of objects outside the reader's training set.
 
@@ -119,15 +116,10 @@ class ActionKernelModel(ArrayModel):
             shape_labels: names of the shapes.
             num_poses: P.
             repeats: see :class:`ActionKernelModel`.
-            law: which touches may be correlated.
-
-        Raises:
-            ValueError: as :meth:`LabelledTouches.of`, another number of sessions, or an unknown law.
         """
-        require_choice("law", law, get_args(Law))
         data = LabelledTouches.of(touches, shapes, object_ids, shape_labels, num_poses)
-        kernel = fit_kernel(data, law, None if sessions is None else _numbered(sessions, len(touches)))
-        return cls(data.shape_labels, kernel, data.logits[data.rows_of_poses(_REFERENCES)], repeats, law)
+        kernel = fit_kernel(data, None if sessions is None else _numbered(sessions, len(touches)))
+        return cls(data.shape_labels, kernel, data.logits[data.rows_of_poses(_REFERENCES)], repeats)
 
     @property
     def num_poses(self) -> int:
@@ -140,15 +132,11 @@ class ActionKernelModel(ArrayModel):
         return float(np.diagonal(self.kernel).mean())
 
     def among(self, labels: Sequence[str]) -> ActionKernelModel:
-        """The model for objects that are known to be of some of the shapes; its touches have their logits only.
-
-        Raises:
-            ValueError: a label that the model does not know.
-        """
+        """The model for objects that are known to be of some of the shapes; its touches have their logits only."""
         if unknown := [label for label in labels if label not in self.shape_labels]:
             raise ValueError(f"the model does not know {unknown}, it knows {', '.join(self.shape_labels)}")
         columns = [self.shape_labels.index(label) for label in labels]
-        return ActionKernelModel(tuple(labels), self.kernel, self.references[:, :, columns], self.repeats, self.law)
+        return ActionKernelModel(tuple(labels), self.kernel, self.references[:, :, columns], self.repeats)
 
     def start(self) -> KernelEvidence:
         """See :class:`ArrayModel`."""
@@ -178,14 +166,13 @@ class ActionKernelModel(ArrayModel):
             "kernel": self.kernel.tolist(),
             "references": self.references.tolist(),
             "repeats": self.repeats,
-            "law": self.law,
         }
 
     @classmethod
     def from_fields(cls, shape_labels: tuple[str, ...], fields: Mapping[str, Any]) -> ActionKernelModel:
         """See :class:`ArrayModel`."""
         kernel, references = (np.array(fields[name], np.float64) for name in ("kernel", "references"))
-        return cls(shape_labels, kernel, references, fields["repeats"], fields["law"])
+        return cls(shape_labels, kernel, references, fields["repeats"])
 
     @cached_property
     def _weights(self) -> Floats:
@@ -257,3 +244,123 @@ def _numbered(sessions: ArrayLike, num_touches: int) -> NDArray[np.int64]:
 
 def _limited(ratios: Floats) -> Floats:
     return np.clip(ratios, -_LARGEST, _LARGEST)
+
+
+def numbered_sessions(objects: Integers, poses: Integers) -> Integers:
+    """Running number of each touch among those of its object and pose, ``(n,)``."""
+    numbers = np.zeros(len(objects), np.int64)
+    seen: dict[tuple[int, int], int] = {}
+    for row, key in enumerate(zip(objects.tolist(), poses.tolist(), strict=True)):
+        numbers[row] = seen.get(key, 0)
+        seen[key] = int(numbers[row]) + 1
+    return numbers
+
+
+def sequences(data: LabelledTouches, sessions: Integers | None, rng: np.random.Generator) -> Integers:
+    """Rows of random sequences of the touches of each object, as a search makes them, ``(S, n)``; -1 for padding.
+
+    The n-th touch in a pose comes from the n-th session of the object, with the sessions in random order.
+    """
+    of_touch = numbered_sessions(data.objects, data.poses) if sessions is None else sessions
+    found: list[Integers] = []
+    for number in range(data.num_objects):
+        rows = np.flatnonzero(data.objects == number)
+        for _ in range(_ORDERS):
+            places = rng.permutation(np.unique(of_touch[rows]))
+            turn = {int(session): place for place, session in enumerate(places.tolist())}
+            turns = np.array([turn[int(session)] for session in of_touch[rows]])
+            key = np.empty(len(rows))
+            for pose in np.unique(data.poses[rows]).tolist():
+                here = np.flatnonzero(data.poses[rows] == pose)
+                here = here[np.argsort(turns[here], kind="stable")]
+                key[here] = np.sort(rng.random(len(here)))
+            found.append(rows[np.argsort(key)][:_LONGEST])
+    keep = max(1, _MOST_VALUES // (_LONGEST * data.num_shapes))
+    if len(found) > keep:
+        found = [found[i] for i in np.sort(rng.choice(len(found), keep, replace=False))]
+    padded = np.full((len(found), max(map(len, found))), -1)
+    for place, row in enumerate(found):
+        padded[place, : len(row)] = row
+    return padded
+
+
+def sequence_losses(logits: Floats, poses: Integers, shapes: Integers, rows: Integers, kernel: Floats) -> Floats:
+    """Negative log posterior of the true shape after each touch of every sequence, ``(S, n)``; NaN for padding.
+
+    Args:
+        logits: log likelihood ratios of all touches, ``(n, K)``.
+        poses: of all touches, ``(n,)``.
+        shapes: true shape of each, ``(n,)``.
+        rows: of the touches of each sequence, ``(S, n)``; -1 for padding.
+        kernel: correlations between poses, ``(P, P)``.
+    """
+    inside = rows >= 0
+    correlation = kernel[poses[rows][:, :, None], poses[rows][:, None, :]] * inside[:, :, None] * inside[:, None, :]
+    steps = np.arange(rows.shape[1])
+    correlation[:, steps, steps] = 1.0
+    totals = correlation.cumsum(axis=2)  # (S, touch, number of touches so far)
+    weights = np.tril((inside[:, :, None] / np.maximum(totals, 1.0)).swapaxes(1, 2))
+    log_posterior = log_softmax(weights @ logits[rows], axis=2)
+    truth = np.broadcast_to(shapes[rows[:, :1], None], (*rows.shape, 1))
+    return np.where(inside, -np.take_along_axis(log_posterior, truth, axis=2)[:, :, 0], np.nan)
+
+
+def likeness(data: LabelledTouches, sessions: Integers | None = None) -> Floats:
+    """How alike the errors of two poses are, ``(P, P)``, in [0, 1].
+
+    An error is the posterior minus the true shape. The likeness is the cosine of the errors of two touches of one
+    object in one session, and 1 on the diagonal.
+    """
+    errors = softmax(data.logits, axis=1)
+    errors[np.arange(len(errors)), data.shapes] -= 1.0
+    of_touch = numbered_sessions(data.objects, data.poses) if sessions is None else sessions
+    _, group = np.unique(np.stack([data.objects, of_touch]), axis=1, return_inverse=True)
+    size = data.num_poses
+    table = np.zeros((int(group.max()) + 1, size, data.num_shapes))
+    table[group.ravel(), data.poses] = errors
+    norms = (table**2).sum(axis=2)
+    both = np.einsum("gpk,gqk->pq", table, table)
+    is_there = (norms > 0.0).astype(np.float64)
+    scale = np.sqrt((norms.T @ is_there) * (is_there.T @ norms))
+    found = np.clip(both / np.maximum(scale, np.finfo(float).tiny), 0.0, 1.0)
+    np.fill_diagonal(found, 1.0)
+    return np.asarray((found + found.T) / 2)
+
+
+def fit_kernel(data: LabelledTouches, sessions: Integers | None = None) -> Floats:
+    """The kernel ``(P, P)`` that minimises the mean negative log posterior of sequences.
+
+    κ of two touches is a for all pairs, plus b times the likeness of their poses, plus c for touches in one pose, with
+    a, b, c ≥ 0. So a repeat is never less correlated than touches in two poses. Where no pose was repeated, c is as
+    large as makes κ of repeats at least 0.5.
+
+    Args:
+        data: touches with log likelihood ratios as logits, of a calibration that was not fitted to them: otherwise the
+            correlations come out too small.
+        sessions: of each touch, ``(n,)``.
+    """
+    size = data.num_poses
+    found = sequences(data, sessions, np.random.default_rng(0))
+    poses = np.where(found >= 0, data.poses[found], -1)
+    has_repeats = any((np.bincount(row[row >= 0], minlength=size) > 1).any() for row in poses)
+    alike = likeness(data, sessions)
+
+    terms = np.stack([np.eye(size), np.ones((size, size)), alike])
+
+    def kernel(parameters: Floats) -> Floats:
+        found = np.minimum(np.tensordot(parameters, terms, axes=1), 1.0)
+        if not has_repeats:
+            np.fill_diagonal(found, np.maximum(found.diagonal(), ASSUMED_CORRELATION))
+        return np.asarray(found)
+
+    def loss(parameters: Floats) -> float:
+        losses = sequence_losses(data.logits, data.poses, data.shapes, found, kernel(parameters))
+        return float(np.nanmean(losses))
+
+    count = len(terms)
+    starts = [np.full(count, 0.3), np.full(count, 0.02)]
+    results = [
+        scipy.optimize.minimize(loss, start, bounds=[(0.0, 0.999)] * count, method="L-BFGS-B", options={"maxiter": 25})
+        for start in starts
+    ]
+    return kernel(min(results, key=lambda result: result.fun).x)

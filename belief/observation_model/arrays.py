@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from belief.cross_validation import numbered_objects
 from belief.metrics.calibration_at_stop import CalibrationAtStop, calibration_at_stop, stops
+from belief.observation_model.calibration_data import numbered_objects
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.registry import Fit, fits
 from belief.observation_model.selection import (
@@ -88,14 +88,9 @@ def calibration_of_stops(
 ) -> CalibrationAtStop:
     """Touch each object until a shape has a given posterior; compare what is stated then with what is right.
 
-    Args:
-        model: the observation model, under a uniform prior.
-        logits: ``(n, K)``, of objects other than those to which the model was fitted; the touches of an object are in
-            the order of the rows.
-        labels: true shape of each touch, ``(n,)``.
-        groups: object of each touch, ``(n,)``.
-        threshold: posterior at which to stop, in (1/K, 1).
-        poses: pose of each touch, ``(n,)``; 0 by default.
+    The prior is uniform, and the ``threshold`` of the posterior is in (1/K, 1). The arrays are as of
+    :func:`fit_observation_model`, of objects other than those to which the model was fitted; the touches of an object
+    are in the order of the rows.
 
     Returns:
         Stated confidence and accuracy by number of touches; objects for which no shape becomes so probable are counted
@@ -147,15 +142,8 @@ def certified_stops(
     least ``thresholds[k - 1]``, of the last one for more touches. :mod:`belief.statistics.stop_thresholds` has the
     theorem and its proof. The promise is for objects drawn as these, touched in the same way.
 
-    Args:
-        model: the observation model, under a uniform prior; stated posteriors need not be right.
-        logits: ``(n, K)``, of independent objects other than those to which the model was fitted; the touches of an
-            object are in the order of the rows.
-        labels: true shape of each touch, ``(n,)``.
-        groups: object of each touch, ``(n,)``.
-        risk: the fraction, in (0, 1).
-        confidence: with which the promise holds, in (0, 1).
-        poses: pose of each touch, ``(n,)``; 0 by default.
+    The arrays are as of :func:`calibration_of_stops`, of independent objects; stated posteriors need not be right. The
+    fraction ``risk``, and the ``confidence`` with which the promise holds, are in (0, 1).
 
     Returns:
         The thresholds; infinite where nothing is promised. All are if there are too few objects: fewer than

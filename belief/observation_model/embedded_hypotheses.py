@@ -53,9 +53,6 @@ class FixedHypotheses(FrozenArrays):
         table: the embedded hypotheses of every pose, ``(P, K, N, D)``, read-only; ``(P, K, N, A · D)`` with A
             alternatives of each.
 
-    Raises:
-        ValueError: it has other dimensions, masked entries, NaN or infinity, or is not of real numbers.
-
     >>> FixedHypotheses(np.zeros((6, 4, 512, 64), np.float32))(512).shape
     (6, 4, 512, 64)
     """
@@ -94,21 +91,11 @@ class EmbeddedHypotheses:
     temperature: float
 
     def scores(self, pose: int, embeddings: Floats, shapes: slice = slice(None)) -> Floats32:
-        """Log p(touch | shape, orientation, size) of touches in one pose, up to a constant of the touch, ``(n, K, N)``.
-
-        Args:
-            pose: index.
-            embeddings: of the touches, ``(n, D)``.
-            shapes: of the hypotheses; all by default.
-        """
+        """Log p(touch | hypothesis) of embeddings ``(n, D)`` in a pose, up to a constant of each, ``(n, K, N)``."""
         return self.scores_under(self.in_pose(pose)[shapes], embeddings)
 
     def scores_under(self, table: NDArray[np.floating], embeddings: Floats) -> Floats32:
-        """:meth:`scores` under embedded hypotheses ``(K, N, D)``, or ``(K, N, A · D)``.
-
-        Raises:
-            ValueError: they are not as many, or of another size, than those of the poses.
-        """
+        """:meth:`scores` under embedded hypotheses ``(K, N, D)``, or ``(K, N, A · D)``."""
         number, width = self.shape[2:]
         if table.shape[1] != number or len(table) > self.shape[1] or table.shape[2] % width or not table.shape[2]:
             raise ValueError(f"hypotheses must be {self.shape[1:]} (shapes, N, D), got {table.shape}")
@@ -130,11 +117,7 @@ class EmbeddedHypotheses:
 
     @cached_property
     def table(self) -> Floats32:
-        """The embedded hypotheses of every pose, ``(P, K, N, D)``, read-only.
-
-        Raises:
-            ValueError: they do not fit.
-        """
+        """The embedded hypotheses of every pose, ``(P, K, N, D)``, read-only."""
         table = self.embed(self.shape[2])
         require_table(table, self.shape)
         return _numbers_first(np.asarray(table))
@@ -169,9 +152,6 @@ def log_ratios(embeddings: Floats, table: NDArray[np.floating], temperature: flo
         table: of the hypotheses, ``(..., D)``; or ``(..., A · D)`` of A alternatives, such as a nuisance that each
             touch draws anew: the ratio is their mean.
         temperature: above 0.
-
-    >>> log_ratios(np.ones((1, 1)), np.log([[2.0, 4.0]]), 1.0).round(2).tolist() == [[np.log(3.0).round(2)]]
-    True
     """
     width = embeddings.shape[1]
     if table.shape[-1] == width:
@@ -184,16 +164,7 @@ def log_ratios(embeddings: Floats, table: NDArray[np.floating], temperature: flo
 
 
 def require_table(table: Floats32, shape: tuple[int, ...]) -> None:
-    """Check embedded hypotheses, of one or more alternatives.
-
-    Raises:
-        ValueError: they have another shape, masked entries, NaN, infinity or too large numbers, or are not real.
-
-    >>> require_table(np.full((1, 2, 1, 1), np.nan, np.float32), (1, 2, 1, 1))
-    Traceback (most recent call last):
-    ...
-    ValueError: hypotheses must be finite, got nan at [0, 0, 0, 0]
-    """
+    """Check embedded hypotheses, of one or more alternatives."""
     values = as_real(table, "hypotheses")
     if values.shape[:-1] != shape[:-1] or values.shape[-1] % shape[-1] or not values.shape[-1]:
         raise ValueError(f"hypotheses must be {shape} ((poses,) shapes, N, D), got {values.shape}")
@@ -205,9 +176,6 @@ def require_table(table: Floats32, shape: tuple[int, ...]) -> None:
 
 
 def _numbers_first(table: Floats32) -> Floats32:
-    """The table ``(P, K, N, D)``, read-only, with the numbers of one dimension next to each other in memory.
-
-    This halves the time in which one embedding is compared with all hypotheses of a pose.
-    """
+    """The table ``(P, K, N, D)``, read-only, with the numbers of one dimension next to each other in memory."""
     laid_out = np.ascontiguousarray(np.moveaxis(table, 3, 1))
     return np.moveaxis(frozen(laid_out), 1, 3)

@@ -83,8 +83,19 @@ class Summarises(Protocol):
         """Log p(all these touches | shape) up to a constant, ``(K,)``, of the statistics of at least one touch."""
 
 
+class _OfIndependentTouches:
+    """Evidence of a model without a conflict test, whose touches are independent given the shape."""
+
+    @property
+    def log_bets(self) -> None:
+        """See :class:`ObjectEvidence`: none, as the model has no test."""
+
+    def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> None:
+        """See :class:`ObjectEvidence`: none, as touches are taken as independent given the shape."""
+
+
 @dataclass(frozen=True, eq=False)
-class SummarisedEvidence:
+class SummarisedEvidence(_OfIndependentTouches):
     """Evidence as statistics of fixed size; the cost of a touch is constant.
 
     Attributes:
@@ -102,13 +113,6 @@ class SummarisedEvidence:
         statistics = self.model.statistics_with(self.statistics, touch)
         return SummarisedEvidence(self.model, statistics, self.num_touches + 1)
 
-    @property
-    def log_bets(self) -> None:
-        """See :class:`ObjectEvidence`: none, as the model has no test."""
-
-    def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> None:
-        """See :class:`ObjectEvidence`: none, as touches are taken as independent given the shape."""
-
     @cached_property
     def log_likelihood(self) -> Floats:
         """See :class:`ObjectEvidence`."""
@@ -118,7 +122,7 @@ class SummarisedEvidence:
 
 
 @dataclass(frozen=True, eq=False)
-class RecomputedEvidence:
+class RecomputedEvidence(_OfIndependentTouches):
     """Evidence as a list of touches; the model computes the likelihood of all of them after each touch.
 
     Attributes:
@@ -137,13 +141,6 @@ class RecomputedEvidence:
     def update(self, touch: Touch) -> RecomputedEvidence:
         """See :class:`ObjectEvidence`."""
         return RecomputedEvidence(self.model, (*self.touches, touch))
-
-    @property
-    def log_bets(self) -> None:
-        """See :class:`ObjectEvidence`: none, as the model has no test."""
-
-    def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> None:
-        """See :class:`ObjectEvidence`: none, as touches are taken as independent given the shape."""
 
     @cached_property
     def log_likelihood(self) -> Floats:

@@ -18,14 +18,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.calibration import CALIBRATIONS, Calibration, StructuredMatrixScaling
-from belief.cross_validation import object_folds
-from belief.observation_model.calibration_data import LabelledTouches
+from belief.observation_model.calibration_data import LabelledTouches, object_folds
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import drawn, smoothed, tabulate
 from belief.observation_model.repeat_discount import (
     ASSUMED_CORRELATION,
-    Repeats,
     effective_touches,
     fit_correlation,
     repeat_shares,
@@ -125,7 +123,7 @@ class RatioModel(ArrayModel):
             prior,
             correlation,
             _references(data),
-            _status(data, found),
+            "one_shape" if np.count_nonzero(data.counts) == 1 else "no_repeats" if found is None else "ok",
         )
 
     @property
@@ -160,7 +158,7 @@ class RatioModel(ArrayModel):
         return _within_floats((effective_touches(counts, self.correlation)[:, None] * means).sum(axis=0))
 
     def _log_ratio(self, batch: TouchBatch) -> Floats:
-        return self.calibration.log_proba_of(batch.require_logits()) - self._log_prior
+        return self.calibration.predict_log_proba(batch.require_logits()) - self._log_prior
 
     def weights_of_sums(self, num_touches: NDArray[np.int64]) -> Floats:
         """See :class:`ArrayModel`."""
@@ -172,15 +170,12 @@ class RatioModel(ArrayModel):
         return self.correlation
 
     def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
-        """See :class:`ArrayModel`; independent draws of references, weighted by their likelihood of the shape.
-
-        Repeats are independent too: ``correlation`` is a discount on evidence, not a density that can be sampled.
-        """
+        """See :class:`ArrayModel`; independent draws of references, weighted by their likelihood of the shape."""
         return TouchBatch(poses, self.references[poses, drawn(self._weights[:, :, shape], poses, rng)])
 
     def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
         """See :class:`ArrayModel`; the references clustered by posterior, with each pose shrunk towards all poses."""
-        log_posteriors = self.calibration.log_proba_of(self.references) - self._log_prior
+        log_posteriors = self.calibration.predict_log_proba(self.references) - self._log_prior
         log_posteriors -= np.logaddexp.reduce(log_posteriors, axis=-1, keepdims=True)
         table = tabulate(log_posteriors, self._weights, num_outcomes, rng)
         number = self.references.shape[1] * self.training_prior[:, None]  # touches of each shape in a pose
@@ -222,7 +217,7 @@ class RatioModel(ArrayModel):
     @cached_property
     def _weights(self) -> Floats:
         """Weight of each reference for each shape, ``(P, N, K)``; sums to one over N."""
-        probs = self.calibration.proba_of(self.references)
+        probs = self.calibration.predict_proba(self.references)
         return np.asarray(probs / probs.sum(axis=1, keepdims=True))
 
 
@@ -239,18 +234,9 @@ def _within_floats(log_likelihoods: Floats) -> Floats:
     return np.maximum(log_likelihoods, -np.finfo(np.float64).max)
 
 
-def _status(data: LabelledTouches, found: Repeats | None) -> Status:
-    if np.count_nonzero(data.counts) == 1:
-        return "one_shape"
-    return "no_repeats" if found is None else "ok"
-
-
 def _training_prior(calibrated: Calibration, data: LabelledTouches) -> Floats:
-    """Fraction of each shape, ``(K,)``; for a shape without touches, its mean probability by the calibration.
-
-    Its likelihood ratio is then one on average.
-    """
-    predicted = np.maximum(calibrated.proba_of(data.logits).mean(axis=0), np.finfo(float).tiny)
+    """Fraction of each shape, ``(K,)``; for a shape without touches, its mean probability by the calibration."""
+    predicted = np.maximum(calibrated.predict_proba(data.logits).mean(axis=0), np.finfo(float).tiny)
     shares = np.where(data.counts > 0, data.counts / len(data.shapes), predicted)
     return np.asarray(shares / shares.sum())
 
@@ -262,7 +248,7 @@ def _cross_fitted(unfitted: Calibration, data: LabelledTouches, num_folds: int) 
     for fold in np.unique(folds).tolist():
         kept, held = folds != fold, folds == fold
         fitted = unfitted.fit_logits(data.logits[kept], data.shapes[kept]) if kept.any() else unfitted
-        found[held] = fitted.log_proba_of(data.logits[held])
+        found[held] = fitted.predict_log_proba(data.logits[held])
     return found
 
 

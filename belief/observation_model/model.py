@@ -151,21 +151,13 @@ class ArrayModel(FrozenArrays, ABC):
         return SummarisedEvidence(self) if isinstance(self, Summarises) else RecomputedEvidence(self)
 
     def log_likelihood(self, touches: Sequence[Touch]) -> Floats:
-        """Log p(all these touches of one object | shape) up to a constant, ``(K,)``; zeros for no touches.
-
-        Raises:
-            ValueError: a touch does not fit the model; the message names it.
-        """
+        """See :class:`ObservationModel`; raises ValueError for a touch that does not fit the model."""
         if len(touches) == 0:
             return np.zeros(len(self.shape_labels))
         return self.log_likelihood_batch(TouchBatch.of([touches]))[0]
 
     def log_likelihood_batch(self, batch: TouchBatch) -> Floats:
-        """Log p(touches of each sequence | shape) up to a constant per sequence, ``(S, K)``; zeros for no touches.
-
-        Raises:
-            ValueError: a touch does not fit the model; the message names it.
-        """
+        """:meth:`log_likelihood` of each sequence, ``(S, K)``."""
         self.require_fit(batch)
         if batch.poses.size == 0:
             return np.zeros((len(batch), len(self.shape_labels)))
@@ -176,21 +168,13 @@ class ArrayModel(FrozenArrays, ABC):
         return np.concatenate([self._log_likelihoods(block) for block in blocks])
 
     def sample(self, shape: int, poses: Sequence[int], rng: np.random.Generator) -> list[Touch]:
-        """Sampled touches of one object of this shape in these poses.
-
-        Raises:
-            ValueError: a shape or pose out of range.
-        """
+        """See :class:`ObservationModel`; raises ValueError for a shape or pose out of range."""
         if len(poses) == 0:
             return []
         return self.sample_batch(shape, np.asarray(poses)[None], rng).sequence(0)
 
     def sample_batch(self, shape: int, poses: NDArray[np.integer], rng: np.random.Generator) -> TouchBatch:
-        """Sampled touches of S objects of a shape, one for each row of ``poses (S, n)``.
-
-        Raises:
-            ValueError: a shape or pose out of range.
-        """
+        """:meth:`sample` of S objects of a shape, one for each row of ``poses (S, n)``."""
         if not 0 <= shape < len(self.shape_labels):
             raise ValueError(f"shape must be in [0, {len(self.shape_labels)}), got {shape}")
         rows = np.asarray(poses)
@@ -201,14 +185,11 @@ class ArrayModel(FrozenArrays, ABC):
         return self._sample(shape, rows.astype(np.int64), rng)
 
     def outcome_table(self, num_outcomes: int | None = None, rng: np.random.Generator | None = None) -> OutcomeTable:
-        """The model for discretised touches, for planners.
+        """See :class:`ObservationModel`.
 
         Args:
             num_outcomes: largest number of outcomes, ≥ 1; :attr:`default_outcomes` by default.
             rng: for models that sample their table. By default seed 0, and the table is cached.
-
-        Raises:
-            ValueError: ``num_outcomes`` is not an integer ≥ 1.
         """
         wanted = self.default_outcomes if num_outcomes is None else num_outcomes
         require_count("num_outcomes", wanted)
@@ -219,11 +200,7 @@ class ArrayModel(FrozenArrays, ABC):
         return self._tables[wanted]
 
     def with_hypotheses(self, embed: Embeds) -> ArrayModel:
-        """The model, completed with the hypotheses that a reader embeds, where it works with any.
-
-        Args:
-            embed: embeds as many hypotheses of each shape as asked for, in every pose.
-        """
+        """The model, completed with the hypotheses that a reader embeds, where it works with any."""
         return self
 
     def weights_of_sums(self, num_touches: NDArray[np.int64]) -> Floats | None:
@@ -239,11 +216,7 @@ class ArrayModel(FrozenArrays, ABC):
         return None
 
     def alone(self, touch: Touch) -> TouchBatch:
-        """A touch as a batch of one.
-
-        Raises:
-            ValueError: it does not fit the model.
-        """
+        """A touch as a batch of one; raises ValueError if it does not fit the model."""
         batch = TouchBatch.of([[touch]])
         self.require_fit(batch)
         return batch
@@ -258,11 +231,7 @@ class ArrayModel(FrozenArrays, ABC):
         return {}
 
     def require_fit(self, batch: TouchBatch) -> None:
-        """Check that touches have the shapes and poses of the model.
-
-        Raises:
-            ValueError: the message names the first touch that does not fit.
-        """
+        """Raise ValueError for the first touch that has not the shapes and poses of the model."""
         if batch.logits is not None and batch.num_shapes != len(self.shape_labels):
             raise ValueError(
                 f"the model knows {len(self.shape_labels)} shapes ({', '.join(self.shape_labels)}), touch 0 and all "

@@ -47,9 +47,6 @@ class OutcomeMixture(FrozenArrays):
         new: how much the next touch in each pose tells, as a fraction of a first touch in it, ``(P,)``; None for all.
             The last outcome is then that it tells nothing new.
 
-    Raises:
-        ValueError: arrays that do not fit, a negative or NaN entry, or a row that does not sum to one.
-
     A shape has two equally probable hypotheses, and each determines the outcome. A repeat gives the same outcome:
 
     >>> mixture = OutcomeMixture(np.array([[0.5, 0.5]]), np.eye(2)[None, None])

@@ -65,11 +65,7 @@ class OutcomeTable(FrozenArrays):
 
     @property
     def sha256(self) -> str:
-        """SHA-256 of the table's shape and numbers.
-
-        >>> OutcomeTable([[[0.5, 0.5]]]).sha256[:12]
-        '38ffe0147c9c'
-        """
+        """SHA-256 of the table's shape and numbers."""
         content = np.ascontiguousarray(self.probs, "<f8").tobytes()
         return hashlib.sha256(repr(self.probs.shape).encode() + content).hexdigest()
 

@@ -13,23 +13,104 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, ClassVar, Literal, NamedTuple, Self, TypeAlias, get_args
+from functools import cached_property, lru_cache
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
 
+from belief.frozen import FrozenArrays
 from belief.observation_model.calibration_data import LabelledTouches
-from belief.observation_model.logit_embedding import LogitEmbedding
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import sampled_table
 from belief.problem import Touch
 from belief.touch_batch import TouchBatch
-from belief.validation import Floats, as_real, require_choice
+from belief.validation import Floats, as_real
 
-Status: TypeAlias = Literal["ok", "no_repeats", "one_touch_per_object"]
+_LARGEST = 1e300  # sums and differences of a few thousand such numbers are finite
+_MOST_UNITS = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class LogitEmbedding(FrozenArrays):
+    """The centred logits in an orthonormal basis of K - 1 vectors; a softmax does not depend on the mean.
+
+    Logits are clipped to the range of the calibration touches, and to three units, so that a single extreme touch
+    cannot dominate. One unit is the 90th percentile of the sizes of the calibration touches.
+
+    Attributes:
+        lowest, highest: bounds to which centred logits are clipped, ``(K,)``.
+        unit: size of one unit of the vectors, in logits, > 0.
+    """
+
+    lowest: Floats
+    highest: Floats
+    unit: float = 1.0
+
+    def __post_init__(self) -> None:
+        self.to_floats("lowest", "highest", finite=False)
+        if self.lowest.ndim != 1 or self.lowest.shape != self.highest.shape or not (self.lowest <= self.highest).all():
+            raise ValueError(f"need lowest ≤ highest for every component, got {self.lowest} and {self.highest}")
+        if not 0.0 < self.unit < np.inf:
+            raise ValueError(f"unit must be finite and > 0, got {self.unit}")
+        if len(self.lowest) < 2:
+            raise ValueError("an embedding of logits needs at least two shapes, got one")
+        self.freeze()
+
+    @classmethod
+    def fit(cls, batch: TouchBatch) -> LogitEmbedding:
+        """The embedding with the range of these touches."""
+        away = _centred(batch.require_logits()).reshape(-1, batch.num_shapes)
+        unit = _typical_size(away)
+        most = min(_MOST_UNITS * unit, _LARGEST)
+        return cls(np.maximum(away.min(axis=0), -most), np.minimum(away.max(axis=0), most), unit)
+
+    @property
+    def num_components(self) -> int:
+        """D = K - 1."""
+        return len(self.lowest) - 1
+
+    def __call__(self, batch: TouchBatch) -> Floats:
+        """Vectors of touches, ``(S, n, D)``."""
+        clipped = np.minimum(np.maximum(_centred(batch.require_logits()), self.lowest), self.highest)
+        return np.asarray(clipped @ _basis(len(self.lowest)).T / self.unit)
+
+    def to_touches(self, poses: NDArray[np.int64], vectors: Floats) -> TouchBatch:
+        """Touches in ``poses (S, n)`` with vectors ``(S, n, D)``; the logits have mean zero."""
+        return TouchBatch(poses, vectors @ _basis(len(self.lowest)) * self.unit)
+
+    def to_fields(self) -> dict[str, Any]:
+        """All attributes, as JSON types."""
+        return {"lowest": self.lowest.tolist(), "highest": self.highest.tolist(), "unit": self.unit}
+
+    @classmethod
+    def from_fields(cls, fields: Mapping[str, Any]) -> LogitEmbedding:
+        """The embedding of fields from :meth:`to_fields`."""
+        lowest, highest = (np.array(fields[name], np.float64) for name in ("lowest", "highest"))
+        return cls(lowest, highest, float(fields["unit"]))
+
+
+@lru_cache
+def _basis(num_shapes: int) -> Floats:
+    """Orthonormal rows ``(K - 1, K)`` that are orthogonal to a constant."""
+    return scipy.linalg.helmert(num_shapes)
+
+
+def _centred(logits: Floats) -> Floats:
+    z = np.minimum(np.maximum(logits, -_LARGEST), _LARGEST)
+    return np.asarray(z - z.mean(axis=-1, keepdims=True))
+
+
+def _typical_size(away: Floats) -> float:
+    """90th percentile of the largest entry of each row ``(n, K)``; 1 if all are zero."""
+    sizes = np.sort(np.abs(away).max(axis=1))
+    typical = sizes[int(0.9 * (len(sizes) - 1))]
+    typical = typical if typical > 0.0 else sizes[np.searchsorted(sizes, 0.0, "right") % len(sizes)]
+    return max(float(typical), np.finfo(float).tiny) if typical > 0.0 else 1.0
+
+
 _MEAN_POOLING = 30.0  # weight of a shape's mean over all poses in its mean in each pose, in touches
 
 
@@ -47,35 +128,6 @@ class Components(NamedTuple):
     of_touch: Floats
 
 
-class PoseMeans(NamedTuple):
-    """Number of touches in each pose, ``(S, P)``, and mean of their vectors, ``(S, P, D)``; zero where there are none.
-
-    For Gaussian models whose shapes share their covariances this is all that a likelihood depends on.
-    """
-
-    counts: Floats
-    means: Floats
-
-    @classmethod
-    def of(cls, vectors: Floats, poses: NDArray[np.int64], num_poses: int) -> PoseMeans:
-        """The statistics of vectors ``(S, n, D)`` in poses ``(S, n)``.
-
-        >>> found = PoseMeans.of(np.array([[[1.0], [3.0], [5.0]]]), np.array([[0, 0, 2]]), num_poses=3)
-        >>> found.counts.tolist(), found.means.ravel().tolist()
-        ([[2.0, 0.0, 1.0]], [2.0, 0.0, 5.0])
-        """
-        membership = (poses[..., None] == np.arange(num_poses)).astype(np.float64)  # (S, n, P)
-        counts = membership.sum(axis=1)
-        return cls(counts, np.swapaxes(membership, 1, 2) @ vectors / np.maximum(counts, 1.0)[..., None])
-
-    def with_touch(self, vector: Floats, pose: int) -> PoseMeans:
-        """The statistics of one sequence after one more touch with vector ``(D,)``."""
-        counts, means = self.counts.copy(), self.means.copy()
-        counts[0, pose] += 1.0
-        means[0, pose] += (vector - means[0, pose]) / counts[0, pose]
-        return PoseMeans(counts, means)
-
-
 @dataclass(frozen=True, eq=False)
 class PLDAModel(ArrayModel):
     """A Gaussian model with one random effect per object and one per object and pose.
@@ -85,11 +137,9 @@ class PLDAModel(ArrayModel):
         embedding: from touches to vectors.
         means: ``(P, K, D)``.
         components: the covariances B, V and W.
-        status: ``ok``; ``no_repeats``: no object was touched twice in a pose, and V = W is assumed;
-            ``one_touch_per_object``: B = V = W is assumed.
 
     Raises:
-        ValueError: arrays that do not fit each other, invalid covariances, or an unknown status.
+        ValueError: arrays that do not fit each other, invalid covariances.
 
     Example:
         Five equal touches of one object in one pose are little more evidence than one:
@@ -113,7 +163,6 @@ class PLDAModel(ArrayModel):
     embedding: LogitEmbedding
     means: Floats
     components: Components
-    status: Status = "ok"
 
     def __post_init__(self) -> None:
         self.to_floats("means")
@@ -123,12 +172,17 @@ class PLDAModel(ArrayModel):
         parts = []
         for name, values in self.components._asdict().items():
             part = np.asarray(as_real(values, name), np.float64)
-            if not np.isfinite(part).all():
-                raise ValueError(f"{name} must be finite")
-            require_covariance(name, part, self.embedding.num_components, definite=name == "of_touch")
+            if part.shape != (expected[1], expected[1]) or not np.isfinite(part).all():
+                raise ValueError(f"{name} must be finite and of shape {(expected[1], expected[1])}, got {part}")
+            scale, least = np.abs(part).max(), float(np.linalg.eigvalsh(part)[0])
+            is_positive = least > 0.0 if name == "of_touch" else least >= -1e-9 * scale
+            if np.abs(part - part.T).max() > 1e-9 * scale or not is_positive:
+                raise ValueError(
+                    f"{name} must be symmetric and positive {'' if name == 'of_touch' else 'semi'}definite, "
+                    f"its least eigenvalue is {least}"
+                )
             parts.append(part)
         object.__setattr__(self, "components", Components(*parts))
-        require_choice("status", self.status, get_args(Status))
         self.freeze()
 
     @classmethod
@@ -144,74 +198,31 @@ class PLDAModel(ArrayModel):
         """Fit means, shrunk towards those of all poses, and covariances, by their moments.
 
         Arguments and errors are those of :meth:`LabelledTouches.of`; some objects should be touched several times in
-        one pose.
+        one pose. Without one, V = W is assumed; with one touch of each object, B = V = W.
         """
         data = LabelledTouches.of(touches, shapes, object_ids, shape_labels, num_poses)
         embedding = LogitEmbedding.fit(data.batch)
         means, rest = pose_means(embedding(data.batch)[0], data)
-        has_repeats = np.unique(data.objects * data.num_poses + data.poses).size < len(data.poses)
-        status: Status = "ok" if has_repeats else "no_repeats"
         if data.num_objects == len(data.poses):
-            status, components = "one_touch_per_object", Components(*[covariance(rest) / 3] * 3)
+            components = Components(*[covariance(rest) / 3] * 3)
         else:
             components = estimate_components(rest, data)
-        return cls(data.shape_labels, embedding, means, components, status)
+        return cls(data.shape_labels, embedding, means, components)
 
     @property
     def num_poses(self) -> int:
         """P."""
         return len(self.means)
 
-    @property
-    def repeat_correlation(self) -> float | None:
-        """The correlation ρ that gives a repeat the same information about the shape as in this model.
-
-        The mean of two touches has covariance B + V + W/2 in one pose and B + (V + W)/2 in two. Its information about
-        the shape is tr(covariance⁻¹ · scatter of the means between shapes). Under correlation ρ a repeat adds
-        (1 - ρ)/(1 + ρ) times the information of a touch in another pose.
-
-        >>> identity, means = np.eye(2), np.array([[[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]]])
-        >>> embedding = LogitEmbedding(np.full(3, -9.0), np.full(3, 9.0))
-        >>> parts = Components(0 * identity, 0.3 * identity, 0.7 * identity)
-        >>> round(PLDAModel(("a", "b", "c"), embedding, means, parts).repeat_correlation, 6)
-        0.3
-        """
-        offsets = self.means - self.means.mean(axis=1, keepdims=True)  # (P, K, D)
-        scatter = np.einsum("pkd,pke->de", offsets, offsets)
-        shared, repeated, rest = self.components
-
-        def information(covariance: Floats) -> float:
-            return float(np.trace(np.linalg.solve(covariance, scatter)))
-
-        once = information(shared + repeated + rest)
-        repeat = information(shared + repeated + rest / 2.0) - once
-        another = information(shared + (repeated + rest) / 2.0) - once
-        if another <= 0.0:  # all shapes have the same mean
-            return 0.0
-        ratio = min(max(repeat / another, 0.0), 1.0)
-        return (1.0 - ratio) / (1.0 + ratio)
-
     def _log_likelihoods(self, batch: TouchBatch) -> Floats:
-        return self._of_means(PoseMeans.of(self.embedding(batch), batch.poses, self.num_poses))
-
-    def statistics_with(self, statistics: PoseMeans | None, touch: Touch) -> PoseMeans:
-        """See :class:`~belief.observation_model.evidence.Summarises`."""
-        batch = self.alone(touch)
-        vectors = self.embedding(batch)
-        if statistics is None:
-            return PoseMeans.of(vectors, batch.poses, self.num_poses)
-        return statistics.with_touch(vectors[0, 0], int(batch.poses[0, 0]))
-
-    def log_likelihood_of(self, statistics: PoseMeans) -> Floats:
-        """See :class:`~belief.observation_model.evidence.Summarises`."""
-        return self._of_means(statistics)[0]
-
-    def _of_means(self, found: PoseMeans) -> Floats:
-        """Log p(touches | shape) up to a constant per sequence, ``(S, K)``."""
+        """See :class:`ArrayModel`; a function of the number of touches in each pose and of their mean vector only."""
+        membership = (batch.poses[..., None] == np.arange(self.num_poses)).astype(np.float64)  # (S, n, P)
+        counts = membership.sum(axis=1)
+        means = np.swapaxes(membership, 1, 2) @ self.embedding(batch) / np.maximum(counts, 1.0)[..., None]
         whiten, of_pose, of_object = self._basis
         # In this basis W is the identity, V is diagonal, and the mean in a pose has variance V + 1 / count given u.
-        y = (found.means @ whiten.T)[:, :, None] - self.means @ whiten.T  # (S, P, K, D)
-        number = found.counts[..., None]
+        y = (means @ whiten.T)[:, :, None] - self.means @ whiten.T  # (S, P, K, D)
+        number = counts[..., None]
         weight = np.where(number > 0.0, 1.0 / (of_pose + 1.0 / np.maximum(number, 1.0)), 0.0)[:, :, None]
         pull = (weight * y).sum(axis=1)  # (S, K, D)
         inner = np.eye(len(whiten)) + of_object * weight.sum(axis=1)  # I + B M for each sequence, M diagonal
@@ -246,14 +257,14 @@ class PLDAModel(ArrayModel):
         """See :class:`ArrayModel`."""
         components = {name: part.tolist() for name, part in self.components._asdict().items()}
         means = self.means.tolist()
-        return {"status": self.status, "embedding": self.embedding.to_fields(), "means": means, **components}
+        return {"embedding": self.embedding.to_fields(), "means": means, **components}
 
     @classmethod
     def from_fields(cls, shape_labels: tuple[str, ...], fields: Mapping[str, Any]) -> Self:
         """See :class:`ArrayModel`."""
         means, *parts = (np.array(fields[name], np.float64) for name in ("means", *Components._fields))
         embedding = LogitEmbedding.from_fields(fields["embedding"])
-        return cls(shape_labels, embedding, means, Components(*parts), fields["status"])
+        return cls(shape_labels, embedding, means, Components(*parts))
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,10 +297,6 @@ class GaussianModel(PLDAModel):
         means, rest = pose_means(embedding(data.batch)[0], data)
         own = covariance(rest)
         return cls(data.shape_labels, embedding, means, Components(0.0 * own, 0.0 * own, own))
-
-    @property
-    def repeat_correlation(self) -> None:
-        """None: the model knows of no repeats."""
 
 
 def estimate_components(rest: Floats, data: LabelledTouches) -> Components:
@@ -334,11 +341,6 @@ def pose_means(vectors: Floats, data: LabelledTouches, pooling: float = _MEAN_PO
     """Mean vector of each shape in each pose, ``(P, K, D)``, and the residuals of the touches, ``(n, D)``.
 
     Each mean is shrunk towards the shape's mean over all poses. A shape without touches gets the mean of all touches.
-
-    >>> data = LabelledTouches.of([Touch(pose, np.zeros(2)) for pose in (0, 0, 1)], [0, 0, 0], None)
-    >>> means, rest = pose_means(np.array([[1.0], [1.0], [4.0]]), data, pooling=1.0)
-    >>> means[:, 0].round(2).tolist(), rest.round(2).tolist()                # 2 is the mean over both poses
-    ([[1.33], [3.0]], [[-0.33], [-0.33], [1.0]])
     """
     sums = np.zeros((data.num_poses, data.num_shapes, vectors.shape[1]))
     counts = np.zeros((data.num_poses, data.num_shapes, 1))
@@ -348,29 +350,6 @@ def pose_means(vectors: Floats, data: LabelledTouches, pooling: float = _MEAN_PO
     overall = np.where(seen > 0.0, sums.sum(axis=0) / np.maximum(seen, 1.0), vectors.mean(axis=0))
     means = (sums + pooling * overall) / (counts + pooling)
     return means, vectors - means[data.poses, data.shapes]
-
-
-def require_covariance(name: str, values: Floats, size: int, *, definite: bool) -> None:
-    """Check that a covariance is valid and ``(size, size)``.
-
-    Raises:
-        ValueError: wrong shape, not symmetric, or an eigenvalue below zero (not above zero, if ``definite``).
-
-    >>> require_covariance("own", np.zeros((1, 1)), size=1, definite=True)
-    Traceback (most recent call last):
-    ...
-    ValueError: own must be positive definite, its least eigenvalue is 0.0
-    """
-    if values.shape != (size, size):
-        raise ValueError(f"{name} must be of shape {(size, size)}, got {values.shape}")
-    scale = np.abs(values).max()
-    if np.abs(values - values.T).max() > 1e-9 * scale:
-        raise ValueError(f"{name} must be symmetric")
-    least = float(np.linalg.eigvalsh(values)[0])
-    if not (least > 0.0 if definite else least >= -1e-9 * scale):
-        raise ValueError(
-            f"{name} must be positive {'' if definite else 'semi'}definite, its least eigenvalue is {least}"
-        )
 
 
 def _positive(found: Floats) -> Floats:

@@ -27,13 +27,7 @@ _SMOOTHING = 0.1  # pseudo-touches, spread over all outcomes, so that none is im
 def sampled_table(
     model: ArrayModel, num_outcomes: int, rng: np.random.Generator, num_samples: int = _SAMPLES
 ) -> OutcomeTable:
-    """The outcome table of touches that the model samples, ``num_samples`` per shape and pose.
-
-    >>> from belief.synthetic import random_model
-    >>> table = sampled_table(random_model(np.random.default_rng(0)), num_outcomes=4, rng=np.random.default_rng(0))
-    >>> table.probs.shape                                    # poses, shapes, outcomes
-    (3, 4, 4)
-    """
+    """The outcome table of touches that the model samples, ``num_samples`` per shape and pose."""
     log_posteriors = sampled_posteriors(model, rng, num_samples)  # (P, K, n, K)
     log_posteriors = log_posteriors.reshape(model.num_poses, -1, log_posteriors.shape[-1])
     shares = np.exp(log_posteriors)
@@ -53,13 +47,7 @@ def merged(table: OutcomeTable, num_outcomes: int, rng: np.random.Generator) -> 
 
 
 def drawn(weights: Floats, poses: NDArray[np.int64], rng: np.random.Generator) -> NDArray[np.int64]:
-    """One of the N touches that stand for all in a pose, drawn by their weights, for every entry of ``poses``.
-
-    Args:
-        weights: of the touches in each pose, ``(P, N)``, ≥ 0.
-        poses: indices, any shape.
-        rng: of the draws.
-    """
+    """One of the N touches that stand for all in a pose, drawn by weights ``(P, N)``, for every entry of ``poses``."""
     cumulative, found = weights.cumsum(axis=1), np.empty(poses.shape, np.int64)
     for pose in np.unique(poses).tolist():
         here = poses == pose

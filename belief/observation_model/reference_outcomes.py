@@ -70,11 +70,7 @@ class ReferenceOutcomes:
         return found
 
     def shared(self, num_outcomes: int) -> Floats32:
-        """p(reference touch | shape, hypothesis) in the first pose of each group, ``(G, K, N, M)``.
-
-        Args:
-            num_outcomes: M, evenly spaced among the references, or all if there are fewer.
-        """
+        """p(reference touch | shape, hypothesis) in the first pose of each group, ``(G, K, N, M)``."""
         if num_outcomes not in self._shared:
             kept = _evenly(self.references.shape[1], num_outcomes)
             tables = [self._of_group(group, pose, kept) for group, pose in enumerate(self._first_poses)]
@@ -125,13 +121,7 @@ class ReferenceOutcomes:
         )
 
     def sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
-        """Touches of objects of a shape: one hypothesis for each object, then references by their ratio under it.
-
-        Args:
-            shape: index.
-            poses: of the touches of S objects, ``(S, n)``.
-            rng: source of chance.
-        """
+        """Touches of objects of a shape: one hypothesis for each object, then references by their ratio under it."""
         bodies = rng.integers(self.hypotheses.shape[2], size=len(poses))
         group_of = np.array(self.hypotheses.groups or range(self.hypotheses.shape[0]))
         drawn, groups = np.empty(poses.shape, np.int64), group_of[poses]

@@ -1,18 +1,16 @@
 """The registry of observation models. To add one, derive from :class:`ArrayModel` and add a line here.
 
-A user's own model needs no line: the commands that fit models take its class as ``module:attribute``. To read its
-files, an installed package must offer the class as an entry point of the group ``activetouch.observation_models``,
-under the class's ``name``. Reading a file never imports a module that the file names.
+A user's own model needs no line in Python: functions that fit take it among their candidates. Commands, and files of
+models, know those of the registry only. Reading a file never imports a module that the file names.
 """
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Mapping
-from functools import partial
 from types import MappingProxyType
 from typing import Any
 
+from belief.errors import UnknownName
 from belief.files import unsealed_json
 from belief.naming import checked_names
 from belief.observation_model.action_kernel import ActionKernelModel
@@ -21,13 +19,9 @@ from belief.observation_model.likelihood_ratio import RatioModel
 from belief.observation_model.model import ArrayModel, Reads
 from belief.observation_model.plda import GaussianModel, PLDAModel
 from belief.observation_model.rigid_body import RigidBodyModel
-from belief.references import BadReference, Reference, entry_point_names, find
 
 Fit = Callable[..., ArrayModel]
 """Fits a model to touches, shapes and object ids; also takes ``shape_labels`` and ``num_poses``."""
-
-ENTRY_POINTS = "activetouch.observation_models"
-"""Entry-point group of observation models in installed packages."""
 
 OBSERVATION_MODELS: Mapping[str, type[ArrayModel]] = MappingProxyType(
     {
@@ -44,20 +38,10 @@ def fits(reads: Reads = "logits") -> dict[str, Fit]:
 
 
 def class_named(kind: str) -> type[ArrayModel]:
-    """The class of observation models with a name in files; raises ValueError if there is none.
-
-    >>> class_named("ratio").__name__
-    'RatioModel'
-    """
-    if kind in OBSERVATION_MODELS:
-        return OBSERVATION_MODELS[kind]
-    offered = entry_point_names(ENTRY_POINTS)
-    if kind not in offered:
-        raise ValueError(f"unknown kind {kind!r}, known are {', '.join(sorted([*OBSERVATION_MODELS, *offered]))}")
-    found = Reference.parse(offered[kind]).load()
-    if not (inspect.isclass(found) and issubclass(found, ArrayModel)):
-        raise ValueError(f"the kind {kind!r} is {offered[kind]}, which is not a class derived from ArrayModel")
-    return found
+    """The class of observation models with a name in files; raises ValueError if there is none."""
+    if kind not in OBSERVATION_MODELS:
+        raise ValueError(f"unknown kind {kind!r}, known are {', '.join(sorted(OBSERVATION_MODELS))}")
+    return OBSERVATION_MODELS[kind]
 
 
 def read_observation_model(text: str) -> ArrayModel:
@@ -98,42 +82,8 @@ def read_origin(text: str) -> dict[str, Any] | None:
     return origin
 
 
-def require_readable(model: ArrayModel) -> None:
-    """Raise BadReference unless the registry or an installed package has the class of a model.
-
-    >>> from belief.synthetic import random_model
-    >>> import numpy as np
-    >>> require_readable(random_model(np.random.default_rng(0)))
-    """
-    try:
-        class_named(model.name)
-    except ValueError as error:
-        kind = type(model)
-        raise BadReference(
-            f"no command could read a file of the observation model {model.name!r}: offer its class from an installed "
-            f'package, with these lines in its pyproject.toml: [project.entry-points."{ENTRY_POINTS}"] and '
-            f'{model.name} = "{kind.__module__}:{kind.__qualname__}"'
-        ) from error
-
-
 def fit_named(name: str) -> Fit:
-    """The function that fits an observation model.
-
-    Args:
-        name: a key of :data:`OBSERVATION_MODELS`, an entry point, or ``module:attribute`` of a class derived from
-            ``ArrayModel`` with a class method ``fit``, or of a function like ``fit``; optionally with settings in
-            brackets.
-
-    Raises:
-        UnknownName: there is no such name.
-        BadReference: the name is malformed, or its settings do not fit.
-    """
-    found, reference = find("observation model", name, OBSERVATION_MODELS, ENTRY_POINTS)
-    fit: Any = found.fit if inspect.isclass(found) and hasattr(found, "fit") else found
-    if not callable(fit):
-        raise BadReference(f"{name} is not an observation model: it has no function fit")
-    try:
-        inspect.signature(fit).bind_partial(**reference.settings)
-    except TypeError as error:
-        raise BadReference(f"{name}: {error}") from error
-    return partial(fit, **reference.settings) if reference.settings else fit
+    """The function that fits the observation model of this name; raises UnknownName if there is none."""
+    if name not in OBSERVATION_MODELS:
+        raise UnknownName("observation model", name, list(OBSERVATION_MODELS))
+    return OBSERVATION_MODELS[name].fit

@@ -32,13 +32,7 @@ def effective_touches(num_touches: ArrayLike, correlation: float) -> Floats:
 
 
 def repeat_shares(poses: NDArray[np.int64], correlation: float, drift: float = 0.0) -> Floats:
-    """Weight of each touch of S sequences: effective number of the touches in its pose, divided by their number.
-
-    Args:
-        poses: of the touches, ``(S, n)``, ≥ 0.
-        correlation: ρ of two touches in one pose.
-        drift: κ of two touches of one object in any poses; the effective number of all touches is then that of this
-            correlation, too.
+    """Weight of each touch of sequences in ``poses (S, n)``: effective number of those in its pose, over their number.
 
     >>> repeat_shares(np.array([[0, 1, 0], [2, 1, 0]]), correlation=0.5).round(2).tolist()
     [[0.67, 1.0, 0.67], [1.0, 1.0, 1.0]]
@@ -50,23 +44,13 @@ def repeat_shares(poses: NDArray[np.int64], correlation: float, drift: float = 0
 
 
 def drift_share(num_touches: ArrayLike, drift: float) -> Floats:
-    """Weight of each of n touches in different poses where the reader errs alike about one object: 1 / (1 + (n - 1) κ).
-
-    >>> drift_share([1, 6, 26], drift=0.04).round(2)
-    array([1.  , 0.83, 0.5 ])
-    """
+    """Weight of each of n touches in different poses where the reader errs alike: 1 / (1 + (n - 1) κ)."""
     n = np.asarray(num_touches, np.float64)
     return np.asarray(1.0 / (1.0 + np.maximum(n - 1.0, 0.0) * drift))
 
 
 def new_shares(num_touches: ArrayLike, correlation: float, drift: float) -> Floats:
-    """By how much one more touch in each pose raises the effective number of touches of an object, ``(..., P)``.
-
-    Args:
-        num_touches: in each pose so far, ``(..., P)``.
-        correlation: ρ of two touches in one pose.
-        drift: κ of two touches in any poses.
-    """
+    """By how much one more touch in each pose raises the effective number of so many in each pose, ``(..., P)``."""
     here, after = (effective_touches(np.asarray(num_touches) + more, correlation) for more in (0.0, 1.0))
     before = here.sum(axis=-1, keepdims=True)
     more = effective_touches(before - here + after, drift) - effective_touches(before, drift)
@@ -107,10 +91,6 @@ def fit_correlation(log_likelihoods: Callable[[float], Floats], found: Repeats) 
     """The ρ in [0, 1) that minimises the negative log posterior of the true shapes of groups of repeated touches.
 
     The posterior is restricted to the shapes that occur in the groups.
-
-    Args:
-        log_likelihoods: for ρ, the log-likelihoods of every group after two, three, … touches, ``(G, n - 1, K)``.
-        found: the groups.
     """
     inside = (found.rows >= 0)[:, 1:]
     seen, shapes = np.unique(found.shapes, return_inverse=True)

@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,45 +29,13 @@ from belief.observation_model.evidence import ObjectEvidence
 from belief.observation_model.log_weights import largest_posterior, log_means, misfit, some_hypotheses
 from belief.observation_model.outcome_mixture import OutcomeMixture
 from belief.observation_model.repeat_discount import drift_share, effective_touches, new_shares
-from belief.observation_model.views import SharedMixture, Views
+from belief.observation_model.views import SharedMixture
 from belief.problem import Touch
 from belief.validation import Floats, require_count
 
 Floats32 = NDArray[np.float32]
 SumsByPlace = Mapping[int | tuple[float, ...], tuple[int, Floats]]
 """Number of touches in every pose, or other place, and the sum of their scores, ``(..., K, N)``."""
-
-
-class Hypotheses(Protocol):
-    """What the evidence needs of its model; see :class:`~belief.observation_model.rigid_body.RigidBodyModel`."""
-
-    @property
-    def num_poses(self) -> int:
-        """P."""
-
-    @property
-    def correlation(self) -> float:
-        """ρ in [0, 1] of repeats in one pose."""
-
-    @property
-    def drift(self) -> float:
-        """κ in [0, 1], correlation of the reader's errors about one object in different poses."""
-
-    @property
-    def views(self) -> Views | None:
-        """Which hypotheses look alike in different poses; None if every pose has references of its own."""
-
-    def embedding_of(self, touch: Touch) -> Floats:
-        """The embedding that a touch brings, ``(1, D)``."""
-
-    def scores_of(self, touch: Touch, embedding: Floats) -> NDArray[Any]:
-        """Log p(touch | shape, orientation, size), up to a constant of the touch, ``(K, N)``."""
-
-    def outcome_probs(self, hypotheses: NDArray[np.int64], num_outcomes: int) -> Floats32:
-        """p(reference touch | pose, shape, hypothesis), ``(P, K, H, M)``."""
-
-    def shared_outcomes(self, num_outcomes: int) -> Floats32:
-        """p(reference touch | shape, hypothesis) in the first pose of each group, ``(G, K, N, M)``."""
 
 
 class Diagnostics(NamedTuple):
@@ -81,15 +49,12 @@ class Diagnostics(NamedTuple):
             badly; ones without a test.
         log_conflict: log e-value of all touches of the object against "they come from the world that the model was
             fitted to"; 0.0 without a test.
-        misfit: by how much the touches after the first predict themselves better than earlier touches of one known body
-            do, in nats: the best score of a stranger; 0.0 without a test.
     """
 
     effective_hypotheses: Floats
     most_likely: NDArray[np.int64]
     p_values: Floats
     log_conflict: float
-    misfit: float
 
 
 class _Felt(NamedTuple):
@@ -106,7 +71,7 @@ class RigidBodyEvidence:
     """The evidence about one body: the log weight of every hypothesis. A frozen value; an update makes a new one.
 
     Attributes:
-        model: whose hypotheses they are.
+        model: whose hypotheses they are, a :class:`~belief.observation_model.rigid_body.RigidBodyModel`.
         log_weights: log p(all touches | hypothesis) up to a constant, ``(K, N)``, read-only; the largest is 0.
         log_likelihood: log p(all touches | shape) up to the same constant, ``(K,)``, read-only.
         num_touches: how many touches it holds.
@@ -117,7 +82,7 @@ class RigidBodyEvidence:
         constant: what both logarithms are less by.
     """
 
-    model: Hypotheses
+    model: Any
     log_weights: Floats
     log_likelihood: Floats
     num_touches: int = 0
@@ -204,9 +169,9 @@ class RigidBodyEvidence:
         effective = shares.sum(axis=1) ** 2 / np.square(shares).sum(axis=1)
         most_likely, conflict = frozen(self.log_weights.argmax(axis=1)), self.conflict
         if conflict is None:
-            return Diagnostics(frozen(effective), most_likely, frozen(np.ones(2)), 0.0, 0.0)
+            return Diagnostics(frozen(effective), most_likely, frozen(np.ones(2)), 0.0)
         log_e_value = log_conflict([conflict.log_bets])
-        return Diagnostics(frozen(effective), most_likely, conflict.p_values, log_e_value, conflict.misfit)
+        return Diagnostics(frozen(effective), most_likely, conflict.p_values, log_e_value)
 
 
 def joint_evidence(evidence: ObjectEvidence) -> RigidBodyEvidence | None:
@@ -230,20 +195,8 @@ def with_touch(
 ) -> tuple[SumsByPlace, Floats | None]:
     """The sums of scores in every place with one more touch, and the sum of all touches where some are discounted.
 
-    Args:
-        sums: number of touches and sum of their scores in every place.
-        touch: whose place counts.
-        scores: of the touch, ``(..., K, N)``.
-        correlation: ρ in [0, 1] of repeats in one place.
-        drift: κ in [0, 1] of touches in different places.
-
     Returns:
         The new sums; and log weights ``(..., K, N)``, or None where every touch counts in full.
-
-    >>> score, once = np.ones((1, 1)), Touch(0, features=np.zeros(2))
-    >>> sums, alone = with_touch({}, once, score, correlation=1.0, drift=0.0)
-    >>> alone is None, with_touch(sums, once, score, correlation=1.0, drift=0.0)[1].tolist()   # a repeat tells nothing
-    (True, [[1.0]])
     """
     if not (correlation or drift):
         return sums, None

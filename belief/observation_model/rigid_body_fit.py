@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import Any, Protocol, Self, TypeVar
+from collections.abc import Iterator
+from typing import Any, TypeAlias
 
 import numpy as np
 import scipy  # whose parts load at first use
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from belief.conflict import MOST_TOUCHES, ConflictTest
@@ -34,36 +34,11 @@ _MOST_NUMBERS = 1 << 26  # log weights that are held for a fit
 _TESTED_ON = 1200  # objects, at most, for the conflict test
 
 
-class JointModel(Protocol):
-    """What the fits need of a joint model; see :class:`~belief.observation_model.rigid_body.RigidBodyModel`."""
-
-    @property
-    def shape_labels(self) -> Sequence[str]:
-        """Names of the K shapes."""
-
-    @property
-    def num_hypotheses(self) -> int:
-        """N, of each shape."""
-
-    @property
-    def num_poses(self) -> int:
-        """P."""
-
-    @property
-    def temperature(self) -> float:
-        """By which log ratios are divided."""
-
-    def at(self, temperature: float, correlation: float | None = None, drift: float | None = None) -> Self:
-        """The model at another temperature, and at another correlation of repeats or drift if one is given."""
-
-    def steps(self, batch: TouchBatch) -> Iterator[tuple[Any, Any, Floats]]:
-        """The log weights before each step of S sequences, the scores of its touches, and the log weights after it."""
+JointModel: TypeAlias = Any
+"""A :class:`~belief.observation_model.rigid_body.RigidBodyModel`, whose module imports this one."""
 
 
-_Joint = TypeVar("_Joint", bound=JointModel)
-
-
-def fitted(model: _Joint, data: LabelledTouches) -> tuple[_Joint, ConflictTest | None]:
+def fitted(model: JointModel, data: LabelledTouches) -> tuple[JointModel, ConflictTest | None]:
     """The model with temperature and correlation of repeats of calibration touches, and their conflict test.
 
     Args:
@@ -80,21 +55,13 @@ def fitted(model: _Joint, data: LabelledTouches) -> tuple[_Joint, ConflictTest |
 
 
 def _fitted_temperature(model: JointModel, data: LabelledTouches) -> float:
-    """The temperature with the lowest mean NLL of the shape after one touch of an object, two, … up to P or 12.
-
-    The touches of a sequence are in different poses, if the object was touched in all. Where objects are few, each
-    begins several sequences, up to P.
-    """
+    """The temperature with the lowest mean NLL of the shape after one touch of an object, two, … up to P or 12."""
     length = min(model.num_poses, MOST_TOUCHES)
     return _best_temperature(model, *_in_different_poses(model, data, length, length, _AT_LEAST))
 
 
 def _fitted_drift(model: JointModel, data: LabelledTouches) -> tuple[float, float]:
-    """Temperature and drift with the lowest mean NLL of the shape after few touches of an object and after many.
-
-    Errors that objects have of their own add up over touches in many poses. A temperature for few touches then makes
-    the belief after many too certain, and the other way round.
-    """
+    """Temperature and drift with the lowest mean NLL of the shape after few touches of an object and after many."""
     length = min(model.num_poses, _MOST_OF_DRIFT)
     touches, truth = _in_different_poses(model, data, length, len(_some_numbers(length)))
     numbers = _some_numbers(touches.num_touches)  # objects may have been touched less often than there are poses
@@ -130,15 +97,7 @@ def _some_numbers(length: int) -> NDArray[np.int64]:
 def _in_different_poses(
     model: JointModel, data: LabelledTouches, length: int, kept: int, least: int = 1
 ) -> tuple[TouchBatch, NDArray[np.int64]]:
-    """Sequences of touches in different poses, if the objects were touched in all, and the shapes of their objects.
-
-    Args:
-        model: says how many fit in memory.
-        data: all touches.
-        length: of a sequence.
-        kept: number of steps of a sequence that are held in memory.
-        least: number of sequences even if they do not fit in memory together.
-    """
+    """Sequences of touches in different poses, if the objects were touched in all, and the shapes of their objects."""
     rng, found = np.random.default_rng(0), []
     most = max(least, min(_FITTED_ON, _that_fit(model, kept)))
     for _ in range(min(model.num_poses, -(-most // data.num_objects))):
@@ -154,13 +113,7 @@ def _in_different_poses(
 
 
 def _best_temperature(model: JointModel, touches: TouchBatch, truth: NDArray[np.int64]) -> float:
-    """The most probable temperature, by the NLL of the shape after each touch of sequences of S objects.
-
-    Args:
-        model: whose temperature the log-normal prior is about.
-        touches: S sequences.
-        truth: shape of each object, ``(S,)``.
-    """
+    """The most probable temperature, by the NLL of the shape after each touch of sequences of S objects."""
     expected, model = np.log(model.temperature), model.at(1.0)
     size = max(1, _that_fit(model, touches.num_touches))
     blocks = [slice(first, first + size) for first in range(0, len(truth), size)]
@@ -192,10 +145,7 @@ def _best_temperature(model: JointModel, touches: TouchBatch, truth: NDArray[np.
 
 
 def _fitted_correlation(model: JointModel, data: LabelledTouches) -> float:
-    """The correlation of repeats with the lowest NLL of the shape after several touches of an object in one pose.
-
-    It is assumed where no object was touched twice in a pose.
-    """
+    """The correlation of repeats with the lowest NLL of the shape after several touches of an object in one pose."""
     found = repeats(data)
     if found is None:
         return ASSUMED_CORRELATION
@@ -220,23 +170,14 @@ def _fitted_conflict_test(model: JointModel, data: LabelledTouches) -> ConflictT
     order = np.random.default_rng(1).permutation(len(data.objects))
     by_object = order[np.argsort(data.objects[order], kind="stable")]
     rows, shapes = _sequences(data, by_object, _TESTED_ON, MOST_TOUCHES)
-    return _conflict_test(model, data.batch.take((0, rows)), shapes)
-
-
-def _conflict_test(model: JointModel, touches: TouchBatch, shapes: ArrayLike) -> ConflictTest | None:
-    """The conflict test from one sequence of touches of each object."""
+    touches = data.batch.take((0, rows))
     assert touches.features is not None, "checked by the caller"
     found, certainties = _misfits(model, touches)
     return ConflictTest.fit(touches.features.astype(np.float64), found, shapes, certainties)
 
 
 def _misfits(model: JointModel, batch: TouchBatch) -> tuple[Floats, Floats]:
-    """How badly each touch fits the earlier ones of its sequence, and how certain the shape was before it.
-
-    Returns:
-        Misfits, log Σ_i p(i | o) p(o | i) - log Σ_i p(i | earlier touches) p(o | i) over the hypotheses i, and the
-        largest posterior of a shape, ``(S, n)`` each.
-    """
+    """How badly each touch fits the earlier ones of its sequence, and how certain the shape was before it."""
     found, certainties, length = np.empty(batch.poses.shape), np.empty(batch.poses.shape), max(1, batch.num_touches)
     size = max(1, _AT_ONCE // (len(model.shape_labels) * model.num_hypotheses * length))
     for first in range(0, len(batch), size):
@@ -256,16 +197,7 @@ def _that_fit(model: JointModel, kept: int) -> int:
 def _sequences(
     data: LabelledTouches, by_object: NDArray[np.int64], most_objects: int, longest: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Rows ``(S, n)`` of the first touches of random objects, of each as many, and the shapes ``(S,)`` of the objects.
-
-    Three in four objects of every shape have as many touches; objects with fewer are left out.
-
-    Args:
-        data: all touches.
-        by_object: their rows, objects one after the other.
-        most_objects: number of objects.
-        longest: number of touches of each.
-    """
+    """Rows ``(S, n)`` of the first touches of random objects, of each as many, and the objects' shapes ``(S,)``."""
     ends = np.searchsorted(data.objects[by_object], np.arange(data.num_objects + 1))
     numbers, shapes = np.diff(ends), data.shape_of_object
     usual = [np.quantile(numbers[shapes == shape], 0.25, method="lower") for shape in np.unique(shapes)]

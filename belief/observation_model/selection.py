@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.bayes import update
-from belief.cross_validation import losses_table, object_folds
+from belief.observation_model.calibration_data import object_folds
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.registry import Fit, fits
 from belief.problem import Touch
@@ -21,6 +21,7 @@ from belief.validation import Floats, require_count
 
 NUM_FOLDS = 5
 """Default number of folds of whole objects."""
+_LONGEST = 12  # touches of a sequence
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +48,9 @@ class ModelChoice(Tabular):
 
     def table(self) -> Table:
         """The losses of the candidates, the least first."""
-        return losses_table("observation model", self.losses, self.name)
+        ordered: list[tuple[str, float | None]] = [*sorted(self.losses.items(), key=lambda pair: pair[1])]
+        rows = [(name, loss, "yes" if name == self.name else "") for name, loss in ordered or [(self.name, None)]]
+        return Table("", ["observation model", ("NLL [nats]", ".4f", "nll"), ("chosen", "")], rows)
 
 
 def log_posteriors(model: ArrayModel, batch: TouchBatch) -> Floats:
@@ -96,80 +99,20 @@ def grouped(batch: TouchBatch, groups: ArrayLike) -> Iterator[tuple[TouchBatch, 
         yield batch.take((0, rows)), rows
 
 
-def sequence_nll(
-    model: ArrayModel, batch: TouchBatch, shapes: ArrayLike, object_ids: ArrayLike, max_touches: int = 12
+def _sequence_nll(
+    model: ArrayModel, batch: TouchBatch, truth: NDArray[np.int64], objects: NDArray[np.generic]
 ) -> float:
-    """Mean negative log posterior of the true shape after 1, 2, … touches of an object [nats].
-
-    All prefixes count equally, because with a good sensor the final posterior is certain under any model. Half of the
-    loss is over all touches of an object in order, half over its touches in one pose, which are repeats.
-
-    Args:
-        model: to be evaluated, under a uniform prior.
-        batch: all touches as one sequence, n of them.
-        shapes: true shape of each, ``(n,)``.
-        object_ids: object of each, ``(n,)``; any labels.
-        max_touches: length of the longest prefix.
-
-    >>> from belief.synthetic import random_model
-    >>> useless = random_model(np.random.default_rng(0), num_shapes=2, sharpness=0.0)
-    >>> batch = TouchBatch.of([useless.sample(0, [0, 1], np.random.default_rng(0))])
-    >>> sequence_nll(useless, batch, shapes=[0, 0], object_ids=["mug", "mug"]) > 0.0
-    True
-    """
-    truth = np.asarray(shapes)
-    _, objects = np.unique(np.asarray(object_ids), return_inverse=True)
-    kinds = (objects, objects * (int(batch.poses.max()) + 1) + batch.poses[0])
-    return float(np.mean([_mean_nll(model, batch, truth, kind, max_touches) for kind in kinds]))
-
-
-def _mean_nll(
-    model: ArrayModel, batch: TouchBatch, truth: NDArray[np.int64], groups: NDArray[np.int64], max_touches: int
-) -> float:
-    losses = []
-    for some, rows in grouped(batch, groups):
-        for n in range(1, min(some.num_touches, max_touches) + 1):
-            found = log_posteriors(model, some.first(n))
-            losses.append(-found[np.arange(len(found)), truth[rows[:, 0]]])
-    return float(np.concatenate(losses).mean())
-
-
-def cross_validated_nll(
-    fit: Callable[[Sequence[Touch], NDArray[np.int64], NDArray[np.int64]], ArrayModel],
-    touches: Sequence[Touch],
-    shapes: ArrayLike,
-    object_ids: ArrayLike,
-    num_folds: int = NUM_FOLDS,
-) -> float:
-    """:func:`sequence_nll` of held-out objects, averaged over folds of whole objects.
-
-    Args:
-        fit: fits a model to touches, shapes and object ids.
-        touches: calibration touches.
-        shapes: true shape of each, ``(n,)``.
-        object_ids: object of each, ``(n,)``.
-        num_folds: from 2 to the number of objects.
-
-    Raises:
-        ValueError: ``num_folds`` is out of range; or as ``fit``.
-
-    >>> from belief.synthetic import random_model
-    >>> rng = np.random.default_rng(0)
-    >>> source = random_model(rng, num_shapes=2)
-    >>> touches = [source.sample(i % 2, [0], rng)[0] for i in range(100)]
-    >>> round(cross_validated_nll(lambda *_: source, touches, np.arange(100) % 2, np.arange(100)), 2)
-    0.39
-    """
-    truth, ids = np.asarray(shapes), np.asarray(object_ids)
-    require_count("num_folds", num_folds, least=2)
-    folds = object_folds(truth, ids, num_folds)
-    batch = TouchBatch.of([touches])
-    losses = []
-    for fold in range(num_folds):
-        kept, held = np.flatnonzero(folds != fold), np.flatnonzero(folds == fold)
-        model = fit([touches[i] for i in kept.tolist()], truth[kept], ids[kept])
-        losses.append(sequence_nll(model, batch.touches(held), truth[held], ids[held]))
-    return float(np.mean(losses))
+    """Mean negative log posterior of the true shape after 1, 2, … touches of an object under a uniform prior [nats]."""
+    _, owner = np.unique(objects, return_inverse=True)
+    means = []
+    for kind in (owner, owner * (int(batch.poses.max()) + 1) + batch.poses[0]):
+        losses = []
+        for some, rows in grouped(batch, kind):
+            for n in range(1, min(some.num_touches, _LONGEST) + 1):
+                found = log_posteriors(model, some.first(n))
+                losses.append(-found[np.arange(len(found)), truth[rows[:, 0]]])
+        means.append(np.concatenate(losses).mean())
+    return float(np.mean(means))
 
 
 def choose_observation_model(
@@ -182,10 +125,22 @@ def choose_observation_model(
     candidates: Mapping[str, Fit] = MappingProxyType(fits()),
     num_folds: int = NUM_FOLDS,
 ) -> ModelChoice:
-    """The candidate with the least :func:`cross_validated_nll`, fitted to all touches.
+    """The candidate with the least loss on sequences of touches of held-out objects, fitted to all touches.
 
-    Candidates are functions that fit a model, by name. Other arguments and errors are those of
-    :func:`cross_validated_nll` and of the candidates.
+    The loss is the mean negative log posterior of the true shape after one touch, two, and so on, half of it over
+    touches of an object in their order, half over touches in one pose; it is averaged over folds of whole objects.
+
+    Args:
+        touches: calibration touches.
+        shapes: true shape of each, ``(n,)``.
+        object_ids: object of each, ``(n,)``.
+        shape_labels: names of the K shapes.
+        num_poses: P.
+        candidates: functions that fit a model, by name.
+        num_folds: from 2 to the number of objects.
+
+    Raises:
+        ValueError: no candidates, ``num_folds`` is out of range, or as the candidates.
 
     Example:
         >>> from belief.synthetic import random_model
@@ -201,8 +156,17 @@ def choose_observation_model(
     """
     if not candidates:
         raise ValueError("there are no candidates to choose from")
-    options = {"shape_labels": tuple(shape_labels), "num_poses": num_poses}
-    fits = {name: partial(fit, **options) for name, fit in candidates.items()}
-    losses = {name: cross_validated_nll(fit, touches, shapes, object_ids, num_folds) for name, fit in fits.items()}
-    name = min(losses, key=losses.__getitem__)
-    return ModelChoice(name, fits[name](touches, shapes, object_ids), losses)
+    require_count("num_folds", num_folds, least=2)
+    truth, ids, batch = np.asarray(shapes), np.asarray(object_ids), TouchBatch.of([touches])
+    folds = object_folds(truth, ids, num_folds)
+    options: dict[str, Any] = {"shape_labels": tuple(shape_labels), "num_poses": num_poses}
+    losses = {}
+    for name, fit in candidates.items():
+        each = []
+        for fold in range(num_folds):
+            kept, held = np.flatnonzero(folds != fold), np.flatnonzero(folds == fold)
+            model = fit([touches[i] for i in kept.tolist()], truth[kept], ids[kept], **options)
+            each.append(_sequence_nll(model, batch.touches(held), truth[held], ids[held]))
+        losses[name] = float(np.mean(each))
+    best = min(losses, key=losses.__getitem__)
+    return ModelChoice(best, candidates[best](touches, shapes, object_ids, **options), losses)

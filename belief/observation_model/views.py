@@ -29,9 +29,6 @@ class Views(FrozenArrays):
     Attributes:
         groups: of each pose, numbered from 0 in the order of their first poses, ``(P,)``.
         same: hypothesis that looks in the first pose of the group as hypothesis i looks in pose p, nearly, ``(P, N)``.
-
-    Raises:
-        ValueError: the arrays do not fit each other, or the groups are numbered otherwise.
     """
 
     groups: NDArray[np.int64]
@@ -53,12 +50,7 @@ class Views(FrozenArrays):
         return np.unique(self.groups, return_index=True)[1]
 
     def of_all_poses(self, outcomes: NDArray[np.float32], chosen: NDArray[np.int64]) -> NDArray[np.float32]:
-        """p(outcome | pose, hypothesis) of some hypotheses, ``(P, K, H, M)``.
-
-        Args:
-            outcomes: in the first pose of each group, ``(G, K, N, M)``.
-            chosen: index of H hypotheses of each shape, ``(K, H)``.
-        """
+        """p(outcome | pose, hypothesis) of some hypotheses, ``(P, K, H, M)``."""
         shapes = np.arange(len(chosen))[None, :, None]
         return outcomes[self.groups[:, None, None], shapes, self.same[:, chosen]]
 
@@ -74,9 +66,6 @@ class SharedMixture(FrozenArrays):
         views: of the poses.
         new: how much the next touch in each pose tells, as a fraction of a first touch in it, ``(P,)``; None for all.
             The last outcome is then that it tells nothing new.
-
-    Raises:
-        ValueError: arrays that do not fit, or log weights of a shape without a largest, finite one.
     """
 
     log_weights: Floats

@@ -59,7 +59,9 @@ def cluster_bootstrap(
     >>> [round(x, 2) for x in cluster_bootstrap([1, 1, 0, 0], ["a", "a", "b", "b"], np.random.default_rng(0))]
     [0.5, 0.0, 1.0]
     """
-    x, groups = _labelled(values, clusters, "clusters")
+    x, groups = checked_values("the values", values), np.asarray(clusters)
+    if x.ndim != 1 or x.shape != groups.shape or x.size == 0:
+        raise ValueError(f"need as many clusters as values, at least one of each; got {groups.shape} and {x.shape}")
     require_fraction("confidence", confidence)
     _, index = np.unique(groups, return_inverse=True)
     sums, sizes = np.bincount(index, x), np.bincount(index)
@@ -87,18 +89,6 @@ def _index_blocks(size: int, rng: np.random.Generator, num_resamples: int) -> It
 def _with_bounds(values: Floats, means: Floats, confidence: float) -> tuple[float, float, float]:
     if np.ptp(values) == 0.0:  # the mean of equal values may differ by rounding
         return float(values[0]), float(values[0]), float(values[0])
-    return float(values.mean()), *_percentiles(means, confidence)
-
-
-def _percentiles(means: Floats, confidence: float) -> tuple[float, float]:
-    """Percentiles of the resampled means."""
     tail = (1.0 - confidence) / 2
     low, high = np.quantile(means, [tail, 1.0 - tail])
-    return float(low), float(high)
-
-
-def _labelled(values: ArrayLike, labels: ArrayLike, kind: str) -> tuple[Floats, NDArray[np.generic]]:
-    x, groups = checked_values("the values", values), np.asarray(labels)
-    if x.ndim != 1 or x.shape != groups.shape or x.size == 0:
-        raise ValueError(f"need as many {kind} as values, at least one of each; got {groups.shape} and {x.shape}")
-    return x, groups
+    return float(values.mean()), float(low), float(high)

@@ -22,7 +22,8 @@ def wilson_interval(successes: int, trials: int, confidence: float = 0.95) -> tu
     [0.433, 0.625]
     """
     some, every = _checked(successes, trials, confidence)
-    z, share = normal_quantile(float(confidence)), some / every
+    upper, share = 0.5 + 0.5 * float(confidence), some / every
+    z = float(ndtri(upper)) if upper < 1.0 else -float(ndtri((1.0 - float(confidence)) / 2.0))  # never infinite
     denominator = 2.0 * (every + z**2)
     centre = (2.0 * every * share + z**2) / denominator
     reach = z / denominator * math.sqrt(4.0 * every * share * (1.0 - share) + z**2)
@@ -40,18 +41,9 @@ def clopper_pearson_interval(successes: int, trials: int, confidence: float = 0.
     [0.0, 0.0362]
     """
     some, every = _checked(successes, trials, confidence)
-    return exact_interval(some, every - some, float(confidence))
-
-
-def exact_interval(right: float, wrong: float, confidence: float) -> tuple[float, float]:
-    """Clopper-Pearson interval for numbers of right and wrong trials that need not be whole, both ≥ 0, not both 0.
-
-    >>> [round(x, 3) for x in exact_interval(2.5, 2.5, 0.95)]
-    [0.094, 0.906]
-    """
-    tail = (1.0 - confidence) / 2
-    low = float(betaincinv(right, wrong + 1, tail)) if right else 0.0
-    return low, float(betainccinv(right + 1, wrong, tail)) if wrong else 1.0
+    wrong, tail = every - some, (1.0 - float(confidence)) / 2
+    low = float(betaincinv(some, wrong + 1, tail)) if some else 0.0
+    return low, float(betainccinv(some + 1, wrong, tail)) if wrong else 1.0
 
 
 def _checked(successes: int, trials: int, confidence: float) -> tuple[int, int]:
@@ -62,15 +54,3 @@ def _checked(successes: int, trials: int, confidence: float) -> tuple[int, int]:
         )
     require_fraction("confidence", confidence)
     return int(successes), int(trials)
-
-
-def normal_quantile(confidence: float) -> float:
-    """The z for which a standard normal variable lies in [-z, z] with the probability ``confidence``.
-
-    It is finite for any confidence below one.
-
-    >>> round(normal_quantile(0.95), 2), round(normal_quantile(1 - 1e-16), 2)
-    (1.96, 8.29)
-    """
-    upper = 0.5 + 0.5 * confidence
-    return float(ndtri(upper)) if upper < 1.0 else -float(ndtri((1.0 - confidence) / 2.0))

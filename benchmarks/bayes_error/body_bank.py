@@ -102,7 +102,7 @@ def force_ratio(scene: Scene, shape: int, rng: np.random.Generator) -> float:
         placement = scene.place(scene.sample_object(shape, rng), number % len(scene.poses), rng)
         target = vary.force.sample(rng)
         try:
-            ratios.append(press.press(scene.setup, placement, target).force / target)
+            ratios.append(press.press(scene.pad, placement, target).force / target)
         except UnstablePress:
             continue
     return float(np.median(ratios)) if ratios else 1.0

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.data.dataset import read_manifest, read_split
+from activetouch.data.dataset import read_split
+from activetouch.data.manifest import read_manifest
 from activetouch.sensor import TactileSensor
 from belief.seeding import keyed_rng
 from belief.touch_batch import TouchBatch

@@ -13,15 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from activetouch.errors import BadRecording
-from activetouch.recorded.bounded import lines_of, require_bounded, require_folder
-from activetouch.recorded.named_columns import SCALARS, touches_of_columns
-from activetouch.recorded.touches import RecordedTouches, scalar_features
+from activetouch.recorded.tables import lines_of, require_bounded, require_folder, touches_of_columns
+from activetouch.recorded.touches import RecordedTouches
 from belief.files import plain_number
 from belief.validation import Floats
 
 BEHAVIOURS = ("crush", "grasp", "hold", "lift_slow", "low_drop", "poke", "push", "shake", "tap")
 _WIDTHS = {"haptics": 70, "vibro": 100}
-_FIRST = {"haptics": 7, "vibro": 10}  # features of the first tenth of a behaviour
 _NOTHING = "no_object"
 _NAME = re.compile(r"([A-Za-z0-9_-]{1,80})_t([0-9]{1,4})")
 
@@ -76,10 +74,6 @@ def read_cy101(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
         },
         str(folder),
         action_names=BEHAVIOURS,
-        controls={
-            SCALARS: np.concatenate([scalar_features(part) for part in parts.values()], axis=1),
-            "first tenth of a behaviour": np.concatenate([parts[m][:, :w] for m, w in _FIRST.items()], axis=1),
-        },
         feature_names=[f"{m} {number}" for m, width in _WIDTHS.items() for number in range(1, width + 1)],
         provenance="CY101 features in keke-220/predicate-learning, data/cy101/sensorimotor_features",
         licence="none stated: not redistributed",

@@ -6,6 +6,7 @@ the sizes of the pads and the frames are read, by name; joint angles are not.
 
 from __future__ import annotations
 
+import bz2
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from activetouch.errors import BadRecording
-from activetouch.recorded.bounded import read_bounded
+from belief.files import require_regular_file
 from belief.frozen import FrozenArrays
 from belief.validation import Floats
 
@@ -45,7 +46,14 @@ def read_dsa(path: Path) -> PressureFilm:
     Raises:
         BadRecording: the file is not such a file, declares a document type or entities, or is too large.
     """
-    content = read_bounded(path, _MOST_BYTES)
+    require_regular_file(path, BadRecording)
+    try:
+        with bz2.open(path) as file:
+            content = file.read(_MOST_BYTES + 1)
+    except (OSError, EOFError) as error:
+        raise BadRecording(f"{path} cannot be read: {error}") from error
+    if len(content) > _MOST_BYTES:
+        raise BadRecording(f"{path} holds more than {_MOST_BYTES} bytes when decompressed; such files are not read")
     try:
         return _film(content)
     except ValueError as error:

@@ -8,7 +8,6 @@ from belief.validation import Floats
 from benchmarks.recorded_sets.dsa import PressureFilm
 
 _FIRMEST = 5  # frames that are averaged
-_EARLIEST = 3
 
 
 def grasp_features(film: PressureFilm) -> Floats:
@@ -21,17 +20,6 @@ def grasp_features(film: PressureFilm) -> Floats:
     moments = np.array([_moments(pad) for pad in film.pads(image)])
     pattern = np.sqrt(image / max(image.sum(), 1.0))
     return np.concatenate([pattern, moments.ravel(), moments.max(axis=0), moments.mean(axis=0)])
-
-
-def pressure_scalars(film: PressureFilm) -> Floats:
-    """Sum, peak and area of the firmest grasp, ``(3,)``: the control without a pattern."""
-    image = _firmest(film)
-    return np.array([image.sum(), image.max(), np.count_nonzero(image)], np.float64)
-
-
-def before_contact(film: PressureFilm) -> Floats:
-    """Images of the first frames, ``(cells,)``, in which the hand does not hold the object yet: a control."""
-    return np.asarray(film.frames[:_EARLIEST].mean(axis=0))
 
 
 def _firmest(film: PressureFilm) -> Floats:

@@ -12,11 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from activetouch.errors import BadRecording
-from activetouch.recorded.bounded import require_bounded, require_folder
-from activetouch.recorded.named_columns import SCALARS, touches_of_columns
+from activetouch.recorded.tables import require_bounded, require_folder, touches_of_columns
 from activetouch.recorded.touches import RecordedTouches
 from benchmarks.recorded_sets.dsa import read_dsa
-from benchmarks.recorded_sets.pressure_features import before_contact, grasp_features, pressure_scalars
+from benchmarks.recorded_sets.pressure_features import grasp_features
 
 _MOST_FILES = 100_000
 _FIRST_FRAME = re.compile(r"_([0-9]+)-[0-9]+\.dsa$")
@@ -56,15 +55,13 @@ def read_sdh2(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
     paths = sorted(top.glob("*/*.dsa"), key=_place)
     if not 0 < len(paths) <= _MOST_FILES:
         raise BadRecording(f"{top} must hold folders with 1 to {_MOST_FILES} .dsa files, found {len(paths)}")
-    features, scalars, before = [], [], []
+    features = []
     shapes = read_dsa(paths[0]).shapes
     for path in paths:
         film = read_dsa(path)
         if film.shapes != shapes:
             raise BadRecording(f"{path} has pads {film.shapes}, {paths[0]} has {shapes}")
         features.append(grasp_features(film))
-        scalars.append(pressure_scalars(film))
-        before.append(before_contact(film))
         require_bounded(len(paths), len(paths) * len(features[0]), str(top))
     names = [path.parent.name for path in paths]
     shape_of = {name: shape for shape, members in SHAPES.items() for name in members}
@@ -76,7 +73,6 @@ def read_sdh2(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
             "shape": np.array([shape_of.get(name, "") for name in names]),
         },
         str(top),
-        controls={SCALARS: np.array(scalars), "first frames, before contact": np.array(before)},
         provenance="peter-kiechle/tactile-sensors, training_grasp_profiles_thesis; joint angles left out",
         licence="GPL-3.0: not redistributed",
     )

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from activetouch.recorded import RecordedTouches
+from activetouch.recorded.tables import KINDS_OF
 from benchmarks.recorded_sets.cy101 import read_cy101
 from benchmarks.recorded_sets.sdh2 import read_sdh2
 
@@ -24,7 +25,6 @@ SETS: Mapping[str, Callable[[Path], tuple[RecordedTouches, tuple[str, ...]]]] = 
     "sdh2": read_sdh2,
 }
 """Functions that read a folder: they return the touches, and sentences about what was left out."""
-_COLUMNS = {"categories": "category", "shapes": "shape"}
 
 
 def write_npz(touches: RecordedTouches, path: Path) -> None:
@@ -40,8 +40,7 @@ def write_npz(touches: RecordedTouches, path: Path) -> None:
         "session": touches.sessions,
         "provenance": np.array(touches.provenance),
         "licence": np.array(touches.licence),
-        **{_COLUMNS[task]: np.array(labels)[touches.objects] for task, labels in touches.labels.items()},
-        **{f"control:{name}": rows for name, rows in touches.controls.items()},
+        **{KINDS_OF[task]: np.array(kinds)[touches.objects] for task, kinds in touches.kinds.items()},
     }
     if touches.feature_names:
         arrays["feature_names"] = np.array(touches.feature_names)

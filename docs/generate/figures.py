@@ -10,16 +10,14 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from tables import INFERRED, health_of
+from tables import DRAWN, health_of
 
 from experiments.paper.figures import draw_figure3
 from experiments.paper.table2 import Column
-from experiments.tradeoff.figures import front_picture
-from experiments.tradeoff.measure import TASKS, Front
+from experiments.tradeoff.report import front_picture
 
 DOCS = Path(__file__).parent.parent
 RECORDS = DOCS.parent / "records"
@@ -44,14 +42,13 @@ def point(stored: dict[str, Any]) -> Any:
 def main() -> None:
     """Write docs/tradeoff/tradeoff.svg, docs/reproduction/figure3.svg, and docs/robustness/drift.svg, also dark."""
     points = [point(stored) for stored in _record("tradeoff/tradeoff")["points"]]
-    fronts = [
-        Front(task, [one for one in points if one.configuration.scene in scenes], np.empty(0))
-        for task, scenes in TASKS.items()
-    ]
-    front_picture(fronts).write(DOCS / "tradeoff")
+    front_picture(points).write(DOCS / "tradeoff")
     (DOCS / "tradeoff" / "tradeoff.png").unlink()
     confusion = _record("reproduction/table1")["splits"]["by image"]["held out"]["confusion"]
-    columns = [Column(**stored) for stored in _record("reproduction/table2")]
+    columns = [
+        Column(**{name: value for name, value in stored.items() if name != "oracle"})
+        for stored in _record("reproduction/table2")
+    ]
     draw_figure3(confusion, columns, DOCS / "reproduction" / "figure3.svg")
     for name, colours in THEMES.items():
         draw_drift(DOCS / "robustness" / f"{name}.svg", *colours)
@@ -64,7 +61,7 @@ def draw_drift(path: Path, paper: str, ink: str, faint: str, bad: str, good: str
         drawn = Figure((9.2, 4.9), layout="constrained", facecolor=paper)
         for axes, scene in zip(drawn.subplots(1, 2, sharey=True), ("coarse", "gel"), strict=True):
             axes.set_facecolor(paper)
-            for row, world in enumerate(INFERRED):
+            for row, world in enumerate(DRAWN):
                 own, unknown = (health_of(scene, world, sensor) for sensor in ("own", "unknown"))
                 if own is None or unknown is None:
                     continue
@@ -77,7 +74,7 @@ def draw_drift(path: Path, paper: str, ink: str, faint: str, bad: str, good: str
             axes.axvline(0.95, color=faint, linewidth=0.8, linestyle=":")
             axes.set(xlim=(0.15, 1.03), xlabel="right at stops", title=scene)
             axes.spines[["top", "right"]].set_visible(False)
-        axes.set_yticks(range(len(INFERRED)), [world.replace("usual", "as described") for world in INFERRED])
+        axes.set_yticks(range(len(DRAWN)), [world.replace("usual", "as described") for world in DRAWN])
         axes.invert_yaxis()
         marks = [("|", ink, ink), ("o", bad, bad), ("D", good, good), ("D", good, paper)]
         handles = [

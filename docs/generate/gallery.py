@@ -29,7 +29,6 @@ ORDER = (
     "a_shape_of_your_own",
     "a_decider_of_your_own",
     "train_ppo",
-    "a_pomdp_file",
     "digits_through_crops",
     "a_real_sensor",
 )

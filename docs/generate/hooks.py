@@ -48,7 +48,6 @@ NAV: dict[str, list[str]] = {
         "ppo.md",
         "drive_a_robot.md",
         "real_touch.md",
-        "formats.md",
         "scale.md",
         "paper_figures.md",
         "contributing.md",

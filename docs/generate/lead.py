@@ -26,9 +26,8 @@ from belief.observation_model.rigid_body_evidence import RigidBodyEvidence, join
 from belief.problem import Probe, Reject
 from belief.seeding import touch_rng
 from experiments.search.body_picture import Bodies
-from experiments.search.frames import Frame, replay
 from experiments.search.one_search import problem_of
-from experiments.search.replay_figures import coloured
+from experiments.search.replay_figures import Frame, coloured, replay
 
 FOLDER = Path(__file__).parent.parent / "lead"
 TARGET, SEED = "cone", 9
@@ -148,7 +147,7 @@ class Film:
     def _world(self, axes: Axes, moment: Moment) -> None:
         """The object and the pad."""
         red, green, blue = (int(self.theme.sky[k : k + 2], 16) for k in (1, 3, 5))
-        axes.imshow(press_picture(self.scene.setup, moment.placement, moment.depth, 340, 320, (red, green, blue)))
+        axes.imshow(press_picture(self.scene.pad, moment.placement, moment.depth, 340, 320, (red, green, blue)))
         axes.set_axis_off()
 
     def _image(self, axes: Axes, moment: Moment) -> None:

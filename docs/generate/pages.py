@@ -23,12 +23,12 @@ API = {
     "observation models": ("belief.observation_model", "belief.observation_model.selection", "belief.touch_batch"),
     "calibration": ("belief.calibration", "belief.metrics"),
     "statistics": ("belief.statistics",),
-    "planners": ("planners", "planners.stopping", "planners.probing", "planners.stop_override", "planners.abstaining"),
-    "solver": ("planners.solve", "planners.one_touch", "planners.export"),
+    "planners": ("planners", "planners.stopping", "planners.probing", "planners.abstaining"),
+    "solver": ("planners.solve", "planners.one_touch"),
     "activetouch": ("activetouch", "activetouch.sensor", "activetouch.world", "activetouch.scene",
                     "activetouch.named_scenes"),
     "rendering": ("activetouch.rendering",),
-    "environments": ("activetouch.envs.object_test", "activetouch.envs.object_search", "activetouch.envs.wrappers",
+    "environments": ("activetouch.envs.object_test", "activetouch.envs.object_search",
                      "activetouch.envs.batched_episodes", "activetouch.envs.touch_bank"),
 }  # fmt: skip
 """Modules of the API reference, by page."""

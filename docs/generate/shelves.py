@@ -62,12 +62,6 @@ DECIDERS = {
         f"{_TARGET} Further scores are expected returns of the actions.",
         "Uninformative touches: where more than two are needed, it answers too early.",
     ),
-    "sequential_test": Description(
-        "Wald's test: it stops when touches have multiplied the odds of the target enough for given error rates. Poses are those of "
-        "`information_gain`.",
-        _GAINS,
-        "Costs, which it ignores, and the touch limit, where its guarantee ends.",
-    ),
     "ppo": Description(
         "A small network for each target, trained by PPO on the paper's state: the last softmax, the last action and the time.",
         f"{_TARGET} `confirm`, `reject`: probabilities that the policy gives these actions.",
@@ -98,11 +92,6 @@ DECIDERS = {
         "Expected returns and visit counts of the actions at the root of the tree.",
         "Time: a few hundred times that of `point_based` for each decision. It needs the extra `pomdp`.",
     ),
-    "pomcp": Description(
-        "As `pouct`, from particles that are drawn from the belief.",
-        "Expected returns and visit counts of the actions at the root of the tree.",
-        "As `pouct`; rare shapes may have no particle.",
-    ),
     "point_based": Description(
         "It solves the search as a POMDP once for each target, by point-based value iteration, and follows the plan with the "
         "exact belief.",
@@ -116,7 +105,7 @@ _SUCCESS = "A guess succeeds in {guess}. Differences between deciders show {wher
 
 WORLDS = {
     "paper": Description(
-        "The paper's world: a finger comes from parking and presses until a small force is reached. The image shows the force vector as a dot, not "
+        "The paper's world: an object is pressed until a small force is reached. The image shows the force vector as a dot, not "
         "the geometry of the contact.",
         _SUCCESS.format(guess="0.25", where="in success and in touches: single touches are ambiguous"),
         "Single touches: `paper-independent` reads 0.64 of them right. Only a belief about one body solves its searches.",

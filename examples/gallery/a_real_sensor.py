@@ -23,13 +23,12 @@ from activetouch.recorded import read_recorded
 TOUCHES, DRAWS = (2, 2) if "--short" in sys.argv else (8, 20)
 folder = Path(__file__).resolve().parents[2] / "tests" / "fixtures" / "bts3"
 touches, _ = read_recorded(folder, "bts3")
-task = touches.for_task("objects")
-features, things, rng = task.features(), task.objects, np.random.default_rng(0)
+features, things, rng = touches.features, touches.objects, np.random.default_rng(0)
 
 late = np.zeros(len(things), bool)
 for thing in np.unique(things):
     rows = np.flatnonzero(things == thing)
-    late[rows[np.argsort(task.sessions[rows], kind="stable")][-len(rows) // 4 :]] = True
+    late[rows[np.argsort(touches.sessions[rows], kind="stable")][-len(rows) // 4 :]] = True
 reader = LinearDiscriminantAnalysis(solver="lsqr", shrinkage="auto").fit(features[~late], things[~late])
 log_probs = reader.predict_log_proba(features)
 

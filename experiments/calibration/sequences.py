@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from activetouch.data.dataset import TouchSet
 from activetouch.envs.touch_bank import TouchRounds
-from belief.observation_model.model import ArrayModel
-from belief.observation_model.selection import log_posteriors_by_touch
 from belief.touch_batch import TouchBatch
 
 Floats = NDArray[np.float64]
@@ -45,45 +43,16 @@ class Rounds(TouchRounds):
             None if touches.features is None else touches.features.reshape(*by_object, touches.features.shape[2]),
         )
 
-    def singles(self) -> Sequences:
-        """Sequences of one touch each."""
-        poses = np.tile(np.arange(self.num_poses), (self.num_objects, self.num_rounds, 1))
-        rounds = np.broadcast_to(np.arange(self.num_rounds)[:, None], poses.shape)
-        one_each = (self.num_objects, -1, 1)
-        return self._pick(rounds.reshape(one_each), poses.reshape(one_each))
-
     def distinct_poses(self, rng: np.random.Generator) -> Sequences:
         """R sequences per object, which share no touch: every pose once, in random order, from random rounds."""
-        rounds, poses = self._shuffled_rounds(rng), self._poses(self.num_rounds)
-        poses = rng.permuted(poses, axis=2)  # (N, R, P)
-        return self._pick(np.take_along_axis(rounds.swapaxes(1, 2), poses, axis=2), poses)
+        poses = rng.permuted(np.tile(np.arange(self.num_poses), (self.num_objects, self.num_rounds, 1)), axis=2)
+        rounds = np.take_along_axis(self._shuffled_rounds(rng).swapaxes(1, 2), poses, axis=2)  # (N, R, P)
+        return self._pick(rounds, poses)
 
     def one_pose(self, rng: np.random.Generator) -> Sequences:
         """P sequences per object, one for each pose: R touches in this pose, rounds in random order."""
         rounds = self._shuffled_rounds(rng)  # (N, P, R)
         return self._pick(rounds, np.broadcast_to(np.arange(self.num_poses)[:, None], rounds.shape))
-
-    def random_poses(self, rng: np.random.Generator, num_touches: int = 12) -> Sequences:
-        """R sequences per object: poses drawn with replacement, each at most R times, each time from another round.
-
-        Args:
-            rng: random generator.
-            num_touches: length of a sequence, at most P · R.
-        """
-        rounds, left = self._shuffled_rounds(rng), np.full(self._poses(self.num_rounds).shape, self.num_rounds)
-        rounds = np.broadcast_to(rounds[:, None], (*left.shape, self.num_rounds))  # (N, R, P, R)
-        poses, picked = [], []
-        for _ in range(min(num_touches, self.num_poses * self.num_rounds)):
-            pose = np.where(left > 0, rng.random(left.shape), -1.0).argmax(axis=2, keepdims=True)
-            times = self.num_rounds - np.take_along_axis(left, pose, axis=2)
-            here = np.take_along_axis(rounds, pose[..., None], axis=2)[:, :, 0]
-            poses.append(pose[..., 0])
-            picked.append(np.take_along_axis(here, times, axis=2)[..., 0])
-            np.put_along_axis(left, pose, self.num_rounds - times - 1, axis=2)
-        return self._pick(np.stack(picked, axis=2), np.stack(poses, axis=2))
-
-    def _poses(self, num_sequences: int) -> NDArray[np.int64]:
-        return np.tile(np.arange(self.num_poses), (self.num_objects, num_sequences, 1))
 
     def _shuffled_rounds(self, rng: np.random.Generator) -> NDArray[np.int64]:
         """Rounds in random order for every object and pose, ``(N, P, R)``."""
@@ -92,13 +61,11 @@ class Rounds(TouchRounds):
     def _pick(self, rounds: NDArray[np.int64], poses: NDArray[np.int64]) -> Sequences:
         """Sequences from rounds and poses ``(N, sequences, touches)``."""
         where, length = (np.arange(self.num_objects)[:, None, None], rounds, poses), poses.shape[2]
-        logits = self.logits[where].reshape(-1, length, self.logits.shape[3])
-        features = None
-        if self.features is not None:
-            features = self.features[where].reshape(-1, length, self.features.shape[3])
+        logits, features = self.logits[where].reshape(-1, length, self.logits.shape[3]), self.features
+        if features is not None:
+            features = features[where].reshape(-1, length, features.shape[3])
         object_ids = np.arange(self.num_objects).repeat(poses.shape[1])
-        batch = TouchBatch(poses.reshape(-1, length), logits, features)
-        return Sequences(batch, self.shapes[object_ids], object_ids)
+        return Sequences(TouchBatch(poses.reshape(-1, length), logits, features), self.shapes[object_ids], object_ids)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,18 +82,9 @@ class Sequences:
     shapes: NDArray[np.int64]
     object_ids: NDArray[np.int64]
 
-    def __len__(self) -> int:
-        """S."""
-        return len(self.shapes)
-
-    def log_posteriors(self, model: ArrayModel) -> Floats:
-        """Log posteriors after 1 to n touches under a uniform prior, ``(S, n, K)``."""
-        return log_posteriors_by_touch(model, self.batch)
-
 
 KINDS: Mapping[str, Callable[[Rounds, np.random.Generator], Sequences]] = {
     "distinct poses": Rounds.distinct_poses,
     "one pose": Rounds.one_pose,
-    "random poses": Rounds.random_poses,
 }
 """Ways to choose the poses of a sequence, by name."""

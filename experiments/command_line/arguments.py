@@ -114,48 +114,22 @@ JSONFile: TypeAlias = Annotated[Path, Ending((".json",))]
 
 
 def check_value(flag: str, value: Any, kind: Any) -> None:
-    """Check a value against the rules of an annotation such as :data:`Count`.
-
-    Args:
-        flag: name of the argument, for the message.
-        value: the value; None stands for a default.
-        kind: the annotation.
-
-    Raises:
-        BadArgument: The value breaks a rule.
-    """
+    """Check a value, whose flag the message names, against the rules of an annotation; raises BadArgument."""
     for rule in _metadata(kind):
         if isinstance(rule, Rule) and value is not None and (must := rule.broken(value)) is not None:
             raise BadArgument(f"{flag} must {must}, got {_words(value)}")
 
 
 def check_arguments(command: Any, prefix: str = "--") -> None:
-    """Check all arguments of a command, nested groups included, against the rules in their annotations.
-
-    Args:
-        command: dataclass instance.
-        prefix: prefix of its flags.
-
-    Raises:
-        BadArgument: An argument breaks its rule.
-    """
+    """Check all arguments of a command, nested groups included, against their annotations; raises BadArgument."""
     for flag, _, value, rules in arguments(command, prefix):
-        for rule in rules:
-            if value is not None and (must := rule.broken(value)) is not None:
-                raise BadArgument(f"{flag} must {must}, got {_words(value)}")
+        check_value(flag, value, Annotated[Any, *rules] if rules else Any)
 
 
 def require_types(command: Any, prefix: str = "--") -> None:
     """Check that all arguments of a command, nested groups included, have the types of their annotations.
 
-    The command line ensures this; a file that holds arguments does not.
-
-    Args:
-        command: dataclass instance.
-        prefix: prefix of its flags.
-
-    Raises:
-        BadArgument: An argument has another type.
+    The command line ensures this; a file that holds arguments does not. Raises BadArgument.
     """
     annotations = get_type_hints(type(command))
     for field in fields(command):

@@ -17,13 +17,7 @@ _NO_DEFAULT = re.compile(r" ?\(default: (?:None|False)?\)$")
 
 
 def help_of(kind: type, name: str, **known: Any) -> str:
-    """The text that ``activetouch NAME --help`` prints.
-
-    Args:
-        kind: dataclass of the command.
-        name: of the command.
-        known: ``default``, an instance with the defaults to show.
-    """
+    """The text that ``activetouch NAME --help`` prints; ``known`` may hold ``default``, an instance to show."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # there is no other way to the options
         parser = tyro.extras.get_parser(kind, prog=f"activetouch {name}", **known)

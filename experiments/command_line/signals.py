@@ -11,11 +11,10 @@ import sys
 import threading
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
 
 _MESSAGE = "interrupted; what was written is kept. The same command goes on, or starts again if it writes at its end"
-_PATIENCE = 10.0  # seconds from SIGTERM until the process ends without cleaning up
 
 
 class Terminated(KeyboardInterrupt):
@@ -93,12 +92,9 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 
 def _terminate(number: int, frame: FrameType | None) -> None:
-    """Raise an exception as Ctrl-C does; if foreign code swallows it, a thread ends the process later."""
+    """Raise an exception as Ctrl-C does; a second signal ends the process at once."""
     _silence_libraries()
     signal.signal(number, _end_at_once)
-    deadline = threading.Timer(_PATIENCE, _give_up)
-    deadline.daemon = True
-    deadline.start()
     raise Terminated
 
 
@@ -111,12 +107,11 @@ def _silence_libraries() -> None:
     warnings.simplefilter("ignore")
 
 
-def _give_up() -> None:
-    _end_workers()
-    _end_at_once(signal.SIGTERM, None)
-
-
 def _end_workers() -> None:
-    from experiments.command_line.workers import end_workers
+    """Kill all worker processes of this process."""
+    import multiprocessing
 
-    end_workers()
+    for child in multiprocessing.active_children():
+        if child.pid is not None:
+            with suppress(ProcessLookupError):  # loky's processes have no kill()
+                os.kill(child.pid, getattr(signal, "SIGKILL", signal.SIGTERM))

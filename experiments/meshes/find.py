@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from scipy.special import logsumexp, softmax
 
-from activetouch.solids.solid import Shape
 from belief.claims import ends_claims
 from belief.coarse_to_fine import CoarseToFine
 from belief.errors import InvalidArgument, UnknownName
@@ -20,14 +19,13 @@ from belief.statistics import wilson_interval
 from belief.table import Table
 from belief.validation import Floats, require_count
 from experiments.command_line.arguments import Count
-from experiments.meshes.naming import Rule, still_possible
-from experiments.meshes.near_twins import NearTwins, near_twins
-from experiments.meshes.result import MeshOptions, MeshResult, solids_of
-from experiments.meshes.setting import MeshSetting
+from experiments.meshes.near_twins import near_twins
+from experiments.meshes.result import Bodies, MeshOptions, MeshResult, solids_of
+from experiments.meshes.setting import MeshSetting, Possible
 from experiments.parallel import Shared, run_tasks
-from experiments.reporting.page import Section
 
 _EACH = 16  # touches of an object, at most
+_PICTURED = 3  # searches
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +39,7 @@ class Search:
         stated: its probability.
         touches: object and pose of each.
         places: probability of each place, and of "not there", after each touch, ``(n, objects + 1)``.
-        possible: bodies that the touched object may be after each touch, as in :class:`Naming`.
+        possible: the most probable bodies of the touched object after each touch.
     """
 
     objects: tuple[int, ...]
@@ -50,7 +48,7 @@ class Search:
     stated: float
     touches: tuple[tuple[int, int], ...]
     places: Floats
-    possible: tuple[tuple[tuple[int, float, Floats], ...], ...]
+    possible: tuple[Possible, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,63 +88,55 @@ class Found(MeshResult):
         rows = self.rows()
         right = sum(row["right"] for row in rows)
         low, high = wilson_interval(right, len(rows))
-        names = ("target", "answer", "stated", "touches", "objects")
         columns = ["target", ("answer", ""), ("stated", ".3f"), ("touches", "d"), ("objects", "")]
         stated, spent = np.mean([(row["stated"], row["touches"]) for row in rows], axis=0)
         note = (
             f"{right} of {len(rows)} answers are right, {low:.2f} to {high:.2f}; stated {stated:.2f} and {spent:.1f} "
             "touches in the mean."
         )
-        cells = [tuple(row[name] for name in names) for row in rows]
+        cells = [tuple(row[name] for name in ("target", "answer", "stated", "touches", "objects")) for row in rows]
         return Table(f"searches for {self.target}", columns, cells, note, "searches")
 
     @property
     def _question(self) -> str:
         return f"Where is {self.target}?"
 
-    def _pictures(self) -> list[Section]:
-        from experiments.meshes.figures import touch_pictures
-
-        sections = []
-        for number, one in enumerate(self.searches[:3], 1):
+    def _shown(self) -> Iterator[tuple[str, str, Sequence[str], Sequence[Possible]]]:
+        for number, one in enumerate(self.searches[:_PICTURED], 1):
             words = [
                 f"object {place + 1}, side {self.setting.scene.pose_labels[pose]}; the target is probably "
                 f"{self._place(int(probs.argmax()), one)} ({probs.max():.2f})"
                 for (place, pose), probs in zip(one.touches, one.places, strict=True)
             ]
             end = f"The answer is {self._place(one.answer, one)}; the truth is {self._place(one.truth, one)}."
-            pictures = touch_pictures(self.setting, f"search{number}", words, one.possible)
-            sections.append(Section(f"Search {number}", [end], [], pictures))
-        return sections
+            yield f"Search {number}", end, words, one.possible
 
 
 def find(
-    bodies: Path | str | Sequence[Path | str] | Mapping[str, Shape],
+    bodies: Bodies,
     target: str,
     *,
     num_objects: int = 4,
     num_searches: int = 20,
-    rule: Rule = "information gain",
     threshold: float = 0.95,
     seed: int = 0,
     scale: float | None = None,
     jobs: int | None = None,
-    begun: Callable[[Sequence[NearTwins]], None] | None = None,
     **setting: Any,
 ) -> Found:
     """Search for a body among simulated objects of other bodies; it may be absent.
+
+    The next touch is of the object that is most probably the target.
 
     Args:
         bodies: a folder of mesh files, mesh files, or solids by label: what the objects may be.
         target: label of the body that is sought; the name of its file will do.
         num_objects: objects in front of the sensor, of different bodies.
         num_searches: number of searches. The target is equally often at each place and absent.
-        rule: how directions are chosen. The next object is the one that is most probably the target.
         threshold: probability of the answer at which to stop.
         seed: of objects and touches.
         scale: metres per unit of mesh files without a scale of their own.
         jobs: number of processes; as many as processors by default.
-        begun: called before the first touch, with the bodies that feel nearly alike.
         setting: further arguments of :meth:`MeshSetting.of`.
 
     Raises:
@@ -156,15 +146,11 @@ def find(
     solids = solids_of(bodies, scale)
     sought = target_index(tuple(solids), target, num_objects)
     made = MeshSetting.of(solids, jobs=jobs, **setting)
-    twins = near_twins(made)
-    if begun is not None:
-        begun(twins)
     shared = Shared(made)
     tasks = [
-        partial(_search_one, shared, sought, num_objects, rule, threshold, [seed, number])
-        for number in range(num_searches)
+        partial(_search_one, shared, sought, num_objects, threshold, [seed, number]) for number in range(num_searches)
     ]
-    return Found(made, twins, made.bodies.labels[sought], list(run_tasks(tasks, jobs, "searches")))
+    return Found(made, near_twins(made), made.bodies.labels[sought], list(run_tasks(tasks, jobs, "searches")))
 
 
 def target_index(labels: Sequence[str], target: str, num_objects: int) -> int:
@@ -186,15 +172,10 @@ def target_index(labels: Sequence[str], target: str, num_objects: int) -> int:
 
 
 def _search_one(
-    shared: Shared[MeshSetting], target: int, num_objects: int, rule: Rule, threshold: float, seed: Sequence[int]
-) -> Search:
-    return search(shared.value, target, num_objects, rule, threshold, seed)
-
-
-def search(
-    setting: MeshSetting, target: int, num_objects: int, rule: Rule, threshold: float, seed: Sequence[int]
+    shared: Shared[MeshSetting], target: int, num_objects: int, threshold: float, seed: Sequence[int]
 ) -> Search:
     """One search: touch the object that is most probably the target until the answer is probable enough."""
+    setting = shared.value
     rng, number = np.random.default_rng([*seed, 0]), len(setting.bodies.labels)
     others = rng.permutation(np.delete(np.arange(number), target))[:num_objects]
     truth = int(rng.integers(num_objects + 1))
@@ -204,7 +185,7 @@ def search(
     log_prior = np.full(number, np.log(num_objects / (num_objects + 1) / (number - 1)))
     log_prior[target] = -np.log(num_objects + 1)
     beliefs = [setting.bodies.start(log_prior)] * num_objects
-    order = setting.best_order if rule == "fixed" else rng.permutation(num_poses).tolist()
+    first = int(rng.permutation(num_poses)[0])
     used: list[list[int]] = [[] for _ in objects]
     touches, places, possible = [], [], []
     probs = np.full(num_objects + 1, 1 / (num_objects + 1))
@@ -213,8 +194,8 @@ def search(
         if not ready:
             break
         place = max(ready, key=lambda each: probs[each])
-        pose = order[len(used[place])]
-        if rule == "information gain" and used[place]:
+        pose = first
+        if used[place]:
             gains = setting.information(beliefs[place], target)
             gains[used[place]] = -np.inf
             pose = int(gains.argmax())
@@ -224,7 +205,7 @@ def search(
         probs = softmax([*(_log_odds(belief, target) for belief in beliefs), 0.0])
         touches.append((place, pose))
         places.append(probs)
-        possible.append(still_possible(setting, beliefs[place]))
+        possible.append(setting.possible(beliefs[place]))
     answer = int(probs.argmax())
     return Search(
         tuple(drawn), truth, answer, float(probs[answer]), tuple(touches), np.reshape(places, (-1, len(probs))),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -10,20 +10,89 @@ from typing import Any
 
 import numpy as np
 
-from activetouch.solids.solid import Shape
+from activetouch.scene import WorldObject
 from belief.claims import ends_claims
 from belief.naming import index_of
 from belief.statistics import wilson_interval
 from belief.table import Table
+from belief.validation import Floats
 from experiments.command_line.arguments import Count
-from experiments.meshes.naming import Naming, Rule, name_object
-from experiments.meshes.near_twins import NearTwins, near_twins
-from experiments.meshes.result import MeshOptions, MeshResult, solids_of
-from experiments.meshes.setting import MeshSetting
+from experiments.meshes.near_twins import near_twins
+from experiments.meshes.result import Bodies, MeshOptions, MeshResult, solids_of
+from experiments.meshes.setting import MeshSetting, Possible
 from experiments.parallel import Shared, run_tasks
-from experiments.reporting.page import Section
 
-THRESHOLDS = (0.9, 0.95)
+_PICTURED = 6  # objects
+
+
+@dataclass(frozen=True, eq=False)
+class Naming:
+    """The touches of one object.
+
+    Attributes:
+        truth: index of its body.
+        poses: of the touches.
+        log_probs: posterior after each touch, ``(n, K)`` float32.
+        possible: the most probable bodies after each touch.
+    """
+
+    truth: int
+    poses: tuple[int, ...]
+    log_probs: Floats
+    possible: tuple[Possible, ...]
+
+    @property
+    def named(self) -> int:
+        """Index of the most probable body in the end."""
+        return int(self.log_probs[-1].argmax())
+
+    @property
+    def stated(self) -> float:
+        """Its probability."""
+        return float(np.exp(self.log_probs[-1].max()))
+
+
+def name_object(
+    setting: MeshSetting,
+    obj: WorldObject,
+    seed: Sequence[int],
+    max_touches: int = 16,
+    threshold: float = 1.0,
+    order: Sequence[int] | None = None,
+) -> Naming:
+    """Touch an object until a body is as probable as the threshold, or a number of touches is made.
+
+    The same seed gives the same touch of an object in a pose, whatever the order.
+
+    Args:
+        setting: bodies and sensor.
+        obj: the object.
+        seed: of the touches and of the first pose.
+        max_touches: at most the number of poses.
+        threshold: at which to stop, in (0, 1]; 1 does not stop.
+        order: of the poses; by default, each one after a random first is expected to tell most.
+    """
+    num_poses = len(setting.scene.poses)
+    first = int(np.random.default_rng([*seed, 1]).permutation(num_poses)[0])
+    belief, poses = setting.bodies.start(), list[int]()
+    logs, possible = list[Floats](), list[Possible]()
+    while len(poses) < min(max_touches, num_poses):
+        if order is not None:
+            pose = order[len(poses)]
+        elif not poses:
+            pose = first
+        else:
+            gains = setting.information(belief)
+            gains[poses] = -np.inf
+            pose = int(gains.argmax())
+        embedding = setting.touch(obj, pose, np.random.default_rng([*seed, 2, pose]))
+        belief = setting.looked(setting.update(belief, pose, embedding))
+        poses.append(pose)
+        logs.append(belief.log_probs.astype(np.float32))
+        possible.append(setting.possible(belief))
+        if np.exp(logs[-1].max()) >= threshold < 1.0:
+            break
+    return Naming(obj.shape_index, tuple(poses), np.stack(logs), tuple(possible))
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +107,7 @@ class Identified(MeshResult):
     _kind = "objects"
 
     def rows(self) -> list[dict[str, Any]]:
-        """One row for each object: its body, the named one, the stated probability, and touches to 0.9 and 0.95."""
+        """One row for each object: its body, the named one, the stated probability, and touches."""
         labels = self.setting.bodies.labels
         return [
             {
@@ -47,7 +116,6 @@ class Identified(MeshResult):
                 "right": one.named == one.truth,
                 "stated": one.stated,
                 "touches": len(one.poses),
-                **{f"touches to {threshold}": one.touches_to(threshold) for threshold in THRESHOLDS},
                 "directions": " ".join(self.setting.scene.pose_labels[pose] for pose in one.poses),
             }
             for one in self.namings
@@ -58,13 +126,11 @@ class Identified(MeshResult):
         rows = self.rows()
         right = sum(row["right"] for row in rows)
         low, high = wilson_interval(right, len(rows))
-        columns = ["body", ("named", ""), ("stated", ".3f"), ("touches", "d"), *((f"to {t}", "d") for t in THRESHOLDS)]
-        names = ("body", "named", "stated", "touches", *(f"touches to {t}" for t in THRESHOLDS))
         stated = np.mean([row["stated"] for row in rows])
         return Table(
             f"objects among {len(self.setting.bodies.labels)} bodies",
-            columns,
-            [tuple(row[name] for name in names) for row in rows],
+            ["body", ("named", ""), ("stated", ".3f"), ("touches", "d")],
+            [(row["body"], row["named"], row["stated"], row["touches"]) for row in rows],
             f"{right} of {len(rows)} named rightly, {low:.2f} to {high:.2f}; stated {stated:.2f} in the mean.",
             "objects",
         )
@@ -73,24 +139,25 @@ class Identified(MeshResult):
     def _question(self) -> str:
         return "Which body is it?"
 
-    def _pictures(self) -> list[Section]:
-        from experiments.meshes.figures import possible_pictures
-
-        return possible_pictures(self.setting, self.namings)
+    def _shown(self) -> Iterator[tuple[str, str, Sequence[str], Sequence[Possible]]]:
+        labels = self.setting.bodies.labels
+        for number, one in enumerate(self.namings[:_PICTURED], 1):
+            right = "rightly" if one.named == one.truth else f"wrongly: it is {labels[one.truth]}"
+            end = f"named {labels[one.named]} with probability {one.stated:.3f}, {right}"
+            sides = [f"side {self.setting.scene.pose_labels[pose]}" for pose in one.poses]
+            yield f"Object {number}", f"After {len(one.poses)} touches {end}.", sides, one.possible
 
 
 def identify(
-    bodies: Path | str | Sequence[Path | str] | Mapping[str, Shape],
+    bodies: Bodies,
     *,
     body: str | None = None,
     num_objects: int = 20,
-    rule: Rule = "information gain",
     threshold: float = 0.95,
     max_touches: int = 16,
     seed: int = 0,
     scale: float | None = None,
     jobs: int | None = None,
-    begun: Callable[[Sequence[NearTwins]], None] | None = None,
     **setting: Any,
 ) -> Identified:
     """Press simulated objects of some bodies, and name each by touch.
@@ -99,13 +166,11 @@ def identify(
         bodies: a folder of mesh files, mesh files, or solids by label.
         body: label of the objects' body; random bodies by default.
         num_objects: number of objects.
-        rule: how directions are chosen.
         threshold: probability at which to stop touching an object.
         max_touches: of an object, at most 26.
         seed: of objects and touches.
         scale: metres per unit of mesh files without a scale of their own.
         jobs: number of processes; as many as processors by default.
-        begun: called before the first touch, with the bodies that feel nearly alike.
         setting: further arguments of :meth:`MeshSetting.of`, such as ``sensor`` and ``plan``.
 
     Raises:
@@ -115,25 +180,20 @@ def identify(
     solids = solids_of(bodies, scale)
     chosen = None if body is None else index_of("body", tuple(solids), body)
     made = MeshSetting.of(solids, jobs=jobs, **setting)
-    twins = near_twins(made)
-    if begun is not None:
-        begun(twins)
-    truths = np.random.default_rng([seed, 5]).permutation(np.arange(num_objects) % len(solids))
+    truths = np.random.default_rng([seed, 5]).permutation(np.arange(num_objects) % len(solids)).tolist()
     shared = Shared(made)
     tasks = [
-        partial(
-            _name_one, shared, int(truth) if chosen is None else chosen, rule, [seed, number], max_touches, threshold
-        )
+        partial(_name_one, shared, truth if chosen is None else chosen, [seed, number], max_touches, threshold)
         for number, truth in enumerate(truths)
     ]
-    return Identified(made, twins, list(run_tasks(tasks, jobs, "objects")))
+    return Identified(made, near_twins(made), list(run_tasks(tasks, jobs, "objects")))
 
 
 def _name_one(
-    shared: Shared[MeshSetting], truth: int, rule: Rule, seed: Sequence[int], max_touches: int, threshold: float
+    shared: Shared[MeshSetting], truth: int, seed: Sequence[int], max_touches: int, threshold: float
 ) -> Naming:
     obj = shared.value.scene.sample_object(truth, np.random.default_rng([*seed, 0]))
-    return name_object(shared.value, obj, rule, seed, max_touches, threshold)
+    return name_object(shared.value, obj, seed, max_touches, threshold)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,7 +206,7 @@ class Identify(MeshOptions):
 
         activetouch identify scans
         activetouch identify scans --body mug --objects 5 --out runs/mug
-        activetouch identify scans --scale 0.001 --rule random
+        activetouch identify scans --scale 0.001
     """
 
     body: str | None = None

@@ -9,7 +9,6 @@ import scipy  # whose parts load at first use
 
 from activetouch.poses import hamilton_product
 from activetouch.rotation_cells import centres, nearest
-from activetouch.solids.twins import find_twins
 from belief.validation import Floats
 from experiments.meshes.setting import MeshSetting
 
@@ -30,16 +29,14 @@ class NearTwins:
         second: label.
         nats: expected information of a first touch for the touched body against the other, which lies as alike as it
             can, on a grid of 13° and by quarter turns; the smaller of the two ways.
-        how: what is known of their geometry; empty if they are other bodies.
     """
 
     first: str
     second: str
     nats: float
-    how: str = ""
 
     def __str__(self) -> str:
-        return self.how or f"{self.first} and {self.second} feel nearly alike: a touch tells {self.nats:.2f} nats"
+        return f"{self.first} and {self.second} feel nearly alike: a touch tells {self.nats:.2f} nats"
 
 
 def near_twins(setting: MeshSetting, alike: float = ALIKE) -> list[NearTwins]:
@@ -54,7 +51,6 @@ def near_twins(setting: MeshSetting, alike: float = ALIKE) -> list[NearTwins]:
     bodies, labels = setting.bodies, setting.bodies.labels
     if len(labels) < 2:
         return []
-    twins = {frozenset((twin.first, twin.second)): str(twin) for twin in find_twins(setting.scene.solids, 1.06)}
     means = bodies.table.astype(np.float32).mean(axis=1)  # the same however a body is turned
     found_near = scipy.spatial.cKDTree(means).query(means, min(_PER_BODY + 1, len(labels)))
     distance, near = np.asarray(found_near[0]), np.asarray(found_near[1])
@@ -62,17 +58,9 @@ def near_twins(setting: MeshSetting, alike: float = ALIKE) -> list[NearTwins]:
     both = np.sort(np.stack([rows, near.ravel()], axis=1), axis=1)
     order = np.argsort(distance, axis=None, kind="stable")
     pairs = list(dict.fromkeys(map(tuple, both[order][both[order, 0] < both[order, 1]].tolist())))
-    index = {label: place for place, label in enumerate(labels)}
-    same = [tuple(sorted(index[label] for label in twin)) for twin in twins]
-    chosen = list(dict.fromkeys([*same, *pairs[:_MOST_PAIRS]]))
     compare = _Comparison(setting)
-    found = [
-        NearTwins(
-            labels[i], labels[j], min(compare(i, j), compare(j, i)), twins.get(frozenset((labels[i], labels[j])), "")
-        )
-        for i, j in chosen
-    ]
-    return sorted([one for one in found if one.nats < alike or one.how], key=lambda one: one.nats)
+    found = [NearTwins(labels[i], labels[j], min(compare(i, j), compare(j, i))) for i, j in pairs[:_MOST_PAIRS]]
+    return sorted([one for one in found if one.nats < alike], key=lambda one: one.nats)
 
 
 class _Comparison:

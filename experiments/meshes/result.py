@@ -3,26 +3,30 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias
 
 import tyro
 
 from activetouch.solids.solid import Shape
 from belief.claims import claim_folder
 from belief.table import Table, Tabular
+from belief.validation import Floats
 from experiments.command_line.arguments import Jobs, Positive, Seed, Share, check_arguments
 from experiments.command_line.console import plain_console
-from experiments.meshes.naming import Rule
 from experiments.meshes.near_twins import NearTwins
-from experiments.meshes.setting import MeshSetting, cost_words, read_folder, reader_of
+from experiments.meshes.setting import MeshSetting, Possible, cost_words, read_folder, reader_of
 from experiments.parallel import default_jobs
 from experiments.reporting.page import Section, write_page
 
-COSTS = (10, 100, 1000)
-"""Numbers of bodies whose cost is told before anything is computed."""
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Bodies: TypeAlias = Path | str | Sequence[Path | str] | Mapping[str, Shape]
+"""A folder of mesh files, mesh files, or solids by label."""
 _MOST_TWINS = 20  # that are printed
 
 
@@ -49,8 +53,8 @@ class MeshResult(Tabular, ABC):
         """Title of the report."""
 
     @abstractmethod
-    def _pictures(self) -> list[Section]:
-        """Sections with the bodies that were still possible after each touch."""
+    def _shown(self) -> Iterator[tuple[str, str, Sequence[str], Sequence[Possible]]]:
+        """Of each object or search with pictures: title, end, and after each touch what it was and what is possible."""
 
     def __str__(self) -> str:
         return "\n\n".join([*map(str, self.twins), super().__str__()])
@@ -70,8 +74,38 @@ class MeshResult(Tabular, ABC):
         table.write_csv(folder / f"{self._kind}.csv")
         alike = [f"{twin}." for twin in self.twins] or ["No two bodies feel nearly alike."]
         sections = [Section(self._kind.capitalize(), [], [table]), Section("Bodies that feel alike", alike)]
-        write_page(folder / "report.html", self._question, [*sections, *self._pictures()])
+        sections += [
+            Section(title, [end], [], _pictures(self.setting, title, touches, possible))
+            for title, end, touches, possible in self._shown()
+        ]
+        write_page(folder / "report.html", self._question, sections)
         return folder / "report.html"
+
+
+def _pictures(setting: MeshSetting, title: str, touches: Sequence[str], possible: Sequence[Possible]) -> list[Any]:
+    """The bodies that are possible after each touch, as they lie most probably; none where no body stands out."""
+    from activetouch.view.portrait import portraits
+    from experiments.reporting.style import Picture
+
+    labels, solids = setting.bodies.labels, list(setting.scene.solids.values())
+    reach = max((solids[body].bounding_radius for each in possible for body, *_ in each), default=0.0)
+
+    def draw(axes: Axes, body: int, prob: float, rest: Floats) -> None:
+        axes.imshow(portraits(solids[body], rest[None], reach)[0], cmap="bone", origin="lower", vmin=0.0, vmax=1.1)
+        axes.set_title(f"{labels[body][-18:]}\n{prob:.2f}", fontsize=7)
+        axes.set_axis_off()
+
+    name = title.lower().replace(" ", "")
+    return [
+        Picture(
+            f"{name}-touch{number}",
+            f"After touch {number}: {said}.",
+            [partial(draw, body=body, prob=prob, rest=rest) for body, prob, rest in bodies],
+            size=(1.3, 1.5),
+        )
+        for number, (said, bodies) in enumerate(zip(touches, possible, strict=True), 1)
+        if bodies
+    ]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,12 +114,10 @@ class MeshOptions:
 
     folder: Annotated[Path, tyro.conf.Positional]
     """Folder of mesh files, of what the objects may be; subfolders too."""
-    rule: Rule = "information gain"
-    """How the next direction is chosen."""
     threshold: Share = 0.95
     """Probability of the answer at which to stop."""
     scale: Positive | None = None
-    """Metres per unit of files that do not say it, such as 0.001."""
+    """Metres per unit of the files, such as 0.001."""
     sensor: str = "gel"
     """Sensor with a reader of any object, or a folder of one."""
     seed: Seed = 0
@@ -96,7 +128,7 @@ class MeshOptions:
     """Folder for the report."""
 
     def read(self) -> dict[str, Shape]:
-        """Check the options and read the meshes; say what they and 10, 100 and 1 000 bodies cost, and what is left out.
+        """Check the options and read the meshes; say what they cost, and what is left out.
 
         Raises:
             BadArgument: an option is invalid.
@@ -106,9 +138,8 @@ class MeshOptions:
         check_arguments(self)
         claim_folder(self.out)
         solids, refused = read_folder(self.folder, self.scale)
-        console, width = plain_console(), reader_of(self.sensor).card.embedding
-        for number in sorted({*COSTS, len(solids)}):
-            console.print(cost_words(number, width, jobs=self.jobs) + (" (these)" if number == len(solids) else ""))
+        console = plain_console()
+        console.print(cost_words(len(solids), reader_of(self.sensor).card.embedding, jobs=self.jobs))
         for reason in refused:
             console.print(f"left out: {reason}")
         return solids
@@ -116,24 +147,19 @@ class MeshOptions:
     @property
     def common(self) -> dict[str, Any]:
         """The arguments of the functions that follow from them."""
-        names = ("rule", "threshold", "seed", "jobs", "sensor")
-        return {name: getattr(self, name) for name in names} | {"begun": tell_twins}
+        names = ("threshold", "seed", "jobs", "sensor")
+        return {name: getattr(self, name) for name in names}
 
     def report(self, found: MeshResult) -> None:
-        """Print the table, and write the report."""
+        """Print the bodies that feel alike and the table, and write the report."""
+        for twin in found.twins[:_MOST_TWINS]:
+            plain_console().print(f"- {twin}")
+        if len(found.twins) > _MOST_TWINS:
+            plain_console().print(f"- and {len(found.twins) - _MOST_TWINS} more pairs")
         print(found.table())
         print(f"wrote {found.save(self.out)}")
 
 
-def solids_of(bodies: Path | str | Sequence[Path | str] | Mapping[str, Shape], scale: float | None) -> dict[str, Shape]:
+def solids_of(bodies: Bodies, scale: float | None) -> dict[str, Shape]:
     """Bodies by label, as given, or of mesh files; see :func:`experiments.meshes.setting.read_folder`."""
     return dict(bodies) if isinstance(bodies, Mapping) else read_folder(bodies, scale)[0]
-
-
-def tell_twins(twins: Sequence[NearTwins]) -> None:
-    """Print the bodies that feel nearly alike."""
-    console = plain_console()
-    for twin in twins[:_MOST_TWINS]:
-        console.print(f"- {twin}")
-    if len(twins) > _MOST_TWINS:
-        console.print(f"- and {len(twins) - _MOST_TWINS} more pairs")

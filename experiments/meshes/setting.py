@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import scipy  # whose parts load at first use
@@ -27,7 +27,7 @@ from activetouch.perception.contacts.hypotheses import ContactHypotheses
 from activetouch.perception.contacts.imaging import Floats32
 from activetouch.perception.contacts.views import BodySet, ViewPlan, are_embedded, embedded_views
 from activetouch.perception.reader import TactileReader
-from activetouch.rotation_cells import nested
+from activetouch.rotation_cells import centres, nested
 from activetouch.scene import Scene, WorldObject
 from activetouch.scene_description import SURROUNDINGS, scene_fields
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
@@ -44,13 +44,16 @@ SIZES = (0.97, 1.03)
 """Smallest and largest size of an object, relative to its mesh."""
 _PRESSED, _TOUCHES = 48, 12  # objects to which a set is fitted, and touches of each
 _REFERENCES = 128
-_AVERAGED_ORDER = 16  # objects that the fixed order is best for
 _HYPOTHESES = 256  # for a decision
 _AVERAGED = 64  # bodies that the constants of references are averaged over
 _CHECKPOINTS = (1, 2, 4, 8, 12)
 _RELEVANT, _LEFT = 1e-5, 1e-4  # posterior of a cell that counts for the fit, and of bodies without one
 _MANY = 200  # bodies above which the coarsest cells are used for all
 _MILLISECONDS = 0.45  # of one core, for a view of a body
+_SHOWN, _PROBABLE = 5, 0.01  # bodies that are still possible: at most, and their least probability
+
+Possible: TypeAlias = tuple[tuple[int, float, Floats], ...]
+"""Probable bodies: index, probability, and how each lies most probably, a unit quaternion ``wxyz``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,26 +133,6 @@ class MeshSetting:
         assert isinstance(hypotheses, ContactHypotheses), "reader_of gives no other"
         return CloseContacts.of(hypotheses, self.scene, self.bodies, self.look)
 
-    @cached_property
-    def best_order(self) -> list[int]:
-        """The order of poses that tells most without regard to what is felt.
-
-        Greedy: each pose is the one with the largest expected information, averaged over simulated objects that were
-        touched in those before it.
-        """
-        rng, order = np.random.default_rng(0x0BD), list[int]()
-        shapes = rng.integers(len(self.bodies.labels), size=_AVERAGED_ORDER).tolist()
-        objects = [self.scene.sample_object(shape, rng) for shape in shapes]
-        beliefs = [self.bodies.start()] * len(objects)
-        while len(order) < len(self.scene.poses):
-            gains = np.sum([self.information(belief) for belief in beliefs], axis=0)
-            gains[order] = -np.inf
-            pose = int(gains.argmax())
-            order.append(pose)
-            felt = [self.touch(obj, pose, rng) for obj in objects]
-            beliefs = [self.update(belief, pose, touch) for belief, touch in zip(beliefs, felt, strict=True)]
-        return order
-
     def information(self, belief: CoarseToFine, target: int | None = None) -> Floats:
         """Expected information of the next touch in every pose about the body, or about whether it is the target.
 
@@ -161,6 +144,19 @@ class MeshSetting:
         ratios -= self.constants
         ratios *= np.float32(self.bodies.scale / (1.0 + self.bodies.drift * len(belief.touches)))
         return body_information(ratios, weights, leaves.body if target is None else (leaves.body == target).astype(int))
+
+    def possible(self, belief: CoarseToFine) -> Possible:
+        """The most probable bodies, at most five."""
+        probs, leaves = belief.probs, belief.leaves(_PROBABLE / 100)
+        found = []
+        for body in np.argsort(-probs)[:_SHOWN].tolist():
+            mine = np.flatnonzero(leaves.body == body)
+            if probs[body] < _PROBABLE or not len(mine):
+                break
+            best = mine[leaves.log_weight[mine].argmax()]
+            rests = centres(self.bodies.levels[leaves.level[best]])
+            found.append((body, float(probs[body]), rests[leaves.cell[best]]))
+        return tuple(found)
 
 
 def read_folder(folder: Path | Sequence[Path | str], scale: float | None = None) -> tuple[dict[str, Shape], list[str]]:

@@ -1,59 +1,25 @@
-"""The paper's Figures 2 and 3: touch images of every shape; confusion matrix and success by target."""
+"""The paper's Figure 3: confusion matrix and success by target."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
-from activetouch.data.dataset import TouchSet
 from belief.statistics import wilson_interval
 from experiments.paper import table1
 from experiments.paper.table2 import PAPER, Column
 from experiments.reporting.style import INK, PALETTE, figure
 
-_IMAGES = 5  # of each shape
 _SHAPES = ("sphere", "cube", "cylinder", "cone")  # order of the rows of a confusion matrix
-
-
-def draw_figure2(images: TouchSet, labels: Sequence[str], path: Path) -> None:
-    """Draw five images of every shape, each of another press; the paper's Figure 2 has one of each."""
-    with figure((1.5 * _IMAGES, 1.6 * len(labels)), path) as drawn:
-        grid = drawn.subplots(len(labels), _IMAGES, squeeze=False)
-        for shape, label in enumerate(labels):
-            rows = np.flatnonzero(images.shapes == shape)
-            chosen = rows[np.linspace(0, len(rows) - 1, _IMAGES).round().astype(int)]
-            for axes, row in zip(grid[shape], chosen, strict=True):
-                axes.imshow(images.images[row], origin="lower")
-                axes.set(xticks=[], yticks=[])
-            grid[shape][0].set_ylabel(label)
-
-
-def _matrix(axes: Axes, counts: NDArray[Any], texts: Sequence[Sequence[str]], labels: Sequence[str]) -> None:
-    """Draw a confusion matrix, coloured by the fraction of a row, with a text in every cell."""
-    fractions = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
-    axes.imshow(fractions, cmap="Blues", vmin=0, vmax=1)
-    for (row, column), fraction in np.ndenumerate(fractions):
-        colour = "white" if fraction > 0.5 else "black"
-        axes.text(column, row, texts[row][column], ha="center", va="center", fontsize=8, color=colour)
-    axes.set_xticks(range(len(labels)), labels, rotation=30, ha="right")
-    axes.set_yticks(range(len(labels)), labels)
 
 
 def draw_figure3(confusion: Sequence[Sequence[int]] | None, columns: Sequence[Column], path: Path) -> None:
     """Draw (a) the confusion matrix of the classifier that was split by image, and (b) success by target.
 
-    Args:
-        confusion: counts of (true shape, predicted shape); without it, (a) is left out.
-        columns: columns of Table 2.
-        path: file to write.
-
-    Raises:
-        CannotWrite: The disk is full, or the folder is not writable.
+    Without counts of (true shape, predicted shape), (a) is left out.
     """
     widths = [1.0, 1.5] if confusion is not None else [1.5]
     with figure((3.2 * sum(widths), 4.2), path) as drawn:
@@ -74,7 +40,12 @@ def _confusion(axes: Axes, confusion: Sequence[Sequence[int]]) -> None:
     texts = [[f"{fraction:.2f}" for fraction in row] for row in fractions]
     for row, printed in enumerate(table1.PAPER.values()):
         texts[row][row] += f"\n(paper {printed.recall:.2f})"
-    _matrix(axes, counts, texts, labels)
+    axes.imshow(fractions, cmap="Blues", vmin=0, vmax=1)
+    for (row, column), fraction in np.ndenumerate(fractions):
+        colour = "white" if fraction > 0.5 else "black"
+        axes.text(column, row, texts[row][column], ha="center", va="center", fontsize=8, color=colour)
+    axes.set_xticks(range(len(labels)), labels, rotation=30, ha="right")
+    axes.set_yticks(range(len(labels)), labels)
     axes.set(xlabel="predicted", ylabel="true", title="(a) classifier, split by image")
 
 

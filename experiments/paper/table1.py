@@ -8,7 +8,8 @@ pixels shows the accuracy that near copies alone give.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -18,17 +19,84 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from activetouch.data.dataset import TouchSet
+from activetouch.orientations import Resampled
 from activetouch.perception.reader import resized
 from activetouch.perception.recipe import RECIPES, TrainingRecipe
+from activetouch.rendering import ForcePatchRenderer, read_out
 from activetouch.scene import Scene
 from belief.metrics import ShapeScore, shape_scores
+from belief.seeding import keyed_rng
 from belief.table import Table, interval
-from experiments.paper.sliding_windows import WindowPlan, split_by_image, split_by_object
+from experiments.parallel import run_tasks
 from experiments.sensor.scores import accuracy_of_objects
 from experiments.sensor.train import STATE_FILE, card_for, new_classifier, run_to_the_end
 
 if TYPE_CHECKING:
     from activetouch.perception.classifier import TouchClassifier
+
+
+@dataclass(frozen=True)
+class WindowPlan:
+    """Size of the data set; the default has 700 images of each shape, about as many as the paper."""
+
+    objects: int = 35
+    """Number of objects of each shape, of different sizes."""
+    presses: int = 2
+    """Number of presses of each object, each in a new random orientation."""
+    images: int = 10
+    """Number of images of each press, evenly spread over the time of contact."""
+    seed: int = 0
+    """Seed of all random numbers."""
+
+
+def record_windows(scene: Scene, plan: WindowPlan, stream: int, jobs: int) -> TouchSet:
+    """Press the objects of a plan, and render the windows, on several processes.
+
+    Different numbers of the stream give independent data sets. Images are ordered by object, shapes in turn; ``poses``
+    numbers the presses of an object. An object that misses the pad has no images.
+    """
+    scene = replace(scene, presentation=Resampled())
+    tasks = [partial(_press, scene, plan, stream, number) for number in range(plan.objects * len(scene.shapes))]
+    parts = [part for part in run_tasks(tasks, jobs, "sliding windows over presses") if len(part.images)]
+    return TouchSet.join(sorted(parts, key=lambda part: part.object_ids[0]))
+
+
+def _press(scene: Scene, plan: WindowPlan, stream: int, number: int) -> TouchSet:
+    renderer = scene.renderer
+    assert isinstance(renderer, ForcePatchRenderer), "the caller chose a scene with force patches"
+    rng = keyed_rng([plan.seed, stream, number], is_fixed_length=True)
+    body = scene.sample_object(number % len(scene.shapes), rng)
+    images: list[NDArray[np.uint8]] = []
+    rows: list[Sequence[float]] = []
+    for press in range(plan.presses):
+        contact = scene.contact(scene.place(body, 0, rng), rng)
+        assert contact.trace is not None, "guarded moves are always traced"
+        in_contact = contact.trace.time[contact.trace.force.any(axis=1)]
+        windows = list(renderer.windows(contact, np.ptp(in_contact) / plan.images)) if in_contact.size else []
+        for index in np.linspace(0, len(windows) - 1, plan.images).round().astype(int) if windows else ():
+            images.append(read_out(windows[index], scene.faults, rng))
+            rows.append((body.shape_index, number, press, contact.force, contact.depth))
+    shapes, object_ids, presses, forces, depths = np.reshape(rows, (-1, 5)).T
+    taken = np.reshape(images, (-1, *scene.image_shape)).astype(np.uint8)
+    return TouchSet(taken, shapes.astype(int), object_ids.astype(int), presses.astype(int), forces, depths)
+
+
+def split_by_image(touches: TouchSet, share: float, rng: np.random.Generator) -> tuple[TouchSet, TouchSet]:
+    """A random ``share`` of the images, and the others. Near copies are in both parts."""
+    order = rng.permutation(len(touches.images))
+    cut = round(share * len(order))
+    return touches.select(np.sort(order[:cut])), touches.select(np.sort(order[cut:]))
+
+
+def split_by_object(touches: TouchSet, share: float, rng: np.random.Generator) -> tuple[TouchSet, TouchSet]:
+    """The images of a random ``share`` of each shape's objects, and those of the others."""
+    first: list[NDArray[np.int64]] = []
+    for shape in np.unique(touches.shapes):
+        objects = rng.permutation(np.unique(touches.object_ids[touches.shapes == shape]))
+        first.append(objects[: round(share * len(objects))])
+    chosen = np.isin(touches.object_ids, np.concatenate(first))
+    return touches.select(chosen), touches.select(~chosen)
+
 
 Split = Callable[[TouchSet, float, np.random.Generator], tuple[TouchSet, TouchSet]]
 SPLITS: Mapping[str, Split] = MappingProxyType({"by image": split_by_image, "by object": split_by_object})
@@ -79,31 +147,21 @@ class Settings:
         backbone: a key of :data:`activetouch.perception.backbones.BACKBONES`.
         input_size: edge of the network's input [pixels].
         recipe: settings of the training.
-        weights: initial weights of the backbone; None for random weights.
     """
 
     images: WindowPlan = field(default_factory=WindowPlan)
     backbone: str = "tiny"
     input_size: int = 128
     recipe: TrainingRecipe = RECIPES["paper"]
-    weights: str | None = None
 
 
 def both_splits(
     settings: Settings, scene: Scene, images: TouchSet, others: TouchSet, seed: int, folder: Path
 ) -> dict[str, dict[str, Result]]:
-    """Train a classifier on each split and test it on the images held out by the split and on held-out objects.
+    """Train a classifier on each split; test it on the images held out by the split and on those of held-out objects.
 
-    Args:
-        settings: settings of the training.
-        scene: scene of the images.
-        images: images to split 80/20.
-        others: images of held-out objects.
-        seed: seed of the splits and of the intervals.
-        folder: folder for the states of both trainings, which are continued after an interruption.
-
-    Returns:
-        Results by split, and by "held out" and "held-out objects".
+    The states of both trainings are kept in a folder and continued after an interruption. Returns results by split, and
+    by "held out" and "held-out objects".
     """
     from activetouch.perception.training import Trainer  # loads torch
 
@@ -112,9 +170,9 @@ def both_splits(
         train, held_out = split(images, SHARE, np.random.default_rng(seed))
         card = card_for(train, settings.backbone, settings.input_size, scene.shape_labels, scene.pose_labels)
         state = folder / name.replace(" ", "-") / STATE_FILE
-        classifier = new_classifier(card, settings.recipe.seed, settings.weights)
+        classifier = new_classifier(card, settings.recipe.seed)
         trainer = Trainer(classifier, settings.recipe, train, held_out, state, scene.symmetry)
-        run_to_the_end(trainer, state.parent / "tensorboard")
+        run_to_the_end(trainer)
         classifier = trainer.finish()
         results[name] = {
             what: _read(classifier, train, touches, np.random.default_rng(seed))
@@ -142,12 +200,7 @@ def nearest_image_guesses(known: TouchSet, test: TouchSet, size: int = 32) -> ND
 
 
 def table(results: Mapping[str, Mapping[str, Result]], labels: Sequence[str]) -> Table:
-    """The paper's table and ours: precision / recall / F1 (support) of every shape, then accuracies.
-
-    Args:
-        results: those of :func:`both_splits`.
-        labels: names of the shapes.
-    """
+    """The paper's table and ours: precision / recall / F1 (support) of every shape, then accuracies."""
     columns = {f"{name}, {what}": result for name, row in results.items() for what, result in row.items()}
     scores = [dict(zip(labels, shape_scores(result.confusion), strict=True)) for result in columns.values()]
     rows = [(label, _cell(printed), *(_cell(one[label]) for one in scores)) for label, printed in PAPER.items()]

@@ -9,15 +9,13 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
-import numpy as np
-
 from activetouch.extras import require_extra
 from activetouch.perception.reader import TactileReader
 from activetouch.sensor import TactileSensor
 from activetouch.sensor_files import POLICIES, READER_FILE, fitted_model
 from belief.claims import claim_folder, ends_claims
 from belief.errors import UnknownName
-from belief.files import atomic_path, in_file_name, write_text
+from belief.files import atomic_path, write_text
 from belief.observation_model.model import ArrayModel
 from belief.policy_state import GOAL
 from experiments.command_line.arguments import BadArgument, Count, Jobs, check_arguments
@@ -31,8 +29,6 @@ if TYPE_CHECKING:
     from activetouch.envs.touch_bank import TouchBank
     from experiments.ppo.training import Score, Training
 
-ALL = "all"
-"""Stands for the target of a policy for all of them."""
 RecipeName: TypeAlias = Literal[tuple(PPO_RECIPES)]  # type: ignore[valid-type]
 
 
@@ -41,7 +37,7 @@ class TrainPPO:
     """Train PPO policies on recorded touches, one per target and seed, and keep the best seed of each target.
 
     Policies learn from the objects of a collection's calibration split, on which the sensor's reader was not trained.
-    Learning curves are evaluated on its test split. The deciders ppo, ppo_posterior and the like read SENSOR/policies:
+    They are tested on its test split. The deciders ppo, ppo_posterior and the like read SENSOR/policies:
     copy OUT/policies there. After an interruption, the same command continues.
 
     The recipes gains and goal, for ppo_gains and ppo_goal, need a sensor whose belief is about one rigid body. Goal is
@@ -81,7 +77,7 @@ class TrainPPO:
 
     @ends_claims
     def run(self) -> None:
-        """Read the touches, train what is missing, choose, and write policies and learning curves."""
+        """Read the touches, train what is missing, choose, and write the policies."""
         check_arguments(self)
         require_extra("rl")
         if self.tensorboard is not None:
@@ -96,7 +92,7 @@ class TrainPPO:
         manifest = open_collection(data, self.scene, repeats=True)
         reader = TactileReader.load(sensor / READER_FILE)
         filed = self.scene if self.out is None else None
-        require_collection(data, manifest, reader.card, filed, repeats=True, anyway=self.anyway)
+        require_collection(data, manifest, reader.card, filed, anyway=self.anyway)
         model = fitted_model(sensor).model
         if model.reads == "embeddings":  # its reader embeds the hypotheses
             model = TactileSensor.load(sensor, named.scene, anyway=True).model
@@ -109,33 +105,33 @@ class TrainPPO:
         each = self.targets, self.seeds, self.jobs, self.tensorboard
         found = train_policies(bank, test_bank, model, out, recipes, *each)
         found.save(out)
-        print(f"{found}\nwrote {out / POLICIES} and the learning curves, {out / 'curves.svg'}")
+        print(f"{found}\nwrote {out / POLICIES}")
 
 
 @dataclass(frozen=True)
 class TrainedPolicies:
-    """The best policy of each state and target, and the learning curves of all seeds.
+    """The best policy of each state and target.
 
     Attributes:
-        policies: policy by state and target; the target is :data:`ALL` for a policy of all targets.
-        curves: learning curve of each seed, by state and target.
+        policies: policy by state and target; the target is :data:`~experiments.ppo.training.ALL` for a policy of all.
+        scores: on test objects, of every seed, by state and target.
         chosen: seed of each policy.
     """
 
     policies: Mapping[tuple[str, str], Policy]
-    curves: Mapping[tuple[str, str], Sequence[Sequence[Score]]]
+    scores: Mapping[tuple[str, str], Sequence[Score]]
     chosen: Mapping[tuple[str, str], int]
 
     def __str__(self) -> str:
         lines = []
         for (state, target), seed in self.chosen.items():
-            last = self.curves[state, target][seed][-1]
-            score = f"return {last.mean_return:.3f}, success {last.success:.3f}, {last.touches:.2f} touches"
+            found = self.scores[state, target][seed]
+            score = f"return {found.mean_return:.3f}, success {found.success:.3f}, {found.touches:.2f} touches"
             lines.append(f"{state}, {target}: {score} on test objects (seed {seed})")
         return "\n".join(lines)
 
     def save(self, folder: Path) -> None:
-        """Write the policies, ``curves.json`` and ``curves.svg``.
+        """Write the policies, and ``scores.json`` with those of every seed.
 
         Raises:
             CannotWrite: The disk is full, or the folder is not writable.
@@ -143,11 +139,10 @@ class TrainedPolicies:
         for key, policy in self.policies.items():
             with atomic_path(folder / POLICIES / policy_file(*key)) as temporary:
                 temporary.write_bytes(policy.to_bytes())
-        by_state: dict[str, dict[str, Sequence[Sequence[Score]]]] = {}
-        for (state, target), curves in self.curves.items():
-            by_state.setdefault(state, {})[target] = curves
-        write_text(folder / "curves.json", json.dumps(by_state, indent=1) + "\n")
-        draw_curves(by_state, folder / "curves.svg")
+        by_state: dict[str, dict[str, list[dict[str, float]]]] = {}
+        for (state, target), scores in self.scores.items():
+            by_state.setdefault(state, {})[target] = [score._asdict() for score in scores]
+        write_text(folder / "scores.json", json.dumps(by_state, indent=1) + "\n")
 
 
 def train_policies(
@@ -165,7 +160,7 @@ def train_policies(
 
     Args:
         bank: touches to learn from.
-        test_bank: touches of other objects, for the learning curves.
+        test_bank: touches of other objects, for the scores.
         model: observation model that updates the belief.
         out: folder of the trainings; finished ones are read from it.
         recipes: settings, each for another state.
@@ -177,9 +172,8 @@ def train_policies(
     Raises:
         BadArgument: Two recipes have the same state.
         UnknownName: There is no such target.
-        OtherTraining: The folder holds trainings with other settings.
     """
-    from experiments.ppo.training import Training
+    from experiments.ppo.training import ALL, Training
 
     recipes = list(recipes)
     by_state = {recipe.state: recipe for recipe in recipes}
@@ -187,9 +181,8 @@ def train_policies(
         raise BadArgument("--recipes must be one recipe a state")
     each = list(dict.fromkeys(targets)) or list(bank.shape_labels)
     require_targets(each, bank.shape_labels)
-    names = {target: in_file_name(target or ALL, "-") for target in (*each, None)}
     trainings = [
-        Training(bank, test_bank, model, target, recipe, seed, out / f"{state}-{names[target]}-{seed}", tensorboard)
+        Training(bank, test_bank, model, target, recipe, seed, out / "trainings", tensorboard)
         for state, recipe in by_state.items()
         for target in ([None] if state == GOAL else each)
         for seed in range(seeds)
@@ -199,10 +192,10 @@ def train_policies(
     groups: dict[tuple[str, str], list[int]] = {}
     for index, training in enumerate(trainings):
         groups.setdefault((training.recipe.state, training.target or ALL), []).append(index)
-    best = {key: max(group, key=lambda index: trainings[index].score().mean_return) for key, group in groups.items()}
+    best = {key: max(some, key=lambda n: trainings[n].mean_return(finished[n][0])) for key, some in groups.items()}
     return TrainedPolicies(
-        {key: trainings[index].policy() for key, index in best.items()},
-        {key: [finished[index] for index in group] for key, group in groups.items()},
+        {key: finished[index][0] for key, index in best.items()},
+        {key: [finished[index][1] for index in group] for key, group in groups.items()},
         {key: trainings[index].seed for key, index in best.items()},
     )
 
@@ -214,32 +207,8 @@ def require_targets(targets: Iterable[str], shape_labels: Sequence[str]) -> None
             raise UnknownName("target", target, list(shape_labels))
 
 
-def _run(index: int, training: Training) -> tuple[int, list[Score]]:
+def _run(index: int, training: Training) -> tuple[int, tuple[Policy, Score]]:
     import torch
 
     torch.set_num_threads(1)  # more threads make networks this small slower
     return index, training.run()
-
-
-def draw_curves(found: Mapping[str, Mapping[str, Sequence[Sequence[Score]]]], path: Path) -> None:
-    """Draw return against steps: a panel per state, a colour per target, mean and range of the seeds.
-
-    Args:
-        found: learning curves of all seeds, by state and target.
-        path: file to write; the ending decides the format.
-    """
-    from experiments.reporting.style import PALETTE, figure  # loads matplotlib
-
-    with figure((4.2 * len(found), 3.2), path) as drawn:
-        axes = drawn.subplots(1, len(found), sharey=True, squeeze=False)[0]
-        for panel, (state, targets) in zip(axes, found.items(), strict=True):
-            for index, (target, curves) in enumerate(targets.items()):
-                colour, length = PALETTE[index % len(PALETTE)], min(map(len, curves))
-                points = np.array([[point[:2] for point in curve[:length]] for curve in curves])  # (seeds, length, 2)
-                steps, values = points[..., 0].mean(axis=0) / 1000, points[..., 1]
-                panel.plot(steps, values.mean(axis=0), color=colour, label=target)
-                panel.fill_between(steps, values.min(axis=0), values.max(axis=0), color=colour, alpha=0.2, lw=0)
-            panel.set(title=f"state: {state}", xlabel="thousand steps")
-        axes[0].set_ylabel("return of a test")
-        axes[0].set_ylim(-0.25, 1.02)  # untrained networks may lie lower
-        axes[-1].legend()

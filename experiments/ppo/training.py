@@ -1,9 +1,7 @@
 """Training of one policy on a touch bank with Stable-Baselines3.
 
-    FOLDER/policy.safetensors the finished policy, for :mod:`planners.ppo`
-    FOLDER/training.json      its settings and learning curve
-
-A finished training is read from its folder; an interrupted one starts again.
+A finished training is read from its file, OUT/trainings/STATE-TARGET-SEED-DIGEST.safetensors, whose digest is of all
+that determines it; an interrupted one starts again.
 """
 
 from __future__ import annotations
@@ -13,47 +11,41 @@ import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.envs.batched_episodes import BankEpisodes
-from activetouch.envs.priors import TargetProb
 from activetouch.envs.touch_bank import TouchBank
+from activetouch.envs.touch_source import TargetProb
 from activetouch.errors import TrainingDiverged
-from belief.errors import ActiveTouchError, CorruptFile
-from belief.files import array_digest, atomic_path, require_regular_file, sealed_json, unsealed_json, write_text
+from belief.files import array_digest, atomic_path, in_file_name
 from belief.observation_model.model import ArrayModel
 from belief.policy_state import WITH_GAINS
 from experiments.ppo.recipe import PPORecipe
-from planners.ppo import Policy, PolicyCard
+from planners.ppo import BadPolicy, Policy, PolicyCard
 
 if TYPE_CHECKING:
     from stable_baselines3 import PPO
 
-POLICY, SETTINGS = "policy.safetensors", "training.json"
-_EVALUATIONS = 12  # per training
+ALL = "all"
+"""Stands for the target of a policy for all of them."""
 _EPISODES = 2000  # per evaluation
 _WEIGHED_EPISODES = 500  # the same where every touch is weighed by a joint model
-
-
-class OtherTraining(ActiveTouchError, ValueError):
-    """A folder holds a training with other settings."""
 
 
 class Score(NamedTuple):
     """Score of a policy on a bank, with actions chosen as by :class:`planners.ppo.PPODecider`.
 
     Attributes:
-        steps: number of training steps.
         mean_return: mean return per test, without shaping.
         success: fraction of right decisions.
         touches: mean number of touches per test.
     """
 
-    steps: int
     mean_return: float
     success: float
     touches: float
@@ -69,8 +61,8 @@ class Training:
         target: label of the shape sought; None for a policy of all shapes.
         recipe: settings of PPO and of the task.
         seed: seed of weights and episodes.
-        folder: folder of the training.
-        tensorboard: folder of logs for TensorBoard, each training's under the name of its folder; None for none.
+        folder: of all trainings.
+        tensorboard: folder of logs for TensorBoard, each training's under the name of its file; None for none.
     """
 
     bank: TouchBank
@@ -88,65 +80,65 @@ class Training:
         labels, summary = (self.bank.shape_labels, self.bank.pose_labels), f"{self.recipe}, seed {self.seed}"
         return PolicyCard(self.recipe.state, self.target or "", *labels, self.recipe.touch_limit, summary)
 
-    def run(self) -> list[Score]:
-        """Finish the training and return the learning curve on the test bank.
+    @cached_property
+    def path(self) -> Path:
+        """File of the finished policy."""
+        determined = {**asdict(self.recipe), "target": self.target, "seed": self.seed}
+        for name, bank in (("bank", self.bank), ("test", self.test_bank)):
+            arrays = {"logits": bank.logits, "shapes": bank.shapes}
+            if self.recipe.state in WITH_GAINS and bank.features is not None:
+                arrays["features"] = bank.features
+            determined[name] = array_digest(arrays)
+        told = json.dumps(determined, sort_keys=True) + self.model.to_json()
+        name = f"{self.recipe.state}-{in_file_name(self.target or ALL, '-')}-{self.seed}"
+        return self.folder / f"{name}-{hashlib.sha256(told.encode()).hexdigest()[:8]}.safetensors"
+
+    def run(self) -> tuple[Policy, Score]:
+        """Finish the training, and score the policy on the test bank.
 
         Raises:
-            OtherTraining: The folder holds a training with other settings.
-            CorruptFile: A file of the folder is damaged.
+            BadPolicy: The file of the finished policy is damaged.
             TrainingDiverged: Outputs of the policy are not finite.
         """
-        curve = self._finished()
-        if curve is None:
+        if not self.path.exists():
             with _global_generators_kept():
-                curve = self._train()
-            write_text(self.folder / SETTINGS, sealed_json({"settings": self._settings(), "curve": curve}) + "\n")
-        return curve
-
-    def _train(self) -> list[Score]:
-        learner, every = self._learner(), self.recipe.steps / _EVALUATIONS
-        curve: list[Score] = []
-
-        def evaluate_now(steps: int) -> None:
-            if not curve or steps > curve[-1].steps:
-                tests = self._episodes(self.test_bank, self._evaluated, self.recipe.test_prob)
-                curve.append(evaluate(policy_of(learner, self.card), tests, steps))
-
-        def report(steps: int) -> None:
-            if steps >= len(curve) * every:
-                evaluate_now(steps)
-
+                trained = self._train()
+            with atomic_path(self.path) as temporary:
+                temporary.write_bytes(trained.to_bytes())
         try:
-            learner.learn(self.recipe.steps, _callback(report), tb_log_name=self.folder.name)
+            policy = Policy.from_bytes(self.path.read_bytes())
+        except BadPolicy as error:
+            raise BadPolicy(f"{self.path}: {error}; delete it and start again") from error
+        tests = self._episodes(self.test_bank, self._evaluated, self.recipe.test_prob)
+        return policy, evaluate(policy, tests)
+
+    def _train(self) -> Policy:
+        learner = self._learner()
+        try:
+            learner.learn(self.recipe.steps, tb_log_name=self.path.stem)
         except ValueError as error:
             if not str(error).startswith("Expected parameter logits"):  # of torch, where they are not finite
                 raise
             raise TrainingDiverged(
-                f"{self.folder}: after {learner.num_timesteps} steps the policy's outputs are not finite. Train with "
-                "another seed or recipe, into another folder"
+                f"{self.path.stem}: after {learner.num_timesteps} steps the policy's outputs are not finite. Train "
+                "with another seed or recipe"
             ) from error
-        evaluate_now(learner.num_timesteps)
-        with atomic_path(self.folder / POLICY) as temporary:
-            temporary.write_bytes(policy_of(learner, self.card).to_bytes())
-        return curve
+        return policy_of(learner, self.card)
 
-    def policy(self) -> Policy:
-        """The finished policy."""
-        return Policy.from_bytes((self.folder / POLICY).read_bytes())
-
-    def score(self) -> Score:
-        """Score of the finished policy on the objects and priors of its training, to choose among seeds."""
-        episodes = self._episodes(self.bank, 2 * self._evaluated, self.recipe.target_prob)
-        return evaluate(self.policy(), episodes, self.recipe.steps)
+    def mean_return(self, policy: Policy) -> float:
+        """Mean return of the finished policy on the objects and priors of its training, to choose among seeds."""
+        return evaluate(policy, self._episodes(self.bank, 2 * self._evaluated, self.recipe.target_prob)).mean_return
 
     @property
     def _evaluated(self) -> int:
         return _WEIGHED_EPISODES if self.recipe.state in WITH_GAINS else _EPISODES
 
-    def _episodes(self, bank: TouchBank, num_envs: int, target_prob: TargetProb, *shaping: float) -> BankEpisodes:
+    def _episodes(
+        self, bank: TouchBank, num_envs: int, target_prob: TargetProb, beta: float = 0.0, discount: float = 1.0
+    ) -> BankEpisodes:
         recipe = self.recipe
-        task = (recipe.touch_cost, recipe.touch_limit, target_prob)
-        return BankEpisodes(bank, self.model, self.target, num_envs, recipe.state, *task, *shaping)
+        task = (recipe.touch_cost, recipe.touch_limit, target_prob, beta, discount)
+        return BankEpisodes(bank, self.model, self.target, num_envs, recipe.state, *task)
 
     def _learner(self) -> PPO:
         """A new learner."""
@@ -176,69 +168,35 @@ class Training:
             learner.set_logger(Logger(folder=None, output_formats=[]))  # SB3's default makes a temporary folder
         return learner
 
-    def _finished(self) -> list[Score] | None:
-        """The learning curve of the finished training in the folder; None if there is none."""
-        path, now = self.folder / SETTINGS, self._settings()
-        if not path.is_file():
-            return None
-        try:
-            fields = unsealed_json(require_regular_file(path).read_text(encoding="utf-8"))
-            settings, curve = fields["settings"], [Score(*point) for point in fields["curve"]]
-            policy = self.policy()
-        except (CorruptFile, OSError, ValueError, KeyError, TypeError) as error:
-            raise CorruptFile(f"{self.folder}: {error}; delete this folder and start again") from error
-        if settings != now:
-            other = [name for name in {**settings, **now} if settings.get(name) != now.get(name)]
-            raise OtherTraining(
-                f"{self.folder} holds a training with other settings ({', '.join(other)}): {settings}; name another "
-                "--out"
-            )
-        assert policy.card == self.card, "which follows from the settings"
-        return curve
 
-    def _settings(self) -> dict[str, Any]:
-        """Everything that policy and curve depend on, as JSON types."""
-        settings = {"recipe": asdict(self.recipe), "target": self.target, "seed": self.seed}
-        banks = {"bank": self.bank, "test bank": self.test_bank}
-        digests = {name: array_digest({"logits": bank.logits, "shapes": bank.shapes}) for name, bank in banks.items()}
-        if self.recipe.state in WITH_GAINS:
-            features = {name: bank.features for name, bank in banks.items() if bank.features is not None}
-            digests["features"] = array_digest(features)
-        model = hashlib.sha256(self.model.to_json().encode()).hexdigest()
-        return json.loads(json.dumps({**settings, **digests, "observation model": model}))
-
-
-def evaluate(policy: Policy, episodes: BankEpisodes, steps: int = 0, seed: int = 1) -> Score:
+def evaluate(policy: Policy, episodes: BankEpisodes, seed: int = 1) -> Score:
     """Score of a policy that takes its most probable action, and must decide at the touch limit."""
 
     def choose(now: BankEpisodes) -> NDArray[np.int64]:
         return np.where(now.action_masks(), policy.scores(now.observe()), -np.inf).argmax(axis=1)
 
-    return play(choose, episodes, steps, seed)
+    return play(choose, episodes, seed)
 
 
-def play(
-    choose: Callable[[BankEpisodes], NDArray[np.int64]], episodes: BankEpisodes, steps: int = 0, seed: int = 1
-) -> Score:
+def play(choose: Callable[[BankEpisodes], NDArray[np.int64]], episodes: BankEpisodes, seed: int = 1) -> Score:
     """Play one episode per row and return the mean score.
 
     Args:
         choose: function from the episodes to actions ``(B,)``.
         episodes: B episodes; they are reset first.
-        steps: number of training steps, for the score.
         seed: seed of the episodes.
     """
     rng, rows = np.random.default_rng(seed), np.arange(episodes.num_envs)
-    episodes.reset(rows, rng)
+    episodes.restart(rows, rng)
     running, returns = np.ones(len(rows), np.bool_), np.zeros(len(rows))
     success, touches = np.zeros(len(rows), np.bool_), np.zeros(len(rows), np.int64)
     while running.any():
-        result = episodes.step(choose(episodes))
+        result = episodes.act(choose(episodes))
         returns += np.where(running, result.reward, 0.0)
         success |= running & result.success
         touches = np.where(running, episodes.num_touches, touches)
         running &= ~(result.terminated | result.truncated)
-    return Score(steps, float(returns.mean()), float(success.mean()), float(touches.mean()))
+    return Score(float(returns.mean()), float(success.mean()), float(touches.mean()))
 
 
 def policy_of(learner: PPO, card: PolicyCard) -> Policy:
@@ -257,20 +215,6 @@ def policy_of(learner: PPO, card: PolicyCard) -> Policy:
         for name in ("weight", "bias")
     ]
     return Policy(card, *arrays)
-
-
-def _callback(report: Callable[[int], None]) -> Any:
-    """A callback that reports the finished steps before every rollout, between two updates."""
-    from stable_baselines3.common.callbacks import BaseCallback
-
-    class Report(BaseCallback):
-        def _on_rollout_start(self) -> None:
-            report(self.num_timesteps)
-
-        def _on_step(self) -> bool:
-            return True
-
-    return Report()
 
 
 @contextmanager

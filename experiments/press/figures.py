@@ -20,7 +20,6 @@ _PHASE_COLOURS = {
     Phase.CONTACT: "#f6c99a",
     Phase.PAUSE: "#bfe3cd",
     Phase.WITHDRAW: "#e6dcef",
-    Phase.ROTATE: "#f1efd0",
 }
 
 

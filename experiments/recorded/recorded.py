@@ -9,8 +9,9 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from activetouch.recorded import RecordedTouches, check_recorded, read_recorded, without_incomplete
+from activetouch.recorded import RecordedTouches, check_recorded, read_recorded
 from activetouch.recorded.formats import Format
+from activetouch.recorded.splits import splits_of
 from activetouch.sensor import RecordedSensor
 from belief.claims import claim_folder, ends_claims
 from experiments.command_line.arguments import (
@@ -24,13 +25,8 @@ from experiments.command_line.arguments import (
     check_arguments,
 )
 from experiments.command_line.console import plain_console
-from experiments.parallel import progress_bar
-from experiments.recorded.finding import FIXED, find_all
-from experiments.recorded.fold import Fold, main_splits, prepare
-from experiments.recorded.identifying import after_touches, identify_all
-from experiments.recorded.leaks import controls
+from experiments.recorded.play import FIXED, Found, Named, find_all, identify_all, prepare
 from experiments.recorded.report import RecordedReport
-from experiments.recorded.results import Measured
 from planners.registry import find_decider, trained_state
 
 DECIDERS = (
@@ -40,12 +36,11 @@ DECIDERS = (
     FIXED,
     "random_poses(max_touches={max_touches})",
 )
-Task = Literal["objects", "categories", "shapes"]
 
 
 def recorded(
     touches: RecordedTouches,
-    task: Task = "objects",
+    task: str = "objects",
     *,
     name: str = "own",
     threshold: float = 0.9,
@@ -53,19 +48,17 @@ def recorded(
     scenes: int = 10,
     deciders: Sequence[str] = DECIDERS,
     folds: int = 5,
-    random_splits: int = 1,
     rounds: int = 5,
     max_touches: int = 12,
     seed: int = 0,
     notes: Sequence[str] = (),
     save: str | Path | None = None,
 ) -> RecordedReport:
-    """Identify and search for recorded objects by their held-out recordings, with several deciders.
+    """Identify and search for recorded objects by recordings that were not learned from, with several deciders.
 
     Args:
         touches: the set.
-        task: labels: objects are tested on later recordings, categories and shapes on objects that were not learned
-            from.
+        task: ``objects``, ``categories`` or ``shapes``.
         name: of the set.
         threshold: probability of a label at which an object is named.
         objects: of a search, all with different labels.
@@ -73,81 +66,66 @@ def recorded(
         deciders: of searches; "best fixed order" has posterior thresholds and the order ranked on calibration touches.
             {max_touches} stands for ``max_touches``, or the number of different touches of an object if it is smaller.
         folds: of objects for categories and shapes.
-        random_splits: for the leak control.
         rounds: identifications of each object by each decider, each with another order of its recordings.
         max_touches: of an object.
-        seed: of splits, orders, scenes and intervals.
+        seed: of orders, scenes and intervals.
         notes: sentences about how the set was read, for the report.
         save: folder for the sensor that :meth:`activetouch.sensor.RecordedSensor.fit` makes from all touches.
 
     Raises:
-        BadRecording: the task has too few labels, objects or touches.
+        BadRecording: there are too few labels, objects or touches.
         CannotWrite: ``save`` cannot be written, or holds a sensor of a scene.
-        BadArgument: a threshold that a guess reaches, or a decider that needs a file of a sensor's folder.
+        BadArgument: a threshold that a guess reaches, more objects than a split has labels, or a decider that needs a
+            file of a sensor's folder.
         UnknownName: there is no such decider.
     """
     for decider in deciders:
         _require_plain(decider, max_touches)
-    remarks = check_recorded(touches, task)
-    chosen = touches.for_task(task)
-    if threshold <= (guess := 1.0 / len(chosen.label_names)):
+    touches = touches.for_task(task)
+    remarks, number = check_recorded(touches), len(touches.label_names)
+    if threshold <= 1.0 / number:
         raise BadArgument(
-            f"--threshold must be above {guess:.3g}, the probability of each of the {len(chosen.label_names)} "
-            f"{task} before the first touch, got {threshold:g}"
+            f"--threshold must be above {1.0 / number:.3g}, the probability of each of the {number} {task} before the "
+            f"first touch, got {threshold:g}"
         )
+    splits = splits_of(touches, folds)
+    if scenes and objects > (most := max(len(np.unique(touches.labels[split.test])) for split in splits)):
+        raise BadArgument(f"--objects {objects}: there are {most} to search among; give fewer, or --scenes 0")
     if save is not None:
-        RecordedSensor.fit(touches, task).save(save)
-    split_name, splits = main_splits(chosen, folds)
-    with progress_bar() as bar:
-        steps = bar.add_task("reading, naming and searching", total=2 * len(splits) + 1)
-        made = []
-        for split in splits:
-            made.append(prepare(chosen, split, threshold))
-            bar.advance(steps)
-        leaks = controls(chosen, splits, [fold.reading for fold in made], split_name, seed, random_splits)
-        bar.advance(steps)
-        named, after, losses, found, oracle = [], [], [], [], []
-        for number, fold in enumerate(made):
-            key = [seed, number]
-            named += identify_all(fold, key, threshold, max_touches, rounds)
-            beliefs, by_law = after_touches(fold, seed)
-            after += beliefs
-            losses.append(by_law)
-            if scenes:
-                searches, known = find_all(fold, deciders, key, objects, scenes, max_touches)
-                found += searches
-                oracle += known
-            bar.advance(steps)
-    missing = _missing_searches(made, objects, task) if scenes else []
+        RecordedSensor.fit(touches).save(save)
+    made = [prepare(touches, split, threshold) for split in splits]
+    named, found = list[Named](), list[Found]()
+    for place, fold in enumerate(made):
+        named += identify_all(fold, [seed, place], threshold, max_touches, rounds)
+        found += find_all(fold, deciders, [seed, place], objects, scenes, max_touches)
     facts = {
         "name": name,
         "task": task,
         "provenance": touches.provenance,
         "licence": touches.licence,
-        "touches": len(chosen.rows),
-        "labels": len(chosen.label_names),
-        "num_objects": len(set(chosen.objects.tolist())),
+        "touches": touches.num_touches,
+        "labels": number,
+        "num_objects": len(np.unique(touches.objects)),
         "actions": list(touches.action_names),
         "threshold": threshold,
         "objects": objects,
         "scenes": scenes,
         "deciders": list(deciders),
-        "folds": folds,
-        "random_splits": random_splits,
+        "folds": len(splits),
         "rounds": rounds,
         "max_touches": max_touches,
         "seed": seed,
-        "notes": [*notes, *remarks, *missing],
+        "notes": [*notes, *remarks],
     }
-    return RecordedReport(Measured(split_name, made, named, after, losses, found, oracle, leaks, threshold), facts)
+    return RecordedReport(made, named, found, facts)
 
 
 @dataclass(frozen=True)
 class Recorded:
     """Play searches on recorded touches of real objects, with several deciders; report.
 
-    The set is split by time or by object, a classifier is trained and calibrated, correlations between touches are
-    fitted, and objects are then identified, and searched for, by their held-out recordings.
+    The set is split in order of recording, or by object, a classifier is trained and calibrated, correlations between
+    touches are fitted, and objects are then identified, and searched for, by recordings that were not learned from.
     docs/real_touch.md describes the formats; "csv" and "npz" are for touches of your own, "bts3" is a public set.
 
     For example:
@@ -161,7 +139,7 @@ class Recorded:
     """Folder of the recordings; for npz also the file."""
     format: Format
     """Format of the recordings."""
-    task: Task = "objects"
+    task: Literal["objects", "categories", "shapes"] = "objects"
     """Labels: objects are tested on later recordings, categories and shapes on objects that were not learned from."""
     threshold: Share = 0.9
     """Probability of a label at which an object is named."""
@@ -176,17 +154,15 @@ class Recorded:
     """Folds of objects for categories and shapes."""
     rounds: Count = 5
     """Identifications of each object by each decider, each with another order of its recordings."""
-    leave_out_incomplete: bool = False
-    """Leave out objects with too few sessions of an action, instead of refusing the set."""
     max_touches: Annotated[int, Within(1, 100)] = 12
     """Most touches of an object."""
     seed: Seed = 0
-    """Seed of splits, orders, scenes and intervals."""
+    """Seed of orders, scenes and intervals."""
     save: Path | None = None
     """Folder for a sensor that is trained in the same way on all touches: TactileSensor.load reads it, and its session
     finds objects that you touch."""
     out: Path | None = None
-    """Folder for the results; runs/recorded-FORMAT-TASK by default."""
+    """Folder for the results; runs/recorded-FORMAT by default, with the task behind it if it is not objects."""
 
     @ends_claims
     def run(self) -> None:
@@ -194,23 +170,19 @@ class Recorded:
         check_arguments(self)
         for decider in self.deciders:
             _require_plain(decider, self.max_touches)
-        out = self.out if self.out is not None else Path(f"runs/recorded-{self.format}-{self.task}")
+        suffix = f"-{self.task}" * (self.task != "objects")
+        out = self.out if self.out is not None else Path(f"runs/recorded-{self.format}{suffix}")
         claim_folder(out)
         if self.save is not None:
             claim_folder(self.save)
         touches, notes = read_recorded(self.data, self.format)
-        if self.leave_out_incomplete:
-            touches, left_out = without_incomplete(touches, self.task)
-            notes = (*notes, *left_out)
-        console, known = plain_console(), (*notes, *check_recorded(touches, self.task))
+        console = plain_console()
         console.print(f"{touches.num_touches} touches, actions: {', '.join(touches.action_names)}")
-        for note in known:
+        for note in (*notes, *check_recorded(touches.for_task(self.task))):
             console.print(f"- {note}")
         names = "threshold", "objects", "scenes", "deciders", "folds", "rounds", "max_touches", "seed"
         settings = {name: getattr(self, name) for name in names}
         report = recorded(touches, self.task, name=self.format, notes=notes, save=self.save, **settings)
-        for note in report.facts["notes"][len(known) :]:
-            console.print(f"- {note}")
         for table in report.tables():
             print(table, end="\n\n")
         for sentence in report.verdict():
@@ -218,7 +190,7 @@ class Recorded:
         report.save(out)
         if self.save is not None:
             print(f"wrote a sensor, trained on all {report.facts['touches']} touches, into {self.save}")
-        print(f"wrote report.html, recorded.md, results.json, episodes.jsonl and figures into {out}")
+        print(f"wrote report.html, recorded.md, results.json, episodes.jsonl and tables into {out}")
 
 
 def _require_plain(decider: str, max_touches: int) -> None:
@@ -232,19 +204,3 @@ def _require_plain(decider: str, max_touches: int) -> None:
             f"--deciders {decider} needs a file of a sensor's folder, and recorded touches have no sensor; the order "
             f'that is ranked on them is "{FIXED}"'
         )
-
-
-def _missing_searches(folds: Sequence[Fold], objects: int, task: str) -> list[str]:
-    """A sentence if splits test too few labels for searches."""
-    numbers = [len(np.unique(fold.bank.labels)) for fold in folds]
-    able, most = sum(number >= objects for number in numbers), max(numbers)
-    if able == len(numbers):
-        return []
-    if able:
-        where = f"there are searches among {objects} objects in {able} of {len(numbers)} splits only"
-        return [f"{where}; the others test fewer different {task}"]
-    cure = f"--objects {most}" if most > 1 else "fewer --folds"
-    return [
-        f"there are no searches among {objects} objects: those that a split tests have at most {most} different "
-        f"{task}; give {cure}"
-    ]

@@ -42,14 +42,7 @@ class Section:
 def write_page(
     path: Path, title: str, sections: Sequence[Section], template: str = "page.html", **values: object
 ) -> None:
-    """Write a page, atomically.
-
-    Args:
-        path: file to write.
-        title: heading of the page.
-        sections: content of the page.
-        template: name of a template that extends ``page.html``.
-        values: further values of this template; an unknown name in the template is an error.
+    """Write a page, atomically, with a template that extends ``page.html`` and its further values.
 
     Raises:
         CannotWrite: The disk is full, or the folder is not writable.

@@ -42,16 +42,9 @@ STYLE: Any = {
 def figure(
     size: tuple[float, float] | None, *paths: Path, dpi: int = 130, style: str | Path | None = None
 ) -> Iterator[Figure]:
-    """A figure in the common style, written to files at the end of the block; equal content gives equal SVG.
+    """A figure in the common style, or in one that comes before it; at the end of the block it is written to files.
 
-    Args:
-        size: width and height [inches]; those of the style if None.
-        paths: files to write, atomically; the ending decides the format.
-        dpi: pixels per inch of PNG files.
-        style: matplotlib style, by name or file, which comes before the common one.
-
-    Raises:
-        CannotWrite: The disk is full, or the folder is not writable.
+    The ending of a file decides its format; equal content gives equal SVG. Sizes are in inches.
     """
     with matplotlib.rc_context(STYLE), matplotlib.style.context([] if style is None else [style]):
         drawn = Figure(figsize=size, layout="constrained")

@@ -5,7 +5,7 @@ To add a condition, write a line in :data:`CONDITIONS`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, TypeAlias
@@ -14,9 +14,13 @@ from activetouch.distributions import Constant, Distribution, LogUniform, Unifor
 from activetouch.rendering import Blur, DeadTaxels, Fault, Gain, Hysteresis, Noise, Quantisation, Shift, StuckTaxels
 from activetouch.rendering.faults import change_faults, faults_of
 from activetouch.scene import Scene
+from activetouch.scene_description import scene_fields
 from activetouch.shapes import Cylinder
+from belief.errors import UnknownName
 from experiments.scene_choice import FIDELITIES, PRESENTATIONS
 
+AS_TRAINED = "as trained"
+"""Name of the unchanged scene among the conditions."""
 Change: TypeAlias = Callable[[Scene], Scene]
 
 
@@ -190,3 +194,30 @@ CONDITIONS: Mapping[str, Change] = MappingProxyType(
 """Change of a scene by name. Sizes are relative to the nominal size. "All of these" are noise × 1.5, 19 % more dead,
 stiffness × 0.7, size ± 25 % and forces from 0.7 times the least to 1.3 times the largest, as far as they apply. The
 last condition is the lower bound: a sensor without information."""
+
+
+def applicable_conditions(scene: Scene, names: Sequence[str] = ()) -> tuple[dict[str, Scene], dict[str, str]]:
+    """The scenes of the conditions that apply, the unchanged scene first, and why the others do not apply.
+
+    Args:
+        scene: in which the sensor was trained.
+        names: of the conditions to choose from; all by default.
+
+    Raises:
+        UnknownName: there is no such condition.
+    """
+    for name in names:
+        if name not in CONDITIONS:
+            raise UnknownName("condition", name, list(CONDITIONS))
+    scenes, left_out = {AS_TRAINED: scene}, {}
+    for name in (name for name in CONDITIONS if name in names or not names):
+        try:
+            changed = CONDITIONS[name](scene)
+        except DoesNotApply as reason:
+            left_out[name] = str(reason)
+            continue
+        if scene_fields(changed) == scene_fields(scene):
+            left_out[name] = "the sensor was trained under this condition"
+        else:
+            scenes[name] = changed
+    return scenes, left_out

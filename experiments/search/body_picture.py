@@ -43,13 +43,7 @@ class Bodies:
 
     @classmethod
     def of(cls, sensor: TactileSensor, pixels: int = 96, draws: int = 64) -> Bodies | None:
-        """Those of a sensor's joint belief; None for a sensor with any other observation model.
-
-        Args:
-            sensor: the sensor.
-            pixels: width and height of a picture.
-            draws: bodies of which a picture is the mean.
-        """
+        """Those of a sensor's joint belief; None for a sensor with any other observation model."""
         model = joint_model(sensor.model)
         if model is None:
             return None
@@ -57,14 +51,9 @@ class Bodies:
         return cls(sensor.scene.solids, rests, sizes, pixels, draws)
 
     def likeliest(self, evidence: RigidBodyEvidence, probs: Floats, number: int) -> list[tuple[str, float, Floats]]:
-        """Label, probability and mean picture of the likeliest shapes.
+        """Label, probability and mean picture of the likeliest shapes, by the evidence and their posterior ``(K,)``.
 
         A picture is shade times coverage, and coverage, ``(H, W, 2)``.
-
-        Args:
-            evidence: about the object.
-            probs: posterior of its shape, ``(K,)``.
-            number: of shapes.
         """
         labels = list(self.shapes)
         found = []

@@ -14,7 +14,7 @@ from belief.problem import SearchProblem
 from experiments.search.fingerprint import digest_of, fingerprint
 from experiments.search.play import sensor_digest
 from planners import Decider
-from planners.certified import Certificate, NotCertified
+from planners.certified import Certificate
 
 
 def made_for(
@@ -27,13 +27,7 @@ def made_for(
 ) -> dict[str, Any]:
     """What a certificate holds for, as JSON types.
 
-    Args:
-        sensor: with the scene.
-        problem: rules of the search, with the answer Unsure.
-        targets: labels of the shapes that are sought.
-        name: of the decider.
-        decider: the decider itself, with the conflict test if it has one.
-        known: objects that deciders hold and that the sensor determines, by name.
+    ``known`` are objects by name that deciders hold and that the sensor determines.
     """
     targets = [label for label in problem.shape_labels if label in targets]
     deciders = [fingerprint(decider, target, known) for target in targets]
@@ -58,35 +52,18 @@ def opened(certificate: str | Path | Certificate) -> Certificate:
     return certificate if isinstance(certificate, Certificate) else Certificate.load(certificate)
 
 
-def certified_players(
+def certified(
     certificate: Certificate,
-    players: Mapping[str, Decider | str],
-    made: Mapping[str, Decider],
+    decider: Decider,
     sensor: TactileSensor,
     problem: SearchProblem,
     targets: Sequence[str],
     known: Mapping[str, object],
-) -> dict[str, Decider]:
-    """The deciders of a comparison that a certificate was made for, stopping by it, as "certified NAME".
-
-    Args:
-        certificate: the certificate.
-        players: deciders or their names on the command line, by name in the report.
-        made: the deciders, by name in the report.
-        sensor: as of :func:`made_for`, and so the others.
-        problem: rules of the search.
-        targets: labels of the shapes that are sought.
-        known: objects that deciders hold.
+) -> Decider:
+    """A decider that stops by a certificate; arguments as of :func:`made_for`.
 
     Raises:
-        NotCertified: none of the deciders has the name in the certificate, or it was made for something else.
+        NotCertified: the certificate was made for something else.
     """
-    names = [name for name, player in players.items() if player == certificate.decider]
-    if not names:
-        raise NotCertified(f"the certificate is for --deciders {certificate.decider!r}, got {', '.join(players)}")
-    return {
-        f"certified {name}": certificate.wrap(
-            made[name], made_for(sensor, problem, targets, certificate.decider, made[name], known)
-        )
-        for name in names
-    }
+    name = certificate.decider
+    return certificate.wrap(decider, made_for(sensor, problem, targets, name, decider, known))

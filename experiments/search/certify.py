@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, cast
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import tyro
@@ -18,7 +18,7 @@ from belief.files import in_file_name, require_writable_file
 from belief.observation_model.model import ObservationModel
 from belief.seeding import keyed_rng
 from belief.statistics.stop_thresholds import CandidateStops, certified_thresholds, least_searches
-from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, Within, check_arguments, check_value
+from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, Within, check_arguments
 from experiments.parallel import Shared, default_jobs, run_tasks
 from experiments.search.certificate import made_for, with_unsure
 from experiments.search.comparison import prepared, scene_of
@@ -108,13 +108,7 @@ def play_calibration(
 ) -> Calibration:
     """Play searches that confirm nothing, each with a target drawn uniformly, so that they are independent and alike.
 
-    Args:
-        searches: what determines them; the problem has the answer Unsure.
-        decider: whose confirmations are listed.
-        num_searches: N.
-        targets: labels of the shapes that are sought.
-        max_touches: of one object, after which the search ends.
-        jobs: number of processes; all cores by default.
+    An object is not touched more than ``max_touches`` times; then the search ends.
     """
     labels = list(searches.problem.shape_labels)
     searches = replace(searches, seed=searches.seed + _SEEDS)
@@ -149,8 +143,6 @@ def certify(
     out: str | Path | None = None,
     num_objects: int | None = None,
     touch_cost: float = 0.02,
-    abstain: float | None = None,
-    promise: float = 0.95,
     max_touches: int = 6,
     anyway: bool = False,
     jobs: int | None = None,
@@ -173,8 +165,6 @@ def certify(
         out: file to write; none by default.
         num_objects: number of objects in a search; that of the scene by default.
         touch_cost: cost λ of one touch, in units of a success.
-        abstain: false-alarm rate of the conflict test, if the decider is followed with it.
-        promise: with ``abstain``, the smallest stated confidence of an answer.
         max_touches: of one object, after which it is not touched again for the certificate.
         anyway: whether to accept a sensor that was made for another scene.
         jobs: number of processes; all cores by default.
@@ -192,67 +182,23 @@ def certify(
         certificate = activetouch.certify("coarse", risk=0.05, searches=1000)
         activetouch.compare("coarse", "information_gain", certificate=certificate)
     """
-    for name, value, kind in (
-        ("--risk", risk, Probability),
-        ("--confidence", confidence, Probability),
-        ("--searches", searches, Searched),
-        ("--max-touches", max_touches, Count),
-    ):
-        check_value(name, value, kind)
-    if not isinstance(decider, str):
-        raise BadArgument(f"a certificate is for a decider by name, such as 'information_gain', got {decider!r:.80}")
     choice, named = scene_of(scene)
     own = sensor if isinstance(sensor, TactileSensor) else None
-    setting = Setting(
-        choice,
-        sensor=None if sensor is None or own is not None else Path(cast("str | Path", sensor)),
-        num_objects=num_objects,
-        touch_cost=touch_cost,
-        abstain=abstain,
-        promise=promise,
-        anyway=anyway,
+    folder = None if sensor is None or isinstance(sensor, TactileSensor) else Path(sensor)
+    setting = Setting(choice, sensor=folder, num_objects=num_objects, touch_cost=touch_cost, anyway=anyway)
+    asked = Certify(
+        decider,
+        risk,
+        confidence,
+        searches,
+        seed,
+        (targets,) if isinstance(targets, str) else tuple(targets),
+        max_touches,
+        setting,
+        None if out is None else Path(out),
+        default_jobs() if jobs is None else jobs,
     )
-    return _certified(setting, decider, targets, named, own, risk, confidence, searches, seed, max_touches, out, jobs)
-
-
-def _certified(
-    setting: Setting,
-    decider: str,
-    targets: Sequence[str] | str,
-    named: NamedScene | None,
-    own: TactileSensor | None,
-    risk: float,
-    confidence: float,
-    num_searches: int,
-    seed: int,
-    max_touches: int,
-    out: str | Path | None,
-    jobs: int | None,
-) -> Certificate:
-    """The certificate of a setting, or of a scene or sensor object; see :func:`certify`."""
-    run = prepared(setting, decider, targets=targets, seed=seed, jobs=jobs, named=named, own_sensor=own)
-    if out is not None:
-        require_writable_file(Path(out))
-    player, searches = run.deciders[decider], replace(run.searches, problem=with_unsure(run.searches.problem))
-    played = play_calibration(searches, player, num_searches, run.targets, max_touches, jobs)
-    found = certified_thresholds(played.candidates, risk, confidence)
-    if not np.isfinite(found.thresholds).any():
-        stops, wrong = played.candidates.counts([0.0])
-        raise TooFewSearches(
-            f"{num_searches} searches certify no stop of {decider} at a risk of {risk:g} with confidence "
-            f"{confidence:g}: {wrong[0]} of its {stops[0]} confirmations are wrong, and at least "
-            f"{least_searches(risk, confidence)} without an error are needed; play more --searches, or accept more "
-            "--risk"
-        )
-    what = made_for(searches.sensor, searches.problem, run.targets, decider, player, run.known)
-    tested = None if setting.abstain is None else (setting.abstain, setting.promise)
-    numbers = found.thresholds, found.stops, found.wrong, max_touches
-    certificate = Certificate(
-        decider, risk, confidence, num_searches, *numbers, abstain=tested, made_for=what, usual=played.fits
-    )
-    if out is not None:
-        certificate.save(out)
-    return certificate
+    return asked.certificate(named, own)
 
 
 @dataclass(frozen=True)
@@ -293,7 +239,52 @@ class Certify:
         """Play the calibration searches, print the certificate and write it; raises as :func:`certify`."""
         name = f"certificate-{in_file_name(self.decider, '-')}-{self.risk:g}.json"
         out = self.setting.sensor_folder / name if self.out is None else self.out
-        check_arguments(self)
-        told = self.risk, self.confidence, self.searches, self.seed, self.max_touches
-        print(_certified(self.setting, self.decider, self.targets, None, None, *told, out, self.jobs))
+        print(replace(self, out=out).certificate())
         print(f"certificate: {out}")
+
+    def certificate(self, named: NamedScene | None = None, own_sensor: TactileSensor | None = None) -> Certificate:
+        """Play the calibration searches; write the certificate if there is a file; raises as :func:`certify`.
+
+        Args:
+            named: a scene object in place of the setting's scene.
+            own_sensor: a sensor object in place of the setting's sensor.
+        """
+        check_arguments(self)
+        if not isinstance(self.decider, str):
+            raise BadArgument(
+                f"a certificate is for a decider by name, such as 'information_gain', got {self.decider!r:.80}"
+            )
+        if self.setting.abstain is not None:
+            raise BadArgument("a certificate says itself when a decider is unsure: leave out --abstain")
+        run = prepared(
+            self.setting,
+            self.decider,
+            targets=self.targets,
+            seed=self.seed,
+            jobs=self.jobs,
+            named=named,
+            own_sensor=own_sensor,
+        )
+        if self.out is not None:
+            require_writable_file(self.out)
+        player = run.deciders[self.decider]
+        searches = replace(run.searches, problem=with_unsure(run.searches.problem))
+        played = play_calibration(searches, player, self.searches, run.targets, self.max_touches, self.jobs)
+        found = certified_thresholds(played.candidates, self.risk, self.confidence)
+        if not np.isfinite(found.thresholds).any():
+            stops, wrong = played.candidates.counts([0.0])
+            raise TooFewSearches(
+                f"{self.searches} searches certify no stop of {self.decider} at a risk of {self.risk:g} with "
+                f"confidence {self.confidence:g}: {wrong[0]} of its {stops[0]} confirmations are wrong, and at least "
+                f"{least_searches(self.risk, self.confidence)} without an error are needed; play more --searches, or "
+                "accept more --risk"
+            )
+        certificate = Certificate(
+            *(self.decider, self.risk, self.confidence, self.searches),
+            *(found.thresholds, found.stops, found.wrong, self.max_touches),
+            made_for=made_for(searches.sensor, searches.problem, run.targets, self.decider, player, run.known),
+            usual=played.fits,
+        )
+        if self.out is not None:
+            certificate.save(self.out)
+        return certificate

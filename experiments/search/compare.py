@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -25,9 +24,7 @@ from experiments.command_line.trust import Trust
 from experiments.parallel import default_jobs
 from experiments.scene_choice import in_file_names
 from experiments.search.comparison import DEFAULT_DECIDERS, Comparison, compared, prepared
-from experiments.search.run import Run, merge
 from experiments.search.setting import Setting
-from experiments.sensor_commands import command
 from planners.registry import DECIDERS
 
 _DECIDERS_HELP = (
@@ -46,9 +43,7 @@ class Compare:
 
         activetouch compare --scene coarse --deciders information_gain threshold --targets cone --episodes 1000
         activetouch compare --config runs/compare/run.json --seed 1 --out runs/again
-        activetouch compare --scene coarse --part 1/2 --out runs/a    (and --part 2/2 --out runs/b elsewhere, then)
-        activetouch compare --merge runs/a runs/b --out runs/both
-        activetouch compare --results mine.csv theirs.csv --control unperturbed.csv
+        activetouch compare --results mine.csv theirs.csv
     """
 
     deciders: Annotated[tuple[str, ...], tyro.conf.arg(help=_DECIDERS_HELP)] = DEFAULT_DECIDERS
@@ -68,14 +63,8 @@ class Compare:
     """Folder of the run; by default runs/compare for the scene gel, runs/compare-SCENE for any other."""
     jobs: Jobs = field(default_factory=default_jobs)
     """Number of processes; the results do not depend on it."""
-    part: str = "1/1"
-    """Play only part i of n, such as 2/8, and write no report."""
-    merge: tuple[Path, ...] = ()
-    """Folders of the parts: combine them in --out, and compare what they hold."""
     results: tuple[Path, ...] = ()
-    """Play nothing; compare these: CSV files with seed, task, success (and length), or LeRobot's eval_info.json."""
-    control: tuple[Path, ...] = ()
-    """With --results: file of the same episodes without what is tested, to subtract; one for all, or one for each."""
+    """Play nothing; compare these: CSV files with seed, task, success (and length)."""
     config: Path | None = None
     """run.json of an earlier run, whose arguments become the defaults."""
     trust: bool = False
@@ -121,22 +110,12 @@ class Compare:
         Raises:
             FileNamesCode: a file names code, and ``trust`` is not set.
         """
-        if self.results or self.control:
+        if self.results:
             self._compare_results()
-            return
-        if self.merge:
-            self._merged().run()
             return
         if self.config is not None:
             asked, recorded = self._names(), Compare.from_config(self.config)._names()
             Trust(self.config, everything=self.trust).require(name for name in recorded if name in asked)
-        part = self._part()
-        if part[1] > 1:
-            self._played(part)
-            union = self.folder.with_name(f"{self.folder.name}-all")
-            again = command("compare", "--merge", self.folder, "OTHER_FOLDERS", out=union)
-            print(f"{self.folder} holds part {self.part}. When all are finished:\n{again}")
-            return
         comparison = self.play()
         page = comparison.save(self.folder)
         _say([comparison], comparison.verdict(), page)
@@ -145,7 +124,7 @@ class Compare:
         """Compare files of results; nothing is played."""
         from experiments.search.results import compare_results
 
-        found = compare_results(self.results, self.reference, self.control, self.seed)
+        found = compare_results(self.results, self.reference, self.seed)
         page = found.save(Path("runs/results") if self.out is None else self.out)
         _say([replace(table, note="") for table in found.tables() if table.rows], found.verdict(), page)
 
@@ -155,9 +134,6 @@ class Compare:
         Raises:
             ActiveTouchError: as :func:`activetouch.compare`.
         """
-        return compared(self._played(), self.reference)
-
-    def _played(self, part: tuple[int, int] = (0, 1)) -> Run:
         run = prepared(
             self.setting,
             self.deciders,
@@ -169,27 +145,12 @@ class Compare:
             jobs=self.jobs,
             certificate=self.certificate,
         )
-        run.play(part, self.jobs)
-        return run
-
-    def _merged(self) -> Compare:
-        """The comparison of what several folders hold, which are united."""
-        for folder in self.merge:
-            Trust(folder, everything=self.trust).require(Compare.from_config(folder)._names())
-        out = self.out if self.out is not None else self.merge[0].with_name(f"{self.merge[0].name}-all")
-        merge(self.merge, out)
-        return replace(Compare.from_config(out), jobs=self.jobs, trust=self.trust)
+        run.play(self.jobs)
+        return compared(run, self.reference)
 
     def _names(self) -> list[str | None]:
         """Names of scene, renderer and deciders, which can be code."""
         return [self.setting.choice.scene, self.setting.choice.renderer, *self.deciders]
-
-    def _part(self) -> tuple[int, int]:
-        """Index of this part, from 0, and number of parts."""
-        found = re.fullmatch(r"(\d+)/(\d+)", self.part)
-        if found is None or not 1 <= int(found[1]) <= int(found[2]):
-            raise BadArgument(f"--part must be i/n with 1 ≤ i ≤ n, such as 2/8; got {self.part!r}")
-        return int(found[1]) - 1, int(found[2])
 
 
 def _say(tables: Sequence[Table | Comparison], verdict: Sequence[str], page: Path) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -24,19 +22,19 @@ from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, c
 from experiments.command_line.trust import Trust
 from experiments.parallel import Shared, run_tasks
 from experiments.scene_choice import SceneChoice, as_named
-from experiments.search.certificate import certified_players, opened, with_unsure
+from experiments.search.certificate import certified, opened, with_unsure
 from experiments.search.fingerprint import files_digest
 from experiments.search.play import Searches, sensor_digest
 from experiments.search.run import Run
-from experiments.search.run_folder import ORACLE, RunFolder, read_episode
+from experiments.search.run_folder import RunFolder, read_episode
 from experiments.search.setting import Setting
 from experiments.search.summary import Summary
 from experiments.search.tables import results_table, terminal_table
-from experiments.search.verdict import short_names, verdict_sentences
+from experiments.search.verdict import verdict_sentences
 from experiments.sensor_choice import require_policies
 from planners import Decider, make_decider
 from planners.abstaining import Abstaining
-from planners.certified import Certificate
+from planners.certified import Certificate, NotCertified
 from planners.registry import DECIDERS, find_decider
 
 if TYPE_CHECKING:
@@ -57,16 +55,11 @@ class Comparison(Summary, Tabular):
     run: Run | None = field(default=None, kw_only=True)
 
     def table(self) -> Table:
-        """The table that is printed, with all columns; printed, it leaves out those for which there is no room."""
-        return self._table(10_000)
+        """The table that is printed."""
+        return terminal_table(self)
 
-    def __str__(self) -> str:
-        return str(self._table(shutil.get_terminal_size().columns))
-
-    __repr__ = __str__
-
-    def _table(self, width: int) -> Table:
-        return terminal_table(self.renamed(short_names(self.deciders)[0]), width)
+    def __repr__(self) -> str:
+        return str(self)
 
     def rows(self) -> list[dict[str, Any]]:
         """Results by decider and target, unrounded, and by decider over all targets: ``pandas.DataFrame`` takes them.
@@ -94,7 +87,7 @@ class Comparison(Summary, Tabular):
 
         if name not in FIGURES:
             raise UnknownName("figure", name, list(FIGURES))
-        FIGURES[name](axes, self.renamed(short_names(self.deciders)[0]))
+        FIGURES[name](axes, self)
 
     @classmethod
     def load(cls, folder: str | Path, *, trust: bool = False) -> Comparison:
@@ -118,15 +111,13 @@ class Comparison(Summary, Tabular):
             problem,
             {cell: [read_episode(line, labels) for line in own] for cell, own in lines.items()},
             {cell: held.seconds(cell, own) for cell, own in lines.items()},
-            {target: held.solved(target, len(own)) for (_, target), own in lines.items()},
             run["arguments"].get("reference") or next(iter(lines))[0],
             np.random.default_rng(run["identity"]["seed"]),
         )
 
     def verdict(self) -> list[str]:
         """Sentences: which decider is best, what differs significantly, and whether stated confidence is kept."""
-        names, said = short_names(self.deciders)
-        return [*said, *verdict_sentences(self.renamed(names))]
+        return verdict_sentences(self)
 
     def save(self, folder: str | Path) -> Path:
         """Write ``report.html`` with its figures and tables, and ``episodes.jsonl``.
@@ -165,8 +156,6 @@ def compare(
     num_objects: int | None = None,
     touch_cost: float = 0.02,
     abstain: float | None = None,
-    promise: float = 0.95,
-    unsure_reward: float = 0.0,
     certificate: str | Path | Certificate | None = None,
     anyway: bool = False,
     jobs: int | None = None,
@@ -191,8 +180,6 @@ def compare(
         touch_cost: cost λ of one touch, in units of a success.
         abstain: false-alarm rate of the conflict test, with which every decider can answer "I do not know"; not by
             default.
-        promise: with ``abstain``, the smallest stated confidence of an answer.
-        unsure_reward: with ``abstain``, the reward of "I do not know".
         certificate: from :func:`activetouch.certify`, or its file; its decider also plays stopping by it, as
             "certified NAME", and searches can end with "I do not know".
         anyway: whether to accept a sensor that was made for another scene.
@@ -221,8 +208,6 @@ def compare(
         num_objects=num_objects,
         touch_cost=touch_cost,
         abstain=abstain,
-        promise=promise,
-        unsure_reward=unsure_reward,
         anyway=anyway,
     )
     run = prepared(
@@ -271,31 +256,13 @@ def prepared(
     own_sensor: TactileSensor | None = None,
     certificate: str | Path | Certificate | None = None,
 ) -> Run:
-    """Check all that a comparison is given, before anything is played or written; arguments as :func:`compare`.
+    """Check all that a comparison is given, before anything is played or written; arguments as of :func:`compare`.
 
-    Args:
-        setting: scene, sensor and rules.
-        deciders: names, or deciders or names by name.
-        targets: shapes to search for.
-        episodes: searches per decider and target.
-        seed: seed of the whole comparison.
-        out: folder of the run.
-        reference: decider that the others are compared with.
-        jobs: number of processes.
-        named: a scene object in place of the setting's scene.
-        own_sensor: a sensor object in place of the setting's sensor.
-        certificate: by which its decider also plays.
-
-    Raises:
-        ActiveTouchError: as :func:`compare`.
+    ``named`` and ``own_sensor`` are a scene and a sensor object in place of those of the setting.
     """
     check_arguments(setting)
     for name, value, kind in (("episodes", episodes, Count), ("seed", seed, Seed), ("jobs", jobs, Jobs)):
         check_value(f"--{name}", value, kind)
-    for name in ("promise", "unsure_reward"):
-        if setting.abstain is None and (value := getattr(setting, name)) != getattr(Setting, name):
-            flag = name.replace("_", "-")
-            raise BadArgument(f"--{flag} does nothing without --abstain, got {value}")
     players = _players(deciders)
     if reference is not None and reference not in players:
         raise UnknownName("reference among --deciders", reference, list(players))
@@ -325,10 +292,13 @@ def prepared(
         for name, player in players.items()
     }
     if setting.abstain is not None:
-        made = {name: Abstaining(decider, setting.abstain, setting.promise) for name, decider in made.items()}
+        made = {name: Abstaining(decider, setting.abstain) for name, decider in made.items()}
     known = {"observation model": sensor.model, "outcome table": table}
     if signed is not None:
-        made |= certified_players(signed, players, made, sensor, problem, chosen, known)
+        names = [name for name, player in players.items() if player == signed.decider]
+        if not names:
+            raise NotCertified(f"the certificate is for --deciders {signed.decider!r}, got {', '.join(players)}")
+        made |= {f"certified {name}": certified(signed, made[name], sensor, problem, chosen, known) for name in names}
     arguments = {
         "deciders": list(players),
         "reference": reference,
@@ -351,8 +321,8 @@ def _players(deciders: Mapping[str, Decider | str] | Sequence[str] | str) -> dic
     if not players:
         raise BadArgument(f"--deciders must name one or more of {', '.join(DECIDERS)}; got none")
     for name, player in players.items():
-        if name == ORACLE or not name:
-            raise BadArgument(f"a decider cannot be called {name!r}; give it another name")
+        if not name:
+            raise BadArgument("a decider cannot have an empty name")
         if not isinstance(player, str) and not callable(getattr(player, "decide", None)):
             raise BadArgument(f"{name!r} is not a decider: it has no method decide(info, rng), got {player!r:.80}")
     return players
@@ -373,19 +343,13 @@ def _predict(shared: Shared[HypothesisTable], num_hypotheses: int, pose: int) ->
 
 
 def compared(run: Run, reference: str | None = None) -> Comparison:
-    """All numbers of a run that is finished.
-
-    Args:
-        run: a run that was played.
-        reference: decider that the others are compared with; the first by default.
-    """
+    """All numbers of a run that was played."""
     cells = [(decider, target) for decider in run.deciders for target in run.targets]
     labels = tuple(run.searches.problem.shape_labels)
     return Comparison.from_episodes(
         run.searches.problem,
         {cell: [read_episode(line, labels) for line in run.lines(*cell)] for cell in cells},
         {cell: run.seconds(*cell) for cell in cells},
-        {target: [json.loads(line)["solved"] for line in run.lines(ORACLE, target)] for target in run.targets},
         reference or next(iter(run.deciders)),
         np.random.default_rng(run.searches.seed),
         run=run,

@@ -12,13 +12,13 @@ from activetouch.sensor import RecordedSensor
 from activetouch.session_reader import SensorReader, session_reader
 from belief.composition import Composition, Counts
 from belief.errors import InvalidArgument
-from belief.naming import Name, index_of, seed_words
+from belief.naming import Name, index_of
 from belief.problem import SearchProblem
+from belief.seeding import checked_key
 from experiments.scene_choice import as_named
-from experiments.search.certificate import made_for, opened, with_unsure
+from experiments.search.certificate import certified, opened, with_unsure
 from experiments.search.play import make_world
 from planners import Decider, Episode, Session, make_decider, search
-from planners.abstaining import Abstaining
 from planners.certified import Certificate, NotCertified
 from planners.session_log import problem_fields
 
@@ -91,17 +91,16 @@ def session_with(
 def _certified(
     sensor: TactileSensor, problem: SearchProblem, target: str, decider: str | Decider, certificate: Certificate
 ) -> Decider:
-    """A decider that stops by a certificate, with the conflict test that it was made with."""
+    """A decider that stops by a certificate."""
     if isinstance(sensor, RecordedSensor) or decider != certificate.decider:
         raise NotCertified(f"the certificate is for the decider {certificate.decider!r} of a sensor with a scene")
     targets = [label for label in problem.shape_labels if label in certificate.made_for["targets"]]
     if target not in targets:
         raise NotCertified(f"the certificate is for the targets {', '.join(targets)}, not {target}")
-    table, tested = sensor.model.outcome_table(), certificate.abstain
+    table = sensor.model.outcome_table()
     made = make_decider(certificate.decider, table, sensor.model)
-    made = made if tested is None else Abstaining(made, *tested)
     known = {"observation model": sensor.model, "outcome table": table}
-    return certificate.wrap(made, made_for(sensor, problem, targets, certificate.decider, made, known))
+    return certified(certificate, made, sensor, problem, targets, known)
 
 
 def problem_of(
@@ -135,6 +134,6 @@ def _played(
 ) -> tuple[int, tuple[int, ...], Decider]:
     """Index of the target, key of the search, and the decider."""
     shape, model = index_of("target", problem.shape_labels, target), sensor.model
-    words = seed_words(seed)
+    words = checked_key(seed)
     key = (*words, shape, 0) if len(words) == 1 else words
     return shape, key, make_decider(decider, model.outcome_table(), model) if isinstance(decider, str) else decider

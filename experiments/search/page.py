@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,24 +14,20 @@ from PIL import Image
 
 from belief.problem import SearchProblem
 from experiments.reporting.page import Section, data_uri, write_page
-from experiments.search.body_picture import Bodies
+from experiments.scene_choice import command
 from experiments.search.figures import pictures
-from experiments.search.frames import Frame, action_words, replay
 from experiments.search.play import Searches
-from experiments.search.replay_figures import coloured
+from experiments.search.replay_figures import Frame, action_words, replay
 from experiments.search.run_folder import RunFolder
 from experiments.search.summary import Summary
 from experiments.search.tables import comparison_tables
-from experiments.search.verdict import by_return, short_names
+from experiments.search.verdict import by_return
 from experiments.sensor_choice import shift_sentences
-from experiments.sensor_commands import command
 from planners import Episode, Outcome
 
-_MOST_BYTES = 3_500_000  # of all displayed searches, to keep the page below 5 MB
 _SECTIONS = {
     "Success": ("results", "differences"),
     "Stated confidence": ("stated_confidence",),
-    "Answers and “I do not know”": ("abstention", "selective_risk"),
     "Time": ("times",),
 }
 _FAILURES = {
@@ -44,16 +39,7 @@ _FAILURES = {
 
 
 def write_page_of(run: RunFolder, comparison: Summary, searches: Searches, verdict: Sequence[str]) -> Path:
-    """Write ``report.html``, ``figures/`` and ``tables/`` into a run folder.
-
-    Args:
-        run: the folder, with its ``run.json``.
-        comparison: results to report.
-        searches: what determined the searches.
-        verdict: sentences on the results.
-
-    Returns:
-        Path of the page.
+    """Write ``report.html``, ``figures/`` and ``tables/`` into the folder of a run; return the path of the page.
 
     Raises:
         CannotWrite: The disk is full, or the folder is not writable.
@@ -62,15 +48,7 @@ def write_page_of(run: RunFolder, comparison: Summary, searches: Searches, verdi
     folder, path = run.path, run.path / "report.html"
     for table in comparison_tables(comparison):
         table.write_csv(folder / "tables" / f"{table.name}.csv")
-    comparison = comparison.renamed(short_names(comparison.deciders)[0])
-    pair = where_two_differ(comparison)
-    chosen = [*pair, *(one for one in longest(comparison) if one not in pair)]
-    bodies = Bodies.of(searches.sensor, pixels=48, draws=24) if chosen else None
-    told = [_story(searches, decider, episode, bodies) for decider, episode in chosen]
-    stories, left_out = _stories(told)
-    linked = [story for story in told[: len(pair)] if story in stories]
-    linked = linked if len(linked) == 2 else []
-    others = [story for story in stories if story not in linked]
+    stories = [_story(searches, decider, episode) for decider, episode in shown_searches(comparison)]
     write_page(
         path,
         f"Searching by touch in the scene “{searches.scene_name}”",
@@ -79,14 +57,12 @@ def write_page_of(run: RunFolder, comparison: Summary, searches: Searches, verdi
         comparison=comparison,
         composition=getattr(comparison.problem.composition, "value", comparison.problem.composition),
         verdict=[*shift_sentences(searches.sensor.shift), *verdict],
-        linked=linked,
-        stories=others,
-        left_out=left_out,
+        stories=stories,
         run=run.read_run(),
         again=command("compare", config=folder / "run.json"),
         replay=command("replay", folder=folder, decider="NAME", target="SHAPE", number="N", out="search.png"),
-        before=["One search, touch by touch"] * bool(linked),
-        also=["More searches"] * bool(others) + ["How this was made"],
+        before=["One search, touch by touch"] * bool(stories),
+        also=["How this was made"],
         seed=searches.seed,
         longest_label=max(map(len, comparison.problem.shape_labels)),
     )
@@ -106,49 +82,19 @@ def _sections(comparison: Summary, folder: Path) -> list[Section]:
     return [section for section in sections if section.tables]
 
 
-@dataclass(frozen=True)
-class Story:
-    """A search, as displayed on the page.
-
-    Attributes:
-        title: who searches for what, and how it ended.
-        success: whether it succeeded.
-        panels: values of a panel for each decision.
-        scale: value that the brightest colour of the touch images stands for; None for images in colour.
-    """
-
-    title: str
-    success: bool
-    panels: list[dict[str, Any]]
-    scale: int | None = None
-
-    @property
-    def num_bytes(self) -> int:
-        """Approximate size on the page."""
-        return sum(
-            len(panel["picture"] or "") + len(panel["body"][1] if panel["body"] else "") + 600 for panel in self.panels
-        )
-
-
-def _stories(stories: Sequence[Story]) -> tuple[list[Story], list[str]]:
-    """Searches to display, and titles of those omitted to limit the size of the page."""
-    kept: list[Story] = []
-    for story in stories:
-        if sum(one.num_bytes for one in kept) + story.num_bytes <= _MOST_BYTES:
-            kept.append(story)
-    return kept, [story.title for story in stories if story not in kept]
-
-
-def where_two_differ(comparison: Summary) -> list[tuple[str, Episode]]:
+def shown_searches(comparison: Summary) -> list[tuple[str, Episode]]:
     """The same search by two deciders that touch, where they differ most: in success, else in touches.
 
-    The first is the reference if it touches, the other the best of the rest by return. Empty without two of them.
+    The first is the reference if it touches, the other the best of the rest by return. With a single decider that
+    touches: its longest failure, or its longest search if it never fails.
     """
     names = [name for name in by_return(comparison) if any(episode.num_touches for episode in comparison.of(name))]
-    first = comparison.reference if comparison.reference in names else next(iter(names), None)
-    rest = [name for name in names if name != first]
-    if first is None or not rest:
+    if not names:
         return []
+    first = comparison.reference if comparison.reference in names else names[0]
+    rest = [name for name in names if name != first]
+    if not rest:
+        return [(first, max(comparison.of(first), key=lambda episode: (not episode.success, episode.num_touches)))]
     pairs = list(zip(comparison.of(first), comparison.of(rest[0]), strict=True))
     one, other = max(
         pairs, key=lambda two: (two[0].success != two[1].success, abs(two[0].num_touches - two[1].num_touches))
@@ -156,16 +102,11 @@ def where_two_differ(comparison: Summary) -> list[tuple[str, Episode]]:
     return [(first, one), (rest[0], other)]
 
 
-def longest(comparison: Summary) -> list[tuple[str, Episode]]:
-    """The longest failure of each decider that touches, or its longest search if it never fails."""
-    found = []
-    for decider in comparison.deciders:
-        if touched := [episode for episode in comparison.of(decider) if episode.num_touches]:
-            found.append((decider, max(touched, key=lambda episode: (not episode.success, episode.num_touches))))
-    return found
+def _story(searches: Searches, decider: str, episode: Episode) -> dict[str, Any]:
+    """A search as the page shows it: title, success, values of a panel for each decision, and the scale of its images.
 
-
-def _story(searches: Searches, decider: str, episode: Episode, bodies: Bodies | None) -> Story:
+    The scale is the value that the brightest colour of the touch images stands for; None for images in colour.
+    """
     problem = searches.problem
     verdict = "success" if episode.success else _FAILURES[episode.outcome]
     sought = f"{decider} searches for a {problem.shape_labels[episode.target]}"
@@ -173,20 +114,14 @@ def _story(searches: Searches, decider: str, episode: Episode, bodies: Bodies | 
     frames = replay(searches.sensor, problem, episode)
     largest = [int(frame.image.max()) for frame in frames if frame.image is not None and frame.image.ndim == 2]
     scale = max(1, *largest) if largest else None
-    panels = [_panel(problem, episode, frame, bodies, scale) for frame in frames]
-    return Story(title, bool(episode.success), panels, scale)
+    panels = [_panel(problem, episode, frame, scale) for frame in frames]
+    return {"title": title, "success": bool(episode.success), "panels": panels, "scale": scale}
 
 
-def _panel(
-    problem: SearchProblem, episode: Episode, frame: Frame, bodies: Bodies | None, scale: int | None
-) -> dict[str, Any]:
-    labels, body = problem.shape_labels, None
-    if bodies is not None and frame.evidence is not None and frame.image is not None:
-        [(label, prob, picture)] = bodies.likeliest(frame.evidence, frame.posterior, 1)
-        body = (label, _picture((255 * coloured(picture, prob)).astype(np.uint8)))
+def _panel(problem: SearchProblem, episode: Episode, frame: Frame, scale: int | None) -> dict[str, Any]:
+    labels = problem.shape_labels
     bars = [(labels[k], float(prob), k == episode.target) for k, prob in enumerate(frame.posterior)]
     return {
-        "body": body,
         "alt": f"touch image; belief: {belief_in_words(bars)}",
         "heading": f"object {frame.step.object_index + 1}, a {labels[frame.shape]}",
         "action": action_words(frame.step.decision.action, problem),

@@ -9,9 +9,6 @@ from dataclasses import astuple, dataclass
 from functools import cached_property
 from typing import Any, TypeAlias
 
-import numpy as np
-from numpy.typing import NDArray
-
 from activetouch import TactileSensor, TouchWorld
 from activetouch.scene_description import scene_fields
 from activetouch.world import TouchTime, touch_many
@@ -24,8 +21,6 @@ from planners.search import TouchRequest
 
 EPISODES_PER_BATCH = 25
 """Fixed, because the last bits of the network's output depend on which images are read together."""
-MOST_BYTES = 1 << 28
-"""Size of the images that a memo keeps at most; further ones are pressed each time."""
 Seed: TypeAlias = tuple[int, ...]
 
 
@@ -89,39 +84,6 @@ def sensor_digest(sensor: TactileSensor) -> str:
     return digest_of([sensor.reader.digest, sensor.reader.card.fields(), sensor.model.to_json({})])
 
 
-class TouchMemo:
-    """Images of touches, so that deciders which make the same touch in an episode press the object once.
-
-    A touch depends only on its episode, object, pose and number of earlier touches in that pose (decision 0007). Images
-    are kept and not what the network reads in them, because its last bits depend on the other images of a pass
-    (decision 0045).
-
-    Args:
-        most_bytes: size of all images together.
-    """
-
-    def __init__(self, most_bytes: int = MOST_BYTES) -> None:
-        self._left = most_bytes
-        self._kept: dict[tuple[int, ...], tuple[NDArray[np.uint8], TouchTime]] = {}
-
-    def press(self, request: TouchRequest[TouchWorld]) -> tuple[NDArray[np.uint8], TouchTime]:
-        """The image of a touch, and the time that its press took when it was made.
-
-        Args:
-            request: a touch of the searches that the memo is for.
-
-        Raises:
-            UnstablePress: see :meth:`activetouch.world.TouchWorld.press`.
-        """
-        if (kept := self._kept.get(request.key)) is not None:
-            return kept
-        image, seconds = request.world.press(request.pose, request.rng)
-        if image.nbytes <= self._left:
-            self._left -= image.nbytes
-            self._kept[request.key] = image, seconds
-        return image, seconds
-
-
 def episode_seed(seed: int, target: int, number: int) -> Seed:
     """Seed of one episode of a run."""
     return (seed, target, number)
@@ -134,23 +96,14 @@ def make_world(problem: SearchProblem, sensor: TactileSensor, seed: Seed) -> Tou
 
 
 def play_episodes(
-    searches: Searches, decider: Decider, target: int, numbers: Sequence[int], memo: TouchMemo | None = None
+    searches: Searches, decider: Decider, target: int, numbers: Sequence[int]
 ) -> tuple[list[Episode], Seconds]:
-    """Play episodes in lockstep; the same arguments give the same episodes, bit for bit, in any process.
+    """Play the episodes of a target with these numbers in lockstep; return them and the time that they took.
 
-    Args:
-        searches: what determines the searches.
-        decider: a copy of it plays, so that its state does not pass on to other episodes.
-        target: index of the target shape.
-        numbers: numbers of the episodes.
-        memo: images of touches that other deciders of the same episodes made.
-
-    Returns:
-        The episodes, and the time that they took together. The time of a press counts for every decider that makes the
-        touch, though it is pressed once.
+    The same arguments give the same episodes, bit for bit, in any process. A copy of the decider plays, so that its
+    state does not pass on to other episodes.
     """
     sensor, problem, spent = searches.sensor, searches.problem, [TouchTime()]
-    memo = TouchMemo() if memo is None else memo
     seeds = [episode_seed(searches.seed, target, number) for number in numbers]
     worlds = [make_world(problem, sensor, seed) for seed in seeds]
     waited = 0.0
@@ -158,7 +111,7 @@ def play_episodes(
     def touch_and_time(requests: Sequence[TouchRequest[TouchWorld]]) -> list[Touch]:
         nonlocal waited
         asked = time.perf_counter()
-        touches, seconds = touch_many(sensor, requests, memo.press)
+        touches, seconds = touch_many(sensor, requests)
         spent.append(seconds)
         waited += time.perf_counter() - asked
         return touches

@@ -1,4 +1,4 @@
-"""``activetouch replay``: draw a recorded search as a picture or an animation."""
+"""``activetouch replay``: draw a recorded search."""
 
 from __future__ import annotations
 
@@ -11,13 +11,10 @@ from belief.errors import ActiveTouchError
 from belief.files import atomic_path, require_writable_file
 from experiments.command_line.arguments import CountOrNone, Ending, check_arguments
 from experiments.command_line.trust import Trust
-from experiments.search.frames import replay
+from experiments.scene_choice import command
 from experiments.search.run_folder import RunFolder, read_episode
 from experiments.search.setting import Setting
-from experiments.sensor_commands import command
 from planners import Episode
-
-_ANIMATED = (".gif", ".webp")
 
 
 class NoSuchEpisode(ActiveTouchError, FileNotFoundError):
@@ -26,12 +23,11 @@ class NoSuchEpisode(ActiveTouchError, FileNotFoundError):
 
 @dataclass(frozen=True)
 class Replay:
-    """Draw the touch images, beliefs and decisions of a recorded search, as a picture or an animation.
+    """Draw the touch images, beliefs and decisions of a recorded search.
 
     For example:
 
         activetouch replay --folder runs/compare --decider information_gain --target cone --number 3 --out search.png
-        activetouch replay --target cone --out search.gif
     """
 
     folder: Path = Path("runs/compare")
@@ -42,8 +38,8 @@ class Replay:
     """Target of the search."""
     number: CountOrNone = 0
     """Number of the episode, from 0."""
-    out: Annotated[Path, Ending((".png", ".svg", ".pdf", *_ANIMATED))] = Path("runs/search.png")
-    """File to write. The ending decides the format: .png, .svg or .pdf; .gif or .webp for an animation."""
+    out: Annotated[Path, Ending((".png", ".svg", ".pdf"))] = Path("runs/search.png")
+    """File to write. The ending decides the format: .png, .svg or .pdf."""
     trust: bool = False
     """Run code of your own that the folder names, such as a scene module:attribute."""
 
@@ -56,16 +52,15 @@ class Replay:
         """
         check_arguments(self)
         from experiments.search.body_picture import Bodies
-        from experiments.search.replay_figures import animate_search, draw_search
+        from experiments.search.replay_figures import draw_search, replay
 
         require_writable_file(self.out)
         run = RunFolder(self.folder).read_run()
         setting = Setting.from_dict(run["arguments"].get("setting"), Trust(self.folder, everything=self.trust))
         sensor, problem = setting.open_sensor(), setting.problem
         episode = self._episode(tuple(problem.shape_labels))
-        draw = animate_search if self.out.suffix in _ANIMATED else draw_search
         with atomic_path(self.out) as temporary:
-            draw(episode, replay(sensor, problem, episode), problem, temporary, Bodies.of(sensor))
+            draw_search(episode, replay(sensor, problem, episode), problem, temporary, Bodies.of(sensor))
         print(f"wrote {self.out}")
 
     def _episode(self, labels: tuple[str, ...]) -> Episode:

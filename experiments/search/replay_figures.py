@@ -1,42 +1,94 @@
-"""Figures of one search: all touches side by side, or an animation with one picture per step."""
+"""The figure of one search: all touches side by side."""
 
 from __future__ import annotations
 
-import io
+from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from numpy.typing import NDArray
-from PIL import Image
 
-from belief.problem import SearchProblem
+from activetouch import TactileSensor
+from activetouch.scene import WorldObject
+from belief.observation_model.rigid_body_evidence import RigidBodyEvidence, joint_evidence
+from belief.problem import Action, Probe, Reject, SearchProblem
+from belief.seeding import touch_rng
 from experiments.reporting.style import INK, PALETTE, figure
 from experiments.search.body_picture import Bodies
-from experiments.search.frames import Frame, action_words
-from planners import Episode, Outcome
+from experiments.search.play import make_world
+from planners import Episode, Outcome, Step
+from planners.episode import ACTION_NAMES
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One decision of a replayed search.
+
+    Attributes:
+        step: decision and the belief before it.
+        shape: true shape of the object.
+        image: tactile image, uint8; None for a decision without a touch.
+        posterior: belief about the object after the step, shape ``(K,)``.
+        body: the object.
+        evidence: all touches of the object so far, under a joint observation model; None with any other.
+    """
+
+    step: Step
+    shape: int
+    image: NDArray[np.uint8] | None
+    posterior: NDArray[np.float64]
+    body: WorldObject
+    evidence: RigidBodyEvidence | None = None
+
+
+def action_words(action: Action, problem: SearchProblem) -> str:
+    """An action in words: "touch corner", "confirm", "reject" or "unsure"."""
+    if isinstance(action, Probe):
+        return f"touch {problem.pose_labels[action.pose]}"
+    return ACTION_NAMES[type(action)]
+
+
+def replay(sensor: TactileSensor, problem: SearchProblem, episode: Episode) -> list[Frame]:
+    """Repeat the touches of an episode of a run with its sensor."""
+    world = make_world(problem, sensor, episode.seed)
+    uses: Counter[tuple[int, int]] = Counter()
+    frames, nothing = [], sensor.model.start()
+    evidence = nothing
+    for number, step in enumerate(episode.steps):
+        body = world.current
+        image, posterior = None, step.belief.probs
+        if isinstance(step.decision.action, Probe) and step.touch is not None:
+            pose = step.decision.action.pose
+            rng = touch_rng(episode.seed, step.object_index, pose, uses[step.object_index, pose])
+            image, _ = world.press(pose, rng)
+            uses[step.object_index, pose] += 1
+            if joint_evidence(evidence) is not None:
+                [touch] = replace(sensor, with_logits=False).read(image[None], [pose])  # recorded were logits alone
+                evidence = evidence.update(touch)
+            posterior = episode.steps[number + 1].belief.probs  # a touch is always followed by a decision
+        elif isinstance(step.decision.action, Reject) and number + 1 < len(episode.steps):
+            world.advance()
+        frames.append(
+            Frame(step, episode.arrangement[step.object_index], image, posterior, body, joint_evidence(evidence))
+        )
+        evidence = nothing if isinstance(step.decision.action, Reject) else evidence
+    return frames
+
 
 _SHOWN = 2  # shapes whose orientation is drawn
 _SURFACE = LinearSegmentedColormap.from_list("surface", ["#0b1d33", "#3f6f9f", "#dbe7f2"])
-_MILLISECONDS, _LAST_MILLISECONDS = 1200, 3500
 
 
 def draw_search(
     episode: Episode, frames: list[Frame], problem: SearchProblem, path: Path, bodies: Bodies | None = None
 ) -> None:
-    """Write a picture with every touch image of a search and the belief after it.
+    """Write a picture with every touch image of a search and the belief after it; the ending decides the format.
 
-    Args:
-        episode: search to draw.
-        frames: frames of this search.
-        problem: rules of the search.
-        path: file to write; the ending decides the format.
-        bodies: what the objects may be, to draw the belief about their orientation; None where it has none.
-
-    Raises:
-        CannotWrite: The disk is full, or the folder is not writable.
+    ``bodies`` are what the objects may be, to draw the belief about their orientation; None where it has none.
     """
     touched = [number for number, frame in enumerate(frames) if frame.image is not None]
     labels = problem.shape_labels
@@ -67,41 +119,6 @@ def draw_search(
         drawn.suptitle(_title(episode, problem))
 
 
-def animate_search(
-    episode: Episode, frames: list[Frame], problem: SearchProblem, path: Path, bodies: Bodies | None = None
-) -> None:
-    """Write a search as an animated GIF or WebP, one picture per step; arguments as :func:`draw_search`."""
-    pictures, touched = [], None
-    for number, frame in enumerate(frames):
-        if frame.image is not None:
-            touched = frame
-        elif touched is not None and touched.step.object_index != frame.step.object_index:
-            touched = None
-        with figure((6.4 if bodies is None else 8.2, 3.4)) as drawn:
-            if bodies is None:
-                left, right = drawn.subplots(1, 2, width_ratios=(1, 1.1))
-            else:
-                grid = drawn.subplot_mosaic(
-                    [["touch", "bars", "0"], ["touch", "bars", "1"]], width_ratios=(1, 1.1, 0.6)
-                )
-                left, right = grid["touch"], grid["bars"]
-                _bodies([grid["0"], grid["1"]], frame, bodies, problem.shape_labels[frame.shape])
-            if touched is None:
-                left.text(0.5, 0.5, "not touched yet", ha="center", va="center", transform=left.transAxes)
-            else:
-                left.imshow(touched.image, cmap="magma", vmin=0, vmax=255, origin="lower")
-            left.set(xticks=[], yticks=[])
-            left.set_title(f"object {frame.step.object_index + 1} of {problem.num_objects}")
-            _bars(right, frame, episode, problem)
-            right.set_title(action_words(frame.step.decision.action, problem), fontweight="bold")
-            drawn.suptitle(_title(episode, problem) if number == len(frames) - 1 else _sought(episode, problem))
-            buffer = io.BytesIO()
-            drawn.savefig(buffer, format="png", dpi=100)
-        pictures.append(Image.open(buffer).convert("RGB"))
-    times = [_MILLISECONDS] * (len(pictures) - 1) + [_LAST_MILLISECONDS]
-    pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=times, loop=0)
-
-
 def _bars(axes: Axes, frame: Frame, episode: Episode, problem: SearchProblem) -> None:
     """Draw the belief after a step; the target has another colour."""
     labels = problem.shape_labels
@@ -112,13 +129,9 @@ def _bars(axes: Axes, frame: Frame, episode: Episode, problem: SearchProblem) ->
 
 
 def _bodies(places: Sequence[Axes], frame: Frame, bodies: Bodies, true_label: str) -> None:
-    """Draw the most probable shapes as the belief sees them, fainter if less probable.
+    """Draw the most probable shapes as the belief sees them on one axis each, fainter if less probable.
 
-    Args:
-        places: axes, one for each shape.
-        frame: a step of a search under a joint model.
-        bodies: what the objects may be.
-        true_label: shape of the object; a line shows its true outline in the picture of this shape.
+    A line shows the true outline in the picture of the true shape.
     """
     assert frame.evidence is not None, "the model is a joint one"
     shown = bodies.likeliest(frame.evidence, frame.posterior, len(places))
@@ -133,12 +146,7 @@ def _bodies(places: Sequence[Axes], frame: Frame, bodies: Bodies, true_label: st
 
 
 def coloured(picture: NDArray[np.float64], prob: float) -> NDArray[np.float64]:
-    """Colours and opacity of a body's picture, ``(H, W, 4)``, fainter if the shape is less probable.
-
-    Args:
-        picture: from :class:`~experiments.search.body_picture.Bodies`.
-        prob: of the shape.
-    """
+    """Colours and opacity of a picture of :class:`Bodies`, ``(H, W, 4)``, fainter if the shape is less probable."""
     shade, coverage = np.moveaxis(picture, 2, 0)
     with np.errstate(invalid="ignore"):
         colours = np.asarray(_SURFACE(np.nan_to_num(shade / coverage)))
@@ -146,10 +154,6 @@ def coloured(picture: NDArray[np.float64], prob: float) -> NDArray[np.float64]:
     return colours
 
 
-def _sought(episode: Episode, problem: SearchProblem) -> str:
-    return f"Searching for a {problem.shape_labels[episode.target]}"
-
-
 def _title(episode: Episode, problem: SearchProblem) -> str:
     ended = "found" if episode.success else "unsure" if episode.outcome is Outcome.UNSURE else "failed"
-    return f"{_sought(episode, problem)}: {ended} after {episode.num_touches} touches"
+    return f"Searching for a {problem.shape_labels[episode.target]}: {ended} after {episode.num_touches} touches"

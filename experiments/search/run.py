@@ -1,14 +1,12 @@
-"""A comparison that is played: which batches are missing, tasks that play them, and the union of several folders."""
+"""A comparison that is played: which batches are missing, and tasks that play them."""
 
 from __future__ import annotations
 
-import json
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,64 +14,39 @@ import numpy as np
 from belief.errors import ActiveTouchError
 from experiments.parallel import Shared, run_tasks
 from experiments.search.fingerprint import digest_of, fingerprint
-from experiments.search.oracle import solved_by_full_information
-from experiments.search.play import EPISODES_PER_BATCH, Searches, Seconds, TouchMemo, episode_seed, play_episodes
-from experiments.search.run_folder import (
-    ORACLE,
-    Batch,
-    Cell,
-    RunFolder,
-    RunMismatch,
-    differing,
-    episode_lines,
-)
+from experiments.search.play import EPISODES_PER_BATCH, Searches, Seconds, play_episodes
+from experiments.search.run_folder import Batch, Cell, RunFolder, episode_lines
 from planners import Decider
-
-ORACLE_EPISODES = 50
-"""Largest number of episodes per target on which the oracle is run; each takes one touch per object and pose."""
-
-
-class Conflict(ActiveTouchError, ValueError):
-    """Two folders hold different episodes under the same key."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """Plays the same episodes with one or several deciders, which share the images of their touches.
+    """Plays a batch of episodes.
 
     Attributes:
         shared: what determines the searches, and the deciders by name.
-        target: label of the target shape.
+        cell: name of the decider and label of the target.
         number: number of the batch.
-        sizes: number of episodes by name of the decider, or :data:`ORACLE`, which comes first.
+        size: number of episodes.
     """
 
     shared: Shared[tuple[Searches, Mapping[str, Decider]]]
-    target: str
+    cell: Cell
     number: int
-    sizes: Mapping[str, int]
+    size: int
 
-    def __call__(self) -> list[tuple[Cell, int, Batch]]:
-        """The batches of all deciders."""
-        memo = TouchMemo()
-        return [((name, self.target), self.number, self._play(name, size, memo)) for name, size in self.sizes.items()]
-
-    def _play(self, name: str, size: int, memo: TouchMemo) -> Batch:
-        searches, deciders = self.shared.value
-        target = list(searches.problem.shape_labels).index(self.target)
+    def __call__(self) -> tuple[Cell, int, Batch]:
+        """The batch, with its cell and number."""
+        (searches, deciders), (name, label) = self.shared.value, self.cell
+        target = list(searches.problem.shape_labels).index(label)
         first = self.number * EPISODES_PER_BATCH
-        numbers = range(first, first + size)
-        if name == ORACLE:
-            solved = solved_by_full_information(searches, target, numbers, memo)
-            seeds = [episode_seed(searches.seed, target, number) for number in numbers]
-            told = zip(seeds, solved, strict=True)
-            return Batch([json.dumps({"seed": seed, "solved": bool(right)}) + "\n" for seed, right in told], Seconds())
+        numbers = range(first, first + self.size)
         try:
-            episodes, seconds = play_episodes(searches, deciders[name], target, numbers, memo)
+            episodes, seconds = play_episodes(searches, deciders[name], target, numbers)
         except ActiveTouchError as error:
-            error.add_note(f"in one of the episodes {numbers} of {name}, target {self.target}, seed {searches.seed}")
+            error.add_note(f"in one of the episodes {numbers} of {name}, target {label}, seed {searches.seed}")
             raise
-        return Batch(episode_lines(name, episodes), seconds)
+        return self.cell, self.number, Batch(episode_lines(name, episodes), seconds)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,19 +75,14 @@ class Run:
     def keys(self) -> dict[Cell, str]:
         """Digest of everything that determines the episodes of a cell (decision 0033)."""
         base = [self.searches.identity, self.searches.code]
-        players: dict[str, object] = {ORACLE: solved_by_full_information, **self.deciders}
         return {
             (name, target): digest_of([base, fingerprint(player, target, self.known)])
-            for name, player in players.items()
+            for name, player in self.deciders.items()
             for target in self.targets
         }
 
-    def play(self, part: tuple[int, int] = (0, 1), jobs: int | None = None) -> None:
-        """Play the batches that the folder lacks; each is kept as soon as it is finished.
-
-        Args:
-            part: index of this part, from 0, and number of parts; of several, each plays other episodes.
-            jobs: number of processes on this machine; as many as processors if None.
+    def play(self, jobs: int | None = None) -> None:
+        """Play the batches that the folder lacks on several processes; each is kept as soon as it is finished.
 
         Raises:
             RunMismatch: The folder holds another run.
@@ -123,47 +91,37 @@ class Run:
         self.folder.require(self.searches.identity)
         self._tell_outdated()
         is_started = False
-        for found in run_tasks(self._tasks(part, jobs), jobs, "searching"):
+        for cell, number, batch in run_tasks(self._tasks(), jobs, "searching"):
             if not is_started:  # a run that fails without any result must not claim the folder
                 self.folder.start(self.searches.identity, self.arguments)
                 is_started = True
-            for cell, number, batch in found:
-                self.folder.add(cell, self.keys[cell], number, batch)
+            self.folder.add(cell, self.keys[cell], number, batch)
         self.folder.start(self.searches.identity, self.arguments)
         self.folder.write_episodes(
             chain.from_iterable(self.lines(name, t) for name in self.deciders for t in self.targets)
         )
 
     def lines(self, decider: str, target: str) -> list[str]:
-        """JSON lines of the finished episodes of a decider, or what the oracle solves."""
+        """JSON lines of the finished episodes of a decider."""
         cell = decider, target
-        return self.folder.lines(cell, self.keys[cell])[: self._wanted(decider)]
+        return self.folder.lines(cell, self.keys[cell])[: self.episodes]
 
     def seconds(self, decider: str, target: str) -> Seconds:
         """The time that the batches of these episodes took."""
         return self.folder.seconds((decider, target), self.lines(decider, target))
 
-    def _wanted(self, decider: str) -> int:
-        return min(self.episodes, ORACLE_EPISODES) if decider == ORACLE else self.episodes
-
-    def _tasks(self, part: tuple[int, int], jobs: int | None) -> list[Task]:
-        """What is missing, as tasks that take about equally long, in random order."""
-        shared, groups = Shared((self.searches, self.deciders)), list[Task]()
-        for target in self.targets:
-            for number in range(-(-self.episodes // EPISODES_PER_BATCH)):
-                sizes = {name: self._missing(name, target, number) for name in (ORACLE, *self.deciders)}
-                groups.append(Task(shared, target, number, {name: size for name, size in sizes.items() if size}))
-        groups = [task for task in groups[part[0] :: part[1]] if task.sizes]
-        pieces = -(-2 * (jobs or 1) // max(len(groups), 1))  # few groups are divided among the processes
-        tasks = [piece for task in groups for piece in _divided(task, pieces)]
-        # At random, so that processes that fill the same folder rarely play the same batches.
+    def _tasks(self) -> list[Task]:
+        """The missing batches in random order, so that processes that fill one folder rarely play the same."""
+        shared, batches = Shared((self.searches, self.deciders)), range(-(-self.episodes // EPISODES_PER_BATCH))
+        sizes = {(cell, number): self._missing(cell, number) for cell in self.keys for number in batches}
+        tasks = [Task(shared, cell, number, size) for (cell, number), size in sizes.items() if size]
         return [tasks[index] for index in np.random.default_rng().permutation(len(tasks))]
 
-    def _missing(self, name: str, target: str, number: int) -> int:
+    def _missing(self, cell: Cell, number: int) -> int:
         """Size of a batch; 0 if the folder holds it."""
-        size = min(self._wanted(name) - number * EPISODES_PER_BATCH, EPISODES_PER_BATCH)
-        held = self.folder.held((name, target), self.keys[name, target]).get(number)
-        return 0 if size <= 0 or (held is not None and len(held.lines) >= size) else size
+        size = min(self.episodes - number * EPISODES_PER_BATCH, EPISODES_PER_BATCH)
+        held = self.folder.held(cell, self.keys[cell]).get(number)
+        return 0 if held is not None and len(held.lines) >= size else size
 
     def _tell_outdated(self) -> None:
         """Say on stderr which deciders have searches of another version only, which are played again."""
@@ -175,50 +133,3 @@ class Run:
                 f"again: {', '.join(outdated)}",
                 file=sys.stderr,
             )
-
-
-def _divided(task: Task, pieces: int) -> Iterator[Task]:
-    """A task as several, each with some of its deciders."""
-    names = list(task.sizes)
-    for first in range(min(pieces, len(names))):
-        some = {name: task.sizes[name] for name in names[first::pieces]}
-        yield Task(task.shared, task.target, task.number, some)
-
-
-def merge(sources: Sequence[Path], out: Path) -> None:
-    """Copy the finished searches of several run folders into one, whose ``run.json`` asks for all of them.
-
-    Args:
-        sources: run folders of the same seed, scene, sensor and versions; they do not change.
-        out: folder to write; may hold a part of the same run.
-
-    Raises:
-        FileNotFoundError: A folder holds no run.
-        RunMismatch: The folders hold different runs.
-        Conflict: Two folders hold different episodes under the same key.
-        CannotWrite: The disk is full; what was copied is kept.
-    """
-    folders, union = [RunFolder(path) for path in dict.fromkeys(sources)], RunFolder(out)
-    runs = [folder.read_run() for folder in folders]
-    for folder, run in zip(folders, runs, strict=True):
-        if other := differing(runs[0]["identity"], run["identity"]):
-            raise RunMismatch(f"{folder.path} holds another run than {sources[0]}: other {other}")
-    arguments = [run["arguments"] for run in runs]
-    targets = list(dict.fromkeys(chain.from_iterable(one["targets"] for one in arguments)))
-    together = {
-        "deciders": list(dict.fromkeys(chain.from_iterable(one["deciders"] for one in arguments))),
-        "targets": targets if all(one["targets"] for one in arguments) else [],  # none named: all
-        "episodes": max(one["episodes"] for one in arguments),
-    }
-    union.start(runs[0]["identity"], {**arguments[0], **together})
-    for folder in folders:
-        for cell in folder.cells():
-            for (key, number), batch in folder.batches(cell).items():
-                ours = union.batches(cell).get((key, number))
-                if ours is None or len(ours.lines) < len(batch.lines):
-                    union.add(cell, key, number, batch)
-                elif len(ours.lines) == len(batch.lines) and ours.lines != batch.lines:
-                    raise Conflict(
-                        f"{folder.path} and {out} hold different episodes of {cell[0]} for {cell[1]}, batch "
-                        f"{number}, probably because different kinds of processors played them; delete one"
-                    )

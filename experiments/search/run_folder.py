@@ -1,17 +1,16 @@
 """Run folder of a comparison: ``run.json``, and the finished searches of each decider and target.
 
 run.json         what determines all searches of the folder, and the latest arguments
-cells/*.jsonl    searches of a decider for a target, or what the full-information oracle solves, in batches of 25
+cells/*.jsonl    searches of a decider for a target, in batches of 25
 episodes.jsonl   the searches of the latest comparison
 
-A cell grows by one batch at a time: a line with the key of the batch, its number and a digest, then one line for each
-episode. The key is a digest of everything that determines the episodes (:func:`experiments.search.run.keys`). A batch
-that is damaged, unfinished or of another key counts as missing.
+A cell grows by one line at a time: a batch with its key, its number, the JSON lines of its episodes and a digest. The
+key is a digest of everything that determines the episodes (:attr:`experiments.search.run.Run.keys`). A batch that is
+damaged, unfinished or of another key counts as missing.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -30,17 +29,15 @@ from belief.files import (
     unsealed_json,
     write_text,
 )
+from experiments.scene_choice import command
 from experiments.search.fingerprint import commit_of_code
 from experiments.search.play import EPISODES_PER_BATCH, Seconds
-from experiments.sensor_commands import command
 from planners import Episode
 
-_FORMAT = 3
+_FORMAT = 4
 _FIELDS = {"format": int, "identity": dict, "arguments": dict, "commit": str}
-ORACLE = "oracle"
-"""Stands for the full-information oracle in place of a decider."""
 Cell: TypeAlias = tuple[str, str]
-"""Name of a decider, or :data:`ORACLE`, and label of a target."""
+"""Name of a decider, and label of a target."""
 
 
 class RunMismatch(ActiveTouchError, ValueError):
@@ -69,9 +66,6 @@ class RunFolder:
     def require(self, identity: Mapping[str, Any]) -> None:
         """Check that the folder holds searches with this identity, or none.
 
-        Args:
-            identity: what determines all searches, as JSON types.
-
         Raises:
             RunMismatch: The folder holds a run with another identity.
             CorruptFile: ``run.json`` is damaged, of another version, or not that of a run.
@@ -84,11 +78,7 @@ class RunFolder:
             )
 
     def start(self, identity: Mapping[str, Any], arguments: Mapping[str, Any]) -> None:
-        """Write ``run.json``.
-
-        Args:
-            identity: what determines all searches, as JSON types.
-            arguments: arguments of the comparison, with which ``--config`` repeats it.
+        """Write ``run.json``, with the arguments with which ``--config`` repeats the comparison.
 
         Raises:
             RunMismatch: The folder holds a run with another identity.
@@ -132,8 +122,8 @@ class RunFolder:
         if cell not in self._known:
             self._known[cell] = {}
             if self.path is not None and (file := self.path / "cells" / _file_name(cell)).exists():
-                for header in _headers(require_regular_file(file)):
-                    self._hold(cell, header["key"], header["batch"], Batch(header["lines"], header["seconds"]))
+                for key, number, batch in _read_batches(require_regular_file(file)):
+                    self._hold(cell, key, number, batch)
         return self._known[cell]
 
     def _hold(self, cell: Cell, key: str, number: int, batch: Batch) -> None:
@@ -152,24 +142,8 @@ class RunFolder:
             lines += batch.lines
         return lines
 
-    def cells(self) -> list[Cell]:
-        """Cells in the folder, in the order of the file names."""
-        assert self.path is not None, "only a folder is listed"
-        found = []
-        for file in sorted((self.path / "cells").glob("*.jsonl")):
-            first = next(_headers(file), None)
-            if first is not None and _file_name(cell := (first["decider"], first["target"])) == file.name:
-                found.append(cell)
-        return found
-
     def add(self, cell: Cell, key: str, number: int, batch: Batch) -> None:
-        """Append a batch to a cell.
-
-        Args:
-            cell: decider and target.
-            key: digest of everything that determines the episodes.
-            number: of the batch.
-            batch: the episodes.
+        """Append a batch, by its key and number, to a cell.
 
         Raises:
             CannotWrite: The disk is full, or the folder is not writable; earlier batches are kept.
@@ -177,17 +151,9 @@ class RunFolder:
         self._hold(cell, key, number, batch)
         if self.path is None:
             return
-        file, lines = self.path / "cells" / _file_name(cell), batch.lines
-        header = {
-            "key": key,
-            "batch": number,
-            "decider": cell[0],
-            "target": cell[1],
-            "episodes": len(lines),
-            "lines_sha256": _digest(lines),
-            "seconds": asdict(batch.seconds),
-        }
-        content = "".join([sealed_json(header, indent=None), "\n", *lines]).encode()
+        file = self.path / "cells" / _file_name(cell)
+        fields = {"key": key, "batch": number, "lines": list(batch.lines), "seconds": asdict(batch.seconds)}
+        content = f"{sealed_json(fields, indent=None)}\n".encode()
         try:
             file.parent.mkdir(parents=True, exist_ok=True)
             with file.open("a+b") as opened:
@@ -201,10 +167,7 @@ class RunFolder:
             raise cannot_write(file, error) from error
 
     def latest(self, labels: Sequence[str]) -> dict[Cell, list[str]]:
-        """JSON lines of the episodes of the latest comparison.
-
-        Args:
-            labels: of all shapes.
+        """JSON lines of the episodes of the latest comparison; the labels are of all shapes.
 
         Raises:
             FileNotFoundError: no comparison is finished.
@@ -224,11 +187,6 @@ class RunFolder:
         known = set(lines)
         spent = {n: batch.seconds for (_, n), batch in self.batches(cell).items() if batch.lines[0] in known}
         return sum(spent.values(), Seconds())
-
-    def solved(self, target: str, most: int) -> list[bool]:
-        """Whether the full-information oracle solves the first episodes, at most so many."""
-        answers = {number: batch.lines for (_, number), batch in self.batches((ORACLE, target)).items()}
-        return [json.loads(line)["solved"] for number in sorted(answers) for line in answers[number]][:most]
 
     def write_episodes(self, lines: Iterable[str]) -> None:
         """Write ``episodes.jsonl``."""
@@ -267,19 +225,11 @@ def _file_name(cell: Cell) -> str:
     return f"{in_file_name(decider)}-{in_file_name(target, '-')}.jsonl"
 
 
-def _headers(file: Path) -> Iterator[dict[str, Any]]:
-    """The first line of each intact batch, with the lines of its episodes as ``lines``."""
-    lines = file.read_bytes().decode("utf-8", errors="replace").splitlines(keepends=True)
-    for place, line in enumerate(lines):
-        if line.startswith('{"key"'):
-            try:
-                header = unsealed_json(line)
-                own = lines[place + 1 : place + 1 + header["episodes"]]
-                if _digest(own) == header["lines_sha256"]:
-                    yield {**header, "lines": own, "seconds": Seconds(**header["seconds"])}
-            except (ValueError, TypeError, KeyError):
-                continue
-
-
-def _digest(lines: Sequence[str]) -> str:
-    return hashlib.sha256("".join(lines).encode()).hexdigest()
+def _read_batches(file: Path) -> Iterator[tuple[str, int, Batch]]:
+    """Key, number and content of each intact batch."""
+    for line in file.read_bytes().decode("utf-8", errors="replace").splitlines():
+        try:
+            found = unsealed_json(line)
+            yield found["key"], found["batch"], Batch(found["lines"], Seconds(**found["seconds"]))
+        except (ValueError, TypeError, KeyError):
+            continue

@@ -18,7 +18,6 @@ from belief.problem import SearchProblem
 from experiments.command_line.arguments import (
     BadArgument,
     Count,
-    InFile,
     NotNegative,
     Within,
     check_arguments,
@@ -39,9 +38,6 @@ class Setting:
     """Folder of a sensor, or name of a shipped one; that of the scene by default."""
     num_objects: Count | None = None
     """Objects in a search; that of the scene by default."""
-    composition: InFile[Literal["distinct", "independent"] | None] = None
-    """distinct: all objects have different shapes. independent: each object can have any shape. That of the scene by
-    default."""
     observation_model: Literal["independent"] | None = None
     """independent: touches of an object are independent given its shape, not of one rigid body."""
     unknown_state: bool = False
@@ -51,10 +47,6 @@ class Setting:
     """Cost λ of one touch, in units of a success."""
     abstain: Annotated[float, Within(0.0, 1.0, open_low=True, open_high=True)] | None = None
     """False-alarm rate of the conflict test, such as 0.02: deciders can answer "I do not know"."""
-    promise: InFile[Annotated[float, Within(0.0, 1.0)]] = 0.95
-    """With abstain: smallest stated confidence of an answer."""
-    unsure_reward: InFile[Annotated[float, Within(-1.0, 1.0, open_high=True)]] = 0.0
-    """With abstain: reward of the answer "I do not know", between a wrong answer (-1) and a success (+1)."""
     anyway: bool = False
     """Accept a sensor that was made for another scene; the report lists the differences."""
 
@@ -106,10 +98,7 @@ class Setting:
         ]
 
     def open_sensor(self, named: NamedScene | None = None) -> TactileSensor:
-        """The sensor, once it is checked that it fits the scene.
-
-        Args:
-            named: a scene object in place of the setting's scene.
+        """The sensor, once it is checked that it fits the scene, or a scene object in its place.
 
         Raises:
             ActiveTouchError: as :func:`experiments.sensor_choice.open_sensor`.
@@ -130,9 +119,8 @@ class Setting:
             BadArgument: there are more objects than shapes, and all must differ; or a number is out of its range.
         """
         number = named.num_objects if self.num_objects is None else self.num_objects
-        composition = named.composition if self.composition is None else Composition(self.composition)
         shapes = named.scene.shape_labels
-        if self.num_objects is not None and number > len(shapes) and composition == Composition.DISTINCT:
+        if self.num_objects is not None and number > len(shapes) and named.composition == Composition.DISTINCT:
             raise BadArgument(
                 f"--num-objects {number}: the scene has only {len(shapes)} shapes ({', '.join(shapes)}), and all "
                 "objects must differ; a NamedScene with the composition independent allows several of one shape"
@@ -142,10 +130,10 @@ class Setting:
                 shapes,
                 named.scene.pose_labels,
                 num_objects=number,
-                composition=composition,
+                composition=named.composition,
                 touch_cost=self.touch_cost,
                 touch_limit=named.touches_per_object * number,
-                unsure_reward=None if self.abstain is None else self.unsure_reward,
+                unsure_reward=None if self.abstain is None else 0.0,
             )
         except ValueError as error:
             raise BadArgument(str(error)) from error

@@ -3,19 +3,96 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Any, Self
+from dataclasses import dataclass
+from typing import Any, Self, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from belief.metrics import CalibrationAtStop, calibration_at_stop
 from belief.problem import Confirm, SearchProblem
-from belief.statistics import wilson_interval
-from experiments.search.paired import Difference, differences, prob_best
+from belief.statistics import McNemar, mcnemar_test, paired_bootstrap, wilson_interval
+from belief.statistics.power import LEVEL, episodes_for_success, holm
 from experiments.search.play import Seconds
-from experiments.search.selective import Selective, selective
 from planners import Episode, Outcome
 from planners.episode import judged
+
+_RESAMPLES, _ROWS = 2000, 200  # bootstrap resamples, and how many are drawn at once
+MeanInterval: TypeAlias = tuple[float, float, float]
+"""A mean and its 95 % bootstrap interval."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Results of a decider minus those of the reference on the same episodes.
+
+    Attributes:
+        success: mean difference in success.
+        touches: the same for touches per search; None where they are not known.
+        reward: the same for returns; None where they are not known.
+        mcnemar: McNemar's test of the success rates; "first" is the decider, "second" the reference.
+        p_value: mid-p value of this test, corrected for the number of deciders (Holm).
+        episodes_for_success: episodes at which the corrected test would detect the observed difference in success with
+            80 % power, even if it is the only difference; None if there is no difference.
+    """
+
+    success: MeanInterval
+    touches: MeanInterval | None
+    reward: MeanInterval | None
+    mcnemar: McNemar
+    p_value: float
+    episodes_for_success: int | None
+
+
+def differences(
+    success: Mapping[str, ArrayLike],
+    touches: Mapping[str, ArrayLike],
+    reward: Mapping[str, ArrayLike] | None,
+    reference: str,
+    rng: np.random.Generator,
+) -> dict[str, Difference]:
+    """Paired differences of all other deciders to the reference, on the same N episodes in the same order.
+
+    Values by decider are ``(N,)``; touches that are not known are NaN, rewards None.
+    """
+
+    def pair(values: Mapping[str, ArrayLike] | None, name: str) -> MeanInterval | None:
+        if values is None or not np.isfinite(np.array([values[name], values[reference]], float)).all():
+            return None
+        return paired_bootstrap(values[name], values[reference], rng)
+
+    others = [name for name in success if name != reference]
+    tests = {name: mcnemar_test(success[name], success[reference]) for name in others}
+    level = LEVEL / max(len(others), 1)  # what Holm's correction asks of the smallest p-value
+    corrected = holm([test.mid_p_value for test in tests.values()])
+    return {
+        name: Difference(
+            paired_bootstrap(success[name], success[reference], rng),
+            pair(touches, name),
+            pair(reward, name),
+            tests[name],
+            p_value,
+            episodes_for_success(tests[name], level),
+        )
+        for name, p_value in zip(others, corrected, strict=True)
+    }
+
+
+def prob_best(rewards: Mapping[str, Sequence[float]], rng: np.random.Generator) -> dict[str, float]:
+    """Fraction of bootstrap resamples of the same episodes in which each decider has the highest mean return.
+
+    The fractions sum to 1. Deciders that tie in a resample count equally.
+    """
+    table = np.array(list(rewards.values())).T  # (episodes, deciders)
+    num_episodes = len(table)
+    won = np.zeros(table.shape[1])
+    for _ in range(0, _RESAMPLES, _ROWS):
+        counts = rng.multinomial(num_episodes, np.full(num_episodes, 1.0 / num_episodes), size=_ROWS)
+        means = counts @ table / num_episodes
+        best = np.isclose(means, means.max(axis=1, keepdims=True), rtol=0.0, atol=1e-12)
+        won += (best / best.sum(axis=1, keepdims=True)).sum(axis=0)
+    return dict(zip(rewards, (won / _RESAMPLES).tolist(), strict=True))
+
 
 ALL = "all"
 """Stands for all targets together in the keys of :attr:`Comparison.cells`."""
@@ -58,13 +135,7 @@ class Cell:
 
 
 def summarise(episodes: Sequence[Episode], seconds: Seconds, problem: SearchProblem) -> Cell:
-    """Compute the numbers of one set of episodes.
-
-    Args:
-        episodes: at least one; those of which nobody knows whether they succeeded do not count.
-        seconds: time they took.
-        problem: rules of the search.
-    """
+    """The numbers of at least one episode; those of which nobody knows whether they succeeded do not count."""
     episodes = judged(episodes)
     successes = sum(bool(episode.success) for episode in episodes)
     failures = [episode for episode in episodes if not episode.success]
@@ -89,10 +160,7 @@ def summarise(episodes: Sequence[Episode], seconds: Seconds, problem: SearchProb
 def calibration_of_confirmations(episodes: Sequence[Episode]) -> CalibrationAtStop | None:
     """Calibration of the stated confidence at confirmation, by number of touches of the confirmed object.
 
-    The stated confidence is the posterior probability at confirmation that the object is the target.
-
-    Returns:
-        None if no object was confirmed.
+    The stated confidence is the posterior probability that the object is the target. None if none was confirmed.
     """
     stops = [(e, e.steps[-1]) for e in judged(episodes) if e.steps and isinstance(e.steps[-1].decision.action, Confirm)]
     if not stops:
@@ -115,9 +183,6 @@ class Summary:
         differences: each other decider minus ``reference``, over all targets.
         calibration: calibration at stopping, by decider; None for a decider that never confirmed.
         prob_best: fraction of bootstrap resamples in which the decider has the highest mean return, by decider.
-        solved: whether the full-information oracle succeeds in each of the first episodes, by target
-            (:mod:`experiments.search.oracle`).
-        selective: answers and abstention, by decider; None for a decider whose answers do not carry the statistics.
         reference: decider that the others are compared with.
     """
 
@@ -127,8 +192,6 @@ class Summary:
     differences: Mapping[str, Difference]
     calibration: Mapping[str, CalibrationAtStop | None]
     prob_best: Mapping[str, float]
-    solved: Mapping[str, Sequence[bool]]
-    selective: Mapping[str, Selective | None]
     reference: str
 
     @property
@@ -143,8 +206,8 @@ class Summary:
 
     @property
     def is_selective(self) -> bool:
-        """Whether some decider may answer "I do not know"."""
-        return any(found is not None for found in self.selective.values())
+        """Whether deciders may answer "I do not know"."""
+        return self.problem.unsure_reward is not None
 
     @property
     def pressed_again(self) -> int:
@@ -152,29 +215,11 @@ class Summary:
         return sum(self.cells[decider, ALL].seconds.pressed_again for decider in self.deciders)
 
     @property
-    def oracle(self) -> tuple[int, int]:
-        """Number of episodes in which the full-information oracle succeeds, and on which it was run."""
-        return sum(sum(some) for some in self.solved.values()), sum(len(some) for some in self.solved.values())
-
-    @property
     def no_touch_baseline(self) -> float:
         """Highest success rate without a touch, mean over targets: confirm any object or reject all of them."""
         problem = self.problem
         best = np.maximum(problem.prior_probs, problem.prior_absent_probs)
         return float(np.mean([best[problem.shape_labels.index(target)] for target in self.targets]))
-
-    def renamed(self, names: Mapping[str, str]) -> Self:
-        """The same comparison with other names of the deciders."""
-
-        def key(found: Any) -> Any:
-            return (names[found[0]], found[1]) if isinstance(found, tuple) else names[found]
-
-        values = {field.name: getattr(self, field.name) for field in fields(self) if field.name != "solved"}
-        tables = {name: found for name, found in values.items() if isinstance(found, Mapping)}
-        renamed: dict[str, Any] = {
-            name: {key(one): value for one, value in found.items()} for name, found in tables.items()
-        }
-        return replace(self, **renamed, reference=names[self.reference])
 
     def of(self, decider: str) -> list[Episode]:
         """All episodes of a decider, target by target; every decider has the same ones in the same order."""
@@ -186,26 +231,22 @@ class Summary:
         problem: SearchProblem,
         episodes: Mapping[tuple[str, str], Sequence[Episode]],
         seconds: Mapping[tuple[str, str], Seconds],
-        solved: Mapping[str, Sequence[bool]],
         reference: str,
         rng: np.random.Generator,
         **others: Any,
     ) -> Self:
         """Compute all numbers of a comparison.
 
-        Args:
-            problem: rules of the search.
-            episodes: searches by (decider, target label); every decider has the same ones in the same order.
-            seconds: time they took, by the same keys.
-            solved: whether the full-information oracle succeeds in each of the first episodes, by target.
-            reference: decider that the others are compared with.
-            rng: random generator of the bootstraps.
-            others: further fields of the class.
+        Episodes and the seconds that they took are by (decider, target label); every decider has the same episodes in
+        the same order. ``others`` are further fields of the class.
         """
         cells = {key: summarise(episodes[key], seconds[key], problem) for key in episodes}
         together: dict[str, list[Episode]] = {}
         for (decider, _), some in episodes.items():
             together.setdefault(decider, []).extend(some)
+        successes = {name: [bool(e.success) for e in some] for name, some in together.items()}
+        touches = {name: [e.num_touches for e in some] for name, some in together.items()}
+        returns = {name: [e.reward(problem) for e in some] for name, some in together.items()}
         for decider, some in together.items():
             spent = sum((seconds[key] for key in episodes if key[0] == decider), Seconds())
             cells[decider, ALL] = summarise(some, spent, problem)
@@ -213,11 +254,9 @@ class Summary:
             problem=problem,
             episodes=episodes,
             cells=cells,
-            differences=differences(together, reference, problem, rng),
+            differences=differences(successes, touches, returns, reference, rng),
             calibration={name: calibration_of_confirmations(some) for name, some in together.items()},
-            prob_best=prob_best({name: [e.reward(problem) for e in some] for name, some in together.items()}, rng),
-            solved=solved,
-            selective={name: selective(some, rng) for name, some in together.items()},
+            prob_best=prob_best(returns, rng),
             reference=reference,
             **others,
         )

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from belief.table import Table, Value
 from experiments.search.summary import ALL, Summary
 from experiments.search.verdict import ENOUGH
 
 _MOST_ROWS = 40  # a longer table has no rows of single targets
-_DROPPED = ("ms/touch", "none", "wrong", "95 %", "touches")  # columns to omit on a narrow terminal, in this order
 
 
 def comparison_tables(comparison: Summary) -> list[Table]:
@@ -20,7 +18,6 @@ def comparison_tables(comparison: Summary) -> list[Table]:
         results if comparison.is_selective else results.without(["unsure"]),
         _differences(comparison),
         _stated_confidence(comparison),
-        *([_abstention(comparison), _selective_risk(comparison)] if comparison.is_selective else []),
         _times(comparison),
     ]
 
@@ -62,6 +59,7 @@ def _differences(comparison: Summary) -> Table:
             *(d.episodes_for_success, d.touches[0], d.touches[1:], d.reward[0], d.reward[1:]),
         )
         for name, d in comparison.differences.items()
+        if d.touches is not None and d.reward is not None
     ]
     return Table(
         f"Difference from {comparison.reference} on the same episodes",
@@ -118,91 +116,8 @@ def _times(comparison: Summary) -> Table:
     return Table("Milliseconds per touch", ["decider", ("touches", "d"), *parts], rows, name="times")
 
 
-def _abstention(comparison: Summary) -> Table:
-    """Success, wrong answers and abstention of every decider; stated and achieved confidence of its answers."""
-    rows: list[Sequence[Value]] = []
-    for name, found in comparison.selective.items():
-        if found is None:
-            continue
-        achieved: tuple[Value, Value] = (
-            (None, None) if found.achieved is None else (found.achieved[0], found.achieved[1:])
-        )
-        unsure: tuple[Value, ...] = (found.unsure[0], found.unsure[1:], *found.reasons.values())
-        rows.append(
-            (
-                *(name, found.num_episodes, comparison.cells[name, ALL].success, found.wrong[0], found.wrong[1:]),
-                *unsure,
-                *(found.num_answered, found.stated, *achieved),
-            )
-        )
-    return Table(
-        "Answers and “I do not know”",
-        [
-            *("decider", ("searches", "d"), ("success", ".3f"), ("wrong", ".3f"), ("95 %", ".3f")),
-            *(
-                ("unsure", ".3f"),
-                ("95 %", ".3f"),
-                ("conflict", "d"),
-                ("doubtful", "d"),
-                ("suspicious", "d"),
-                ("touch limit", "d"),
-            ),
-            *(("answered", "d"), ("stated", ".3f"), ("right", ".3f"), ("95 %", ".3f")),
-        ],
-        rows,
-        "Fractions of all searches with Clopper-Pearson intervals: success, wrong answer, “I do not know” (unsure). "
-        "Conflict: the touches do not fit the world that the sensor knows. Doubtful: the answer would have been right "
-        "with too small a probability. Touch limit: a further touch was not allowed. Stated: mean stated probability "
-        "that an answer is right. Right: fraction of answers that are.",
-        "abstention",
-    )
-
-
-def _selective_risk(comparison: Summary) -> Table:
-    """Selective risk of every decider at full and at half coverage, and the area under its curve."""
-    rows: list[Sequence[Value]] = []
-    for name, found in comparison.selective.items():
-        for ranking, curve in ({} if found is None else found.curves).items():
-            half = float(curve.risk[(len(curve.risk) - 1) // 2])
-            rows.append((name, ranking, curve.coverage[-1], curve.full_risk, half, curve.area, curve.interval))
-    return Table(
-        "Selective risk",
-        [
-            *("decider", ("ranked by", ""), ("coverage", ".3f"), ("risk", ".4f"), ("risk of the better half", ".4f")),
-            *(("area", ".4f"), ("95 %", ".4f")),
-        ],
-        rows,
-        "Coverage: fraction of searches that were answered. Risk: fraction of these answers that are wrong. The better "
-        "half: the answers with the highest stated confidence, or with the least conflict. Area: mean risk over all "
-        "coverages, with a bootstrap interval over answers; without a wrong answer it is [0, 0], which does not mean "
-        "that no answer can be wrong.",
-        "selective_risk",
-    )
-
-
-def terminal_table(comparison: Summary, width: int = 80) -> Table:
-    """The comparison as a table for a terminal; columns that do not fit are omitted.
-
-    Args:
-        comparison: results to show.
-        width: width of the terminal [characters].
-    """
-    whole, omitted = _terminal_rows(comparison), 0
-    whole = whole if comparison.is_selective else whole.without(["unsure"])
-    table = whole
-    while omitted < len(_DROPPED) and max(map(len, table.text(10_000).splitlines())) > width:
-        omitted += 1
-        table = whole.without(_DROPPED[:omitted])
-    last = f"Omitted: {', '.join(_DROPPED[:omitted])}" if omitted else "ms/touch = physics+network+decision"
-    note = (
-        f"{next(iter(comparison.cells.values())).num_episodes} live searches per decider and target, 95 % Wilson "
-        f"intervals. No-touch baseline {comparison.no_touch_baseline:.2f}; full-information oracle "
-        f"{comparison.oracle[0]}/{comparison.oracle[1]}. {last}"
-    )
-    return replace(table, note=note)
-
-
-def _terminal_rows(comparison: Summary) -> Table:
+def terminal_table(comparison: Summary) -> Table:
+    """The comparison as a table for a terminal: a row for each target below the name of each decider."""
     by_target = len(comparison.deciders) * (len(comparison.targets) + 1) <= _MOST_ROWS
     rows: list[tuple[str, ...]] = []
     for decider in comparison.deciders:
@@ -215,4 +130,11 @@ def _terminal_rows(comparison: Summary) -> Table:
             rows.append(
                 (f"  {target}", f"{cell.success:.3f}", f"{low:.2f}–{high:.2f}", *counts, ms if cell.touches else "–")
             )
-    return Table("", ["target", "success", "95 %", "wrong", "none", "unsure", "touches", "ms/touch"], rows)
+    table = Table(
+        "",
+        ["target", "success", "95 %", "wrong", "none", "unsure", "touches", "ms/touch"],
+        rows,
+        f"{next(iter(comparison.cells.values())).num_episodes} live searches per decider and target, 95 % Wilson "
+        f"intervals. No-touch baseline {comparison.no_touch_baseline:.2f}. ms/touch = physics+network+decision",
+    )
+    return table if comparison.is_selective else table.without(["unsure"])

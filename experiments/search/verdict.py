@@ -7,13 +7,9 @@ from collections.abc import Sequence
 from statistics import fmean
 
 from belief.statistics.power import LEVEL, POWER
-from experiments.search.paired import Difference
-from experiments.search.selective import Selective
-from experiments.search.summary import ALL, Summary
+from experiments.search.summary import ALL, Cell, Difference, Summary
 from planners.one_touch import one_touch_bound
 
-LONGEST = 36
-"""Length from which a name is replaced by a short one."""
 LEAST_DOUBT = 0.025
 """A decider whose return is the highest in at least this fraction of bootstrap resamples may be the best."""
 ENOUGH = 20
@@ -48,35 +44,17 @@ def tie_sentence(names: Sequence[str], comparison: Summary) -> str:
     )
 
 
-def short_names(names: Sequence[str]) -> tuple[dict[str, str], list[str]]:
-    """What deciders are called where space is short, and sentences that say what was left out.
-
-    A long name is replaced by its first word, with a number if several deciders begin with that word.
-
-    Args:
-        names: deciders as on the command line, all different.
-
-    >>> found, said = short_names(["information_gain(given='shape', confirm=0.98)", "random_poses"])
-    >>> list(found.values())
-    ['information_gain', 'random_poses']
-    >>> said
-    ["information_gain is information_gain(given='shape', confirm=0.98)."]
-    """
-    long = [name for name in names if len(name) > LONGEST]
-    words = {name: name.partition("(")[0].partition(":")[0] for name in long}
-    short = {name: name for name in names}
-    for name in long:
-        alone = sum(other.startswith(words[name]) for other in names) == 1
-        short[name] = words[name] if alone else f"{words[name]} {list(names).index(name) + 1}"
-    return short, [f"{short[name]} is {name}." for name in long]
-
-
 def verdict_sentences(comparison: Summary) -> list[str]:
     """Sentences on the best decider, on the differences from the reference, and on stated confidence."""
     sentences = [_best(comparison), _frame(comparison)]
-    sentences += [_against(name, difference, comparison) for name, difference in comparison.differences.items()]
+    sentences += [
+        f"{success_sentence(name, comparison.reference, found, len(comparison.targets))}. "
+        f"{_touches(name, found, comparison)}"
+        for name, found in comparison.differences.items()
+    ]
     sentences += _calibration(comparison)
-    sentences += [_selective(name, found) for name, found in comparison.selective.items() if found is not None]
+    if comparison.is_selective:
+        sentences += [_unsure(name, comparison.cells[name, ALL]) for name in comparison.deciders]
     if comparison.pressed_again:
         sentences.append(f"{comparison.pressed_again} presses did not settle and were repeated.")
     return sentences
@@ -108,33 +86,32 @@ def _best(comparison: Summary) -> str:
 
 
 def _frame(comparison: Summary) -> str:
-    solved, tried = comparison.oracle
     most = fmean(one_touch_bound(comparison.problem, target) for target in comparison.targets)
     return (
-        f"The no-touch baseline succeeds in {_share(comparison.no_touch_baseline)} of searches. The full-information "
-        f"oracle, which touches every object in every pose before it answers, succeeds in {solved} of {tried}. "
-        f"With any sensor, the expected return is at most {most:.3f}, that of touches which reveal the shape."
+        f"The no-touch baseline succeeds in {_share(comparison.no_touch_baseline)} of searches. With any sensor, the "
+        f"expected return is at most {most:.3f}, that of touches which reveal the shape."
     )
 
 
-def _against(name: str, difference: Difference, comparison: Summary) -> str:
-    pairs, reference = difference.mcnemar, comparison.reference
+def success_sentence(name: str, reference: str, difference: Difference, num_targets: int | None = None) -> str:
+    """How a decider succeeds beside the reference on the same episodes, without the full stop.
+
+    With the number of targets it also says how many --episodes would be needed.
+    """
+    pairs = difference.mcnemar
+    p = "< 0.001" if difference.p_value < 0.001 else f"= {difference.p_value:.2g}"
     either = (
         f"of {pairs.num_episodes} episodes, {pairs.first_only} succeed only with {name} and {pairs.second_only} only "
-        f"with {reference}"
+        f"with {reference} (p {p})"
     )
     if difference.p_value < LEVEL:
         more = "more" if pairs.difference > 0 else "less"
-        success = f"succeeds significantly {more} often than {reference}: {either} (p {_p(difference.p_value)})"
-    else:
-        success = (
-            f"and {reference} do not differ significantly in success: {either} (p {_p(difference.p_value)}); "
-            f"{_needed(difference, comparison)}"
-        )
-    return f"{name} {success}. {_touches(name, difference, comparison)}"
+        return f"{name} succeeds significantly {more} often than {reference}: {either}"
+    needed = _needed(difference, num_targets)
+    return f"{name} and {reference} do not differ significantly in success: {either}; {needed}"
 
 
-def _needed(difference: Difference, comparison: Summary) -> str:
+def _needed(difference: Difference, num_targets: int | None) -> str:
     """Number of further searches at which the difference would probably be significant, in words."""
     pairs, needed = difference.mcnemar, difference.episodes_for_success
     if needed is None:
@@ -142,14 +119,16 @@ def _needed(difference: Difference, comparison: Summary) -> str:
         if pairs.first_only + pairs.second_only == 0:
             return f"they differ in fewer than {100 * most:.2g} % of all searches (95 % confidence)"
         return "they succeed equally often, so the number of searches needed cannot be estimated"
-    more, each = needed - pairs.num_episodes, math.ceil(needed / len(comparison.targets))
+    more = needed - pairs.num_episodes
+    option = "" if num_targets is None else f" (--episodes {_round(math.ceil(needed / num_targets))})"
     return (
         f"if the true difference is the observed {abs(pairs.difference):.2g}, about {_round(more)} more searches would "
-        f"show it with a probability of {POWER:g} (--episodes {_round(each)})"
+        f"show it with a probability of {POWER:g}{option}"
     )
 
 
 def _touches(name: str, difference: Difference, comparison: Summary) -> str:
+    assert difference.touches is not None, "searches have touches"
     mean, low, high = difference.touches
     if is_small(comparison):
         return (
@@ -183,16 +162,10 @@ def _calibration(comparison: Summary) -> list[str]:
     return sentences
 
 
-def _selective(name: str, found: Selective) -> str:
-    share, low, high = found.unsure
-    said = f"{name} answers “I do not know” in {_share(share)} [{_share(low)}, {_share(high)}] of searches"
-    if found.achieved is None or found.stated is None:
-        return f"{said}, and gives no other answer."
-    right, low, high = found.achieved
-    return (
-        f"{said}; of its {found.num_answered} other answers {_share(right)} [{_share(low)}, {_share(high)}] are right, "
-        f"at a stated confidence of {_share(found.stated)}."
-    )
+def _unsure(name: str, cell: Cell) -> str:
+    said = f"{name} answers “I do not know” in {_share(cell.unsure / cell.num_episodes)} of the searches"
+    answered = cell.num_episodes - cell.unsure - cell.truncated
+    return f"{said}; it is right in {cell.successes} of its {answered} other answers."
 
 
 def _and(names: list[str]) -> str:
@@ -201,10 +174,6 @@ def _and(names: list[str]) -> str:
 
 def _share(value: float) -> str:
     return f"{value:.3f}"
-
-
-def _p(value: float) -> str:
-    return "< 0.001" if value < 0.001 else f"= {value:.2g}"
 
 
 def _round(number: int) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import cache, partial
 from pathlib import Path
 from types import MappingProxyType
@@ -15,30 +15,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.data.dataset import TouchSet, read_split
-from activetouch.data.manifest import CollectionPlan, Manifest, read_manifest
+from activetouch.data.manifest import Manifest, read_manifest
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
 from activetouch.scene import Scene
 from activetouch.scene_description import in_words
-from activetouch.sensor_files import INDEPENDENT_FILE, READER_FILE, write_observation_model
+from activetouch.sensor_files import INDEPENDENT_FILE, OBSERVATION_FILE, READER_FILE
 from belief.calibration import TemperatureScaling
 from belief.claims import claim_folder, ends_claims
 from belief.errors import ActiveTouchError
 from belief.files import write_text
 from belief.metrics import confusion_matrix, expected_calibration_error, negative_log_likelihood, shape_scores
 from belief.observation_model.model import ArrayModel
-from belief.observation_model.registry import Fit, fit_named, fits, require_readable
+from belief.observation_model.registry import Fit, class_named, fit_named, fits
 from belief.observation_model.selection import NUM_FOLDS, ModelChoice, choose_observation_model, log_posteriors
 from belief.statistics import clopper_pearson_interval
 from belief.table import Table, Tabular
 from belief.touch_batch import TouchBatch
 from belief.validation import Floats
-from experiments.command_line.arguments import BadArgument, Count, Seed, check_arguments
+from experiments.command_line.arguments import BadArgument, Seed, check_arguments
 from experiments.command_line.trust import Trust
-from experiments.scene_choice import SceneChoice, in_file_names, named_scene, repeats_folder, training_folder
+from experiments.scene_choice import SceneChoice, command, in_file_names, named_scene, repeats_folder, training_folder
 from experiments.sensor.scores import accuracy_of_objects, read_touches
 from experiments.sensor_choice import NoSensor, open_collection, require_collection
-from experiments.sensor_commands import command
 from planners.pose_order import greedy_order, write_order
 
 _RANKED, _ORDERED = 120, 16  # calibration objects that rank poses, and largest number of poses in the order
@@ -59,7 +58,7 @@ class Calibrate:
         activetouch collect --scene gel --plan.train 0 --plan.repeats 6 --out data/gel-repeats
         activetouch calibrate --scene gel
         activetouch calibrate --data data/mug --reader runs/train-mug/reader.safetensors --out runs/sensor-mug
-        activetouch calibrate --scene hard --hypotheses 1024 --observation-model "rigid body"
+        activetouch calibrate --scene hard --observation-model "rigid body"
     """
 
     scene: str = "gel"
@@ -71,9 +70,7 @@ class Calibrate:
     out: Path | None = None
     """Folder of the finished sensor; runs/sensor-SCENE by default."""
     observation_model: tuple[str, ...] = ()
-    """Choose from these: names of observation models, or module:attribute of your own; from all by default."""
-    hypotheses: Count | None = None
-    """Hypotheses of each shape in a model about one rigid body, 2048 by default: fewer are faster."""
+    """Choose from these observation models; from all by default."""
     seed: Seed = 0
     """Seed of the bootstrap intervals."""
     anyway: bool = False
@@ -96,16 +93,16 @@ class Calibrate:
             raise NoSensor(f"{trained} is missing; train it with: {command('train', scene=self.scene)}")
         reader = TactileReader.load(trained)
         filed = self.scene if self.out is None else None
-        require_collection(data, manifest, reader.card, filed, repeats=True, anyway=self.anyway)
+        require_collection(data, manifest, reader.card, filed, anyway=self.anyway)
         require_enough(manifest, data)
         scene = scene_of(manifest, Trust(data, [self.scene], self.trust))
-        found = calibrate(reader, data, scene, models, self.hypotheses, self.seed)
+        found = calibrate(reader, data, scene, models, self.seed)
         found.save(out)
-        print(found, found.table(), sep="\n\n")
+        print(found)
         if manifest.plan.repeats == 1:
             print(
                 "No object was touched twice in a pose, so how far touches repeat each other is an assumption. To "
-                f"measure it, record several rounds{how_to_record(manifest, data)}"
+                "measure it, record several rounds: collect --plan.repeats 6"
             )
         print(f"wrote {out}")
 
@@ -137,42 +134,39 @@ class Calibration(Tabular):
             CannotWrite: The disk is full, or the folder is not writable.
         """
         self.reader.save(folder / READER_FILE)
-        write_observation_model(folder, self.choice.model, self.scene)
+        write_text(folder / OBSERVATION_FILE, self.choice.model.to_json({"scene": self.scene}) + "\n")
         if self.independent is not None:
-            write_observation_model(folder, self.independent, self.scene, INDEPENDENT_FILE)
+            write_text(folder / INDEPENDENT_FILE, self.independent.to_json({"scene": self.scene}) + "\n")
         else:
             (folder / INDEPENDENT_FILE).unlink(missing_ok=True)
         write_order(folder, list(self.order), np.array(list(self.order.values())))
         write_text(folder / "evaluation.json", json.dumps(self.evaluation, indent=1) + "\n")
 
-    def __str__(self) -> str:
-        e, (low, high) = self.evaluation, self.evaluation["accuracy_interval"]
-        fused_low, fused_high = e["fused_accuracy_interval"]
-        losses = sorted(self.choice.losses.items(), key=lambda pair: pair[1])
-        words = ", ".join(f"{name} {loss:.4f}" for name, loss in losses)
-        chosen = f" (cross-validated sequence NLL: {words})" if words else ""
-        return (
-            f"{e['num_touches']} test touches of {e['num_objects']} unseen objects\n"
-            f"single touch: accuracy {e['accuracy']:.4f} [{low:.4f}, {high:.4f}]\n"
-            f"observation model: {self.choice.name}{chosen}\n"
-            f"single touch, from raw to calibrated: NLL {e['nll_raw']:.4f} → {e['nll_calibrated']:.4f}, "
-            f"ECE {e['ece_raw']:.4f} → {e['ece_calibrated']:.4f}\n"
-            f"an object's first touch in every pose fused: accuracy {e['fused_accuracy']:.4f} "
-            f"[{fused_low:.4f}, {fused_high:.4f}], NLL {e['fused_nll']:.4f}, ECE {e['fused_ece']:.4f}\n"
-            "best order of poses, with the NLL after each on the objects by which they are ranked: "
-            + ", ".join(f"{label} {loss:.4f}" for label, loss in self.order.items())
-        )
-
     def table(self) -> Table:
-        """Precision, recall and F1 of single touches by shape, and the shapes that it is most often read as."""
-        rows, labels = [], self.choice.model.shape_labels
-        for k, (label, row) in enumerate(zip(labels, self.evaluation["confusion"], strict=True)):
-            score = self.evaluation["shapes"][label]
-            ratios = (score[name] for name in ("precision", "recall", "f1"))
-            others = sorted((j for j in range(len(row)) if j != k and row[j]), key=lambda j: -row[j])[:2]
-            rows.append((label, *ratios, ", ".join(f"{labels[j]} {row[j] / sum(row):.1%}" for j in others)))
-        headings = ["shape", ("precision", ".3f"), ("recall", ".3f"), ("F1", ".3f"), ("most often read as", "")]
-        return Table("single touches by shape; all confusions are in evaluation.json", headings, rows)
+        """How single touches and fused ones are read and calibrated; ``evaluation.json`` has all confusions."""
+        e = self.evaluation
+        losses = ", ".join(
+            f"{name} {loss:.4f}" for name, loss in sorted(self.choice.losses.items(), key=lambda p: p[1])
+        )
+        chosen = f" (cross-validated sequence NLL: {losses})" if losses else ""
+        order = ", ".join(f"{label} {loss:.4f}" for label, loss in self.order.items())
+        return Table(
+            f"{e['num_touches']} test touches of {e['num_objects']} unseen objects",
+            ["touches", ("accuracy", ".4f"), ("95 %", ".4f"), ("NLL", ".4f"), ("ECE", ".4f")],
+            [
+                ("one, as read", e["accuracy"], tuple(e["accuracy_interval"]), e["nll_raw"], e["ece_raw"]),
+                ("one, calibrated", None, None, e["nll_calibrated"], e["ece_calibrated"]),
+                (
+                    "the first in every pose, fused",
+                    e["fused_accuracy"],
+                    tuple(e["fused_accuracy_interval"]),
+                    e["fused_nll"],
+                    e["fused_ece"],
+                ),
+            ],
+            f"Observation model: {self.choice.name}{chosen}. Best order of poses, with the NLL after each on the "
+            f"objects by which they are ranked: {order}.",
+        )
 
 
 def calibrate(
@@ -180,7 +174,6 @@ def calibrate(
     data: Path,
     scene: Scene | None = None,
     models: Mapping[str, Fit] = MappingProxyType({}),
-    hypotheses: int | None = None,
     seed: int = 0,
 ) -> Calibration:
     """Fit observation models to the calibration split of a collection, keep the best, and evaluate on the test split.
@@ -190,7 +183,6 @@ def calibrate(
         data: folder of the collection, whose objects are better touched several times in every pose.
         scene: scene of the touches, if it is known; without it, no model is about one rigid body.
         models: functions that fit the models to choose from, by name; all by default.
-        hypotheses: number of hypotheses of each shape in a model about one rigid body.
         seed: seed of the intervals.
 
     Raises:
@@ -198,7 +190,7 @@ def calibrate(
         BadReference: No command could read the file of the chosen model.
     """
     manifest = read_manifest(data)
-    candidates = candidate_models(models, reader, scene, hypotheses)
+    candidates = candidate_models(models, reader, scene)
     calibration, test = read_split(data, "calibration"), read_split(data, "test")
     known = read_touches(reader, calibration, "reading calibration touches")
     tested = read_touches(reader, test, "reading test touches")
@@ -210,7 +202,7 @@ def calibrate(
         choice = ModelChoice(name, fit(*touches, **labels), {})
     else:
         choice = choose_observation_model(*touches, **labels, candidates=candidates)
-    require_readable(choice.model)
+    class_named(choice.model.name)  # raises for a model that no command could read
     others = {name: loss for name, loss in choice.losses.items() if name not in fits("embeddings")}
     leaner = min(others, key=others.__getitem__) if choice.model.reads == "embeddings" and others else None
     independent = candidates[leaner](*touches, **labels) if leaner is not None else None
@@ -255,20 +247,16 @@ def scene_of(manifest: Manifest, trust: Trust) -> Scene | None:
     return None if manifest.choice is None else SceneChoice.from_dict(manifest.choice, trust).named.scene
 
 
-def candidate_models(
-    asked: Mapping[str, Fit], reader: TactileReader, scene: Scene | None, num_hypotheses: int | None = None
-) -> Mapping[str, Fit]:
+def candidate_models(asked: Mapping[str, Fit], reader: TactileReader, scene: Scene | None) -> Mapping[str, Fit]:
     """The observation models to choose from: those asked for, or all that the reader and the scene allow.
 
     Args:
         asked: by name; all if there are none.
         reader: of the touches; a joint model works only with one that embeds hypotheses.
         scene: of the touches, if it is known.
-        num_hypotheses: of each shape, in a joint model; as many as it takes by default.
 
     Raises:
-        BadArgument: a model works with hypotheses, which this reader does not embed; or their number is given, and no
-            model works with them.
+        BadArgument: a model works with hypotheses, which this reader does not embed.
     """
     all_joint = fits("embeddings")
     joint = {name: fit for name, fit in (asked or all_joint).items() if name in all_joint}
@@ -278,14 +266,10 @@ def candidate_models(
             raise BadArgument(
                 f"{in_words(list(joint))} needs a reader of a named scene, trained with --recipe contrast"
             )
-        if num_hypotheses is not None:
-            known = in_words(list(all_joint))
-            raise BadArgument(f"--hypotheses {num_hypotheses} is a setting of {known}, which is none of these models")
         return others
     table = HypothesisTable(reader, scene)
     embed = table if table.groups else cache(table)  # that of many poses remembers
-    number = {} if num_hypotheses is None else {"num_hypotheses": num_hypotheses}
-    return {**others, **{name: partial(fit, embed=embed, **number) for name, fit in joint.items()}}
+    return {**others, **{name: partial(fit, embed=embed) for name, fit in joint.items()}}
 
 
 class TooFewObjects(ActiveTouchError, ValueError):
@@ -306,16 +290,8 @@ def require_enough(manifest: Manifest, data: Path) -> None:
         raise TooFewObjects(
             f"{data} has {plan.calibration} calibration objects and {plan.test} test objects of every shape; choosing "
             f"the observation model takes at least {least} and 1, and a few hundred make it a good one. Record "
-            f"more{how_to_record(manifest, data)}"
+            "more, in another folder"
         )
-
-
-def how_to_record(manifest: Manifest, data: Path) -> str:
-    """How to record a collection of the same scene that will do, as the end of a sentence."""
-    if manifest.choice is None:
-        return ", with the program that recorded these"
-    out = data.with_name(f"{data.name}-repeats")
-    return f": {replace(manifest, plan=CollectionPlan(train=0, repeats=6)).command(out)}"
 
 
 def evaluate(model: ArrayModel, touches: TouchBatch, truth: TouchSet, rng: np.random.Generator) -> dict[str, Any]:

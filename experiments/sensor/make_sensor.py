@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import filecmp
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,8 +12,7 @@ from activetouch.errors import LabelMismatch
 from activetouch.extras import require_extra
 from activetouch.named_scenes import NamedScene
 from activetouch.perception.card import read_card
-from activetouch.perception.reader import TactileReader
-from activetouch.perception.recipe import RECIPES, TrainingRecipe
+from activetouch.perception.recipe import RECIPES
 from activetouch.sensor_files import READER_FILE
 from experiments.parallel import default_jobs
 from experiments.scene_choice import as_named, named_scene
@@ -67,42 +65,24 @@ def make_sensor(
     else:
         named = scene if isinstance(scene, NamedScene) else as_named(scene)
     folder, jobs = Path(out), jobs if jobs is not None else default_jobs()
-    touches, repeated, trained = folder / "touches", folder / "repeats", folder / "training"
+    touches, repeated = folder / "touches", folder / "repeats"
     plan = CollectionPlan(train=train, calibration=calibration, test=0, seed=seed)
     repeated_plan = CollectionPlan(train=0, calibration=calibration, test=test, seed=seed, repeats=repeats)
     recipe = in_safe_precision(replace(RECIPES["large"], **{"seed": seed, **change}), named.input_size)
-    network: dict[str, Any] = {"backbone": named.backbone, "input_size": named.input_size}
     require_input_size(named.input_size, named.scene.image_shape[0], named.backbone)
     require_enough(Manifest.of(named.scene, repeated_plan), repeated)
-    finished = trained / READER_FILE
-    if finished.exists():
-        _require_same_training(finished, recipe, **network)
+    made = (folder / "evaluation.json").exists()  # which is written last
+    if made:
+        card = read_card(folder / READER_FILE)
+        found = card.backbone, card.input_size, card.training.partition(";")[0]
+        if found != (wanted := (named.backbone, named.input_size, recipe.words)):
+            raise LabelMismatch(
+                f"the reader in {folder} was trained with other settings: {found}; asked for is {wanted}. Choose "
+                "another folder"
+            )
     record(named.scene, plan, touches, jobs)
     record(named.scene, repeated_plan, repeated, jobs)
-    if finished.exists():
-        reader = TactileReader.load(finished)
-    else:
-        reader = train_reader(touches, trained, recipe, **network, jobs=jobs)
-    if not ((folder / "evaluation.json").exists() and _same(folder / READER_FILE, finished)):
+    if not made:
+        reader = train_reader(touches, folder / "training", recipe, named.backbone, named.input_size, jobs=jobs)
         calibrate(reader, repeated, named.scene, seed=seed).save(folder)
     return TactileSensor.load(folder, named.scene)
-
-
-def _same(one: Path, other: Path) -> bool:
-    return one.exists() and filecmp.cmp(one, other, shallow=False)
-
-
-def _require_same_training(reader: Path, recipe: TrainingRecipe, backbone: str, input_size: int) -> None:
-    """Check that a finished reader was trained as asked for.
-
-    Raises:
-        LabelMismatch: it was trained with other settings.
-    """
-    card, wanted = read_card(reader), recipe.words
-    found = card.training.partition(";")[0]
-    if (found, card.backbone, card.input_size) != (wanted, backbone, input_size):
-        raise LabelMismatch(
-            f"{reader} was trained with other settings: {card.backbone} at {card.input_size} pixels, {found}; "
-            f"asked for is {backbone} at {input_size} pixels, {wanted}. Choose another folder, or delete "
-            f"{reader.parent}"
-        )

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.data.dataset import TouchSet
-from activetouch.perception.reader import ImageReader, Reading, TactileReader
+from activetouch.perception.reader import Reading, TactileReader
 from belief.statistics import clopper_pearson_interval, cluster_bootstrap
 from belief.touch_batch import TouchBatch
 from experiments.parallel import progress_bar
@@ -26,7 +26,7 @@ def read_images(reader: TactileReader, images: NDArray[np.uint8], poses: NDArray
     return TouchBatch(poses[None], np.concatenate(logits)[None], kept)
 
 
-def readings(reader: ImageReader, images: NDArray[np.uint8], what: str) -> Iterator[Reading]:
+def readings(reader: TactileReader, images: NDArray[np.uint8], what: str) -> Iterator[Reading]:
     """Readings of many images in batches, with a progress bar."""
     with progress_bar() as progress:
         bar = progress.add_task(what, total=len(images))

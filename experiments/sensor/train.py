@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
 from activetouch.data.dataset import TouchSet, read_split
 from activetouch.data.manifest import read_manifest
-from activetouch.errors import MissingWeights
 from activetouch.extras import require_extra
-from activetouch.perception.backbones import BACKBONES, ConvNeXt
-from activetouch.perception.card import CLASSIFIER_FILE
+from activetouch.perception.backbones import BACKBONES
 from activetouch.perception.reader import TactileReader, resized
 from activetouch.perception.recipe import RECIPES, TrainingRecipe
 from activetouch.scene import Scene
@@ -75,15 +73,14 @@ class Train:
     saw. The others learn the shapes of a collection: contrast and worn with their orientations and sizes (worn is for
     pads that wear), large and paper without.
 
-    The state is saved regularly; after an interruption, the same command continues. With tensorboard installed (the
-    extra of that name), the losses are written to OUT/tensorboard.
+    The state is saved regularly; after an interruption, the same command continues.
 
     For example:
 
         activetouch train --scene coarse
         activetouch train --scene gel --recipe contacts --steps 2000 --device cuda
         activetouch train --scene hard --recipe worn --change.focus cube cuboid wedge
-        activetouch train --recipe paper --backbone tiny --weights facebook/convnext-tiny-224   (a hub's, or a folder)
+        activetouch train --recipe paper --backbone tiny
         activetouch train --data data/mug --out runs/train-mug --input-size 32 --recipe large --change.epochs 5
     """
 
@@ -92,14 +89,11 @@ class Train:
     data: Path | None = None
     """Folder of the collection; data/SCENE by default."""
     out: Path | None = None
-    """Folder for the checkpoint and the training state; runs/train-SCENE by default."""
+    """Folder for the reader and the training state; runs/train-SCENE by default."""
     input_size: Pixels | None = None
     """Edge the images are averaged down, or repeated up, to before the network [pixels]; the scene's by default."""
     backbone: BackboneName | None = None
     """The network: a plain small CNN, or a ConvNeXt by size; the scene's by default."""
-    weights: str | None = None
-    """Weights that a ConvNeXt starts from, such as ImageNet's: a local folder, or a name on the Hugging Face hub, which
-    is the only case that goes online; random weights by default."""
     recipe: Literal["contacts", "contrast", "worn", "large", "paper"] = "contrast"
     """What to learn, and how."""
     steps: Count | None = None
@@ -126,10 +120,10 @@ class Train:
         out = self.out if self.out is not None else training_folder(self.scene)
         claim_folder(out)
         manifest = open_collection(data, self.scene, repeats=False)
-        require_collection(data, manifest, None, self.scene if self.out is None else None, repeats=False)
+        require_collection(data, manifest, None, self.scene if self.out is None else None)
         size = self.input_size if self.input_size is not None else named.input_size
         backbone = self.backbone if self.backbone is not None else named.backbone
-        train_reader(data, out, self.change.of(RECIPES[self.recipe]), backbone, size, self.weights, self.jobs)
+        train_reader(data, out, self.change.of(RECIPES[self.recipe]), backbone, size, self.jobs)
 
 
 def train_reader(
@@ -138,26 +132,23 @@ def train_reader(
     recipe: TrainingRecipe,
     backbone: str,
     input_size: int,
-    weights: str | None = None,
     jobs: int = 1,
 ) -> TactileReader:
     """Train a network on a collection; after an interruption, the same call continues.
 
     Args:
         data: folder of the collection.
-        out: folder for ``reader.safetensors``, ``classifier.safetensors`` and the state of the training.
+        out: folder for ``reader.safetensors`` and the state of the training.
         recipe: settings of the training.
         backbone: a key of :data:`activetouch.perception.backbones.BACKBONES`.
         input_size: edge that images are brought to [pixels].
-        weights: see :class:`Train`.
         jobs: number of threads.
 
     Returns:
         The reader, which has been written to ``out``.
 
     Raises:
-        BadArgument: The network cannot read images of this size.
-        MissingWeights: The weights cannot be read, or belong to another network.
+        BadArgument: The network cannot read images of this size, or the collection has aims.
     """
     import torch
 
@@ -166,6 +157,8 @@ def train_reader(
 
     manifest = read_manifest(data)
     require_input_size(input_size, manifest.image_shape[0], backbone)
+    if recipe.embedding and "aims" in manifest.scene:
+        raise BadArgument("poses with aims are read by a reader of any object: train --recipe contacts")
     recipe = in_safe_precision(recipe, input_size)
     torch.set_num_threads(jobs)
     train, calibration = (_split(data, name, input_size) for name in ("train", "calibration"))
@@ -176,13 +169,12 @@ def train_reader(
         mujoco_version=manifest.versions["mujoco"],
         training=f"{recipe.words}; {len(train.images)} images",
     )
-    classifier = new_classifier(card, recipe.seed, weights)
+    classifier = new_classifier(card, recipe.seed)
     print(f"{backbone} at {input_size} pixels, {classifier.card.training}")
     taxels = (manifest.image_shape[0] // train.images.shape[1]) ** 2
     trainer = Trainer(classifier, recipe, train, calibration, out / STATE_FILE, manifest.symmetry, taxels)
-    run_to_the_end(trainer, out / "tensorboard")
+    run_to_the_end(trainer)
     classifier = trainer.finish()
-    classifier.save(out / CLASSIFIER_FILE)
     reader = export_reader(
         classifier, manifest.image_shape, fixed_hypotheses(classifier, train) if recipe.embedding else None
     )
@@ -291,56 +283,26 @@ def card_for(
         embedding=embedding,
         log_size_mean=round(float(log_sizes.mean()), 4) if embedding else 0.0,
         log_size_std=round(max(float(log_sizes.std()), 1e-3), 4) if embedding else 1.0,
-        aim_scale=round(float(np.abs(np.nan_to_num(train.aims)).max()), 6) if embedding else 0.0,
     )
 
 
-def new_classifier(card: ClassifierCard, seed: int, weights: str | None = None) -> TouchClassifier:
-    """A classifier with random weights, or with a published backbone; its card says which.
-
-    Args:
-        card: card of the network to train.
-        seed: seed of random weights.
-        weights: see :class:`Train`.
-
-    Raises:
-        MissingWeights: The weights cannot be read, or belong to another network.
-    """
+def new_classifier(card: ClassifierCard, seed: int) -> TouchClassifier:
+    """A classifier with random weights from a seed, as its card then says."""
     import torch
 
     from activetouch.perception.classifier import TouchClassifier, TouchNetwork
 
-    features, start = None, "random weights"
-    if weights is not None:
-        kind = BACKBONES[card.backbone]
-        if not isinstance(kind, ConvNeXt):
-            raise MissingWeights(f"there are no published weights of {card.backbone!r}; leave out --weights {weights}")
-        features, start = kind.build_pretrained(weights, card.channels), f"the weights of {weights}"
-    card = replace(card, training=f"{card.training}, from {start}" if card.training else f"from {start}")
+    card = replace(card, training=f"{card.training}, from random weights".removeprefix(", "))
     with torch.random.fork_rng():  # torch draws initial weights from its global generator only
         torch.manual_seed(seed)
-        return TouchClassifier(card, TouchNetwork(card, features))
+        return TouchClassifier(card, TouchNetwork(card))
 
 
-def run_to_the_end(trainer: Trainer, log: Path) -> None:
-    """Run the epochs that are left, with a progress bar, and log them for TensorBoard where that is installed."""
-    writer = _tensorboard(log)
+def run_to_the_end(trainer: Trainer) -> None:
+    """Run the epochs that are left, with a progress bar."""
     with progress_bar() as progress:
         while not trainer.is_finished:
             bar = progress.add_task(f"epoch {trainer.epochs_done + 1}", total=len(trainer.train.images))
             report = trainer.run_epoch(partial(progress.advance, bar))
             progress.remove_task(bar)  # the report takes its place
             progress.console.print(report.words, highlight=False)
-            if writer is not None:
-                for name, value in asdict(report).items():
-                    writer.add_scalar(name, value, report.epoch)
-                writer.flush()
-
-
-def _tensorboard(log: Path) -> Any:
-    """A writer of TensorBoard's event files, or None where it is not installed."""
-    try:
-        from torch.utils.tensorboard import SummaryWriter
-    except ImportError:
-        return None
-    return SummaryWriter(str(log))

@@ -1,37 +1,96 @@
-"""Report of the trade-off: sentences, tables, a figure and a page."""
+"""Report of the trade-off: results of configurations, recommendations, tables, a figure and a page."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import cached_property
+from functools import partial
 from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from belief.files import write_text
-from belief.statistics import paired_bootstrap
+from belief.statistics import paired_bootstrap, pareto_front, wilson_interval
 from belief.table import Table, Value, interval
-from experiments.reporting.page import Section, write_page
-from experiments.tradeoff.configuration import SHARES
-from experiments.tradeoff.measure import Front, Measured, fronts, picks
+from experiments.tradeoff.configuration import SHARES, Configuration
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from experiments.reporting.style import Picture
+
+TASKS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "four objects of four shapes": ("paper", "coarse", "gel"),
+        "eight objects of twelve shapes, any mixture": ("hard",),
+        "twelve objects of twelve shapes": ("many",),
+    }
+)
+"""Scenes with the same search task and different sensors, by task; each task has a Pareto front."""
 _NOTE = (
     "Success: fraction of live searches, with its 95 % Wilson interval. Minus default: difference from the scene's "
-    "default over the same searches, with its 95 % bootstrap interval. Times: processor time of one core. A search "
-    "consists of touches, each a press with its image and a reading of this image, and of decisions; planning is not "
-    "included."
+    "default over the same searches, with its 95 % bootstrap interval. Times: of one process, which reads images of "
+    "25 searches together; planning is in the decisions."
 )
 _COLUMNS = (
     *("configuration", ("searches", "d"), "success", "minus default", ("touches", ".2f"), ("return", ".3f")),
-    *(("ms per search", ".1f"), ("ms per decision", ".2f"), ("ms per press", ".2f"), ("ms per reading", ".2f")),
+    *(("ms per search", ".1f"), ("ms per touch", ".2f"), ("physics", ".2f"), ("network", ".2f"), ("decision", ".2f")),
 )
+_LEAST_ERROR = 3e-4  # lower end of the axis, where an error of zero is drawn
+_CAPTION = (
+    "Failed searches against time, one panel per scene. Each point is a configuration that differs from the scene's "
+    "default in one property, with its 95 % Wilson interval. Lines join the settings of a number. Dashed: no "
+    "configuration of the scene is both faster and more successful."
+)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Results of the searches of a configuration.
+
+    Attributes:
+        configuration: the configuration.
+        successes: whether each search succeeded, target after target.
+        touches: mean number of touches of a search.
+        reward: mean return.
+        physics, network, decision: time per touch [ms].
+    """
+
+    configuration: Configuration
+    successes: tuple[bool, ...]
+    touches: float
+    reward: float
+    physics: float
+    network: float
+    decision: float
+
+    @property
+    def success(self) -> float:
+        """Fraction of searches that succeeded."""
+        return sum(self.successes) / len(self.successes)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % Wilson interval of the success rate."""
+        return wilson_interval(sum(self.successes), len(self.successes))
+
+    @property
+    def ms_per_touch(self) -> float:
+        """Time from one touch to the next [ms]."""
+        return self.physics + self.network + self.decision
+
+    @property
+    def ms_per_search(self) -> float:
+        """Mean time of a search [ms]."""
+        return self.touches * self.ms_per_touch
 
 
 @dataclass(frozen=True, eq=False)
 class TradeoffReport:
-    """Measured configurations, and those recommended; prints as the Pareto fronts and the recommendations.
+    """Measured configurations, and those recommended; prints as the tables and the recommendations.
 
     Attributes:
         points: all configurations.
@@ -43,46 +102,49 @@ class TradeoffReport:
     least_success: float = 0.98
     most_ms: float = 50.0
 
-    @cached_property
-    def fronts(self) -> list[Front]:
-        """Pareto front of every task."""
-        return fronts(self.points)
-
     def sentences(self) -> list[str]:
-        """Recommended configurations with their commands."""
+        """The fastest configuration that is accurate enough, and the most accurate that is fast enough, of each task.
+
+        Accuracy is the lower end of the interval of the success rate. Equally accurate configurations are ranked by
+        touches, because a touch of a real robot takes longer than the computation.
+        """
         lines = []
-        for front in self.fronts:
-            for pick in picks(front, self.least_success, self.most_ms):
-                question, p = f"{front.task.capitalize()}, {pick.question}", pick.point
-                if p is None:
-                    lines.append(f"{question}: no configuration.")
-                    continue
-                lines.append(
-                    f"{question}: {p.configuration.name}. Success {interval(p.success, *p.interval)} of "
-                    f"{p.num_searches}, {p.mean_touches:.2f} touches and {p.ms_per_search:.1f} ms per search, "
-                    f"{p.ms_per_touch:.2f} ms per touch. "
-                    f"Command: {p.configuration.command()}"
-                )
+        for task, scenes in TASKS.items():
+            points = sorted(
+                (p for p in self.points if p.configuration.scene in scenes), key=lambda point: point.ms_per_search
+            )
+            if not points:
+                continue
+            good = [point for point in points if point.interval[0] >= self.least_success]
+            fast = [point for point in points if point.ms_per_touch <= self.most_ms]
+            best = max(fast, key=lambda p: (p.interval[0], -p.touches, -p.ms_per_search)) if fast else None
+            asked = f"the fastest with success ≥ {self.least_success:g} (lower end of its interval)"
+            lines.append(f"{task.capitalize()}, {asked}: {_said(good[0] if good else None)}")
+            asked = f"the most accurate under {self.most_ms:g} ms per touch, with the fewest touches among equals"
+            lines.append(f"{task.capitalize()}, {asked}: {_said(best)}")
         return lines
 
-    def short_tables(self) -> list[Table]:
-        """The Pareto front of every task, in few columns."""
-        columns = ("configuration", "success", ("touches", ".1f"), ("ms", ".1f"))
-        return [
-            Table(
-                f"{front.task}: nothing is both faster and as successful",
-                columns,
-                [
-                    (p.configuration.name, interval(p.success, *p.interval), p.mean_touches, p.ms_per_search)
-                    for p, on_front in zip(front.points, front.on_front, strict=True)
-                    if on_front
-                ],
-            )
-            for front in self.fronts
-        ]
+    def tables(self) -> list[Table]:
+        """All configurations of every scene, fastest first; * marks the Pareto front of its task."""
+        front = {id(point) for scenes in TASKS.values() for point in self._front(scenes)}
+        defaults = {p.configuration.scene: p for p in self.points if p.configuration.varied == "nothing"}
+        ordered = sorted(self.points, key=lambda point: point.ms_per_search)
+        tables = []
+        for scene in SHARES:
+            rows = [_row(p, defaults.get(scene), id(p) in front) for p in ordered if p.configuration.scene == scene]
+            if rows:
+                tables.append(Table(scene, _COLUMNS, rows, "*: no other is both faster and as successful."))
+        return tables
+
+    def _front(self, scenes: Sequence[str]) -> list[Measured]:
+        points = [point for point in self.points if point.configuration.scene in scenes]
+        if not points:
+            return []
+        on_front = pareto_front([p.ms_per_search for p in points], [p.success for p in points])
+        return [point for point, is_on in zip(points, on_front.tolist(), strict=True) if is_on]
 
     def __str__(self) -> str:
-        return "\n\n".join([*(table.markdown() for table in self.short_tables()), *self.sentences()])
+        return "\n\n".join([*(table.markdown() for table in self.tables()), *self.sentences()])
 
     def save(self, folder: Path) -> None:
         """Write report.html and tradeoff.md, .csv, .json, .svg and .png.
@@ -90,66 +152,95 @@ class TradeoffReport:
         Raises:
             CannotWrite: The disk is full, or the folder is not writable.
         """
-        from experiments.tradeoff.figures import front_picture  # loads matplotlib
+        from experiments.reporting.page import Section, write_page
 
-        picture, recommended, tables = front_picture(self.fronts), self.sentences(), self.tables()
+        picture, recommended, tables = front_picture(self.points), self.sentences(), self.tables()
         sections = [
-            Section("Recommended configurations", [_extent(self.points), *recommended], pictures=[picture]),
-            Section("Pareto fronts", tables=self.short_tables()),
+            Section("Recommended configurations", recommended, pictures=[picture]),
             Section("All configurations by scene", [_NOTE], tables),
         ]
         picture.write(folder)
         write_page(folder / "report.html", "Trade-off between speed and accuracy", sections)
         Table("", _COLUMNS, [row for table in tables for row in table.rows]).write_csv(folder / "tradeoff.csv")
-        text = ["\n".join(f"- {line}" for line in recommended), *(table.markdown() for table in tables)]
-        write_text(folder / "tradeoff.md", "\n\n".join(text) + "\n")
-        numbers = {"points": [_entry(point) for point in self.points], "answers": recommended}
-        write_text(folder / "tradeoff.json", json.dumps(numbers, indent=1) + "\n")
-
-    def tables(self) -> list[Table]:
-        """All configurations of every scene, fastest first."""
-        defaults = {p.configuration.scene: p for p in self.points if p.configuration.varied == "nothing"}
-        ordered = sorted(self.points, key=lambda point: point.ms_per_search)
-        by_scene = {scene: [p for p in ordered if p.configuration.scene == scene] for scene in SHARES}
-        return [
-            Table(scene, _COLUMNS, [_row(p, defaults) for p in points]) for scene, points in by_scene.items() if points
+        write_text(folder / "tradeoff.md", f"{self}\n")
+        points = [
+            {**asdict(p), "name": p.configuration.name, "varied": p.configuration.varied, "success": p.success}
+            for p in self.points
         ]
+        write_text(folder / "tradeoff.json", json.dumps({"points": points, "answers": recommended}, indent=1) + "\n")
 
 
-def _extent(points: Sequence[Measured]) -> str:
-    scenes = dict.fromkeys(point.configuration.scene for point in points)
-    searches = f"{sum(point.num_searches for point in points):,}".replace(",", " ")
+def _said(p: Measured | None) -> str:
+    if p is None:
+        return "no configuration."
     return (
-        f"{len(points)} configurations in {len(scenes)} scenes ({', '.join(scenes)}), {searches} live searches. "
-        "All configurations of a scene played the same searches; those with fewer played the first for each target."
+        f"{p.configuration.name}. Success {interval(p.success, *p.interval)} of {len(p.successes)}, {p.touches:.2f} "
+        f"touches and {p.ms_per_search:.1f} ms per search, {p.ms_per_touch:.2f} ms per touch. "
+        f"Command: {p.configuration.command()}"
     )
 
 
-def _row(p: Measured, defaults: Mapping[str, Measured]) -> tuple[Value, ...]:
-    default = defaults.get(p.configuration.scene)
+def _row(p: Measured, default: Measured | None, is_on_front: bool) -> tuple[Value, ...]:
     if p is default:
         difference = "default"
-    elif default is None or p.num_searches != default.num_searches:
+    elif default is None or len(p.successes) != len(default.successes):
         difference = "–"
     else:
         mine, other = (np.array(one.successes, float) for one in (p, default))
         difference = interval(*paired_bootstrap(mine, other, np.random.default_rng(0)), spec="+.3f")
-    success = interval(p.success, *p.interval)
-    times = (p.ms_per_search, p.ms_per_decision, p.ms_per_press, p.ms_per_reading)
-    return (p.configuration.name, p.num_searches, success, difference, p.mean_touches, p.reward, *times)
+    name, success = p.configuration.name + " *" * is_on_front, interval(p.success, *p.interval)
+    times = (p.ms_per_search, p.ms_per_touch, p.physics, p.network, p.decision)
+    return (name, len(p.successes), success, difference, p.touches, p.reward, *times)
 
 
-def _entry(p: Measured) -> dict[str, object]:
-    c = p.configuration
-    return {
-        "name": c.name,
-        "key": c.key,
-        "configuration": asdict(c),
-        "varied": c.varied,
-        "searches": p.num_searches,
-        "success": p.success,
-        "interval": p.interval,
-        "touches": p.mean_touches,
-        "return": p.reward,
-        **{name: getattr(p, name) for name in ("ms_per_search", "ms_per_decision", "ms_per_press", "ms_per_reading")},
+def front_picture(points: Sequence[Measured]) -> Picture:
+    """Fraction of failed searches against milliseconds per search, both logarithmic, one panel per scene."""
+    from experiments.reporting.style import INK, PALETTE, Picture  # loads matplotlib
+
+    styles = {  # colour, marker, and name in the legend, by what differs from the default
+        "hypotheses": (PALETTE[0], "P", "number of hypotheses, 64 to 16 384"),
+        "touch cost λ": (PALETTE[1], "v", "touch cost λ, 0.1 to 0.005"),
+        "sensor": (PALETTE[2], "X", "another shipped sensor"),
+        "decider": (PALETTE[3], "o", "decider"),
+        "network": (PALETTE[4], "s", "network or resolution"),
+        "fidelity": ("#777777", "D", "fidelity of the press"),
+        "nothing": (INK, "*", "the scene's default"),
     }
+    by_scene = {scene: [p for p in points if p.configuration.scene == scene] for scene in SHARES}
+    panels = [partial(_draw, scene=scene, points=some, styles=styles) for scene, some in by_scene.items() if some]
+    legend = {label: colour for colour, _, label in styles.values()}
+    return Picture("tradeoff", _CAPTION, panels, legend, size=(3.6, 3.0), columns=3)
+
+
+def _draw(axes: Axes, scene: str, points: Sequence[Measured], styles: Mapping[str, tuple[str, str, str]]) -> None:
+    from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
+
+    for what, (colour, marker, _) in styles.items():
+        of_kind = [point for point in points if point.configuration.varied == what]
+        for point in of_kind:
+            low, high = point.interval
+            axes.plot([point.ms_per_search] * 2, [_error(high), _error(low)], color=colour, linewidth=0.6, alpha=0.35)
+        size = 150 if what == "nothing" else 30
+        times, errors = [point.ms_per_search for point in of_kind], [_error(point.success) for point in of_kind]
+        axes.scatter(times, errors, size, colour, marker=marker, alpha=0.85, linewidths=0, zorder=3)
+        numbered = sorted(
+            (p for p in of_kind if p.configuration.number is not None), key=lambda p: p.configuration.number or 0.0
+        )
+        for decider in dict.fromkeys(p.configuration.decider for p in numbered):
+            path = [(p.ms_per_search, _error(p.success)) for p in numbered if p.configuration.decider == decider]
+            axes.plot(*np.transpose(path), color=colour, linewidth=1.2, alpha=0.7)
+    on_front = pareto_front([p.ms_per_search for p in points], [p.success for p in points]).tolist()
+    best = sorted((p.ms_per_search, _error(p.success)) for p, is_on in zip(points, on_front, strict=True) if is_on)
+    axes.step(*np.transpose(best), where="post", color=styles["nothing"][0], linewidth=1, linestyle="--")
+    axes.set(xscale="log", yscale="log", xlabel="ms per search", ylabel="failed searches", title=scene)
+    axes.set_ylim(_LEAST_ERROR * 0.7, 1.0)
+    axes.yaxis.set_major_locator(FixedLocator([_LEAST_ERROR, 0.001, 0.01, 0.1, 1.0]))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: "0" if y == _LEAST_ERROR else f"{y:g}"))
+    axes.yaxis.minorticks_off()
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+
+
+def _error(success: float) -> float:
+    return max(1 - success, _LEAST_ERROR)

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 from activetouch import TactileSensor
 from activetouch.named_scenes import SCENES
+from activetouch.sensor_files import MODELS
 from belief.claims import claim_folder, ends_claims
 from belief.errors import UnknownName
+from belief.files import in_file_name
 from experiments.command_line.arguments import (
     BadArgument,
     Count,
@@ -22,11 +23,11 @@ from experiments.command_line.arguments import (
     Share,
     check_arguments,
 )
-from experiments.parallel import run_tasks
-from experiments.tradeoff.configuration import SHARES, VARIED, Configuration, sweep
+from experiments.scene_choice import SceneChoice
+from experiments.tradeoff.configuration import SHARES, Configuration, sweep
 
 if TYPE_CHECKING:
-    from experiments.tradeoff.measure import Measured
+    from experiments.tradeoff.report import Measured
 
 
 @dataclass(frozen=True)
@@ -35,22 +36,20 @@ class Tradeoff:
 
     A scene's default is its sensor of one rigid body with information gain. Every other configuration differs in one
     property: the decider, the touch cost, the sensor or the fidelity. All configurations of a scene play the same live
-    searches. Sensors with other networks or numbers of hypotheses come from activetouch calibrate. Results are kept by
-    configuration: after an interruption, the same command continues.
+    searches. Sensors with other networks or numbers of hypotheses come from activetouch calibrate. Searches are kept:
+    after an interruption, the same command continues.
 
     For example:
 
         activetouch tradeoff
         activetouch tradeoff --scenes coarse --episodes 50
-        activetouch tradeoff --scenes coarse --vary sensor --sensors coarse=runs/sensor-coarse-256
+        activetouch tradeoff --scenes coarse --sensors coarse=runs/sensor-coarse-256
     """
 
     scenes: Annotated[tuple[str, ...], NotEmpty()] = tuple(SHARES)
     """Scenes to measure: gel, coarse, paper, hard or many."""
     sensors: tuple[str, ...] = ()
     """Sensors to measure as well, each as SCENE=FOLDER."""
-    vary: tuple[Literal[VARIED], ...] = ()  # type: ignore[valid-type]
-    """Properties to vary, such as sensor; all by default."""
     episodes: Count = 200
     """Searches for each target of gel; fewer in scenes that take longer."""
     success: Share = 0.98
@@ -73,17 +72,17 @@ class Tradeoff:
             LabelMismatch: A sensor knows other shapes than the scene has.
             UnknownName: There is no such scene.
         """
-        from experiments.tradeoff.report import TradeoffReport  # loads jinja2
+        from experiments.tradeoff.report import TradeoffReport
 
         check_arguments(self)
         for scene in self.scenes:
             if scene not in SHARES:
                 raise UnknownName("scene of the trade-off", scene, list(SHARES))
         claim_folder(self.out)
-        points = measure_all(self._configurations(), self.out, self.jobs)
+        points = measure_all(self._configurations(), self.episodes, self.seed, self.out / "searches", self.jobs)
         found = TradeoffReport(points, self.success, self.milliseconds)
         found.save(self.out)
-        for table in found.short_tables():
+        for table in found.tables():
             print(table, end="\n\n")
         for line in found.sentences():
             print(line)
@@ -97,22 +96,43 @@ class Tradeoff:
                 raise BadArgument(
                     f"--sensors must be SCENE=FOLDER with a scene of {', '.join(self.scenes)}; got {given!r}"
                 )
-            TactileSensor.load(Configuration(scene, folder).folder, SCENES[scene].scene, anyway=True)
+            shipped = MODELS / folder
+            TactileSensor.load(shipped if shipped.is_dir() else Path(folder), SCENES[scene].scene, anyway=True)
             sensors.setdefault(scene, []).append(folder)
-        found = sweep(self.scenes, sensors, self.episodes, self.seed)
-        return [c for c in found if not self.vary or c.varied in ("nothing", *self.vary)]
+        return sweep(self.scenes, sensors)
 
 
-def measure_all(configurations: Sequence[Configuration], folder: Path, jobs: int = 1) -> list[Measured]:
-    """Measure configurations; results in the folder are kept and read.
+def measure_all(
+    configurations: Sequence[Configuration], episodes: int, seed: int, folder: Path, jobs: int = 1
+) -> list[Measured]:
+    """Play the searches of configurations; those of one sensor, press and touch cost in one comparison.
 
     Args:
-        configurations: configurations to measure, such as those of :func:`experiments.tradeoff.configuration.sweep`.
-        folder: folder of the results.
+        configurations: such as those of :func:`experiments.tradeoff.configuration.sweep`.
+        episodes: searches per target of ``gel``; other scenes have fewer, see :data:`SHARES`.
+        seed: of the searches.
+        folder: of the comparisons; finished searches in it are read.
         jobs: number of processes.
     """
-    from experiments.tradeoff.measure import measured  # loads MuJoCo
+    from experiments.search.comparison import compared, prepared
+    from experiments.search.setting import Setting
+    from experiments.search.summary import ALL
+    from experiments.tradeoff.report import Measured
 
-    tasks = [partial(measured, c, folder) for c in configurations]
-    found = {result.configuration: result for result in run_tasks(tasks, jobs, "searching")}
-    return [found[configuration] for configuration in configurations]
+    groups: dict[tuple[str, str, float, str | None], list[Configuration]] = {}
+    for one in configurations:
+        groups.setdefault((one.scene, one.sensor, one.touch_cost, one.fidelity), []).append(one)
+    found: dict[Configuration, Measured] = {}
+    for (scene, sensor, touch_cost, fidelity), group in groups.items():
+        choice, own = SceneChoice(scene, fidelity), Path(sensor) if sensor else None
+        setting = Setting(choice, sensor=own, touch_cost=touch_cost, anyway=True)
+        number, deciders = max(1, round(episodes * SHARES[scene])), [one.decider for one in group]
+        out = folder / in_file_name(f"{scene} {sensor} {touch_cost:g} {fidelity} {seed}")
+        run = prepared(setting, deciders, episodes=number, seed=seed, out=out, jobs=jobs)
+        run.play(jobs)
+        comparison = compared(run)
+        for one in group:
+            cell = comparison.cells[one.decider, ALL]
+            right = tuple(bool(episode.success) for episode in comparison.of(one.decider))
+            found[one] = Measured(one, right, cell.touches, cell.reward, **cell.seconds.ms_per_touch())
+    return [found[one] for one in configurations]

@@ -17,11 +17,6 @@ class AlphaVectors:
     Attributes:
         alphas: the vectors over hidden states, ``(A, n)``.
         actions: first action of each, ``(A,)``: a pose, P for CONFIRM, P + 1 for REJECT.
-
-    Example:
-        >>> vectors = AlphaVectors(np.array([[1.0, -1.0], [-1.0, 1.0]]), np.array([1, 2]))
-        >>> vectors.value(np.array([[0.9, 0.1]])).round(3), vectors.actions[vectors.best(np.array([[0.1, 0.9]]))]
-        (array([0.8]), array([2]))
     """
 
     alphas: Floats

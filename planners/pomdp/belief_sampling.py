@@ -23,17 +23,10 @@ def sample_beliefs(
     num_searches: int,
     exploration: float = 0.1,
 ) -> list[list[Floats]]:
-    """Simulate searches, and return their beliefs by stage and by number of touches in the stage.
+    """Beliefs ``(B, n)`` of simulated searches, by stage and by number of touches in the stage.
 
-    Args:
-        problem: the search.
-        vectors: of the policy that is followed, one set per stage; random actions if None.
-        rng: of actions and outcomes.
-        num_searches: number of simulated searches.
-        exploration: fraction of actions that are random instead of the policy's.
-
-    Returns:
-        For each stage, for each number of touches from 0, beliefs ``(B, n)``.
+    The searches follow the policy of ``vectors``, one set per stage, but for a fraction ``exploration`` of random
+    actions; all actions are random without it.
     """
     beliefs = np.tile(problem.initial, (num_searches, 1))
     if len(problem.stages) == 1:

@@ -43,12 +43,7 @@ _NUM_BELIEFS = 250
 def point_based_value_iteration(
     problem: StagedProblem, rng: np.random.Generator, rounds: Sequence[int]
 ) -> list[AlphaVectors]:
-    """Alpha vectors for every stage.
-
-    Args:
-        problem: to be solved; with a touch cost above 0 or a discount below 1.
-        rng: of the simulated searches.
-        rounds: number of searches simulated in each round.
+    """Alpha vectors for every stage; each round simulates so many searches.
 
     Raises:
         ValueError: touches cost nothing and nothing is discounted.
@@ -96,11 +91,8 @@ def repeat_aware_vectors(
 ) -> tuple[tuple[AlphaVectors, ...], ...]:
     """Alpha vectors for every stage, by number of touches of its object, from 0 to T.
 
-    Args:
-        problem: to be solved.
-        vectors: solution without repeats; searches that follow it are simulated to sample beliefs.
-        weights: w_1 … w_T, ``(T,)``, each in [0, 1].
-        rng: of those searches.
+    Searches that follow ``vectors``, the solution without repeats, give the beliefs; ``weights``, w_1 … w_T, are in
+    [0, 1].
     """
     sampled = sample_beliefs(problem, vectors, rng, _REPEAT_SEARCHES, _REPEAT_EXPLORATION)
     found: list[tuple[AlphaVectors, ...]] = []
@@ -131,13 +123,7 @@ def stopping_vectors(
 
 
 def improving(found: AlphaVectors, beliefs: Floats, known: AlphaVectors, least_gain: float) -> AlphaVectors:
-    """Of the vectors found, one per belief, those that have a higher value there than all known ones.
-
-    >>> known = AlphaVectors(np.array([[0.0, 0.0]]), np.array([1]))
-    >>> found = AlphaVectors(np.array([[0.5, 0.1], [-0.2, 0.1]]), np.array([0, 0]))
-    >>> improving(found, np.array([[0.9, 0.1], [0.8, 0.2]]), known, least_gain=0.01).alphas.tolist()
-    [[0.5, 0.1]]
-    """
+    """Of the vectors found, one per belief, those that have a higher value there than all known ones."""
     better = (found.alphas * beliefs).sum(axis=1) - known.value(beliefs) > least_gain
     some = AlphaVectors(found.alphas[better], found.actions[better])
     return some.useful(beliefs) if better.any() else some
@@ -146,14 +132,10 @@ def improving(found: AlphaVectors, beliefs: Floats, known: AlphaVectors, least_g
 def backup(
     problem: StagedProblem, likelihoods: Floats, vectors: AlphaVectors, beliefs: Floats, weight: float = 1.0
 ) -> AlphaVectors:
-    """The alpha vector of the best plan that begins with a probe, for each belief.
+    """The alpha vector of the best plan that begins with a probe, then follows ``vectors``, for each belief ``(B, n)``.
 
-    Args:
-        problem: its touch cost and discount are used.
-        likelihoods: p(outcome | pose, state), ``(P, M, n)``.
-        vectors: of the plans to continue with.
-        beliefs: ``(B, n)``.
-        weight: probability that a probe gives an outcome; otherwise it gives nothing.
+    ``likelihoods`` are p(outcome | pose, state), ``(P, M, n)``; a probe gives an outcome with the probability
+    ``weight``, and nothing otherwise.
     """
     num_poses, num_outcomes, num_states = likelihoods.shape
     single = likelihoods.reshape(-1, num_states).astype(np.float32)

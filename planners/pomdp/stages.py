@@ -89,11 +89,8 @@ def staged(problem: TouchProblem | SearchTouchProblem) -> StagedProblem:
 def stages_by_missed(num_shapes: int, target: int, shape_probs: Sequence[tuple[Floats, Floats]]) -> list[Stage]:
     """Stages with 2K states: the shape of the current object without a rejected target, then with one.
 
-    Args:
-        num_shapes: K.
-        target: index of the target shape.
-        shape_probs: for each object but the first, the distributions over its shape ``(K,)`` if no target was rejected
-            before, and if one was.
+    ``shape_probs`` has, for each object but the first, the distributions over its shape ``(K,)`` if no target was
+    rejected before, and if one was.
     """
     shapes = np.tile(np.arange(num_shapes), 2)
     is_target = shapes == target
@@ -144,10 +141,7 @@ def _sign(right: NDArray[np.bool_]) -> Floats:
 def stage_belief(problem: StagedProblem, log_likelihoods: Floats, number: int) -> Floats:
     """Belief about a stage's hidden state, given the touches of its object and of those rejected before, ``(n,)``.
 
-    Args:
-        problem: the search.
-        log_likelihoods: log p(touches of an object | shape), ``(N, K)``; finite or -inf.
-        number: of the stage, from 0.
+    ``log_likelihoods``, log p(touches of an object | shape), are ``(N, K)``; finite or -inf.
     """
     belief = problem.initial
     for i in range(number + 1):

@@ -1,7 +1,6 @@
 """A shape of a scene may be a family, whose proportions are drawn for every object."""
 
 import json
-import shlex
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,8 +17,7 @@ from activetouch.scene_description import require_scene, scene_fields
 from activetouch.shapes import Box, Cone, Cylinder, Family, Torus
 from belief.errors import InvalidArgument, UnknownName
 from experiments.command_line.trust import Trust
-from experiments.scene_choice import SceneChoice
-from experiments.sensor_commands import choice_name, scene_words
+from experiments.scene_choice import SceneChoice, choice_name
 
 ROD = Cylinder(radius=0.016, half_length=0.020)
 RODS = Family(ROD, half_length=Uniform(0.010, 0.040))
@@ -141,10 +139,6 @@ class _WithoutHash:
         (lambda: Family(Box((0.01, 0.01, 0.01)), half_extents=Uniform(0.01, 0.02)), "no field of Box.* is a number"),
         (lambda: RODS.members(0), "num must be an integer, at least 1, got 0"),
         (lambda: SCENE.bodies("cone", np.array([0.5, 1.0])), "shares must be in .0, 1., from"),
-        (
-            lambda: replace(SCENE, parking=True),
-            "the proportions of cylinder are drawn later; leave parking",
-        ),
     ],
 )
 def test_what_is_no_family_is_refused(make, words):
@@ -181,11 +175,10 @@ def test_the_command_line_gives_factors_on_nominal_numbers():
 
 
 def test_a_choice_with_families_survives_words_and_files():
-    words = scene_words(CHOICE)
-    assert tyro.cli(SceneChoice, args=shlex.split(shlex.join(words))) == CHOICE
+    words = [word for text in CHOICE.family for word in ("--family", text)]
+    assert tyro.cli(SceneChoice, args=words) == CHOICE
     assert SceneChoice.from_dict(json.loads(json.dumps(CHOICE.to_dict())), Trust(Path("run.json"))) == CHOICE
     assert choice_name(CHOICE) == "gel-cylinder-half_length-0.5..2-radius-0.9..1.1-cone-height-0.8..1.5"
-    assert scene_words(SceneChoice()) == ["--scene", "gel"]
 
 
 @pytest.mark.parametrize(
@@ -208,5 +201,3 @@ def test_a_family_of_unknown_names_a_shape_told_twice_and_parked_objects_are_ref
         _ = SceneChoice(family=("cylinder:half_lenght=0.5..2",)).named
     with pytest.raises(InvalidArgument, match="told once"):
         _ = SceneChoice(family=("cone:height=0.5..2", "cone:radius=0.5..2")).named
-    with pytest.raises(InvalidArgument, match="leave parking out"):
-        _ = SceneChoice("paper", family=("cone:height=0.5..2",)).named

@@ -41,7 +41,6 @@ SHIFTED = {
 }
 SAME = {
     "the same": Scene(),
-    "a finger and parked objects": replace(GEL, finger=True, parking=True, height=0.07),
 }
 
 
@@ -73,17 +72,6 @@ def test_a_known_shift_is_told_and_not_refused(what):
 @pytest.mark.parametrize("what", SAME)
 def test_what_changes_no_touch_is_no_difference(what):
     assert require_scene("the sensor", scene_fields(GEL), scene_fields(SAME[what])) == ()
-
-
-@pytest.mark.mujoco
-def test_what_is_called_surroundings_changes_no_image_by_a_bit():
-    def images(scene):
-        rng = np.random.default_rng(7)
-        return [scene.press(scene.sample_object(shape, rng), shape, rng)[1].tobytes() for shape in range(4)]
-
-    plain = replace(GEL, pad=Pad(num_taxels=32))
-    for changes in ({"finger": True}, {"parking": True}, {"height": 0.07}):
-        assert images(replace(plain, **changes)) == images(plain)
 
 
 def test_rounding_of_another_processor_makes_no_difference():

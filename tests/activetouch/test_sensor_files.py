@@ -19,8 +19,8 @@ from activetouch.sensor_files import (
     MODELS,
     OBSERVATION_FILE,
     READER_FILE,
+    files_for,
     reader_file,
-    sensor_shift,
 )
 from activetouch.shapes import Box, Cylinder
 from activetouch.solids.family import Family
@@ -65,9 +65,9 @@ def test_the_own_reader_reads_its_objects(what):
 @pytest.mark.parametrize("what", OTHER)
 def test_the_reader_of_any_object_reads_others(what):
     assert reader_file(FOLDER, OTHER[what]) == FOLDER / ANY_OBJECT_FILE
-    assert sensor_shift(FOLDER, OTHER[what]) == ()
+    assert files_for(FOLDER, OTHER[what]).shift == ()
     with pytest.raises(NoIndependentModel, match="reads these objects, and takes all touches of one as of one body"):
-        sensor_shift(FOLDER, OTHER[what], independent=True)
+        files_for(FOLDER, OTHER[what], independent=True)
     with pytest.raises(NoIndependentModel):
         TactileSensor.load(FOLDER, OTHER[what], independent=True)
 
@@ -75,9 +75,9 @@ def test_the_reader_of_any_object_reads_others(what):
 @pytest.mark.parametrize("what", TOLD)
 def test_the_reader_of_any_object_is_told_the_state_of_the_sensor(what):
     assert reader_file(FOLDER, TOLD[what]) == FOLDER / ANY_OBJECT_FILE
-    assert sensor_shift(FOLDER, TOLD[what]) == ()
+    assert files_for(FOLDER, TOLD[what]).shift == ()
     assert reader_file(FOLDER, TOLD[what], independent=True) == FOLDER / READER_FILE
-    assert sensor_shift(FOLDER, TOLD[what], independent=True) != ()
+    assert files_for(FOLDER, TOLD[what], independent=True).shift != ()
 
 
 @pytest.mark.parametrize(
@@ -91,7 +91,7 @@ def test_the_reader_of_any_object_is_told_the_state_of_the_sensor(what):
 )
 def test_another_pad_is_refused_with_its_difference(changes, told):
     scene = replace(COARSE, shapes=BRICKS, **changes)
-    for load in (sensor_shift, TactileSensor.load):
+    for load in (files_for, TactileSensor.load):
         with pytest.raises(WrongScene, match=told):
             load(FOLDER, scene)
 

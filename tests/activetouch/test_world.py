@@ -9,8 +9,8 @@ from activetouch import SCENES, Quasistatic, TactileSensor, TouchWorld
 from activetouch.errors import UnstablePress
 from activetouch.placement import Placement
 from activetouch.pressing.contact import Contact
+from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Press
-from activetouch.pressing.setup import Setup
 from activetouch.sensor_files import MODELS
 from activetouch.world import TouchTime
 from belief.errors import InvalidArgument
@@ -24,10 +24,10 @@ class Bouncing(Press):
 
     limit: float
 
-    def press(self, setup: Setup, placement: Placement, target_force: float) -> Contact:
+    def press(self, pad: Pad, placement: Placement, target_force: float) -> Contact:
         if target_force > self.limit:
             raise UnstablePress(f"bounces at {target_force} N")
-        return Quasistatic().press(setup, placement, target_force)
+        return Quasistatic().press(pad, placement, target_force)
 
 
 def world(limit):

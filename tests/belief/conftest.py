@@ -10,8 +10,7 @@ from scipy.linalg import helmert
 from belief import Touch
 from belief.calibration import TemperatureScaling
 from belief.observation_model import ConfusionModel, GaussianModel, PLDAModel, RatioModel
-from belief.observation_model.logit_embedding import LogitEmbedding
-from belief.observation_model.plda import Components
+from belief.observation_model.plda import Components, LogitEmbedding
 from belief.synthetic import random_model
 
 LABELS = ("ball", "cube", "cone")

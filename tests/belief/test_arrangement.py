@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.special import gammaln, softmax
 
-from belief import ImpossibleObservation
+from belief import ImpossibleObservation, arrangement
 from belief.arrangement import (
     arrangement_marginals,
     log_arrangement_marginals,
@@ -116,6 +116,15 @@ def test_a_constant_added_to_a_row_changes_nothing(weights, constant):
     shifted = weights.copy()
     shifted[0] += constant
     np.testing.assert_allclose(arrangement_marginals(shifted), arrangement_marginals(weights), atol=1e-9)
+
+
+@given(bags())
+def test_a_list_of_all_arrangements_and_the_sum_over_multisets_agree(bag):
+    weights, counts = bag[0], tuple(bag[1])
+    if enumerate_draws(np.exp(weights), counts)[1] > 0.0:
+        log_weights = np.where(np.array(counts) > 0, weights, -np.inf)
+        careful = arrangement._sum_over_arrangements(log_weights, counts)
+        np.testing.assert_allclose(arrangement_marginals(weights, counts), np.exp(careful), atol=1e-12)
 
 
 def test_untouched_objects_are_uniform():

@@ -7,8 +7,7 @@ import pytest
 from scipy.stats import binomtest
 
 from belief.conflict import MOST_TOUCHES, ConflictTest, log_conflict
-from belief.novelty import Novelty
-from belief.usual_misfit import UsualMisfit
+from belief.conflict_scores import Novelty, UsualMisfit
 
 D, THRESHOLD = 5, np.log(1 / 0.02)
 
@@ -44,9 +43,7 @@ def share_that_exceeds(test, rng, number, num_objects, length, **shift):
     return fired
 
 
-@pytest.mark.parametrize(
-    ("num_calibration", "num_objects", "length"), [(1000, 5, 5), (200, 5, 5), (40, 4, 6), (200, 2, 12), (200, 25, 2)]
-)
+@pytest.mark.parametrize(("num_calibration", "num_objects", "length"), [(1000, 5, 5), (40, 4, 6), (200, 2, 12)])
 def test_in_its_own_world_it_exceeds_the_threshold_as_rarely_as_stated(num_calibration, num_objects, length):
     """Each search meets a test from other calibration objects, so that their chance counts too."""
     rng, fired, searches = np.random.default_rng(1), 0, 0
@@ -139,14 +136,6 @@ def test_one_touch_of_each_object_tests_first_touches_only():
     first, second = followed(test, np.full((2, D), 9.0), np.full(2, 9.0))
     assert first.p_values[0] == pytest.approx(1 / 51)
     assert second.log_bets is first.log_bets
-
-
-def test_the_misfit_of_an_object_is_the_sum_over_all_touches_but_the_first(test_of_200):
-    number = MOST_TOUCHES + 2  # also of those that are no longer bet on
-    states = list(followed(test_of_200, np.zeros((number, D)), np.arange(1.0, number + 1)))
-    assert [state.misfit for state in states[:3]] == [0.0, 2.0, 5.0]
-    assert states[-1].misfit == sum(range(2, number + 1))
-    assert all(np.isfinite(state.misfit) for state in followed(test_of_200, np.zeros((3, D)), [1.0, np.inf, -np.inf]))
 
 
 def test_json_gives_the_same_test(test_of_200):

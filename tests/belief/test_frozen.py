@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from belief import Belief, BeliefTracker, SceneBelief, SearchProblem, Touch
 from belief.calibration import CALIBRATIONS, TemperatureScaling
 from belief.conflict import ConflictTest
+from belief.conflict_scores import Novelty, UsualMisfit
 from belief.frozen import FrozenArrays, frozen
-from belief.metrics import RiskCoverage, reliability_curve
-from belief.novelty import Novelty
+from belief.metrics import reliability_curve
 from belief.observation_model import (
     ConfusionModel,
     FittedRigidBody,
@@ -28,15 +28,12 @@ from belief.observation_model import (
 )
 from belief.observation_model.action_kernel import ActionKernelModel
 from belief.observation_model.calibration_data import LabelledTouches
-from belief.observation_model.logit_embedding import LogitEmbedding
 from belief.observation_model.outcome_mixture import OutcomeMixture
-from belief.observation_model.plda import Components
+from belief.observation_model.plda import Components, LogitEmbedding
 from belief.observation_model.views import SharedMixture, Views
-from belief.out_of_distribution import MahalanobisScore
 from belief.problem import Elsewhere
 from belief.synthetic import random_model
 from belief.touch_batch import TouchBatch
-from belief.usual_misfit import UsualMisfit
 from planners.pomdp.problem import SearchTouchProblem
 from planners.solve import TouchProblem
 
@@ -104,8 +101,6 @@ HOLDERS = {
         ),
         [np.ones((1, 1, 2, 3, 4), np.float32), np.array([0.8, 0.1, 0.1])],
     ),
-    "MahalanobisScore": (lambda a, b: MahalanobisScore(a, b, 0.5), [ROWS, np.eye(2)]),
-    "RiskCoverage": (lambda a, b: RiskCoverage(a, b, 0.1, (0.0, 0.2)), [np.array([0.5, 1.0]), np.array([0.0, 0.2])]),
     "Novelty": (Novelty, [ROWS, np.eye(2), np.zeros(4), np.ones(4)]),
     "UsualMisfit": (UsualMisfit, [np.zeros((3, 1)), np.zeros((3, 2)), np.ones((3, 2))]),
     "ConflictTest": (

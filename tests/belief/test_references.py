@@ -17,6 +17,11 @@ def needs(first, second): return first, second
 """
 
 
+def make(text, **offered):
+    reference = Reference.parse(text)
+    return build(reference.name, reference.load(), reference.settings, offered, reference.is_called)
+
+
 @pytest.fixture
 def module(tmp_path, monkeypatch):
     (tmp_path / "own_looks.py").write_text(SOURCE)
@@ -31,9 +36,9 @@ def module(tmp_path, monkeypatch):
 
 @pytest.mark.usefixtures("module")
 def test_a_name_leads_to_an_object_of_the_working_folder():
-    assert Reference.parse("own_looks:finished").make() == 7
-    assert Reference.parse("own_looks:TwoLooks").make().touches == 2
-    made = Reference.parse("own_looks:Inner.made(touches=4)").make(table="given", model="not asked for")
+    assert make("own_looks:finished") == 7
+    assert make("own_looks:TwoLooks").touches == 2
+    made = make("own_looks:Inner.made(touches=4)", table="given", model="not asked for")
     assert (made.touches, made.table) == (4, "given")
 
 
@@ -64,7 +69,7 @@ def test_what_is_no_name_is_refused(text):
 )
 def test_what_leads_nowhere_says_why(text, error, words):
     with pytest.raises(error, match=words):
-        Reference.parse(text).make()
+        make(text)
 
 
 def test_a_function_that_takes_all_settings_gets_them():

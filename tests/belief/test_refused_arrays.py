@@ -5,7 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from belief import ActiveTouchError, Touch, metrics, statistics
+from belief import ActiveTouchError, Touch, files, metrics, seeding, statistics, validation
 from belief.calibration import CALIBRATIONS, PerPose
 from belief.errors import InvalidArgument
 from belief.observation_model import (
@@ -18,7 +18,6 @@ from belief.observation_model import (
     RigidBodyModel,
 )
 from belief.observation_model.registry import OBSERVATION_MODELS
-from belief.out_of_distribution import MahalanobisScore, auroc
 
 pytestmark = pytest.mark.filterwarnings("ignore:logits has no negative number:UserWarning")
 FITS = {name: kind.fit for name, kind in OBSERVATION_MODELS.items()}
@@ -40,8 +39,6 @@ OF_NUMBERS = {
     "negative_log_likelihood": lambda a: metrics.negative_log_likelihood(a, TRUTH),
     "null_quantile": lambda a: metrics.null_quantile(a, metrics.brier_score, np.random.default_rng(0)),
     "calibration_at_stop": lambda a: metrics.calibration_at_stop(a[:, 0], TRUTH, TRUTH),
-    "MahalanobisScore": lambda a: MahalanobisScore.fit(a, TRUTH),
-    "auroc": lambda a: auroc(a[:2, 0], a[2:, 0]),
 }
 
 
@@ -119,7 +116,6 @@ def fitted_models():
         "OutcomeTable": OutcomeTable(np.full((2, 2, 2), 0.5)),
         "LogitEmbedding": found["plda"].embedding,
         "VectorScaling": CALIBRATIONS["vector"]().fit(logits=2.0 * np.eye(2), labels=[0, 1]),
-        "MahalanobisScore": MahalanobisScore.fit(rng.normal(size=(20, 3)), np.arange(20) % 2),
     }
 
 
@@ -160,3 +156,21 @@ def test_a_model_of_one_body_has_finite_tables(field, number):
     if field == "hypotheses":
         with pytest.raises(ValueError, match=r"hypotheses must be finite, got .* at \[1, 1, 2, 3\]"):
             assert replace(MADE["rigid body"], hypotheses=lambda number: wrong).table.size
+
+
+@pytest.mark.parametrize(
+    ("check", "arguments", "message"),
+    [
+        (validation.require_count, ("number", 1, 2), "number must be an integer, at least 2, got 1"),
+        (validation.require_index, ("number", -1, 4), r"number must be an integer in \[0, 4\), got -1"),
+        (validation.require_number, ("number", np.nan, 0.0, 1.0), r"number must be a number in \[0, 1\], got nan"),
+        (validation.require_choice, ("kind", "fine", ["ok", "no"]), "kind must be one of ok, no; got 'fine'"),
+        (validation.require_fraction, ("number", 95), r"number must lie in \(0, 1\), got 95"),
+        (validation.checked_indices, ("number", [0, 2], 2), r"number must be integers in \[0, 2\), got 2 in row 1"),
+        (seeding.checked_key, ([3, -1],), r"integers ≥ 0, got -1 in \[3, -1\]"),
+        (files.plain_number, ("1_000",), "'1_000' is not a decimal number"),
+    ],
+)
+def test_what_is_out_of_range_is_named(check, arguments, message):
+    with pytest.raises(ValueError, match=message):
+        check(*arguments)

@@ -19,8 +19,6 @@ from belief import (
     ZeroPriorTarget,
 )
 from belief.errors import InvalidArgument, UnknownName
-from belief.synthetic import random_model
-from belief.touch_batch import TouchBatch
 
 LABELS = ("a", "b", "c")
 COMPOSITIONS = {
@@ -173,34 +171,6 @@ def test_what_does_not_fit_is_refused():
         scene_of(COMPOSITIONS["a bag"], prior=Belief.uniform(LABELS))
     with pytest.raises(ValueError, match="the prior about"):
         scene_of("independent", prior=Belief.uniform(tuple("xyz")))
-
-
-@pytest.mark.parametrize("composition", ["independent", "distinct"])
-def test_supposed_log_likelihoods_give_the_belief_of_their_touches(composition):
-    model, rng = random_model(np.random.default_rng(0), num_shapes=3), np.random.default_rng(1)
-    problem = SearchProblem(model.shape_labels, ("p0", "p1", "p2"), 3, composition)
-    scene, touched = SceneBelief(problem, model), SceneBelief(problem, model)
-    touches = [model.sample(shape, [0, 1, 2], rng) for shape in (2, 0, 1)]
-    for index, some in enumerate(touches):
-        touched.update(index, some)
-    supposed = scene.supposing(model.log_likelihood_batch(TouchBatch.of(touches)))
-    np.testing.assert_allclose(supposed.marginals(), touched.marginals(), atol=1e-12)
-    assert supposed.prob_present(0) == pytest.approx(touched.prob_present(0))
-    alike = scene.supposing(likelihoods=np.exp(model.log_likelihood_batch(TouchBatch.of(touches))))
-    np.testing.assert_allclose(alike.marginals(), touched.marginals(), atol=1e-9)
-    with pytest.warns(UserWarning, match="pass probabilities as likelihoods="):
-        scene.supposing(np.full((3, 3), 1 / 3))
-    assert scene.marginals() == pytest.approx(1 / 3)  # the belief itself is as before
-    for wrong, reason in (
-        (np.zeros((2, 3)), "must be"),
-        (np.full((3, 3), np.nan), "NaN"),
-        (np.full((3, 3), -np.inf), "zero"),
-        (np.zeros((3, 3), str), "real numbers"),
-        (np.zeros((3, 3), bool), "real numbers"),
-        (np.ma.masked_equal(np.zeros((3, 3)), 0.0), "masked"),
-    ):
-        with pytest.raises(ValueError, match=reason):
-            scene.supposing(wrong)
 
 
 @pytest.mark.parametrize("kind", [list, tuple, iter])

@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from belief import Touch
-from belief.cross_validation import numbered_objects
-from belief.observation_model.calibration_data import LabelledTouches
+from belief.observation_model.calibration_data import LabelledTouches, numbered_objects
 from belief.touch_batch import TouchBatch
 
 

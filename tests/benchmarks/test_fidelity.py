@@ -26,11 +26,11 @@ def test_equal_presses_agree_completely(rng):
 @pytest.mark.slow
 def test_the_comparison_is_written_whatever_the_number_of_workers(tmp_path):
     for jobs in (1, 2):
-        FidelityCommand(presses=30, soft_presses=0, out=tmp_path / f"{jobs}.json", jobs=jobs).run()
+        FidelityCommand(presses=12, soft_presses=0, out=tmp_path / f"{jobs}.json", jobs=jobs).run()
     assert (tmp_path / "1.json").read_bytes() == (tmp_path / "2.json").read_bytes()
     numbers = json.loads((tmp_path / "1.json").read_text())
     assert set(numbers["agreement"]) == {"dynamic"}
     for row in numbers["agreement"]["dynamic"].values():
-        assert row["num_presses"] == 30
+        assert row["num_presses"] == 12
         assert row["correlation"] > 0.98
         assert row["force_error_high"] < 0.11

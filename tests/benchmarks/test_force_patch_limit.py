@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from activetouch.data.dataset import CollectionPlan
+from activetouch.data.manifest import CollectionPlan
 from activetouch.named_scenes import SCENES
 from activetouch.rendering import read_out
 from benchmarks.force_patch_limit import (

@@ -35,18 +35,18 @@ KEY = (0, 0)
 class OnlyDepthTells(Press):
     """Every object feels like one sphere, pressed as deep as its shape says."""
 
-    def press(self, setup, placement, target_force):
+    def press(self, pad, placement, target_force):
         shape = next(k for k, shape in enumerate(SHAPES.values()) if shape is placement.shape)
-        ball = surface_gap(setup.pad, replace(placement, shape=SHAPES["sphere"], offset=np.zeros(2), scale=1.0))
-        return contact_at_depth(setup.pad, ball, 0.5e-3 * (1 + shape))
+        ball = surface_gap(pad, replace(placement, shape=SHAPES["sphere"], offset=np.zeros(2), scale=1.0))
+        return contact_at_depth(pad, ball, 0.5e-3 * (1 + shape))
 
 
 @dataclass(frozen=True)
 class OnlyGeometryTells(Press):
     """Every object is pressed to one depth, and the force is said to be one force."""
 
-    def press(self, setup, placement, target_force):
-        contact = contact_at_depth(setup.pad, surface_gap(setup.pad, placement), 1e-3)
+    def press(self, pad, placement, target_force):
+        contact = contact_at_depth(pad, surface_gap(pad, placement), 1e-3)
         return replace(contact, force=2.0)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.recorded_sets.dsa import PressureFilm
-from benchmarks.recorded_sets.pressure_features import before_contact, grasp_features, pressure_scalars
+from benchmarks.recorded_sets.pressure_features import grasp_features
 
 
 def of_pad(pad):
@@ -31,7 +31,7 @@ def test_a_rectangle_that_is_pressed_evenly_has_its_moments(height, width, place
     np.testing.assert_allclose(of_pad(pad), expected, atol=1e-7)
 
 
-def test_a_grasp_is_its_five_firmest_frames_and_its_first_three_are_before_contact(rng):
+def test_a_grasp_is_its_five_firmest_frames(rng):
     shapes = ((2, 3), (4, 2))
     frames = rng.random((9, 14)) + np.array([1, 9, 2, 8, 7, 0, 6, 5, 3])[:, None]
     film, firmest = PressureFilm(shapes, frames), frames[[1, 3, 4, 6, 7]].mean(axis=0)
@@ -39,5 +39,3 @@ def test_a_grasp_is_its_five_firmest_frames_and_its_first_three_are_before_conta
     np.testing.assert_allclose(features[:14], np.sqrt(firmest / firmest.sum()))
     moments = np.stack([of_pad(pad) for pad in (firmest[:6].reshape(2, 3), firmest[6:].reshape(4, 2))])
     np.testing.assert_allclose(features[14:], [*moments.ravel(), *moments.max(axis=0), *moments.mean(axis=0)])
-    np.testing.assert_allclose(pressure_scalars(film), [firmest.sum(), firmest.max(), 14])
-    np.testing.assert_allclose(before_contact(film), frames[:3].mean(axis=0))

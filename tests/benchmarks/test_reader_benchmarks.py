@@ -6,16 +6,14 @@ import numpy as np
 import pytest
 
 from activetouch.data.dataset import read_split
-from activetouch.perception.card import CLASSIFIER_FILE
 from activetouch.perception.classifier import TouchClassifier
 from belief.statistics import clopper_pearson_interval
 from benchmarks.frontier import Frontier
 from benchmarks.learning_curve import LearningCurve
 from benchmarks.reader_scores import scores
-from experiments.command_line.collection_arguments import PlanArguments
 from experiments.scene_choice import SceneChoice
-from experiments.sensor.collect import Collect
-from experiments.sensor.train import Changes, Train, card_for, new_classifier
+from experiments.sensor.collect import Collect, PlanArguments
+from experiments.sensor.train import STATE_FILE, Changes, Train, card_for, new_classifier
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch]
 
@@ -74,7 +72,7 @@ def test_the_frontier_compares_runtimes_with_the_first_as_reference(data, tmp_pa
     change = Changes(epochs=1, batch_size=64)
     Train("coarse", data, tmp_path / "trained", 16, "cnn", recipe="large", change=change, jobs=1).run()
     Frontier(
-        (tmp_path / "trained" / CLASSIFIER_FILE,), "coarse", data, touches=60, batches=(1, 8), rounds=1, out=tmp_path
+        (tmp_path / "trained" / STATE_FILE,), "coarse", data, touches=60, batches=(1, 8), rounds=1, out=tmp_path
     ).run()
     numbers = json.loads((tmp_path / "frontier.json").read_text())
     assert [(entry["network"], entry["runtime"]) for entry in numbers["entries"]] == [

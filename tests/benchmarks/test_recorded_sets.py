@@ -26,13 +26,11 @@ def test_cy101_is_read_where_it_is():
     touches, notes = read_cy101(own_set("cy101"))
     assert (touches.num_touches, len(touches.object_names)) == (4365, 97)
     assert any("hold_haptics.txt (smallstuffedanimal_otter_t3) is cut short: 63 values" in note for note in notes)
-    assert len(touches.for_task("categories").label_names) == 20
 
 
 def test_sdh2_is_read_where_it_is():
     touches, _ = read_sdh2(own_set("sdh2"))
     assert touches.num_touches == 856
-    assert len(touches.for_task("shapes").rows) == 429
 
 
 def write_cy101(folder, change=None):
@@ -109,10 +107,8 @@ def test_grasps_are_read_from_folders_of_objects_in_the_order_of_their_frames(to
     touches, notes = read_sdh2(tmp_path)
     assert notes == ()
     assert touches.object_names == ("mug", "tennis_ball")
-    assert touches.labels["shapes"] == ("", "sphere")
     assert touches.objects.tolist() == [0, 1, 1]
     assert touches.sessions.tolist() == [0, 0, 1]
-    assert touches.controls["scalar features only"].tolist() == [[2.0, 2.0, 1.0], [1.0, 1.0, 1.0], [4.0, 4.0, 1.0]]
     narrow = "<cells_x>3</cells_x><cells_y>1</cells_y>"
     data = f"<frame_data>{np.array([-3.0], '>f4').tobytes().hex()}</frame_data>"
     (tmp_path / top / "mug" / "grasp_000099-120.dsa").write_bytes(bz2.compress(f"<root>{narrow}{data}</root>".encode()))
@@ -159,7 +155,5 @@ def test_a_set_is_the_same_after_it_was_written_as_npz(tmp_path):
     again, _ = read_recorded(tmp_path / "cy101.npz", "npz")
     for name in ("features", "actions", "objects", "sessions"):
         np.testing.assert_array_equal(getattr(again, name), getattr(touches, name))
-    for name in ("action_names", "object_names", "labels", "provenance", "licence", "feature_names"):
+    for name in ("action_names", "object_names", "provenance", "licence", "feature_names"):
         assert getattr(again, name) == getattr(touches, name)
-    assert again.controls.keys() == touches.controls.keys()
-    assert all((again.controls[name] == touches.controls[name]).all() for name in touches.controls)

@@ -32,4 +32,3 @@ def test_the_searches_of_all_seeds_count_and_stay_paired(of_seeds):
         assert cell.seconds.decision == pytest.approx(sum(part.seconds.decision for part in parts))
         assert [episode.seed for episode in both.of(decider)] == [episode.seed for episode in both.of(both.reference)]
     assert len({episode.seed for episode in both.of(both.reference)}) == 8
-    assert both.oracle == tuple(np.sum([one.oracle for one in of_seeds], axis=0))

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from activetouch.data.dataset import CollectionPlan
+from activetouch.data.manifest import CollectionPlan
 from activetouch.sensor_files import MODELS, READER_FILE
 from belief.statistics import wilson_interval
 from benchmarks.several_touches import (

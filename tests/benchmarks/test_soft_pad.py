@@ -5,14 +5,14 @@ import pytest
 
 from activetouch.placement import Placement
 from activetouch.poses import POSES
+from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Quasistatic
-from activetouch.pressing.setup import Setup
 from activetouch.shapes import SHAPES
 from benchmarks.soft_pad import Deformable
 
 pytestmark = pytest.mark.mujoco
-SETUP = Setup()
-PAD = SETUP.pad
+
+PAD = Pad()
 COARSE = Deformable(nodes=13, layers=3)  # an eighth of the default's time
 
 
@@ -33,7 +33,7 @@ def bonded_layer_force(depth: float, radius: float, press: Deformable) -> float:
 
 def test_a_sphere_sinks_as_far_as_contact_mechanics_and_the_elastic_foundation_say():
     press = Deformable(nodes=17)
-    soft, springs = press.press(SETUP, sphere(), 2.0), Quasistatic().press(SETUP, sphere(), 2.0)
+    soft, springs = press.press(PAD, sphere(), 2.0), Quasistatic().press(PAD, sphere(), 2.0)
     # The formula's layer has no sides, so the block is a little softer.
     assert bonded_layer_force(soft.depth, 0.020, press) == pytest.approx(soft.force, rel=0.15)
     assert soft.depth == pytest.approx(springs.depth, rel=0.03)
@@ -43,6 +43,6 @@ def test_a_sphere_sinks_as_far_as_contact_mechanics_and_the_elastic_foundation_s
 
 def test_the_face_dips_beside_an_edge_where_springs_stay_flat():
     edge = Placement(SHAPES["cube"], 1.0, POSES["z45"])
-    soft, springs = (press.press(SETUP, edge, 2.0) for press in (COARSE, Quasistatic()))
+    soft, springs = (press.press(PAD, edge, 2.0) for press in (COARSE, Quasistatic()))
     beside = springs.indentation == 0.0
     assert soft.indentation[beside].max() > 0.2 * soft.depth

@@ -18,12 +18,12 @@ from experiments.command_line.console import plain_warnings
 from experiments.command_line.trust import Trust
 from experiments.scene_choice import SceneChoice, renderer_named
 
-TETRAHEDRON = "OFF\n4 4 0\n0 0 0\n30 0 0\n0 30 0\n0 0 30\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n"
+TETRAHEDRON = "v 0 0 0\nv 30 0 0\nv 0 30 0\nv 0 0 30\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 
 
 @pytest.fixture
 def mesh(tmp_path):
-    path = tmp_path / "pebble.off"
+    path = tmp_path / "pebble.obj"
     path.write_text(TETRAHEDRON)
     return path
 
@@ -51,7 +51,7 @@ def test_a_mesh_adds_a_shape_called_like_its_file(mesh):
 def test_two_shapes_of_one_name_are_refused(mesh):
     with pytest.raises(DuplicateShape, match="must have other names"):
         _ = SceneChoice(meshes=(Path(f"{mesh}@0.001"),) * 2).named
-    cone = mesh.rename(mesh.with_name("cone.off"))
+    cone = mesh.rename(mesh.with_name("cone.obj"))
     with pytest.raises(DuplicateShape, match="sphere, cube, cylinder, cone"):
         _ = SceneChoice(meshes=(Path(f"{cone}@0.001"),)).named
 
@@ -99,7 +99,7 @@ def test_a_choice_that_makes_no_scene_is_refused(changes, words):
 
 
 def test_a_file_called_like_a_shape_is_told_how_to_be_called_otherwise(mesh):
-    cube = mesh.rename(mesh.with_name("cube.off"))
+    cube = mesh.rename(mesh.with_name("cube.obj"))
     with pytest.raises(DuplicateShape, match=r"my_cube=cube\.obj, or leave the scene's own shapes out with --only"):
         _ = SceneChoice(meshes=(Path(f"{cube}@0.001"),)).named
     assert SceneChoice(meshes=(Path(f"{cube}@0.001"),), only=True).named.scene.shape_labels == ("cube",)
@@ -113,5 +113,5 @@ def test_the_command_prints_a_warning_of_its_own_as_one_line(mesh, capsys):
             _ = SceneChoice(meshes=(mesh,)).named
             warnings.warn("of another library", UserWarning, stacklevel=1)
     [line] = capsys.readouterr().err.splitlines()
-    assert line.startswith("warning: pebble.off: read in millimetres (30 × 30 × 30 mm)")
+    assert line.startswith("warning: pebble.obj: read in millimetres (30 × 30 × 30 mm)")
     assert [str(other.message) for other in others] == ["of another library"]

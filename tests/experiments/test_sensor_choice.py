@@ -10,13 +10,12 @@ import pytest
 import tyro
 
 from activetouch import SCENES
-from activetouch.data.dataset import CollectionPlan
-from activetouch.data.manifest import NoCollection, read_manifest
+from activetouch.data.manifest import CollectionPlan, NoCollection, read_manifest
 from activetouch.errors import LabelMismatch, NoIndependentModel, SceneShift, WrongScene
 from activetouch.perception import preparation
 from activetouch.perception.contacts import hypotheses
 from activetouch.sensor import TactileSensor
-from activetouch.sensor_files import INDEPENDENT_FILE, MODELS, OBSERVATION_FILE, READER_FILE, load_observation_model
+from activetouch.sensor_files import INDEPENDENT_FILE, MODELS, OBSERVATION_FILE, READER_FILE, fitted_model
 from belief.errors import CorruptFile
 from experiments.calibration.calibration_report import CalibrationReport
 from experiments.cli import commands
@@ -28,10 +27,9 @@ from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
 from experiments.search.setting import Setting
 from experiments.sensor.calibrate import Calibrate, TooFewObjects
-from experiments.sensor.collect import Collect, collect
+from experiments.sensor.collect import collect
 from experiments.sensor.train import Train
 from experiments.sensor_choice import NoSensor, open_sensor
-from experiments.sensor_commands import sensor_commands
 from planners.ppo import MissingPolicy
 
 GEL, COARSE, PAPER, MANY, KEYED = (MODELS / name for name in ("gel", "coarse", "paper", "many", "keyed"))
@@ -72,12 +70,12 @@ REFUSED = {
     "calibrate without a collection": (
         lambda out: Calibrate(scene="coarse", data=out / "none", out=out / "run").run(),
         NoCollection,
-        "collect --scene coarse --plan.train 0 --plan.repeats 6 --out",
+        "collect --plan.train 0 --plan.repeats 6 --scene coarse --out",
     ),
     "train-ppo without a collection": (
         lambda out: TrainPPO(scene="coarse", data=out / "none", out=out / "run").run(),
         NoCollection,
-        "collect --scene coarse --plan.train 0 --plan.repeats 6 --out",
+        "collect --plan.train 0 --plan.repeats 6 --scene coarse --out",
     ),
 }
 
@@ -112,28 +110,24 @@ def quick(tmp_path_factory):
 def test_a_collection_of_another_scene_than_the_sensors_is_refused(command, quick, tmp_path):
     with pytest.raises(WrongScene, match=r"pad\.num_taxels is 32, not 128") as found:
         command(scene="gel", data=quick, out=tmp_path / "out").run()
-    assert "collect --scene gel --plan.train 0 --plan.repeats 6 --out data/gel-repeats" in str(found.value)
-    pastes(str(found.value))
+    assert "--anyway" in str(found.value)
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.torch
 def test_calibrate_refuses_a_collection_of_another_scene_and_results_under_a_wrong_name(quick, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(WrongScene, match="no collection of the reader's scene"):
+    with pytest.raises(WrongScene, match="the reader was made for another scene"):
         Calibrate(scene="coarse", data=quick, reader=GEL / READER_FILE).run()
-    with pytest.raises(WrongScene, match="no collection of the scene 'gel'"):
+    with pytest.raises(WrongScene, match="the scene 'gel' was made for another scene"):
         Calibrate(scene="gel", data=quick, reader=COARSE / READER_FILE).run()
     assert not list(tmp_path.iterdir())
 
 
 def test_train_refuses_results_under_the_name_of_a_scene_that_the_collection_is_not_of(quick, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(
-        WrongScene, match=r"no collection of the scene 'gel': pad\.num_taxels is 32.*\n.*\n.*--out"
-    ) as found:
+    with pytest.raises(WrongScene, match=r"the scene 'gel' .*: pad\.num_taxels is 32.*--out"):
         Train(scene="gel", data=quick).run()
-    pastes(str(found.value))
     assert not list(tmp_path.iterdir())
 
 
@@ -203,33 +197,7 @@ def test_an_observation_model_in_which_one_digit_flipped_is_refused(tmp_path):
     at = digits[len(digits) // 2]
     path.write_text(text[:at] + str(int(text[at]) + 1) + text[at + 1 :])
     with pytest.raises(CorruptFile, match="was changed after it was written"):
-        load_observation_model(tmp_path / "sensor")
-
-
-MUG = (Path("a mug.stl"), Path("b.stl"))
-
-
-@pytest.mark.parametrize(
-    ("choice", "contacts"),
-    [
-        (SceneChoice("coarse", fidelity="guarded_move", renderer="force_patch", presentation="upright"), False),
-        (SceneChoice(meshes=MUG), True),
-    ],
-)
-def test_commands_for_a_sensor_make_it_for_that_scene(choice, contacts):
-    text = sensor_commands(choice)
-    pastes(text)
-    if contacts:  # a reader of any object comes first, and one command makes its sensor
-        any_object, told, alone, *own = text.splitlines()
-        train = tyro.cli(Train, args=shlex.split(any_object)[2:])
-        assert (train.recipe, train.scene) == ("contacts", choice.scene)
-        assert f"--sensor {train.out};" in told
-        assert "these objects alone" in alone
-    else:
-        own = text.splitlines()
-    first = tyro.cli(Collect, args=shlex.split(own[0])[2:])
-    assert first.choice == choice
-    assert [line.split()[0] == "activetouch" for line in own] == [True] * 4 + [False]
+        fitted_model(tmp_path / "sensor")
 
 
 @pytest.mark.parametrize(
@@ -238,7 +206,7 @@ def test_commands_for_a_sensor_make_it_for_that_scene(choice, contacts):
         (SceneChoice("coarse", poses="directions26"), MODELS / "hard", "Leave out --sensor"),
         (SceneChoice("many", poses="directions26"), MODELS / "many", "Add --sensor gel"),
         (replace(SCENES["many"], scene=SCENES["gel"].scene), MODELS / "hard", "Add --sensor gel"),
-        (SceneChoice(renderer="gelsight"), GEL, "activetouch collect"),
+        (SceneChoice(renderer="gelsight"), GEL, "Make one with the commands collect, train and calibrate"),
     ],
 )
 def test_a_remedy_names_a_sensor_that_ships_or_the_commands_that_make_one(choice, given, remedy):
@@ -264,8 +232,8 @@ def test_no_remedy_in_the_code_is_half_a_command():
 
 def test_a_joint_sensor_keeps_its_independent_model_and_compare_can_play_it(tmp_path):
     joint = MODELS / "coarse"
-    assert [load_observation_model(joint, independent).name for independent in (False, True)] == ["rigid body", "ratio"]
-    assert load_observation_model(MODELS / "paper-independent", independent=True).name == "ratio"  # it has no other
+    assert [fitted_model(joint, independent).model.name for independent in (False, True)] == ["rigid body", "ratio"]
+    assert fitted_model(MODELS / "paper-independent", independent=True).model.name == "ratio"  # it has no other
     own = Setting(SceneChoice("coarse"))
     independent = replace(own, observation_model="independent")
     assert [setting.open_sensor().model.name for setting in (own, independent)] == ["rigid body", "ratio"]

@@ -102,10 +102,10 @@ def _sensors() -> list[Case]:
 
 
 def _collections() -> list[Case]:
-    reader, pattern = MODELS / "coarse" / READER_FILE, "no collection of|of no use"
+    reader, pattern = MODELS / "coarse" / READER_FILE, "made for another scene"
     commands: dict[str, Callable[[Path, Path], Any]] = {
         "calibrate": lambda data, out: Calibrate("coarse", reader, data, out),
-        "calibration-report": lambda data, out: CalibrationReport("coarse", data, out=out, jobs=1),
+        "calibration-report": lambda data, out: CalibrationReport("coarse", data, out=out),
         "train-ppo": lambda data, out: TrainPPO("coarse", data, out=out, jobs=1),
     }
     return [

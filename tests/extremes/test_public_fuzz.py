@@ -20,19 +20,16 @@ from belief import (
     arrangement,
     bayes,
     calibration,
-    cross_validation,
     metrics,
     multisets,
     observation_model,
-    out_of_distribution,
     statistics,
     synthetic,
     touch_batch,
     validation,
 )
 from belief.observation_model import selection
-from belief.observation_model.logit_embedding import LogitEmbedding
-from belief.observation_model.plda import Components
+from belief.observation_model.plda import Components, LogitEmbedding
 from belief.table import Tabular
 from belief.touch_batch import TouchBatch
 
@@ -46,10 +43,8 @@ MODULES = (
     arrangement,
     bayes,
     calibration,
-    cross_validation,
     metrics,
     multisets,
-    out_of_distribution,
     observation_model,
     validation,
     selection,
@@ -151,7 +146,7 @@ CALLS = {
     "prob_shape_absent": lambda a: arrangement.prob_shape_absent(a[:3], None, 0),
     "blank_objects": lambda a: arrangement.blank_objects(a, (2, 1, 1)),
     "num_states": lambda a: arrangement.num_states(as_labels(a[0]).tolist(), 2),
-    # batch, bayes, folds, multisets
+    # batch, bayes, multisets
     "TouchBatch": lambda a: (
         TouchBatch.of([touches(a)]).logits,
         TouchBatch(np.zeros((1, 4), int), a[None], a[None]).features,
@@ -160,24 +155,16 @@ CALLS = {
     "entropy": bayes.entropy,
     "expected_information_gain": lambda a: bayes.expected_information_gain(a, a[None, :3]),
     "target_information_gain": lambda a: bayes.target_information_gain(a, a[None, :3], 1),
-    "numbered_objects": lambda a: cross_validation.numbered_objects(SHAPES, a[:, 0]),
-    "object_folds": lambda a: cross_validation.object_folds(as_labels(a[:, 0]), a[:, 1], 2),
     "layers": lambda a: len(multisets.layers(tuple(as_labels(a[0]).clip(0).tolist()), 2)),
     # calibration
     "DirichletCalibration": about_logits(calibration.DirichletCalibration),
     "StructuredMatrixScaling": about_logits(calibration.StructuredMatrixScaling),
     "TemperatureScaling": about_logits(calibration.TemperatureScaling),
     "VectorScaling": about_logits(calibration.VectorScaling),
-    "PerPose": lambda a: calibration.PerPose().fit(a, SHAPES, np.arange(4) % 2, 2).predict_proba(a, np.arange(4) % 2),
-    "choose_calibration": lambda a: calibration.choose_calibration(
-        np.tile(a, (2, 1)), np.tile(SHAPES, 2), np.arange(8), num_folds=2
-    ).calibration.predict_proba(a),
+    "PerPose": lambda a: calibration.PerPose().fit(a, SHAPES, SHAPES % 2).predict_log_proba(a, SHAPES % 2),
     "logits_from_probs": calibration.logits_from_probs,
     # metrics
     "accuracy": lambda a: metrics.accuracy(a, SHAPES),
-    "bias_corrected_interval": lambda a: metrics.bias_corrected_interval(
-        a, SHAPES, metrics.brier_score, rng(), num_resamples=3
-    ),
     "brier_score": lambda a: metrics.brier_score(a, SHAPES),
     "calibration_report": lambda a: metrics.calibration_report(a, SHAPES, num_resamples=2),
     "calibration_at_stop": lambda a: metrics.calibration_at_stop(a[:, 0], a[:, 1] > 0.5, np.arange(4)),
@@ -188,13 +175,8 @@ CALLS = {
     "null_quantile": lambda a: metrics.null_quantile(a, metrics.brier_score, rng(), num_resamples=3),
     "reliability_curve": lambda a: metrics.reliability_curve(a, SHAPES, binning="mass"),
     "reliability_diagram": lambda a: metrics.reliability_diagram(a, SHAPES, figure.Figure().subplots()),
-    "risk_coverage": lambda a: metrics.risk_coverage(a[:, 0], a[:, 1] > 0.5, rng(), num_resamples=3),
     "shape_scores": lambda a: metrics.shape_scores(a[:3]),
     "smooth_calibration_error": lambda a: metrics.smooth_calibration_error(a, SHAPES),
-    # novelty
-    "MahalanobisScore": lambda a: out_of_distribution.MahalanobisScore.fit(a, SHAPES).score(a),
-    "auroc": lambda a: out_of_distribution.auroc(a[0], a[1]),
-    "auroc_interval": lambda a: out_of_distribution.auroc_interval(a[0], a[1]),
     # observation models
     "ConfusionModel": lambda a: (likelihood(observation_model.ConfusionModel)(a), world(a).log_likelihood(touches(a))),
     "GaussianModel": lambda a: (
@@ -269,12 +251,6 @@ CALLS = {
         world(np.full((3, 3), 1 / 3)), TouchBatch.of([touches(a)])
     ),
     "grouped": lambda a: [index for _, index in selection.grouped(TouchBatch.of([touches(np.eye(4, 3))]), a[:, 0])],
-    "sequence_nll": lambda a: selection.sequence_nll(
-        world(np.full((3, 3), 1 / 3)), TouchBatch.of([touches(a)]), SHAPES, np.arange(4)
-    ),
-    "cross_validated_nll": lambda a: selection.cross_validated_nll(
-        lambda *_: world(np.full((3, 3), 1 / 3)), touches(a), SHAPES, np.arange(4), 2
-    ),
     "choose_observation_model": lambda a: selection.choose_observation_model(
         touches(a),
         SHAPES,
@@ -296,7 +272,6 @@ CALLS = {
 }
 NO_NUMBERS = {
     "check_observation_model": "of a model",
-    "losses_table": "prints losses",
     "SceneView": "of a scene",
     "at": "an index",
     "pose_count": "indices",
@@ -320,7 +295,7 @@ def is_made_by_others(kind):
         or getattr(kind, "_is_protocol", False)
         or (is_dataclass(kind) and not hasattr(kind, "__post_init__") and not methods)
         or issubclass(kind, Tabular)
-        or kind in (metrics.CalibrationReport, metrics.ReliabilityCurve, metrics.RiskCoverage)
+        or kind in (metrics.CalibrationReport, metrics.ReliabilityCurve)
     )
 
 

@@ -14,7 +14,6 @@ from activetouch.pressing.contact import Contact
 from activetouch.pressing.guarded_move import GuardedMove
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Press
-from activetouch.pressing.setup import Setup
 from activetouch.scene import Variation, WorldObject
 from activetouch.shapes import SHAPES, Box, Shape, Sphere
 from belief.errors import UnknownName
@@ -37,7 +36,7 @@ def press_once(
 ) -> Contact:
     """Press one object upright; a sphere by default."""
     placement = Placement(shape or SHAPES["sphere"], scale, UPRIGHT, np.array(offset), friction)
-    return press.press(Setup(pad or Pad(num_taxels=32)), placement, force)
+    return press.press(pad or Pad(num_taxels=32), placement, force)
 
 
 def is_sound(contact: Contact) -> bool:

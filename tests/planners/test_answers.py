@@ -12,8 +12,7 @@ from belief.synthetic import SyntheticWorld
 from planners import Decision, Outcome, search
 from planners.answers import BadDecision
 from planners.probing import FixedOrder
-from planners.stop_override import StopOverride
-from planners.stopping import PosteriorThresholds
+from planners.stopping import PosteriorThresholds, StopOverride
 
 
 class Answers:

@@ -16,7 +16,7 @@ MODEL = random_model(np.random.default_rng(3), sharpness=3.0)
 PROBLEM = SearchProblem(MODEL.shape_labels, ("p0", "p1", "p2"), 3, touch_limit=40, unsure_reward=0.0)
 EAGER = SequentialDecider(PosteriorThresholds(0.6, 0.02), FixedOrder())
 WORLD = {"scene": {"pad": 1, "noise": 0.1}, "decider": "eager", "targets": ["shape_0"]}
-CERTIFICATE = Certificate("eager", 0.05, 0.9, 100, (np.inf, 0.9, 0.5), (0, 30, 20), (0, 1, 0), 4, None, WORLD)
+CERTIFICATE = Certificate("eager", 0.05, 0.9, 100, (np.inf, 0.9, 0.5), (0, 30, 20), (0, 1, 0), 4, WORLD)
 
 
 def played(thresholds, seed):

@@ -30,7 +30,7 @@ BELIEVERS = [name for name in UNTRAINED if name not in ("random_confirm", "thres
 every_decider = pytest.mark.parametrize("name", UNTRAINED)
 every_believer = pytest.mark.parametrize("name", BELIEVERS)
 # Their few simulations are no proof: what tree search does is a matter of chance where actions are nearly as good.
-TREE_SEARCHERS = ("pouct", "pomcp")
+TREE_SEARCHERS = ("pouct",)
 every_exact_believer = pytest.mark.parametrize("name", [name for name in BELIEVERS if name not in TREE_SEARCHERS])
 COMPOSITIONS = (Composition.DISTINCT, Composition.INDEPENDENT, Counts({"a": 2, "b": 1, "c": 2}))
 

@@ -12,7 +12,7 @@ from belief.errors import InvalidArgument
 from belief.observation_model import FixedHypotheses, RigidBodyModel
 from belief.observation_model.outcome_mixture import information
 from planners import InformationState, make_decider
-from planners.next_touch import next_touch
+from planners.probing import next_touch
 from planners.repeats import LeastUsedFirst
 from planners.value_of_information import ValueOfInformation
 

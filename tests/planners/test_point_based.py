@@ -9,10 +9,9 @@ from belief import Belief, Composition, Confirm, Counts, Probe, Reject, SceneBel
 from belief.observation_model import ConfusionModel, OutcomeTable
 from belief.synthetic import random_model, sample_arrangement
 from planners import InformationState, make_decider, search
-from planners.point_based import PointBased
+from planners.point_based import PointBased, belief_by_target, stages_by_target
 from planners.repeats import CorrelatedRepeats
 from planners.solve import SearchTouchProblem, solve
-from planners.target_abstraction import belief_by_target, stages_by_target
 
 POSES = ("p0", "p1", "p2")
 

@@ -27,22 +27,22 @@ def problem_of(composition=Composition.DISTINCT, num_objects=2, touch_cost=0.02)
 @pytest.mark.parametrize("composition", ["distinct", "independent", Counts({"a": 2, "b": 1})])
 def test_a_rejected_object_gives_way_to_one_drawn_from_what_is_left(composition):
     rules = adapter.Rules(problem_of(composition), 0, TABLE)
-    transitions = adapter.TransitionModel(rules, np.random.default_rng(0))
+    model = adapter.SearchModel(rules, np.random.default_rng(0))
     for shape in range(3):
         state = rules.states[0, shape, 0]
-        following = [transitions.sample(state, adapter.REJECT).data for _ in range(2000)]
+        following = [model.sample(state, adapter.REJECT)[0].data for _ in range(2000)]
         assert {(number, missed) for number, _, missed in following} == {(1, int(shape == 0))}
         drawn = np.bincount([kind for _, kind, _ in following], minlength=3) / 2000
         assert drawn == pytest.approx(rules.shape_probs[1, int(shape == 0)], abs=0.04)
-        assert transitions.sample(state, adapter.CONFIRM) is adapter.END
+        assert model.sample(state, adapter.CONFIRM)[0] is adapter.END
 
 
 def test_outcomes_are_drawn_as_often_as_the_table_says():
     rng = np.random.default_rng(0)
     rules = adapter.Rules(problem_of(), 0, TABLE)
-    observations = adapter.ObservationModel(rules, rng)
+    model = adapter.SearchModel(rules, rng)
     [_, _, _, second_pose] = rules.actions
-    felt = [observations.sample(rules.states[0, 1, 0], second_pose).data for _ in range(5000)]
+    felt = [model.sample(rules.states[0, 1, 0], second_pose)[1].data for _ in range(5000)]
     assert np.bincount(felt, minlength=3) / 5000 == pytest.approx(TABLE.probs[1, 1], abs=0.03)
 
 
@@ -51,15 +51,15 @@ def test_rewards_add_up_to_the_reward_of_a_search(composition):
     rng = np.random.default_rng(1)
     problem = problem_of(composition)
     rules = adapter.Rules(problem, 0, TABLE)
-    transitions, rewards = adapter.TransitionModel(rules, rng), adapter.RewardModel(rules)
+    model = adapter.SearchModel(rules, rng)
     actions = list(rules.actions)
     for _ in range(300):
         state = rules.states[0, int(rng.integers(3)), 0]
         shapes, total, touches, confirmed = [state.data[1]], 0.0, 0, None
         while state != adapter.END:
             action = actions[rng.integers(len(actions))]
-            following = transitions.sample(state, action)
-            total += rewards.sample(state, action, following)
+            following, _, reward, _ = model.sample(state, action)
+            total += reward
             touches += action.name in rules.poses
             if action == adapter.CONFIRM:
                 confirmed = state.data[1]
@@ -67,7 +67,7 @@ def test_rewards_add_up_to_the_reward_of_a_search(composition):
             if action == adapter.REJECT and state != adapter.END:
                 shapes.append(state.data[1])
         assert total == pytest.approx(problem.reward(confirmed, 0, touches, 0 in shapes))
-        assert rewards.sample(adapter.END, actions[0], adapter.END) == 0.0
+        assert model.sample(adapter.END, actions[0])[2] == 0.0
 
 
 def test_the_belief_knows_what_may_have_been_given_away():
@@ -84,9 +84,8 @@ def test_the_belief_knows_what_may_have_been_given_away():
         assert given_away == pytest.approx(scene.belief(0).probs[0])  # the chance that the first object was the target
 
 
-@pytest.mark.parametrize("kind", ["Pouct", "Pomcp"])
-def test_pythons_own_generator_is_left_as_it_was_and_plays_no_part(kind):
-    decider = getattr(adapter, kind)(TABLE, 60)
+def test_pythons_own_generator_is_left_as_it_was_and_plays_no_part():
+    decider = adapter.Pouct(TABLE, 60)
     problem = problem_of()
     info = InformationState(problem, 0, Belief.uniform(tuple("abc")))
     decisions = []
@@ -99,9 +98,8 @@ def test_pythons_own_generator_is_left_as_it_was_and_plays_no_part(kind):
     assert decider.decide(info, np.random.default_rng(4)) != decisions[0]
 
 
-@pytest.mark.parametrize("kind", ["Pouct", "Pomcp"])
-def test_enough_simulations_touch_when_unsure_and_stop_when_sure(kind):
-    decider = getattr(adapter, kind)(TABLE, 400)
+def test_enough_simulations_touch_when_unsure_and_stop_when_sure():
+    decider = adapter.Pouct(TABLE, 400)
     problem = problem_of(Composition.INDEPENDENT, 1)
     for probs, expected in (([0.5, 0.3, 0.2], Probe), ([0.995, 0.005, 0], Confirm), ([0.005, 0.99, 0.005], Reject)):
         info = InformationState(problem, 0, Belief.from_probs(tuple("abc"), probs))
@@ -148,9 +146,8 @@ def test_no_touch_is_planned_where_those_of_the_search_are_used():
         scene.update(0, [Touch(0, np.log([0.1, 0.5, 0.4]))])
 
 
-@pytest.mark.parametrize("kind", ["Pouct", "Pomcp"])
-def test_several_threads_decide_as_each_would_alone(kind):
-    decider, problem = getattr(adapter, kind)(TABLE, 120), problem_of()
+def test_several_threads_decide_as_each_would_alone():
+    decider, problem = adapter.Pouct(TABLE, 120), problem_of()
     infos = [
         InformationState(problem, 0, Belief.from_probs(tuple("abc"), [p, 0.9 - p, 0.1])) for p in (0.2, 0.4, 0.6, 0.7)
     ]
@@ -174,20 +171,16 @@ def test_poses_that_cannot_pay_are_not_touched(sharpness):
     problem = SearchProblem(("a", "b"), ("p", "q", "r"), 2, "independent")
     assert adapter.useful_poses(problem, table) == []
     info = InformationState(problem, 0, Belief.uniform(("a", "b")))
-    for decider in (adapter.Pouct(table, 300), adapter.Pomcp(table, 300)):
-        assert not isinstance(decider.decide(info, np.random.default_rng(0)).action, Probe)
+    assert not isinstance(adapter.Pouct(table, 300).decide(info, np.random.default_rng(0)).action, Probe)
 
 
-@pytest.mark.parametrize("kind", ["Pouct", "Pomcp"])
-@pytest.mark.parametrize("better", [0, 1])
-def test_more_simulations_make_a_wrong_first_pose_rarer(kind, better):
+def test_more_simulations_make_a_wrong_first_pose_rarer():
     """With the least exploration for any number, POUCT chose the worse of the first two for 5 seeds of 30."""
-    poses = [[[0.55, 0.45], [0.45, 0.55]], [[0.55, 0.45], [0.45, 0.55]]]
-    poses[better] = [[0.9, 0.1], [0.1, 0.9]]
+    poses, better = [[[0.55, 0.45], [0.45, 0.55]], [[0.9, 0.1], [0.1, 0.9]]], 1
     info = InformationState(SearchProblem(("a", "b"), POSES, 1, "independent"), 0, Belief.uniform(("a", "b")))
     wrong = {}
     for simulations in (50, 400):
-        decider = getattr(adapter, kind)(OutcomeTable(poses), simulations)
+        decider = adapter.Pouct(OutcomeTable(poses), simulations)
         chosen = [decider.decide(info, np.random.default_rng(seed)).action for seed in range(30)]
         wrong[simulations] = sum(action != Probe(better) for action in chosen)
     assert wrong[400] < wrong[50] / 4

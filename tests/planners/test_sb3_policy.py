@@ -80,9 +80,9 @@ def test_a_policy_that_learned_on_a_bank_plays(tmp_path):
 
     from activetouch.envs.batched_episodes import BankEpisodes
     from activetouch.envs.sb3 import BankVecEnv
-    from activetouch.sensor_files import MODELS, load_observation_model
+    from activetouch.sensor_files import MODELS, fitted_model
 
-    model = load_observation_model(MODELS / "paper-independent")
+    model = fitted_model(MODELS / "paper-independent").model
     for state in ("paper", "posterior"):
         envs = BankVecEnv(BankEpisodes.shipped("paper", "cone", 2, state=state), seed=(0,))
         PPO("MlpPolicy", envs, seed=0, device="cpu").save(tmp_path / f"{state}.zip")

@@ -7,7 +7,7 @@ from belief import Composition, SceneBelief, SearchProblem, Touch
 from belief.observation_model.rigid_body import RigidBodyModel
 from planners import Outcome, make_decider, search, search_lockstep
 from planners.abstaining import Abstaining
-from planners.set_up import log_bets_after, search_in_turn
+from planners.search import log_bets_after
 
 P, K, N = 2, 2, 6
 POINTS = np.random.default_rng(0).normal(scale=3.0, size=(P, K, N, 2))
@@ -58,58 +58,47 @@ def deployed(model, noise, num_set_ups=10, num_searches=10):
     return decider, worlds, targets, seeds
 
 
+def played(model, noise, **numbers):
+    """The searches of each robot, whose test runs on."""
+    decider, worlds, targets, seeds = deployed(model, noise, **numbers)
+    found, log_bets = [[] for _ in worlds], [0.0] * len(worlds)
+    for turn in range(len(targets[0])):
+        now, words = [some[turn] for some in worlds], [some[turn] for some in seeds]
+        episodes = search_lockstep(now, decider, PROBLEM, [0] * len(now), model, words, log_bets=log_bets)
+        for robot, episode in enumerate(episodes):
+            found[robot].append(episode)
+            log_bets[robot] = log_bets_after(episode, PROBLEM, model, log_bets[robot])
+    return found, log_bets
+
+
 def test_a_search_begins_where_the_one_before_it_ended(model):
     decider, (worlds, *_), (targets, *_), (seeds, *_) = deployed(model, noise=1.3)
     log_bets, alone = 0.0, []
     for world, target, seed in zip(worlds, targets, seeds, strict=True):
         alone.append(search(world, decider, PROBLEM, target, model, seed, log_bets))
         log_bets = log_bets_after(alone[-1], PROBLEM, model, log_bets)
-    (together,) = search_in_turn([worlds], decider, PROBLEM, [targets], model, [seeds])
-    assert [episode.to_dict() for episode in together] == [episode.to_dict() for episode in alone]
+    together, bets = played(model, 1.3, num_set_ups=1)
+    assert [episode.to_dict() for episode in together[0]] == [episode.to_dict() for episode in alone]
+    np.testing.assert_array_equal(bets[0], log_bets)
     assert log_bets.shape == model.start().log_bets.shape
 
 
-def test_earlier_bets_may_be_one_array(model):
-    decider, worlds, targets, seeds = deployed(model, noise=1.3, num_set_ups=2)
-    some, bets = [row[0] for row in worlds], np.full((2, 12), 0.1)
-    played, again = (
-        search_lockstep(some, decider, PROBLEM, targets[0][:2], model, [row[0] for row in seeds], log_bets=given)
-        for given in (bets, list(bets))
-    )
-    assert [episode.to_dict() for episode in played] == [episode.to_dict() for episode in again]
-
-
 def test_several_searches_notice_what_one_does_not(model):
-    decider, worlds, targets, seeds = deployed(model, noise=2.5)
-    first = search_lockstep(
-        [some[0] for some in worlds], decider, PROBLEM, [0] * 10, model, [some[0] for some in seeds]
-    )
-    played = search_in_turn(worlds, decider, PROBLEM, targets, model, seeds)
-    assert [some[0].to_dict() for some in played] == [episode.to_dict() for episode in first]
-    unsure = np.array([[episode.outcome is Outcome.UNSURE for episode in some] for some in played])
+    found, _ = played(model, noise=2.5)
+    unsure = np.array([[episode.outcome is Outcome.UNSURE for episode in some] for some in found])
     assert unsure[:, 0].mean() < 0.7
     assert unsure[:, -1].all()
-    alarms = np.array([["is_conflict" in episode.steps[-1].decision.scores for episode in some] for some in played])
+    alarms = np.array([["is_conflict" in episode.steps[-1].decision.scores for episode in some] for some in found])
     assert alarms[:, -1].all()
     assert (np.diff(alarms.astype(int), axis=1) >= 0).all(), "an alarm is not taken back, only a suspicion is"
 
 
-def test_in_its_own_world_hardly_a_set_up_has_an_alarm(model):
-    played = search_in_turn(*_arguments(model, *deployed(model, noise=1.0, num_set_ups=12)))
-    assert sum(some[-1].outcome is Outcome.UNSURE for some in played) <= 1
-
-
-def _arguments(model, decider, worlds, targets, seeds):
-    return worlds, decider, PROBLEM, targets, model, seeds
+def test_in_its_own_world_hardly_a_robot_has_an_alarm(model):
+    found, _ = played(model, noise=1.0, num_set_ups=12)
+    assert sum(some[-1].outcome is Outcome.UNSURE for some in found) <= 1
 
 
 @pytest.mark.parametrize("log_bets", [[0.0], np.nan, [np.inf] * 12])
 def test_bets_of_another_test_are_refused(model, log_bets):
     with pytest.raises(ValueError, match="log_bets must be 12 finite numbers, from an earlier search"):
         SceneBelief(PROBLEM, model, log_bets=log_bets)
-
-
-def test_every_world_needs_its_target_and_its_seed(model):
-    decider, worlds, targets, seeds = deployed(model, noise=1.0, num_set_ups=2)
-    with pytest.raises(ValueError, match="as many seeds as worlds in each of the 2 set-ups"):
-        search_in_turn(worlds, decider, PROBLEM, targets, model, [seeds[0], seeds[1][1:]])

@@ -6,8 +6,7 @@ from belief import Belief, Confirm, Probe, Reject, SearchProblem
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
 from planners import Decision, InformationState, Outcome, search_lockstep
 from planners.probing import FixedOrder
-from planners.stop_override import StopOverride
-from planners.stopping import PosteriorThresholds
+from planners.stopping import PosteriorThresholds, StopOverride
 
 PROBLEM = SearchProblem(("a", "b"), ("p", "q"), num_objects=2)
 

@@ -2,15 +2,14 @@
 
 import numpy as np
 import pytest
-from scipy import stats
 
-from belief import Belief, Composition, Confirm, Counts, Probe, Reject, SearchProblem, Touch
+from belief import Belief, Composition, Confirm, Probe, Reject, SearchProblem, Touch
 from belief.observation_model import OutcomeTable
 from belief.synthetic import SyntheticWorld, random_model
 from planners import InformationState, make_decider, search
 from planners.decider import SequentialDecider
 from planners.registry import DECIDERS, NEED_FILES
-from planners.stopping import PosteriorThresholds, SequentialTest
+from planners.stopping import PosteriorThresholds
 
 PROBLEM = SearchProblem(("a", "b", "c", "d"), ("p", "q"), num_objects=4)
 
@@ -59,60 +58,15 @@ def test_thresholds_in_the_wrong_order_are_refused(confirm, reject):
         PosteriorThresholds(confirm, reject)
 
 
-def test_the_sequential_test_multiplies_the_odds_of_the_prior_as_wald_has_it():
-    low, high = SequentialTest(0.01, 0.05).thresholds(0.25)
-    odds = 0.25 / 0.75
-    assert low / (1 - low) == pytest.approx(odds * 0.05 / 0.99)
-    assert high / (1 - high) == pytest.approx(odds * 0.95 / 0.01)
-
-
-@pytest.mark.parametrize(("posterior", "expected"), [(0.98, Confirm()), (0.96, None), (0.02, None), (0.01, Reject())])
-def test_the_sequential_test_stops_beyond_its_thresholds(posterior, expected):
-    assert action(SequentialTest(0.01, 0.05).stop(info(posterior=posterior))) == expected
-
-
-@pytest.mark.parametrize(("alpha", "beta"), [(0.0, 0.1), (0.1, 1.0), (0.5, 0.5), (float("nan"), 0.1)])
-def test_error_rates_that_cannot_be_promised_are_refused(alpha, beta):
-    with pytest.raises(ValueError, match="false_confirm and false_reject"):
-        SequentialTest(alpha, beta)
-
-
-def test_a_sequential_test_of_what_is_certain_needs_no_touch():
-    never = SearchProblem(tuple("ab"), ("p",), 1, Counts({"b": 1}))
-    always = SearchProblem(tuple("ab"), ("p",), 1, Counts({"a": 1}))
-    for problem, prob, expected in ((never, 0.0, Reject()), (always, 1.0, Confirm())):
-        state = InformationState(problem, 0, Belief.from_probs(tuple("ab"), [prob, 1.0 - prob]))
-        assert action(SequentialTest().stop(state)) == expected
-    assert SequentialTest(1e-320, 1e-320).thresholds(0.5) == (1e-320, 1.0)  # nothing overflows
-
-
-@pytest.mark.parametrize(("alpha", "beta"), [(0.01, 0.01), (0.05, 0.01), (0.02, 0.2)])
-def test_the_sequential_test_keeps_its_promised_error_rates(alpha, beta):
-    # 20 000 objects by arrays: a channel that is right with .7 moves the log odds by ±log(7/3); half are the target.
-    rng, number = np.random.default_rng(0), 20_000
-    is_target = np.arange(number) % 2 == 0
-    step = np.log(0.7 / 0.3)
-    low, high = (np.log(p / (1 - p)) for p in SequentialTest(alpha, beta).thresholds(0.5))
-    log_odds, going = np.zeros(number), np.ones(number, bool)
-    for _ in range(400):
-        right = rng.random(number) < 0.7
-        log_odds[going] += np.where(right == is_target, step, -step)[going]
-        going &= (low < log_odds) & (log_odds < high)
-    assert not going.any()
-    confirmed = log_odds > 0
-    for errors, limit in ((confirmed[~is_target], alpha / (1 - beta)), (~confirmed[is_target], beta / (1 - alpha))):
-        assert stats.binomtest(int(errors.sum()), number // 2, limit, alternative="greater").pvalue > 1e-3
-
-
 WITH_A_RULE = [
     name
     for name in DECIDERS
-    if not {name} & {*NEED_FILES, "pouct", "pomcp"}
+    if not {name} & {*NEED_FILES, "pouct"}
     and isinstance(make_decider(name, OutcomeTable(np.eye(2)[None])), SequentialDecider)
 ]
 
 
-@pytest.mark.parametrize("num_shapes", [100, 200, 1000])
+@pytest.mark.parametrize("num_shapes", [100, 1000])
 @pytest.mark.parametrize("name", WITH_A_RULE)
 def test_searches_among_very_many_shapes_touch_and_find_the_target(name, num_shapes):
     """Each reading names the true shape with probability above 0.99, so one of 9 objects fails with less than 0.09."""

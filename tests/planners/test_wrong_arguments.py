@@ -8,12 +8,12 @@ from belief.errors import ActiveTouchError, InvalidArgument
 from belief.observation_model import OutcomeTable
 from belief.synthetic import SyntheticWorld
 from planners import DECIDERS, InformationState, make_decider, search
+from planners.baselines import ThresholdRule
 from planners.decider import TableMismatch
 from planners.point_based import PointBased
 from planners.registry import NEED_FILES, TRAINED, WrongType, summary_of
 from planners.solve import SearchTouchProblem, TouchProblem, finite_horizon_value, solve
-from planners.stopping import PosteriorThresholds, SequentialTest
-from planners.threshold_rule import ThresholdRule
+from planners.stopping import PosteriorThresholds
 from planners.value_of_information import ValueOfInformation
 
 TABLE = np.array([[[0.9, 0.1], [0.1, 0.9]]])
@@ -113,21 +113,10 @@ def test_a_horizon_whose_histories_do_not_fit_in_memory_is_refused_at_once(touch
 
 
 @pytest.mark.parametrize("rules", [{"max_touches": n} for n in (0, -1, NAN, INF, 1.5, "12", True)])
-@pytest.mark.parametrize("kind", [ThresholdRule, PosteriorThresholds, SequentialTest, "value of information"])
+@pytest.mark.parametrize("kind", [ThresholdRule, PosteriorThresholds, "value of information"])
 def test_a_number_of_touches_that_is_none_is_refused(kind, rules):
     with pytest.raises(InvalidArgument, match="max_touches must be an integer, at least 1"):
         ValueOfInformation(OutcomeTable(TABLE), **rules) if isinstance(kind, str) else kind(**rules)
-
-
-@pytest.mark.parametrize("prior", [NAN, -1.0, 2.0, INF])
-def test_thresholds_of_a_prior_that_is_no_probability_are_refused(prior):
-    with pytest.raises(InvalidArgument, match="prior_prob must be a probability"):
-        SequentialTest().thresholds(prior)
-
-
-@pytest.mark.parametrize("prior", [0.0, 1.0])
-def test_where_nothing_is_to_be_tested_only_certainty_stops(prior):
-    assert SequentialTest().thresholds(prior) == (0.0, 1.0)
 
 
 @pytest.mark.parametrize(

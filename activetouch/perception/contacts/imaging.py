@@ -31,7 +31,10 @@ LIMITS = {
     "shift": (-0.1, 0.1),
     "hysteresis": (0.0, 0.1),
 }
-"""Least and largest of the numbers of a :class:`SensorState` that a reader is trained with."""
+"""Least and largest of the numbers of a :class:`SensorState` that a reader is trained with, unless its
+:class:`Imaging` goes further."""
+FEW_PIXELS = 8
+"""Along the edge of an image that needs no convolutions, and whose noise does not average away."""
 SAMPLES = 32
 """Points along the edge of a pad, at least, at which a surface is computed; at most as many pixels are read."""
 
@@ -95,6 +98,8 @@ class Imaging:
         dead: which taxels never read anything, ``(taxels, taxels)``; none if not given.
         samples: points along the edge of the pad at which the surface is computed; a multiple of ``pixels``.
         coarser: share of worlds whose sensor may have taxels two pixels wide.
+        noisier: largest factor on the noise that the reader is trained with.
+        displaced: largest blur and largest shift of the image that it is trained with, in parts of the edge.
 
     Raises:
         ValueError: a number is out of its range, or the numbers of taxels, pixels and samples do not divide.
@@ -111,17 +116,38 @@ class Imaging:
     dead: NDArray[np.bool_] | None = None
     samples: int = SAMPLES
     coarser: float = 0.0
+    noisier: float = LIMITS["noise"][1]
+    displaced: tuple[float, float] = (LIMITS["blur"][1], LIMITS["shift"][1])
 
     def __post_init__(self) -> None:
         edges = self.taxels, self.pixels, self.samples
-        numbers = (*self.force, *self.sizes, self.gain, self.noise, self.offset, self.coarser)
+        numbers = (
+            *self.force,
+            *self.sizes,
+            self.gain,
+            self.noise,
+            self.offset,
+            self.coarser,
+            self.noisier,
+            *self.displaced,
+        )
         is_valid = all(isinstance(edge, int | np.integer) and edge > 0 for edge in edges)
         is_valid = is_valid and 0 in (self.taxels % self.pixels, self.pixels % self.taxels)
-        is_valid = is_valid and self.samples % self.pixels == 0 and len(self.force) == len(self.sizes) == 2
+        is_valid = (
+            is_valid
+            and self.samples % self.pixels == 0
+            and len(self.force) == len(self.sizes) == len(self.displaced) == 2
+        )
         if not (is_valid and np.isfinite(numbers).all() and min(numbers) >= 0.0 and self.force[1] > 0.0):
             raise ValueError(f"numbers out of range, or taxels, pixels and samples that do not divide: {self}")
         if self.dead is not None and self.dead.shape != (self.taxels, self.taxels):
             raise ValueError(f"dead must have the shape {(self.taxels, self.taxels)}, got {self.dead.shape}")
+
+    @property
+    def limits(self) -> dict[str, tuple[float, float]]:
+        """Least and largest of the numbers of a :class:`SensorState` that the reader is trained with."""
+        blur, shift = self.displaced
+        return LIMITS | {"noise": (LIMITS["noise"][0], self.noisier), "blur": (0.0, blur), "shift": (-shift, shift)}
 
     @property
     def window(self) -> Window:
@@ -131,7 +157,7 @@ class Imaging:
     @property
     def wide_window(self) -> Window:
         """Of the predicted contacts: wider than the pad by the largest offset and the largest shift of the image."""
-        return Window.of(self.pad, self.offset + 0.1 * 2 * self.pad.half_width, self.contact_pixels)
+        return Window.of(self.pad, self.offset + self.displaced[1] * 2 * self.pad.half_width, self.contact_pixels)
 
     @property
     def contact_pixels(self) -> int:
@@ -149,7 +175,7 @@ class Imaging:
         Raises:
             KeyError, TypeError, ValueError: the fields are of something else.
         """
-        ranges = {name: tuple(map(float, fields[name])) for name in ("force", "sizes")}
+        ranges = {name: tuple(map(float, fields[name])) for name in ("force", "sizes", "displaced") if name in fields}
         dead = None if fields["dead"] is None else np.array(fields["dead"], bool)
         return cls(**{**fields, **ranges, "pad": Pad(**fields["pad"]), "dead": dead})
 

@@ -11,14 +11,12 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor, nn
 
-from activetouch.perception.contacts.imaging import STATE_SIZE
+from activetouch.perception.contacts.imaging import FEW_PIXELS, STATE_SIZE
 
 if TYPE_CHECKING:
     from activetouch.perception.contacts.touches import Batch
 
 _CELLS = 4  # along the edge, over which the last convolution is averaged
-FEW_PIXELS = 8
-"""Along the edge of an image that needs no convolutions."""
 
 
 class ContactReader(nn.Module):

@@ -25,7 +25,7 @@ import numpy as np
 from activetouch.distributions import Constant, Distribution, Uniform
 from activetouch.errors import WrongScene
 from activetouch.hypotheses import sizes
-from activetouch.perception.contacts.imaging import BROKEN, LIMITS, SAMPLES, Imaging, SensorState, regridded
+from activetouch.perception.contacts.imaging import BROKEN, FEW_PIXELS, LIMITS, SAMPLES, Imaging, SensorState, regridded
 from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.press import Quasistatic
 from activetouch.rendering import Blur, DeadTaxels, Gain, Hysteresis, Noise, PressureRenderer, Shift, StuckTaxels
@@ -41,6 +41,8 @@ _QUANTILES = 64
 _ROUNDED = 1e-6  # by which a limit may be exceeded
 _DIFFERENT = 0.02  # of a number of the code
 _COARSER = 0.3  # share of worlds with wider taxels, of a sensor that has more than the reader sees
+_NOISIER = 8.0  # than described may a sensor of few pixels become
+_TAXEL, _PART = 1.1, 0.3  # by which an image may be blurred or shifted: in taxels, and at most in parts of its edge
 
 
 def imaging_of(scene: Scene) -> Imaging:
@@ -57,6 +59,7 @@ def imaging_of(scene: Scene) -> Imaging:
     taxels = scene.pad.num_taxels // scene.renderer.binning
     pixels = max(number for number in range(1, SAMPLES + 1) if taxels % number == 0)
     gains = faults_of(Gain, scene.faults)
+    blur, shift = (max(LIMITS[name][1], min(_TAXEL / taxels, _PART)) for name in ("blur", "shift"))
     return Imaging(
         scene.pad,
         taxels,
@@ -68,6 +71,8 @@ def imaging_of(scene: Scene) -> Imaging:
         dead=_broken(scene, DeadTaxels, taxels) if faults_of(DeadTaxels, scene.faults) else None,
         samples=-(-SAMPLES // pixels) * pixels,
         coarser=_COARSER if taxels > pixels and pixels % 2 == 0 else 0.0,
+        noisier=_NOISIER if pixels <= FEW_PIXELS else LIMITS["noise"][1],
+        displaced=(blur, shift),
     )
 
 
@@ -79,7 +84,7 @@ def sensor_state(imaging: Imaging, scene: Scene) -> SensorState:
         scene: in which it is used.
     """
     found = _state(imaging, scene)
-    found |= {name: np.clip(found[name], *limits) for name, limits in LIMITS.items()}
+    found |= {name: np.clip(found[name], *limits) for name, limits in imaging.limits.items()}
     shapes = {name: part.shape for name, part in SensorState.nominal(1)._asdict().items()}
     return SensorState(**{name: np.broadcast_to(part, shapes[name]).astype(np.float32) for name, part in found.items()})
 
@@ -125,8 +130,9 @@ def fields_read(imaging: Imaging, own: Mapping[str, Any], scene: Scene, here: Ma
         here: fields of that scene.
     """
     same, state = list(OBJECTS), _state(imaging, scene)
-    beyond = {name for name, (_, high) in LIMITS.items() if np.max(state[name]) > high + _ROUNDED}
-    beyond |= {name for name, (low, _) in LIMITS.items() if name != "noise" and np.min(state[name]) < low - _ROUNDED}
+    limits = imaging.limits.items()
+    beyond = {name for name, (_, high) in limits if np.max(state[name]) > high + _ROUNDED}
+    beyond |= {name for name, (low, _) in limits if name != "noise" and np.min(state[name]) < low - _ROUNDED}
     if isinstance(scene.press_model, Dynamic | Quasistatic):
         same.append("press_model")
     are_known = all(isinstance(fault, _KNOWN) for fault in scene.faults) and _are_full(scene)

@@ -20,7 +20,7 @@ from torch import Tensor
 from activetouch.perception.contacts.bodies import random_body
 from activetouch.perception.contacts.device_heights import DeviceBodies
 from activetouch.perception.contacts.images import encoded, images
-from activetouch.perception.contacts.imaging import BROKEN, LIMITS, Imaging, SensorState
+from activetouch.perception.contacts.imaging import BROKEN, Imaging, SensorState
 from activetouch.poses import hamilton_product, to_matrices
 from activetouch.pressing.height_maps import Window
 from activetouch.solids.raster import Surface, heights
@@ -88,7 +88,7 @@ class Batches:
         rng = np.random.default_rng([self.seed, number, len(self.bodies)])
         imaging, total = self.imaging, self.groups * self.touches
         usual, others = (self.worlds // 2, self.others) if number >= self.late else (1, 0)
-        states = drawn_worlds(rng, self.worlds, _NOMINAL, imaging.coarser, usual)
+        states = drawn_worlds(rng, self.worlds, imaging, _NOMINAL, usual)
         world = np.tile(np.arange(self.worlds), -(-total // self.worlds))[:total]
         narrow, broad = np.log(_CELLS)
         cells = np.exp(rng.uniform(narrow, broad, total))
@@ -137,12 +137,13 @@ def kept_body(number: int) -> Surface:
 
 
 def drawn_worlds(
-    rng: np.random.Generator, number: int, nominal: float, coarser: float = 0.0, usual: int = 1
+    rng: np.random.Generator, number: int, imaging: Imaging, nominal: float = _NOMINAL, usual: int = 1
 ) -> SensorState:
-    """Random worlds, in which each nuisance is as it should be with probability ``nominal``.
+    """Random worlds of a sensor, in which each nuisance is as it should be with probability ``nominal``.
 
     In the first ``usual`` worlds, all are, because the sensor mostly is.
     """
+    limits = imaging.limits
     broken = np.zeros((2, number, BROKEN, BROKEN), np.float32)
     for world in range(number):
         if rng.uniform() < 0.5:  # one or two cells, all of their taxels or some
@@ -151,14 +152,14 @@ def drawn_worlds(
                 broken[rng.integers(2), world, rng.integers(BROKEN), rng.integers(BROKEN)] = share
         elif rng.uniform() < 0.4:  # single taxels everywhere
             broken[rng.integers(2), world] = rng.uniform(0.0, 0.12)
-    strange = {name: rng.uniform(*LIMITS[name], number) for name in ("blur", "hysteresis")}
+    strange = {name: rng.uniform(*limits[name], number) for name in ("blur", "hysteresis")}
     for name in _FACTORS:
-        low, high = np.log2(LIMITS[name])
+        low, high = np.log2(limits[name])
         strange[name] = np.exp2(rng.uniform(low, high, number))
-    strange |= {"shift": rng.uniform(*LIMITS["shift"], (number, 2))}
+    strange |= {"shift": rng.uniform(*limits["shift"], (number, 2))}
     strange |= {"dead": broken[0], "stuck": broken[1] * (broken[0] == 0.0)}
     is_strange = rng.uniform(size=(number, 7)) > nominal
-    wide = rng.uniform(size=number) < coarser
+    wide = rng.uniform(size=number) < imaging.coarser
     is_strange &= (~wide | (rng.uniform(size=number) < 0.5))[:, None]  # and often is as it should be otherwise
     wide[:usual] = is_strange[:usual] = False
     drawn = SensorState.nominal(number)._asdict()

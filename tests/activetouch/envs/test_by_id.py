@@ -86,7 +86,7 @@ def test_many_tests_on_recorded_touches_restart_as_they_are_asked_to(mode):
         envs.step(np.zeros(8, int))
     observations, _ = envs.reset(seed=5)
     assert observations in envs.observation_space
-    alone.reset(np.arange(8), gymnasium.utils.seeding.np_random(5)[0])
+    alone.restart(np.arange(8), gymnasium.utils.seeding.np_random(5)[0])
     np.testing.assert_array_equal(observations, alone.observe())
     was_over, ends, chance = np.zeros(8, bool), set(), envs.unwrapped.np_random
     for _ in range(40):

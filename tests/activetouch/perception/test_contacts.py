@@ -55,7 +55,7 @@ def seen(imaging, maps, world):
 @pytest.mark.parametrize("shape", ["sphere", "cube", "cone"])
 def test_an_image_in_the_nominal_world_is_that_of_the_scene(shape, rng):
     placement = Placement(SHAPES[shape], 1.1, random_orientation(rng), np.array([0.001, -0.0015]))
-    wanted = GEL.image(Quasistatic().press(GEL.setup, placement, 2.0)).reshape(32, 4, 32, 4).mean(axis=(1, 3))
+    wanted = GEL.image(Quasistatic().press(GEL.pad, placement, 2.0)).reshape(32, 4, 32, 4).mean(axis=(1, 3))
     maps = predicted_contacts(
         placement.shape, placement.orientation[None], placement.offset, IMAGING.window, placement.scale, np.float32
     )

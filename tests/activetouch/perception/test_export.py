@@ -32,7 +32,6 @@ def classifier(backbone, input_size, channels=1, num_shapes=4):
 @pytest.mark.parametrize(
     ("backbone", "input_size", "image_shape"),
     [
-        ("cnn", 16, (4, 4)),
         ("grid_cnn", 32, (128, 128)),
         ("atto", 32, (64, 64, 3)),
     ],
@@ -71,7 +70,7 @@ def test_a_reader_with_hypotheses_averages_the_ratio_over_them(tmp_path, rng):
     reader.save(tmp_path / "reader.safetensors")
     reader = TactileReader.load(tmp_path / "reader.safetensors")
 
-    columns = (orientations, scales, np.zeros((number, 2)))
+    columns = (orientations, scales)
     with torch.inference_mode():
         given = [torch.from_numpy(column).float() for column in columns]
         expected = np.stack([g(Hypotheses(torch.full((number,), k), *given)).numpy() for k in range(3)])
@@ -84,23 +83,21 @@ def test_a_reader_with_hypotheses_averages_the_ratio_over_them(tmp_path, rng):
     np.testing.assert_allclose(reading.logits, np.log(np.exp(scores).mean(axis=2)), atol=1e-4)
 
 
-@pytest.mark.parametrize("knows_aims", [False, True])
-def test_a_network_of_hypotheses_gives_the_same_without_torch(knows_aims, rng):
+def test_a_network_of_hypotheses_gives_the_same_without_torch(rng):
     card = ClassifierCard(
         "cnn", 16, ("a", "b", "c"), ("p",), embedding=7, log_size_mean=0.02, log_size_std=0.06,
-        aim_scale=0.01 * knows_aims,
     )  # fmt: skip
     with torch.random.fork_rng():
         torch.manual_seed(0)
         network = HypothesisNetwork(card)
     orientations, scales = quaternions(60), sizes(Uniform(0.9, 1.1), 60)
-    shapes, aims = rng.integers(3, size=60), rng.normal(0.0, 0.01, (60, 2))
+    shapes = rng.integers(3, size=60)
     rotations = to_matrices(orientations)
     embedding = HypothesisEmbedding(card, arrays(network), rotations.astype(np.float32), scales.astype(np.float32))
-    columns = (torch.from_numpy(column).float() for column in (orientations, scales, aims))
+    columns = (torch.from_numpy(column).float() for column in (orientations, scales))
     expected = network(Hypotheses(torch.from_numpy(shapes), *columns)).detach().numpy()
     assert expected.std() > 0.02
-    np.testing.assert_allclose(embedding.embed(shapes, rotations, scales, aims), expected, atol=1e-5)
+    np.testing.assert_allclose(embedding.embed(shapes, rotations, scales), expected, atol=1e-5)
     first, _, _, last = embedding.layers
     narrow = (first[0][:7], first[1][:7])
     for layers in ((narrow,), (first, (last[0], last[1]), (last[0][:, :7], last[1]))):
@@ -110,7 +107,6 @@ def test_a_network_of_hypotheses_gives_the_same_without_torch(knows_aims, rng):
         {"sizes": scales[:0], "rotations": embedding.rotations[:0]},
         {"sizes": scales[:59]},
         {"sizes": np.append(scales[:59], 0.0)},
-        {"aims": aims[:59]},
         {"layers": ()},
         {"layers": (first, (last[0], last[1][:6]))},
     ):

@@ -28,7 +28,7 @@ SCENE = Scene(pad=Pad(num_taxels=32), press_model=Quasistatic())
 
 def image_of(orientation):
     placement = Placement(SCENE.solids["cone"], 1.0, np.asarray(orientation, float))
-    return SCENE.image(SCENE.press_model.press(SCENE.setup, placement, 2.0))
+    return SCENE.image(SCENE.press_model.press(SCENE.pad, placement, 2.0))
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -39,7 +39,7 @@ def test_a_turned_image_is_the_image_of_the_turned_object(seed, rng):
     chance = torch.Generator().manual_seed(seed)
     shown, angles = augment(image, Symmetry.ROTATIONS, 0.0, chance)
     kinds, sizes = torch.zeros(1, dtype=torch.long), torch.ones(1)
-    body = Hypotheses(kinds, orientation, sizes, torch.zeros(len(sizes), 2))
+    body = Hypotheses(kinds, orientation, sizes)
     orientation = turned(body, angles).orientations
     pressed = (255 * image_of(orientation[0])).round()
     assert np.abs(pressed - shown[0].numpy()).max() <= 2

@@ -137,7 +137,7 @@ def test_a_state_is_always_a_number_within_the_limits(own, what):
     world = sensor_state(imaging, EXTREME[what])
     assert world.code().shape == (1, STATE_SIZE)
     assert np.isfinite(world.code()).all()
-    for name, (low, high) in LIMITS.items():
+    for name, (low, high) in imaging.limits.items():
         assert (getattr(world, name) >= np.float32(low)).all()
         assert (getattr(world, name) <= np.float32(high)).all()
     for name in ("dead", "stuck"):

@@ -8,7 +8,8 @@ import pytest
 
 from activetouch import SCENES, TactileSensor
 from activetouch.perception import preparation, sensor_worlds
-from activetouch.perception.contacts.imaging import LIMITS, SensorState
+from activetouch.perception.contacts.imaging import SensorState
+from activetouch.perception.contacts.sensor_state import imaging_of
 from activetouch.perception.sensor_worlds import changed_worlds
 from activetouch.rendering import StuckTaxels
 from activetouch.sensor_files import MODELS
@@ -21,8 +22,8 @@ def few_worlds(few_hypotheses, monkeypatch):
     """As described, or with stuck taxels in one of the sixteen cells."""
     whole = changed_worlds
 
-    def some(usual):
-        found = whole(usual)
+    def some(imaging, usual):
+        found = whole(imaging, usual)
         rows = [i for i, label in enumerate(found.labels) if label.startswith("stuck taxels")]
         labels = tuple(found.labels[i] for i in rows)
         return sensor_worlds.Worlds(labels, SensorState(*(part[rows] for part in found.states)))
@@ -31,20 +32,24 @@ def few_worlds(few_hypotheses, monkeypatch):
     monkeypatch.setattr(preparation, "_TOUCHES", 288)
 
 
-def test_every_world_differs_from_what_is_described_and_is_within_what_readers_know():
+@pytest.mark.parametrize("name", ["gel", "coarse"])
+def test_every_world_differs_from_what_is_described_and_is_within_what_readers_know(name):
+    imaging = imaging_of(SCENES[name].scene)
     for usual in (
         SensorState.nominal(1),
         SensorState.nominal(1)._replace(noise=np.array([4.0]), shift=np.full((1, 2), 0.1)),
     ):
-        worlds = changed_worlds(usual)
+        worlds = changed_worlds(imaging, usual)
         codes = worlds.states.code()
         assert len(set(worlds.labels)) == len(worlds.labels) == len(codes)
         if usual.noise == 1.0:
             assert len(np.unique(codes, axis=0)) == len(codes)
             assert np.abs(codes).max(axis=1).min() > 0.01
-        for name, (low, high) in LIMITS.items():
-            part = getattr(worlds.states, name)
-            np.testing.assert_array_equal(part, np.clip(part, np.float32(low), np.float32(high)), name)
+            is_shifted = np.abs(worlds.states.shift).max() > 0.2
+            assert is_shifted == (name == "coarse")  # by a taxel, where there are only four
+        for part_name, (low, high) in imaging.limits.items():
+            part = getattr(worlds.states, part_name)
+            np.testing.assert_array_equal(part, np.clip(part, np.float32(low), np.float32(high)), part_name)
 
 
 def test_a_stuck_taxel_is_found_and_named(few_worlds):

@@ -43,7 +43,7 @@ def closed(press_model, shape, pose="corner", hand="three_finger", seed=0, scene
     rng = np.random.default_rng(seed)
     placement, depth = scene.place_in_palm(scene.sample_object(shape, rng), pose, rng)
     centre, met = np.array([depth, *placement.offset]), scene.hand.placements(placement, depth)
-    return press_model.close(scene.setup, met, scene.hand.rotations, centre, 2.0 * scene.hand.forces), scene
+    return press_model.close(scene.pad, met, scene.hand.rotations, centre, 2.0 * scene.hand.forces), scene
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,7 @@ def test_a_body_that_can_turn_turns_its_faces_to_opposed_pads():
     tilted = np.cos(0.1), 0.0, 0.0, np.sin(0.1)
     hand = Hand.parallel()
     placement = Placement(EXTENDED_SHAPES["cube"], 1.0, np.array(tilted), friction=0.1)
-    found = Closing().close(COARSE.setup, hand.placements(placement, 0.0), hand.rotations, np.zeros(3), [2.0, 2.0])
+    found = Closing().close(COARSE.pad, hand.placements(placement, 0.0), hand.rotations, np.zeros(3), [2.0, 2.0])
     assert np.abs(found.met[0].orientation @ [1.0, 0.0, 0.0, 0.0]) > np.cos(0.02)  # 11° before, a slippery cube
     assert [contact.depth < 0.001 for contact in found.contacts] == [True, True]  # by faces, not by edges
 

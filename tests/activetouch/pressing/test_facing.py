@@ -13,10 +13,9 @@ from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.facing import facing_geom
 from activetouch.pressing.guarded_move import GuardedMove
 from activetouch.pressing.pad import Pad
-from activetouch.pressing.setup import Setup
 from activetouch.shapes import Box, Mesh, Union
 
-SETUP = Setup(Pad(num_taxels=48))
+PAD = Pad(num_taxels=48)
 _CROSS = Union((Box((0.03, 0.008, 0.008)), Box((0.008, 0.008, 0.03))))
 
 
@@ -37,9 +36,9 @@ INTO_THE_BOWL = facing((0.0, 0.0, 1.0))
 
 def first_force(press, placement):
     """Position of the object's centre when the pad first feels it in a press of 1 N, and at the first touch."""
-    contact = press.press(SETUP, placement, 1.0)
+    contact = press.press(PAD, placement, 1.0)
     felt = np.flatnonzero(np.abs(contact.trace.force).sum(axis=1))
-    return contact.trace.position[felt[0], 0], first_touch(SETUP.pad, placement)[1]
+    return contact.trace.position[felt[0], 0], first_touch(PAD, placement)[1]
 
 
 @pytest.mark.parametrize("press", [Dynamic(speed=0.02, traced=True), GuardedMove()])
@@ -56,14 +55,14 @@ def test_hollow_shapes_are_met_at_their_surface_from_all_sides(shape, rng):
     for _ in range(5):
         placement = Placement(shape, rng.uniform(0.5, 1.5), random_orientation(rng), rng.uniform(-0.003, 0.003, 2))
         position, touching = first_force(GuardedMove(), placement)
-        exact = first_touch(replace(SETUP.pad, num_taxels=512), placement)[1]  # a tip may be between two taxels
+        exact = first_touch(replace(PAD, num_taxels=512), placement)[1]  # a tip may be between two taxels
         assert touching - 1e-4 <= position <= max(touching, exact) + 1e-4
 
 
 def test_what_the_pad_meets_lies_on_the_surface_and_reaches_the_first_touch():
     placement = Placement(BOWL, 1.2, facing((0.2, -0.1, 1.0)), np.array([0.002, 0.001]))
-    gap, touching = first_touch(SETUP.pad, placement)
-    found = (to_matrix(placement.orientation) @ facing_geom(SETUP.pad, placement, gap, touching).vertices.T) * 1.2
+    gap, touching = first_touch(PAD, placement)
+    found = (to_matrix(placement.orientation) @ facing_geom(PAD, placement, gap, touching).vertices.T) * 1.2
     assert found[0].min() == pytest.approx(-touching)
     beside = np.abs(found[1:] + placement.offset[:, None]).max()
-    assert beside <= SETUP.pad.half_width + 1e-9
+    assert beside <= PAD.half_width + 1e-9

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from activetouch.errors import BadRecording
-from activetouch.recorded import check_recorded, read_recorded
-from activetouch.recorded.bounded import read_bounded
+from activetouch.recorded import read_recorded
 
 BTS3 = Path(__file__).parents[2] / "fixtures" / "bts3"
 
@@ -22,31 +21,24 @@ def test_bts3_has_its_objects_poses_and_licence():
     assert touches.features.shape[1] == 72  # whether it slipped is not among them
     assert touches.licence == "MIT"
     assert "MIT License" in (BTS3 / "LICENSE").read_text()
-    assert check_recorded(touches)[-1].startswith("there are no features from where nothing was touched")
 
 
-def test_a_bomb_is_not_unpacked(tmp_path):
-    (tmp_path / "a.csv.gz").write_bytes(gzip.compress(bytes(2**20)))
-    with pytest.raises(BadRecording, match="more than 1000 bytes"):
-        read_bounded(tmp_path / "a.csv.gz", most=1000)
-
-
-HEADER = "object,action,session,category,untouched:a,x,y\n"
+HEADER = "object,action,session,category,x,y\n"
 
 
 def write_csv(folder, text, name="touches.csv"):
     (folder / name).write_text(text)
 
 
-def test_a_csv_gives_objects_actions_sessions_and_controls(tmp_path):
-    write_csv(tmp_path, HEADER + "mug,press,1,cup,0,1,2\nmug,rub,1,cup,0,3,4\n")
-    write_csv(tmp_path, HEADER + "can,press,2,tin,0.5,5,6\n", "more.csv")
+def test_a_csv_gives_objects_actions_and_sessions(tmp_path):
+    write_csv(tmp_path, HEADER + "mug,press,1,cup,1,2\nmug,rub,1,cup,3,4\n")
+    write_csv(tmp_path, HEADER + "can,press,2,tin,5,6\n", "more.csv")
     touches, _ = read_recorded(str(tmp_path), "csv")
     assert touches.object_names == ("can", "mug")
     assert touches.action_names == ("press", "rub")
-    assert touches.tasks == ("objects", "categories")
+    assert touches.for_task("categories").label_names == ("cup", "tin")
+    assert touches.for_task("categories").labels.tolist() == [1, 0, 0]
     assert touches.features.tolist() == [[5.0, 6.0], [1.0, 2.0], [3.0, 4.0]]
-    assert touches.controls["features where nothing was touched"].tolist() == [[0.5], [0.0], [0.0]]
     assert touches.sessions.tolist() == [2, 1, 1]
 
 
@@ -73,12 +65,12 @@ def test_an_error_in_a_csv_says_where_it_is(tmp_path, text, words):
 
 
 def test_an_npz_gives_what_its_arrays_hold(tmp_path):
-    arrays = {"features": np.ones((2, 3)), "object": np.array(["mug", "can"]), "untouched": np.zeros((2, 1))}
+    arrays = {"features": np.ones((2, 3)), "object": np.array(["mug", "can"])}
     words = {"licence": "MIT", "provenance": "here", "feature_names": np.array(list("xyz"))}
-    np.savez(tmp_path / "a.npz", **arrays, **words, **{"control:own": np.ones((2, 2))})
-    touches, _ = read_recorded(tmp_path / "a.npz", "npz")
+    np.savez(tmp_path / "a.npz", **arrays, **words, extra=np.ones(2))
+    touches, notes = read_recorded(tmp_path / "a.npz", "npz")
     assert (touches.licence, touches.provenance, touches.feature_names) == ("MIT", "here", ("x", "y", "z"))
-    assert set(touches.controls) == {"scalar features only", "own", "features where nothing was touched"}
+    assert notes[-1] == "ignored arrays: 'extra'"
 
 
 def test_an_npz_with_pickled_objects_runs_nothing(tmp_path):
@@ -141,8 +133,7 @@ def test_an_npz_that_says_it_is_larger_than_memory_is_refused(tmp_path):
         ({"session": np.arange("2024-01-01", "2024-01-07", dtype="datetime64[D]")}, "session is '2024-01-01'; it must"),
         ({"object": np.array([1.0, 1.0, 2.0, 2.0, np.nan, 3.0])}, "row 4 of .* names no object"),
         ({"features": np.full((6, 3), 1e200)}, "features of touch 0 .*hold 1e.200; .*up to 1e.100: use another unit"),
-        ({"untouched": np.ones(6)}, r"untouched in .* must be numbers \(n, C\), got float64 \(6,\)"),
-        ({"control:own": np.ones((5, 1))}, r"the control 'own' must be \(6, C\)"),
+        ({"features": np.ones(6)}, r"features in .* must be numbers \(n, F\), got float64 \(6,\)"),
         ({"object": np.array([b"\xff"] * 6)}, "cannot be read as .npz of plain arrays"),
     ],
 )
@@ -154,7 +145,7 @@ def test_an_array_of_another_kind_in_an_npz_is_said(tmp_path, arrays, words):
 
 def test_bts3_without_rows_is_refused(tmp_path):
     for pose in ("down", "45", "side"):
-        (tmp_path / f"bts3v2_palm_{pose}.csv").write_text(",".join(map(str, range(74))) + "\n")
+        (tmp_path / f"bts3v2_palm_{pose}.csv").write_text(",".join(["object", "slipped", *map(str, range(72))]) + "\n")
     with pytest.raises(BadRecording, match="no rows below their headers"):
         read_recorded(tmp_path, "bts3")
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from activetouch.errors import BadRecording
-from activetouch.recorded import bounded, check_recorded, read_recorded
+from activetouch.recorded import check_recorded, read_recorded, tables
 
 NOISE = np.random.default_rng(0).normal(size=(12, 2))
 
@@ -105,15 +105,15 @@ def test_a_set_with_more_than_the_limit_is_refused_in_every_format(name, limit, 
     write(tmp_path)
     num_touches, num_features = read_recorded(tmp_path, format_name)[0].features.shape
     size = num_touches if limit == "MOST_TOUCHES" else num_touches * num_features
-    monkeypatch.setattr(bounded, limit, size)
+    monkeypatch.setattr(tables, limit, size)
     read_recorded(tmp_path, format_name)
-    monkeypatch.setattr(bounded, limit, size - 1)
+    monkeypatch.setattr(tables, limit, size - 1)
     with pytest.raises(BadRecording, match=r"holds? more than"):
         read_recorded(tmp_path, format_name)
 
 
 def test_a_bomb_is_left_where_the_limit_is_reached(tmp_path, monkeypatch):
-    monkeypatch.setattr(bounded, "MOST_TOUCHES", 500)
+    monkeypatch.setattr(tables, "MOST_TOUCHES", 500)
     for row, words in (
         (b"mug,0\n", "hold more than 500 touches"),
         (b"\n", "characters or 1000 lines when decompressed"),
@@ -126,7 +126,7 @@ def test_a_bomb_is_left_where_the_limit_is_reached(tmp_path, monkeypatch):
 
 
 def test_a_long_line_is_refused_before_it_is_whole_in_memory(tmp_path, monkeypatch):
-    monkeypatch.setattr(bounded, "_LONGEST_LINE", 100)
+    monkeypatch.setattr(tables, "_LONGEST_LINE", 100)
     Path(tmp_path / "a.csv").write_text("object,x\nmug," + "1" * 100 + "\n")
     with pytest.raises(BadRecording, match=r"line 2 of .*a\.csv has more than 100 characters"):
         read_recorded(tmp_path, "csv")

@@ -10,7 +10,6 @@ from activetouch.errors import LabelMismatch, WrongScene
 from activetouch.perception.sealed_tensors import read_tensors, write_tensors
 from activetouch.recorded import RecordedTouches
 from activetouch.recorded.reader_file import RECORDED_READER, read_recorded_reader, write_recorded_reader
-from activetouch.recorded.splits import for_use
 from belief.errors import CannotWrite, CorruptFile, InvalidArgument, UnknownName
 from experiments.scene_choice import SceneChoice
 from experiments.sensor_choice import open_sensor
@@ -18,15 +17,14 @@ from experiments.sensor_choice import open_sensor
 THINGS = ("mug", "can", "ball", "box", "bowl", "cup")
 
 
-def recordings(rng, things=THINGS, kinds=None):
+def recordings(rng, things=THINGS):
     """Five sessions of each thing by two actions."""
     objects, sessions, actions = (axis.ravel() for axis in np.indices((len(things), 5, 2)))
     means = 3.0 * rng.normal(size=(len(things), 4))
     features = means[objects] + rng.normal(size=(len(objects), 4))
     names = ("f0", "f1", "f2", "f3")
-    labels = {} if kinds is None else {"categories": kinds}
     return RecordedTouches(
-        features, actions, objects, sessions, ("press", "rub"), things, labels, feature_names=names, licence="mine"
+        features, actions, objects, sessions, ("press", "rub"), things, feature_names=names, licence="mine"
     )
 
 
@@ -44,7 +42,7 @@ def test_a_loaded_sensor_reads_the_same_to_the_last_bit(rng, tmp_path):
         assert before.logits.tobytes() == after.logits.tobytes()
         assert np.isfinite(after.logits).all()
     assert loaded.model.to_fields() == made.model.to_fields()
-    assert (loaded.shape_labels, loaded.pose_labels) == (tuple(sorted(THINGS)), ("press", "rub"))
+    assert (loaded.shape_labels, loaded.pose_labels) == (THINGS, ("press", "rub"))
     assert loaded.origin == made.origin
     assert loaded.origin["licence"] == "mine"
 
@@ -58,16 +56,6 @@ def test_a_sensor_names_what_it_touches(sensor, rng):
     assert both.shape_labels == both.model.shape_labels == ("can", "mug")
     first = both.read(fresh.features[:1], ["press"])[0].logits
     assert first.tolist() == [touches[0].logits[sensor.shape_labels.index(name)] for name in ("can", "mug")]
-
-
-@pytest.mark.parametrize("task", ["objects", "categories"])
-def test_a_sensor_for_use_learns_from_every_touch(task, rng):
-    touches = recordings(rng, kinds=("round", "round", "round", "flat", "flat", "flat")).for_task(task)
-    split = for_use(touches)
-    assert sorted([*split.train, *split.calibration]) == list(range(60))
-    assert len(split.test) == 0
-    assert len(split.folds) == len(split.calibrated)
-    assert len(split.inner) == len(split.train)
 
 
 def test_what_needs_a_scene_refuses_a_sensor_of_recorded_touches(sensor, tmp_path):

@@ -43,11 +43,6 @@ def stl(header, num_promised=12):
     return header.ljust(80) + struct.pack("<I", num_promised) + b"".join(rows)
 
 
-def off(colour=""):
-    rows = [" ".join(map(str, vertex)) for vertex in BOX.tolist()]
-    return "\n".join([f"{len(BOX)} {len(QUADS)} 0", *rows, *(f"4 {a} {b} {c} {d}{colour}" for a, b, c, d in QUADS)])
-
-
 STL_TEXT = trimesh.exchange.stl.export_stl_ascii(TRIANGLES)
 FULL = [*FACES[:2].tolist(), *QUADS[1:]]
 BOXES = {
@@ -61,8 +56,6 @@ BOXES = {
     "text.ply": ply("ascii", FULL),
     "little.ply": ply("binary_little_endian", FULL),
     "big.ply": ply("binary_big_endian", FULL, ">"),
-    "plain.off": "OFF\n" + off(),
-    "colours.off": "# of a box\ncoff " + off(" 255 0 0 # red"),
     "solid.stl": stl(b"solid box"),
     "text.stl": STL_TEXT,
     "two.stl": STL_TEXT.replace("solid", "solid vertex 7") + "solid empty\nendsolid empty\n",
@@ -120,9 +113,6 @@ def test_corners_that_are_all_near_each_other_are_refused_before_their_pairs_are
         ("two.obj", obj(BOX, [(0, 1)]), "line 9: a face has 2 corners, it needs at least 3"),
         ("score.obj", "v 1_0 2 3\n", "line 1: '1_0' is not a decimal number"),
         ("arabic.obj", "v \u0661\u0662 2 3\n", "is not a decimal number"),
-        ("vast.off", "OFF\n4000000000 12 0\n" + off()[6:], "the file ends before vertex 15 of 4000000000"),
-        ("half.off", "OFF\n" + off().replace("4 0 1", "4 0 1.5"), "line 11: 1.5 is not a whole number"),
-        ("few.off", "OFF\n" + off().replace("4 0 1", "5 0 1"), "a face of 5 corners has 4 indices"),
         ("far.ply", ply("ascii", [*FULL, (0, 1, 8)]), "vertex 8, counted from 0, and there are 8"),
         ("text.ply", ply("ascii", FULL).replace(b"3 0", b"9 0"), "line 24: the line ends after 6 of 9 numbers"),
         ("cut.ply", ply("binary_big_endian", FULL, ">")[:-1], "ends before the end of face 7 of 7, which its header"),
@@ -178,7 +168,7 @@ def test_a_damaged_file_is_read_or_refused_by_name_and_nothing_else_is_said(name
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.simplefilter("ignore", MeshWarning)
-        for _ in range(40):
+        for _ in range(20):
             path = write(tmp_path, name, damaged(content, rng))
             try:
                 vertices, faces, _ = read_surface(path, 1.0)
@@ -188,6 +178,6 @@ def test_a_damaged_file_is_read_or_refused_by_name_and_nothing_else_is_said(name
                 refused += name in str(error)
                 continue
             read += 1
-    assert read + refused == 40
+    assert read + refused == 20
     assert min(read, refused) > 0
     assert capfd.readouterr() == ("", "")

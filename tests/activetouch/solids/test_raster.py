@@ -7,8 +7,8 @@ import trimesh
 from activetouch.poses import random_orientation, to_matrix
 from activetouch.shapes import Box
 from activetouch.solids import raster
+from activetouch.solids.mesh import first_entry
 from activetouch.solids.raster import Surface, heights
-from activetouch.solids.raycast import first_entry
 
 PIXEL, NUM = 0.001, 40
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=0.014)

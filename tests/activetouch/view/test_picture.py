@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from activetouch import SCENES, SHAPES
+from activetouch import SHAPES
 from activetouch.placement import Placement
 from activetouch.poses import turn
-from activetouch.pressing.setup import Setup
+from activetouch.pressing.pad import Pad
 from activetouch.view.picture import press_picture
 
 pytestmark = pytest.mark.mujoco
@@ -22,16 +22,8 @@ def share_of(image, colour):
 
 
 def test_object_and_pad_are_seen():
-    image = press_picture(Setup(), Placement(SHAPES["cone"], 1.0, turn("y", 1.0)), 0.002, 160, 120)
+    image = press_picture(Pad(), Placement(SHAPES["cone"], 1.0, turn("y", 1.0)), 0.002, 160, 120)
     assert image.shape == (120, 160, 3)
     assert image.dtype == np.uint8
     assert 0.03 < share_of(image, ORANGE) < 0.5
     assert 0.03 < share_of(image, DARK) < 0.5
-
-
-def test_the_paper_scene_shows_parked_objects():
-    scene = SCENES["paper"].scene
-    placement = Placement(SHAPES["sphere"], 1.0, turn("y", 0.0))
-    blue = (0.3, 0.5, 0.75)
-    assert share_of(press_picture(scene.setup, placement, 0.001, 160, 120), blue) > 0.005
-    assert share_of(press_picture(Setup(), placement, 0.001, 160, 120), blue) == 0.0

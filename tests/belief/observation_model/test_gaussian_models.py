@@ -9,8 +9,7 @@ from scipy.stats import multivariate_normal
 from belief import Touch
 from belief.observation_model import GaussianModel, PLDAModel
 from belief.observation_model.calibration_data import LabelledTouches
-from belief.observation_model.logit_embedding import LogitEmbedding
-from belief.observation_model.plda import Components, covariance, estimate_components
+from belief.observation_model.plda import Components, LogitEmbedding, covariance, estimate_components
 from belief.observation_model.selection import log_posteriors
 from belief.touch_batch import TouchBatch
 
@@ -114,7 +113,6 @@ def test_fitting_recovers_what_made_the_data(rng):
     parts = [variance * np.array([[1.0, rho], [rho, 1.0]]) for variance, rho in ((0.2, 0.5), (0.5, -0.3), (0.5, 0))]
     source = PLDAModel(LABELS, WIDE, rng.normal(size=(2, 3, 2)), Components(*parts))
     found = PLDAModel.fit(*collected(source, rng, 800, [0, 1] * 3))
-    assert found.status == "ok"
     for estimate, truth, tolerance in zip(fitted_parts(found), parts, (0.11, 0.135, 0.05), strict=True):
         np.testing.assert_allclose(estimate, truth, atol=tolerance)
     np.testing.assert_allclose(found.means * found.embedding.unit, source.means, atol=0.24)
@@ -143,14 +141,12 @@ def test_components_are_those_of_unbalanced_collections_on_average(poses, rng):
 def test_without_repeats_half_of_what_a_pose_does_not_share_is_taken_to_repeat(rng):
     source = random_plda(rng)
     found = PLDAModel.fit(*collected(source, rng, 300, [0, 1, 2]))
-    assert found.status == "no_repeats"
     np.testing.assert_allclose(found.components.of_pose, found.components.of_touch, rtol=1e-3, atol=1e-4)
 
 
 def test_with_one_touch_of_each_object_a_third_is_taken_for_each_part(rng):
     touches, shapes, _ = collected(random_plda(rng), rng, 100, [0, 1])
     found = PLDAModel.fit(touches, shapes, np.arange(200))
-    assert found.status == "one_touch_per_object"
     for part in found.components:
         np.testing.assert_array_equal(part, found.components.of_object)
 
@@ -167,7 +163,7 @@ def stops(model, batch, shapes, threshold=0.95):
     return claimed, right
 
 
-@pytest.mark.parametrize("correlation", [0.3, 0.9])
+@pytest.mark.parametrize("correlation", [0.9])
 def test_where_touches_repeat_it_claims_what_it_keeps_and_naive_bayes_claims_more(correlation, rng):
     parts = (variance * np.eye(2) for variance in (0.0, correlation, 1.0 - correlation))
     means = np.stack([1.6 * WIDE(TouchBatch(np.zeros((1, 3), int), np.eye(3)[None]))[0]] * 2)
@@ -218,16 +214,15 @@ def test_a_million_touches_of_one_object_weigh_no_more_than_their_mean(rng):
     [
         ({"means": np.zeros((3, 3, 1))}, r"means must be \(P, 3, 2\)"),
         ({"means": np.full((1, 3, 2), np.nan)}, "means in row .* holds a number that is not finite"),
-        ({"components": Components(*[np.zeros((2, 2))] * 3)}, "of_touch must be positive definite"),
-        ({"components": Components(*[-np.eye(2)] * 3)}, "of_object must be positive semidefinite"),
+        ({"components": Components(*[np.zeros((2, 2))] * 3)}, "of_touch must be symmetric and positive definite"),
+        ({"components": Components(*[-np.eye(2)] * 3)}, "of_object must be symmetric and positive semidefinite"),
         ({"components": Components(*[np.array([[1.0, 2.0], [0.0, 1.0]])] * 3)}, "symmetric"),
         ({"components": Components(*[np.eye(3)] * 3)}, "of shape"),
-        ({"status": "fine"}, "status must be one of"),
     ],
 )
 def test_what_cannot_be_is_refused(change, message, rng):
     model = random_plda(rng)
-    fields = {name: getattr(model, name) for name in ("shape_labels", "embedding", "means", "components", "status")}
+    fields = {name: getattr(model, name) for name in ("shape_labels", "embedding", "means", "components")}
     with pytest.raises(ValueError, match=message):
         PLDAModel(**{**fields, **change})
 

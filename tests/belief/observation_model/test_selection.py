@@ -5,12 +5,18 @@ from belief.observation_model import ConfusionModel
 from belief.observation_model.registry import fits
 from belief.observation_model.selection import (
     choose_observation_model,
-    cross_validated_nll,
     grouped,
     log_posteriors,
 )
 from belief.synthetic import random_model
 from belief.touch_batch import TouchBatch
+
+
+def loss_of(fit, touches, shapes, ids, num_folds=5):
+    choice = choose_observation_model(
+        touches, shapes, ids, shape_labels="abcd", num_poses=3, candidates={"it": fit}, num_folds=num_folds
+    )
+    return choice.losses["it"]
 
 
 def collect(rng, num_objects=40, touches_each=6):
@@ -53,7 +59,7 @@ def test_the_loss_is_the_mean_over_touches_seen_of_objects_and_of_their_poses(rn
                 for seen in range(1, len(some) + 1):
                     losses[kind].append(-log_posteriors(source, TouchBatch.of([some[:seen]]))[0, i % 4])
     expected = np.mean([np.mean(some) for some in losses.values()])
-    assert cross_validated_nll(lambda *_: source, touches, shapes, ids, 2) == pytest.approx(expected)
+    assert loss_of(lambda *_, **__: source, touches, shapes, ids, 2) == pytest.approx(expected)
 
 
 def test_the_choice_is_the_candidate_of_least_loss_fitted_to_all(rng):
@@ -71,12 +77,13 @@ def test_an_object_is_never_on_both_sides_of_a_fold(rng):
     owner = {id(touch): i for touch, i in zip(touches, ids, strict=True)}
     seen = []
 
-    def fit(some, truth, object_ids):
+    def fit(some, truth, object_ids, **_):
         assert [owner[id(touch)] for touch in some] == object_ids.tolist()
         seen.append(set(object_ids.tolist()))
         return ConfusionModel.fit(some, truth, num_poses=3)
 
-    cross_validated_nll(fit, touches, shapes, ids, num_folds=4)
+    loss_of(fit, touches, shapes, ids, num_folds=4)
+    assert seen.pop() == set(range(40))  # the fit to all
     assert all({i % 4 for i in fold} == {0, 1, 2, 3} for fold in seen)  # every shape, in every fold
     assert [len(fold) for fold in seen] == [30] * 4
     assert set.intersection(*seen) == set()
@@ -85,14 +92,14 @@ def test_an_object_is_never_on_both_sides_of_a_fold(rng):
 def test_the_model_that_made_the_data_beats_a_blunt_one(rng):
     source, touches, shapes, ids = collect(rng, num_objects=200)
     blunt = random_model(rng, sharpness=0.0)
-    losses = [cross_validated_nll(lambda *_, m=m: m, touches, shapes, ids) for m in (source, blunt)]
+    losses = [loss_of(lambda *_, m=m, **__: m, touches, shapes, ids) for m in (source, blunt)]
     assert losses[0] < losses[1]
 
 
 def test_more_folds_than_objects_are_refused(rng):
     source, touches, shapes, ids = collect(rng, num_objects=3)
     with pytest.raises(ValueError, match="between 1 and 3 folds"):
-        cross_validated_nll(lambda *_: source, touches, shapes, ids, num_folds=4)
+        loss_of(lambda *_, **__: source, touches, shapes, ids, num_folds=4)
 
 
 def test_groups_of_every_length_are_found_once(rng):

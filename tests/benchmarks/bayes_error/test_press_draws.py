@@ -21,5 +21,5 @@ def test_images_are_those_of_quasistatic_presses(shape, rng):
         found = ideal_presses(SCENE, placement, draws).reshape(5, 3, 4, 4)
         for j, f in np.ndindex(5, 3):
             placed = replace(placement, offset=draws.offsets[j])
-            contact = Quasistatic().press(SCENE.setup, placed, draws.forces[j, f])
+            contact = Quasistatic().press(SCENE.pad, placed, draws.forces[j, f])
             np.testing.assert_allclose(found[j, f], SCENE.image(contact), atol=1e-12)

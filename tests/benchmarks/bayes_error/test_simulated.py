@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from activetouch.data.dataset import CollectionPlan
+from activetouch.data.manifest import CollectionPlan
 from activetouch.named_scenes import SCENES
 from activetouch.pressing.press import Quasistatic
 from activetouch.sensor import TactileSensor

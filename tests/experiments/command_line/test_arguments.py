@@ -25,7 +25,7 @@ from experiments.search.replay import Replay
 from experiments.tradeoff.tradeoff import Tradeoff
 
 _NEEDED = {
-    Export: {"target": "cone", "out": Path("none")},
+    Export: {"folder": Path("none"), "out": Path("none")},
     Find: {"folder": Path("none"), "target": "mug"},
     Identify: {"folder": Path("none")},
     Live: {"target": "cone"},

@@ -42,17 +42,15 @@ def folder(tmp_path, monkeypatch):
 
 def commands(folder, trust):
     manifest = Manifest.of(SCENES["coarse"].scene, CollectionPlan(1, 1, 1), SceneChoice("own_code:scene").to_dict())
-    config = replace(Compare.from_config(folder), trust=trust, part="7/3")
-    merging = Compare(merge=(folder,), out=folder / "all", trust=trust)
+    config = replace(Compare.from_config(folder), trust=trust)
     return {
-        "compare --merge": merging.run,
         "replay": Replay(folder, trust=trust).run,
         "compare": config.run,
         "calibrate": partial(scene_of, manifest, Trust(folder, everything=trust)),
     }
 
 
-@pytest.mark.parametrize("name", ["compare --merge", "replay", "compare", "calibrate"])
+@pytest.mark.parametrize("name", ["replay", "compare", "calibrate"])
 def test_a_file_runs_no_code_unless_it_is_trusted(folder, name):
     with pytest.raises(FileNamesCode, match=r"names code: own_code:scene\..*add --trust"):
         commands(folder, trust=False)[name]()

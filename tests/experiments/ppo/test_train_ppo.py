@@ -18,9 +18,9 @@ from belief.errors import CorruptFile, UnknownName
 from belief.synthetic import random_model
 from experiments.command_line.arguments import BadArgument
 from experiments.ppo.recipe import PPORecipe
-from experiments.ppo.train_ppo import ALL, train_policies
-from experiments.ppo.training import POLICY, SETTINGS, OtherTraining, Training, evaluate, policy_of
-from planners.ppo import Policy, load_ppo_policy
+from experiments.ppo.train_ppo import train_policies
+from experiments.ppo.training import ALL, Training, evaluate, policy_of
+from planners.ppo import load_ppo_policy
 
 pytestmark = pytest.mark.torch
 POSES = ("p0", "p1", "p2")
@@ -56,29 +56,27 @@ def test_a_policy_for_numpy_does_what_sb3s_does(bank, sharp, tmp_path):
     np.testing.assert_array_equal(scores.argmax(axis=1), learner.predict(states, deterministic=True)[0])
 
 
-def test_training_learns_and_leaves_a_policy_and_a_curve_and_is_not_repeated(bank, sharp, tmp_path, monkeypatch):
+def test_training_learns_and_leaves_a_policy_and_is_not_repeated(bank, sharp, tmp_path, monkeypatch):
     sizes = {"num_envs": 64, "rollout": 16, "batch_size": 256, "hidden": (16, 16)}
     recipe = PPORecipe(state="posterior", steps=8192, beta=0.0, **sizes)
     some = training(bank, sharp, tmp_path, recipe)
-    curve = some.run()
-    assert curve[0].steps == 0
-    assert curve[-1].steps == 8192
-    assert curve[-1].mean_return > curve[0].mean_return + 0.3  # from about -0.1 to about 0.7
-    policy = Policy.from_bytes((tmp_path / POLICY).read_bytes())
+    untrained = evaluate(policy_of(some._learner(), some.card), some._episodes(bank, 500, 0.5))
+    policy, score = some.run()
+    assert score.mean_return > untrained.mean_return + 0.3  # from about -0.1 to about 0.7
     assert policy.card == some.card
-    again = evaluate(policy, BankEpisodes(bank, sharp, "shape_0", 2000, "posterior"))
-    assert again.mean_return == curve[-1].mean_return
+    assert evaluate(policy, BankEpisodes(bank, sharp, "shape_0", 2000, "posterior")) == score
     monkeypatch.setattr(Training, "_train", None)
-    assert some.run() == curve  # nothing is left to do
+    again, same = some.run()  # nothing is left to do
+    assert (again.to_bytes(), same) == (policy.to_bytes(), score)
 
 
 def test_a_training_that_is_started_again_ends_with_the_same_policy(bank, sharp, tmp_path):
     first, second = (training(bank, sharp, tmp_path / name) for name in ("first", "second"))
-    curve = first.run()
+    _, score = first.run()
     np.random.seed(1)  # noqa: NPY002  another process has another past
     torch.manual_seed(1)
-    assert second.run() == curve
-    assert (second.folder / POLICY).read_bytes() == (first.folder / POLICY).read_bytes()
+    assert second.run()[1] == score
+    assert second.path.read_bytes() == first.path.read_bytes()
 
 
 @pytest.fixture
@@ -116,8 +114,8 @@ def test_tensorboard_gets_a_log_of_each_training_where_it_is_asked_for(bank, sha
     short = replace(TINY, steps=128)
     train_policies(bank, bank, sharp, tmp_path, [short], ["shape_0", "shape_1"], 1, tensorboard=tmp_path / "logs")
     found = sorted(path.parent.name for path in (tmp_path / "logs").glob("*/events.out.tfevents.*"))
-    assert found == ["paper-shape_0-0_1", "paper-shape_1-0_1"]
-    assert not list(tmp_path.glob("paper*/*events*"))
+    assert [name[:15] for name in found] == ["paper-shape_0-0", "paper-shape_1-0"]
+    assert not list((tmp_path / "trainings").glob("*events*"))
 
 
 def test_a_training_that_diverges_says_so_with_advice(bank, sharp, tmp_path):
@@ -125,42 +123,36 @@ def test_a_training_that_diverges_says_so_with_advice(bank, sharp, tmp_path):
         training(bank, sharp, tmp_path, replace(TINY, learning_rate=1e30)).run()
 
 
-def test_a_folder_of_another_training_is_refused(bank, sharp, tmp_path):
-    training(bank, sharp, tmp_path).run()
-    with pytest.raises(OtherTraining, match=r"other settings \(recipe\)"):
-        training(bank, sharp, tmp_path, PPORecipe(steps=1024, num_envs=16, rollout=8, batch_size=64)).run()
-    with pytest.raises(OtherTraining, match=r"\(observation model\)"):
-        training(bank, replace(sharp, calibration=TemperatureScaling(2.0, "ok")), tmp_path).run()
-    other = replace(bank, logits=bank.logits + np.float32(1.0))
-    with pytest.raises(OtherTraining, match=r"\(bank, test bank\)"):
-        training(other, sharp, tmp_path).run()
+def test_a_training_of_other_settings_has_a_file_of_its_own(bank, sharp, tmp_path):
+    others = (
+        training(bank, sharp, tmp_path, replace(TINY, steps=1024)),
+        training(bank, replace(sharp, calibration=TemperatureScaling(2.0, "ok")), tmp_path),
+        training(replace(bank, logits=bank.logits + np.float32(1.0)), sharp, tmp_path),
+    )
+    assert len({some.path for some in (training(bank, sharp, tmp_path), *others)}) == 4
 
 
-def test_a_damaged_policy_or_curve_is_noticed(bank, sharp, tmp_path):
+def test_a_damaged_policy_is_noticed(bank, sharp, tmp_path):
     some = training(bank, sharp, tmp_path)
     some.run()
-    for name in (POLICY, SETTINGS):
-        whole = (tmp_path / name).read_bytes()
-        for damaged in (whole[: len(whole) // 2], whole[:-20] + bytes([whole[-20] ^ 4]) + whole[-19:]):
-            (tmp_path / name).write_bytes(damaged)
-            with pytest.raises(CorruptFile, match="start again"):
-                some.run()
-        (tmp_path / name).write_bytes(whole)
+    whole = some.path.read_bytes()
+    for damaged in (whole[: len(whole) // 2], whole[:-20] + bytes([whole[-20] ^ 4]) + whole[-19:]):
+        some.path.write_bytes(damaged)
+        with pytest.raises(CorruptFile, match="start again"):
+            some.run()
 
 
 def test_every_target_is_trained_and_the_best_seed_kept(bank, sharp, tmp_path):
-    recipes = [replace(TINY, steps=2048), replace(TINY, state="posterior", beta=0.0, steps=2048)]
-    found = train_policies(bank, bank, sharp, tmp_path, recipes, targets=("shape_1", "shape_3"), seeds=2)
+    recipes = [TINY, replace(TINY, state="posterior", beta=0.0)]
+    found = train_policies(bank, bank, sharp, tmp_path, recipes, targets=("shape_3",), seeds=2)
     found.save(tmp_path)
-    curves = json.loads((tmp_path / "curves.json").read_text())
+    scores = json.loads((tmp_path / "scores.json").read_text())
     for state in ("paper", "posterior"):
-        for target in ("shape_1", "shape_3"):
-            policy = load_ppo_policy(tmp_path / "policies", state, target)
-            seeds = [(tmp_path / f"{state}-{target}-{seed}" / POLICY).read_bytes() for seed in range(2)]
-            assert seeds[found.chosen[state, target]] == policy.to_bytes()
-            assert len(curves[state][target]) == 2
-            assert f"{state}, {target}: return " in str(found)
-    assert (tmp_path / "curves.svg").stat().st_size > 1000
+        policy = load_ppo_policy(tmp_path / "policies", state, "shape_3")
+        [chosen] = (tmp_path / "trainings").glob(f"{state}-shape_3-{found.chosen[state, 'shape_3']}-*")
+        assert chosen.read_bytes() == policy.to_bytes()
+        assert len(scores[state]["shape_3"]) == 2
+        assert f"{state}, shape_3: return " in str(found)
 
 
 @pytest.mark.parametrize(

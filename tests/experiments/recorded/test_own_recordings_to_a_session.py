@@ -1,6 +1,5 @@
 """From a CSV of real grasps to a live session: bts3, with grasps that nothing was trained on in place of a robot."""
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -8,11 +7,8 @@ import pytest
 
 from activetouch import RecordedSensor, TactileSensor
 from activetouch.errors import BadRecording
-from activetouch.formats import SessionTouches, read_lerobot, read_mcap, write_lerobot, write_mcap
 from activetouch.recorded import read_recorded
 from belief import Probe
-from benchmarks.recorded_sets.cy101 import read_cy101
-from benchmarks.recorded_sets.sdh2 import read_sdh2
 
 BTS3 = Path(__file__).parents[2] / "fixtures" / "bts3"
 
@@ -77,22 +73,13 @@ def test_sessions_find_objects_by_grasps_that_nothing_was_trained_on(sensor, gra
     assert right >= 3
 
 
-def test_logs_that_cannot_be_exported_are_refused(sensor, held, tmp_path):
-    session = sensor.session(held[0][0], num_objects=4, log=tmp_path / "log.jsonl")
-    with pytest.raises(BadRecording, match=r"logs must be of one touch or more.*log\.jsonl"):
-        SessionTouches.of_logs([tmp_path / "log.jsonl"])
-    session.tell(sensor.read(np.zeros((1, 72)), [0])[0])
-    session.close()
-    with pytest.raises(BadRecording, match=r"touch 0 in .*log\.jsonl must be told with an image"):
-        SessionTouches.of_logs([tmp_path / "log.jsonl"])
+def test_a_damaged_log_is_refused_by_name(tmp_path):
     (tmp_path / "log.jsonl").write_text("{}")
     with pytest.raises(BadRecording, match=r"log\.jsonl"):
-        SessionTouches.of_logs([tmp_path / "log.jsonl"])
+        read_recorded(tmp_path / "log.jsonl", "session")
 
 
-def test_a_session_with_a_log_goes_on_as_if_nothing_had_happened_and_its_touches_are_exported(
-    sensor, grasps, held, tmp_path
-):
+def test_a_session_with_a_log_goes_on_as_if_nothing_had_happened(sensor, grasps, held, tmp_path):
     names, last = held
     table, log = [3, 0, 2, 1], tmp_path / "today.jsonl"
     whole = played(sensor.session(names[0], num_objects=4), table, grasps, last)
@@ -104,36 +91,8 @@ def test_a_session_with_a_log_goes_on_as_if_nothing_had_happened_and_its_touches
     assert again.ask() == whole[3]
     again.reveal([names[index] for index in table])
     again.close()
-    touches = SessionTouches.of_logs([log])
-    size = sum(isinstance(action, Probe) for action in begun)
-    assert touches.targets == (names[0],)
-    assert touches.shapes == tuple(names[table[index]] for index in touches.objects)
-    assert touches.images.shape == (size, 72)
-    for image, shape in zip(touches.images, touches.shapes, strict=True):
-        assert (image == grasps.features[grasps.objects == names.index(shape)]).all(axis=1).any()
-    write_lerobot(tmp_path / "dataset", touches)
-    write_mcap(tmp_path / "touches.mcap", touches)
-    for read in (read_lerobot(tmp_path / "dataset"), read_mcap(tmp_path / "touches.mcap")):
-        assert read.images.tobytes() == touches.images.tobytes()
-        assert read.times.tobytes() == touches.times.tobytes()
-        assert read.pose_labels == sensor.pose_labels
-
-
-@pytest.mark.parametrize(("name", "task"), [("cy101", "categories"), ("sdh2", "shapes")])
-def test_sets_that_this_project_may_not_contain_become_sensors_where_they_are(name, task, tmp_path):
-    folder = os.environ.get(f"ACTIVETOUCH_{name.upper()}")
-    if not folder:
-        pytest.skip(f"ACTIVETOUCH_{name.upper()} names no folder with {name}")
-    touches, _ = {"cy101": read_cy101, "sdh2": read_sdh2}[name](Path(folder))
-    RecordedSensor.fit(touches, task).save(tmp_path)
-    sensor = TactileSensor.load(tmp_path)
-    labels, chosen = sensor.shape_labels[:3], touches.for_task(task)
-    session = sensor.among(labels).session(labels[1], num_objects=3, abstain=False)
-    rows = {
-        (index, action): chosen.rows[(chosen.labels == index) & (chosen.actions == action)]
-        for index in range(3)
-        for action in range(touches.num_actions)
-    }
-    played(session, [2, 0, 1], touches, rows)
-    session.reveal([labels[index] for index in (2, 0, 1)])
-    assert session.episode.success
+    touches, _ = read_recorded(log, "session")
+    assert touches.num_touches == sum(isinstance(action, Probe) for action in begun)
+    for row, thing in zip(touches.features, touches.objects, strict=True):
+        named = names.index(touches.object_names[thing])
+        assert (row == grasps.features[grasps.objects == named]).all(axis=1).any()

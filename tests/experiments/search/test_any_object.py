@@ -62,7 +62,7 @@ def test_what_several_processes_need_is_computed_once_before(meshes, monkeypatch
     ("scene", "advice"),
     [
         ("many", "Add --sensor gel"),
-        ("paper", "Make a sensor for this scene"),
+        ("paper", "Make one with the commands collect"),
         ("keyed", "Add --sensor gel"),
     ],
 )

@@ -4,7 +4,6 @@ import pytest
 
 from belief.errors import ActiveTouchError
 from belief.files import sealed_json
-from experiments.cli import _parsed
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
 from experiments.search.replay import Replay
@@ -47,15 +46,12 @@ def stop(*_, **__):
 
 
 READERS = {
-    "compare": lambda path: _parsed(["compare", "--config", str(path / "run.json"), "--out", str(path)]).run(),
+    "compare": lambda path: Compare.from_config(path / "run.json").run(),
     "replay": lambda path: Replay(path, out=path / "search.png").run(),
-    "merge": lambda path: Compare(merge=(path,), out=path / "merged").run(),
 }
 
 
-@pytest.mark.parametrize(
-    "reader", [pytest.param(name, marks=[pytest.mark.slow] * (name == "compare")) for name in READERS]
-)
+@pytest.mark.parametrize("reader", list(READERS))
 def test_a_field_of_a_wrong_type_is_a_clear_error_or_works(reader, run, tmp_path, monkeypatch):
     monkeypatch.setattr(Run, "play", stop)
     refused = 0

@@ -12,9 +12,9 @@ import pytest
 
 from experiments.search.fingerprint import fingerprint
 from planners import SequentialDecider
+from planners.baselines import ThresholdRule
 from planners.probing import FixedOrder, RandomOrder
 from planners.stopping import PosteriorThresholds
-from planners.threshold_rule import ThresholdRule
 
 ROOT = Path(__file__).parents[3]
 MINE = """

@@ -139,7 +139,7 @@ def test_a_decider_that_a_script_defines_plays_in_worker_processes(tmp_path):
 @pytest.mark.parametrize(
     ("deciders", "error", "words"),
     [
-        ({"oracle": "threshold"}, BadArgument, "another name"),
+        ({"": "threshold"}, BadArgument, "empty name"),
         ({"mine": 3}, BadArgument, "no method decide"),
         (["thresold"], UnknownName, "threshold"),
         ([], BadArgument, "got none"),
@@ -178,9 +178,9 @@ def test_a_name_that_leads_to_no_decider_says_why(name, error, words, coarse_tab
 
 @pytest.fixture(scope="module")
 def coarse_table():
-    from activetouch.sensor_files import MODELS, load_observation_model
+    from activetouch.sensor_files import MODELS, fitted_model
 
-    return load_observation_model(MODELS / "coarse").outcome_table()
+    return fitted_model(MODELS / "coarse").model.outcome_table()
 
 
 @pytest.mark.usefixtures("folder")

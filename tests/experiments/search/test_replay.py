@@ -1,4 +1,4 @@
-"""A recorded search can be seen again: as a picture, and as an animation with a picture for every step."""
+"""A recorded search can be seen again."""
 
 from dataclasses import replace
 
@@ -10,11 +10,9 @@ from scipy.special import logsumexp
 from experiments.scene_choice import SceneChoice
 from experiments.search.body_picture import Bodies
 from experiments.search.comparison import prepared
-from experiments.search.frames import replay
-from experiments.search.page import _story
 from experiments.search.play import play_episodes
 from experiments.search.replay import NoSuchEpisode, Replay
-from experiments.search.replay_figures import animate_search, draw_search
+from experiments.search.replay_figures import draw_search, replay
 from experiments.search.run_folder import read_episode
 from experiments.search.setting import Setting
 
@@ -41,21 +39,6 @@ def play(run, numbers):
     return play_episodes(run.searches, run.deciders["threshold"], 0, numbers)[0]
 
 
-def test_an_animation_has_a_picture_for_every_step_and_dwells_on_the_last(run, tmp_path):
-    folder, episodes = run
-    number = min(range(8), key=lambda n: (episodes[n].num_touches < 2, len(episodes[n].steps)))  # few pictures
-    out = tmp_path / "search.gif"
-    Replay(folder, decider="threshold", target="sphere", number=number, out=out).run()
-    with Image.open(out) as picture:
-        assert picture.n_frames == len(episodes[number].steps)
-        times = []
-        for frame in range(picture.n_frames):
-            picture.seek(frame)
-            picture.load()
-            times.append(picture.info["duration"])
-    assert times[-1] > 2 * times[0]
-
-
 def test_a_still_picture_is_drawn_of_the_last_search(run, tmp_path):
     Replay(run[0], decider="threshold", target="sphere", number=7, out=tmp_path / "search.png").run()
     with Image.open(tmp_path / "search.png") as picture:
@@ -72,12 +55,9 @@ def test_a_search_with_a_joint_belief_shows_the_bodies_it_believes_in(tmp_path):
         own = frame.evidence.log_likelihood
         if before and frame.step.object_index == 0:
             assert np.exp(own - logsumexp(own)) == pytest.approx(frame.posterior, abs=1e-6)
-    for draw, name, shown in ((draw_search, "search.png", frames), (animate_search, "search.gif", frames[:2])):
-        draw(episode, shown, searches.problem, tmp_path / name, bodies)
-        with Image.open(tmp_path / name) as picture:
-            assert picture.width > 400
-    for panel in _story(searches, "threshold", episode, bodies).panels:
-        assert (panel["body"] is None) == (panel["picture"] is None)
+    draw_search(episode, frames, searches.problem, tmp_path / "search.png", bodies)
+    with Image.open(tmp_path / "search.png") as picture:
+        assert picture.width > 400
     other = prepared(replace(COARSE, observation_model="independent"), "threshold", jobs=1)
     assert Bodies.of(other.searches.sensor) is None
     shown = replay(other.searches.sensor, other.searches.problem, play(other, [0])[0])

@@ -9,7 +9,6 @@ import pytest
 from belief.errors import CannotWrite, CorruptFile
 from belief.files import sealed_json
 from experiments.search.play import EPISODES_PER_BATCH, Seconds
-from experiments.search.run import Conflict, merge
 from experiments.search.run_folder import Batch, RunFolder, RunMismatch, _file_name
 
 CELL = ("threshold", "cone")
@@ -81,7 +80,7 @@ def test_a_folder_goes_on_with_its_own_run_only(tmp_path):
 
 @pytest.mark.parametrize(
     "text",
-    ["", "{", "[]", sealed_json({"format": 3}), sealed_json({"format": 2}), sealed_json({"format": 99}), "{}"],
+    ["", "{", "[]", sealed_json({"format": 4}), sealed_json({"format": 3}), sealed_json({"format": 99}), "{}"],
 )
 def test_a_damaged_run_json_or_one_of_another_version_is_a_clear_error_and_stays(tmp_path, text):
     (tmp_path / "run.json").write_text(text)
@@ -101,26 +100,3 @@ def test_a_full_disk_loses_nothing_and_says_what_to_do(tmp_path, monkeypatch):
         with pytest.raises(CannotWrite, match="make room"):
             folder.add(CELL, "k", 1, batch(1))
     assert RunFolder(tmp_path).held(CELL, "k")[0] == batch(0)
-
-
-def test_merging_takes_every_whole_batch_once(tmp_path):
-    started(tmp_path / "a", 0, 2)
-    started(tmp_path / "b", 1, 2)
-    for _ in range(2):  # again changes nothing
-        merge([tmp_path / "a", tmp_path / "b"], tmp_path / "all")
-        found = RunFolder(tmp_path / "all").batches(CELL)
-        assert sorted(number for _, number in found) == [0, 1, 2]
-    assert RunFolder(tmp_path / "all").read_run()["arguments"]["episodes"] == 50
-
-
-def test_runs_that_differ_are_not_merged(tmp_path):
-    started(tmp_path / "a", 0)
-    started(tmp_path / "b", 0, identity={"seed": 1})
-    with pytest.raises(RunMismatch, match="other seed"):
-        merge([tmp_path / "a", tmp_path / "b"], tmp_path / "all")
-    other = started(tmp_path / "c")
-    other.add(CELL, "k", 0, batch(0, word="y"))
-    with pytest.raises(Conflict, match="different episodes of threshold for cone, batch 0"):
-        merge([tmp_path / "a", tmp_path / "c"], tmp_path / "all")
-    with pytest.raises(FileNotFoundError, match="holds no run"):
-        merge([tmp_path / "nothing"], tmp_path / "all")

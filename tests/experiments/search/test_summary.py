@@ -11,9 +11,8 @@ from belief import Belief, Confirm, Probe, Reject, SearchProblem, Touch, Unsure
 from belief.statistics import clopper_pearson_interval, wilson_interval
 from belief.statistics.power import episodes_for_success
 from belief.table import Table
-from experiments.search.paired import prob_best
 from experiments.search.play import Seconds
-from experiments.search.summary import Summary, calibration_of_confirmations, summarise
+from experiments.search.summary import Summary, calibration_of_confirmations, prob_best, summarise
 from experiments.search.tables import comparison_tables
 from experiments.search.verdict import verdict_sentences
 from planners import Decision, Episode, Outcome, Step
@@ -33,13 +32,12 @@ def search(actions, target=0, arrangement=(0, 1), outcome=Outcome.CONFIRMED, cla
     return Episode((0, target, number), target, arrangement, tuple(steps), outcome)
 
 
-def compared(by_decider, rng, solved=(True,), reference=None, pressed_again=0):
+def compared(by_decider, rng, reference=None, pressed_again=0):
     """A comparison on one target, "a"."""
     return Summary.from_episodes(
         PROBLEM,
         {(name, "a"): some for name, some in by_decider.items()},
         {(name, "a"): Seconds(0.1, 0.2, 0.3, 10, pressed_again) for name in by_decider},
-        {"a": solved},
         reference or next(iter(by_decider)),
         rng,
     )
@@ -78,7 +76,6 @@ def test_differences_are_paired_episode_by_episode(rng):
     assert difference.touches[0] == pytest.approx(-1 / 3)
     assert difference.reward[0] == pytest.approx((10 * (-1.0 - 0.9)) / 30)
     assert comparison.no_touch_baseline == 0.5
-    assert comparison.oracle == (1, 1)
 
 
 def test_p_values_are_corrected_for_the_number_of_deciders(rng):
@@ -182,7 +179,7 @@ def test_every_table_has_the_numbers_of_the_comparison(rng):
     none = search("rtr", outcome=Outcome.EXHAUSTED)
     cut = search("tttt", outcome=Outcome.TRUNCATED)
     some = {"x": [right] * 18 + [wrong, wrong, none, cut], "y": [none] * 22}
-    found = compared(some, rng, solved=(True, False))
+    found = compared(some, rng)
     told = {table.name: table for table in comparison_tables(found)}
     low, high = wilson_interval(18, 22)
     x = (22, 18 / 22, (low, high), 2, 1, 1, pytest.approx(41 / 22), 2, 2, 4, found.cells["x", "a"].reward)
@@ -221,7 +218,6 @@ def test_the_floor_is_the_mean_over_the_targets_asked_for(rng):
         problem,
         {("x", "a"): [search("c", arrangement=(0, 1, 1))]},
         {("x", "a"): Seconds()},
-        {"a": [True]},
         "x",
         rng,
     )
@@ -231,7 +227,5 @@ def test_the_floor_is_the_mean_over_the_targets_asked_for(rng):
 def test_without_a_touch_it_may_be_best_to_reject_all(rng):
     problem = SearchProblem(("a", "b", "c"), ("p",), num_objects=1, composition="independent")
     targets = {(("x", label)): [search("c", arrangement=(0,))] for label in "ab"}
-    found = Summary.from_episodes(
-        problem, targets, dict.fromkeys(targets, Seconds()), {"a": [True], "b": [True]}, "x", rng
-    )
+    found = Summary.from_episodes(problem, targets, dict.fromkeys(targets, Seconds()), "x", rng)
     assert found.no_touch_baseline == pytest.approx(2 / 3)  # of three shapes the target is absent in two of three cases

@@ -25,7 +25,7 @@ def compared(*names, number=40):
         decider = make_decider(name, model.outcome_table())
         episodes[name, label] = search_lockstep(worlds, decider, problem, [0] * number, model, seeds)
     seconds = dict.fromkeys(episodes, Seconds())
-    return Summary.from_episodes(problem, episodes, seconds, {label: [True] * 4}, names[0], np.random.default_rng(0))
+    return Summary.from_episodes(problem, episodes, seconds, names[0], np.random.default_rng(0))
 
 
 @pytest.fixture(scope="module")

@@ -5,16 +5,15 @@ from pathlib import Path
 
 import pytest
 
-from activetouch.data.dataset import read_manifest
+from activetouch.data.manifest import read_manifest
 from activetouch.scene import Symmetry
 from activetouch.sensor_files import READER_FILE
 from activetouch.shapes import Mesh
-from experiments.command_line.collection_arguments import PlanArguments
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
 from experiments.search.setting import Setting
 from experiments.sensor.calibrate import Calibrate
-from experiments.sensor.collect import Collect
+from experiments.sensor.collect import Collect, PlanArguments
 from experiments.sensor.train import Changes, Train
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch, pytest.mark.slow]

@@ -6,8 +6,6 @@ import pytest
 from activetouch import SCENES
 from activetouch.data.dataset import read_split
 from activetouch.errors import ImpossibleRecipe
-from activetouch.perception.card import CLASSIFIER_FILE
-from activetouch.perception.classifier import TouchClassifier
 from activetouch.perception.reader import TactileReader
 from activetouch.perception.recipe import RECIPES
 from activetouch.sensor_files import READER_FILE
@@ -16,10 +14,9 @@ from belief.statistics import clopper_pearson_interval, cluster_bootstrap
 from belief.synthetic import random_model
 from belief.touch_batch import TouchBatch
 from experiments.command_line.arguments import BadArgument
-from experiments.command_line.collection_arguments import PlanArguments
 from experiments.scene_choice import SceneChoice
 from experiments.sensor.calibrate import best_order
-from experiments.sensor.collect import Collect
+from experiments.sensor.collect import Collect, PlanArguments
 from experiments.sensor.scores import accuracy_of_objects
 from experiments.sensor.train import Changes, Train, train_any_object
 
@@ -38,13 +35,13 @@ def trained(data, out, **settings):
     change = Changes(epochs=2, batch_size=64)
     settings = {"backbone": "cnn", "input_size": 16, "recipe": "large", "change": change, "jobs": 1} | settings
     Train(scene="coarse", data=data, out=out, **settings).run()
-    return TouchClassifier.load(out / CLASSIFIER_FILE)
+    return TactileReader.load(out / READER_FILE)
 
 
 def test_a_trained_classifier_knows_what_it_was_trained_on(data, tmp_path, capsys):
-    classifier, train = trained(data, tmp_path), read_split(data, "train")
-    card, reader = classifier.card, TactileReader.load(tmp_path / READER_FILE)
-    np.testing.assert_allclose(reader.read(train.images).logits, classifier.read(train.images).logits, atol=1e-4)
+    reader, train = trained(data, tmp_path), read_split(data, "train")
+    card = reader.card
+    assert (reader.read(train.images).labels == train.shapes).mean() > 0.4
     assert card.shape_labels == ("sphere", "cube", "cylinder", "cone")
     assert card.pixel_mean == pytest.approx(train.images.mean() / 255, abs=2e-3)
     assert card.pixel_std == pytest.approx(train.images.std() / 255, abs=5e-3)

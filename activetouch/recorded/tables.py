@@ -1,0 +1,171 @@
+"""From tables that others made to recorded touches: bounded in size, without running anything that they hold."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import zlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activetouch.errors import BadRecording
+from activetouch.recorded.touches import RecordedTouches
+from belief.files import plain_number, require_regular_file
+from belief.observation_model.action_kernel import numbered_sessions
+from belief.validation import Floats
+
+KINDS_OF = {"categories": "category", "shapes": "shape"}
+"""The column of each task besides ``objects``."""
+MOST_BYTES = 256 * 2**20
+"""Largest decompressed size of one file."""
+MOST_TOUCHES, MOST_NUMBERS, MOST_CHARACTERS = 2**20, 2**24, 2**26
+"""Most touches of a set, most numbers of their features, and most characters of a column of names, each as long as the
+longest."""
+_LONGEST_LINE = 2**22
+_MOST_SESSION = 2**53  # so that it is exact as a float
+
+
+def lines_of(path: Path) -> Iterator[tuple[int, str]]:
+    """Numbered lines of a text file, from 1, without empty ones; one at a time in memory; of ``.gz`` decompressed.
+
+    Raises:
+        BadRecording: the file cannot be read or decompressed, or holds more than ``MOST_BYTES`` characters, text that
+            is not UTF-8, a line of more than 4 MiB, or more than twice ``MOST_TOUCHES`` lines.
+    """
+    size = number = 0
+    require_regular_file(path, BadRecording)
+    try:
+        opened = gzip.open if path.suffix == ".gz" else open
+        with io.TextIOWrapper(opened(path, "rb"), encoding="utf-8-sig") as text:
+            while line := text.readline(_LONGEST_LINE + 1):
+                number, size = number + 1, size + len(line)
+                if len(line) > _LONGEST_LINE:
+                    raise BadRecording(f"line {number} of {path} has more than {_LONGEST_LINE} characters")
+                if size > MOST_BYTES or number > 2 * MOST_TOUCHES:
+                    raise BadRecording(
+                        f"{path} holds more than {MOST_BYTES} characters or {2 * MOST_TOUCHES} lines when "
+                        "decompressed; such files are not read"
+                    )
+                if line.strip():
+                    yield number, line.rstrip("\r\n")
+    except UnicodeDecodeError as error:
+        raise BadRecording(f"{path} is not text in UTF-8, save it as such: {error}") from error
+    except (OSError, EOFError, zlib.error) as error:
+        raise BadRecording(f"{path} cannot be read: {error}") from error
+
+
+def require_bounded(num_touches: int, num_numbers: int, source: str) -> None:
+    """Refuse a set that is too large.
+
+    Raises:
+        BadRecording: there are more than ``MOST_TOUCHES`` touches or ``MOST_NUMBERS`` numbers.
+    """
+    if num_touches > MOST_TOUCHES or num_numbers > MOST_NUMBERS:
+        raise BadRecording(
+            f"{source} hold more than {MOST_TOUCHES} touches or {MOST_NUMBERS} numbers; leave out touches or features"
+        )
+
+
+def require_short(name: str, longest: int, num_touches: int, source: str) -> None:
+    """Refuse a column of names that would need much memory as an array, where each is as long as the longest."""
+    if longest * num_touches > MOST_CHARACTERS:
+        raise BadRecording(
+            f"{name} in {source} has a name of {longest} characters; of {num_touches} names each has at most "
+            f"{MOST_CHARACTERS // num_touches}"
+        )
+
+
+def require_folder(folder: Path, what: str) -> None:
+    """Refuse what is no folder, and say what it must hold."""
+    if not folder.is_dir():
+        raise BadRecording(f"there is no folder {folder}; it must hold {what}")
+
+
+def touches_of_columns(
+    features: Floats,
+    columns: Mapping[str, NDArray[np.generic]],
+    source: str,
+    *,
+    place: Callable[[int], str] | None = None,
+    action_names: Sequence[str] = (),
+    feature_names: Sequence[str] = (),
+    provenance: str = "",
+    licence: str = "not stated",
+) -> RecordedTouches:
+    """The touches of a table.
+
+    Args:
+        features: ``(n, F)``.
+        columns: ``object`` and, where given, ``action``, ``session``, ``category`` and ``shape``, each ``(n,)``.
+        source: where the table comes from, for messages.
+        place: names a row in messages, such as "line 7 of mugs.csv"; by default "row 5 of SOURCE", counted from 0.
+        action_names: all actions in their order; by default those of the column, sorted.
+        feature_names: F names, where the features have some.
+        provenance: where the set comes from; the source by default.
+        licence: its licence.
+
+    Raises:
+        BadRecording: no feature, an object without a name or with two categories or shapes, or sessions that are not
+            integers; the message names the row and the column.
+
+    >>> table = touches_of_columns(np.ones((2, 1)), {"object": np.array(["mug", "can"])}, "here")
+    >>> table.object_names, table.action_names
+    (('can', 'mug'), ('touch',))
+    """
+    n, place = len(features), place or (lambda row: f"row {row} of {source}")
+    for name, values in columns.items():
+        if values.shape != (n,):
+            raise BadRecording(
+                f"{name} in {source} must be ({n},) as there are {n} rows of features, got {values.shape}"
+            )
+    if features.size == 0:
+        raise BadRecording(f"{source} has no features: every column besides object, action and session is one")
+    object_names, objects = np.unique(columns["object"].astype(str), return_inverse=True)
+    if "" in object_names:
+        raise BadRecording(f"{place(int(np.argmax(columns['object'].astype(str) == '')))} names no object")
+    given = columns.get("action", np.full(n, "touch")).astype(str)
+    ordered = tuple(action_names) or tuple(map(str, np.unique(given)))
+    actions = np.array([ordered.index(name) for name in given.tolist()])
+    sessions = numbered_sessions(objects, actions)
+    if "session" in columns:
+        sessions = _sessions(columns["session"], place)
+    kinds = {
+        task: _kinds(column, columns[column].astype(str), objects, place)
+        for task, column in KINDS_OF.items()
+        if column in columns
+    }
+    names = ordered, tuple(map(str, object_names))
+    return RecordedTouches(
+        features, actions, objects, sessions, *names, provenance or source, licence, tuple(feature_names), kinds
+    )
+
+
+def _kinds(
+    column: str, values: NDArray[np.str_], objects: NDArray[np.intp], place: Callable[[int], str]
+) -> tuple[str, ...]:
+    """The category or shape of each object."""
+    firsts = np.unique(objects, return_index=True)[1]
+    if (others := np.flatnonzero(values != values[firsts][objects])).size:
+        row, first = int(others[0]), int(firsts[objects[others[0]]])
+        raise BadRecording(
+            f"{place(row)} names an object with two of {column}: {str(values[row])!r} here and {str(values[first])!r} "
+            f"in {place(first)}"
+        )
+    return tuple(map(str, values[firsts]))
+
+
+def _sessions(values: NDArray[np.generic], place: Callable[[int], str]) -> NDArray[np.int64]:
+    for row, value in enumerate(values.tolist()):
+        try:
+            number = plain_number(value) if isinstance(value, str) else float(value)
+            is_whole = number.is_integer() and abs(number) < _MOST_SESSION
+        except (TypeError, ValueError):  # such as dates
+            is_whole = False
+        if not is_whole:
+            raise BadRecording(
+                f"{place(row)}: the session is {str(value)[:40]!r}; it must be a whole number, in order of recording"
+            )
+    return values.astype(np.float64).astype(np.int64)

@@ -1,0 +1,248 @@
+"""Measurements of a calibration report, and the report: sentences, tables and a figure."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from belief.files import write_text
+from belief.metrics import (
+    CalibrationAtStop,
+    CalibrationError,
+    CalibrationReport,
+    accuracy,
+    calibration_at_stop,
+    expected_calibration_error,
+    negative_log_likelihood,
+    null_quantile,
+)
+from belief.metrics.calibration_at_stop import stops
+from belief.observation_model.model import ArrayModel
+from belief.observation_model.selection import log_posteriors_by_touch
+from belief.table import Table, Value
+from experiments.calibration.sequences import Sequences
+from experiments.reporting.page import Section
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+RAW, DEFAULT = "raw softmax", "structured_matrix"
+"""Names of the classifier's softmax and of the default calibration."""
+UNDISCOUNTED = "independent"
+"""Name of the ratio model without its discount: touches in one pose are taken as independent."""
+_PREFERRED = ("rigid body", "ratio")  # whose numbers the verdict states, the first that was fitted
+_FUSED = 6  # largest number of touches with scores
+_NULL_RESAMPLES = 200
+
+
+@dataclass(frozen=True)
+class Fused:
+    """Scores of the posterior after a number of touches of one kind of sequence, under a uniform prior."""
+
+    num_touches: int
+    accuracy: float
+    nll: float
+    ece: CalibrationError
+
+
+@dataclass(frozen=True)
+class ModelScores:
+    """Scores of an observation model on test sequences.
+
+    Attributes:
+        name: name of the model.
+        fused: scores after 1, 2, … touches, by kind of sequence.
+        stops: stated confidence and accuracy at stopping, by kind of sequence; None if none stopped.
+    """
+
+    name: str
+    fused: Mapping[str, Sequence[Fused]]
+    stops: Mapping[str, CalibrationAtStop | None]
+
+
+def score_model(
+    name: str, model: ArrayModel, sequences: Mapping[str, Sequences], confidence: float, rng: np.random.Generator
+) -> ModelScores:
+    """Scores of a fitted model by number of touches and at stopping, for every kind of sequence.
+
+    Args:
+        name: name of the model.
+        model: the fitted model.
+        sequences: test sequences by kind.
+        confidence: posterior at which a search stops.
+        rng: random generator for null quantiles.
+    """
+    fused: dict[str, list[Fused]] = {}
+    stopped: dict[str, CalibrationAtStop | None] = {}
+    for kind, of_kind in sequences.items():
+        log_probs, shapes = log_posteriors_by_touch(model, of_kind.batch), of_kind.shapes
+        fused[kind] = []
+        for number, probs in enumerate(np.exp(log_probs[:, :_FUSED]).swapaxes(0, 1), 1):
+            chance = null_quantile(probs, expected_calibration_error, rng, num_resamples=_NULL_RESAMPLES)
+            error = CalibrationError(expected_calibration_error(probs, shapes), chance)
+            nll = negative_log_likelihood(probs, shapes)
+            fused[kind].append(Fused(number, accuracy(probs, shapes), nll, error))
+        found = stops(log_probs, shapes, confidence)
+        stated = np.minimum(found.claims, 1.0)
+        stopped[kind] = calibration_at_stop(stated, found.correct, found.num_touches) if len(stated) else None
+    return ModelScores(name, fused, stopped)
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """All numbers of a calibration report.
+
+    Attributes:
+        scene: name of the scene.
+        seed: seed of all random numbers.
+        confidence: posterior at which searches stop.
+        num_objects: number of objects by split.
+        num_rounds: number of rounds of all poses in which every object was touched.
+        touches: scores and calibration errors of single touches by calibration, the raw softmax first.
+        models: scores in the order of the registry of models, the model without a discount last.
+    """
+
+    scene: str
+    seed: int
+    confidence: float
+    num_objects: Mapping[str, int]
+    num_rounds: int
+    touches: Mapping[str, CalibrationReport]
+    models: Sequence[ModelScores]
+
+    def __str__(self) -> str:
+        pieces = [[f"# {s.title}", *s.sentences, *(table.markdown() for table in s.tables)] for s in sections(self)]
+        return "\n\n".join(chain.from_iterable(pieces))
+
+    def save(self, folder: Path) -> None:
+        """Write ``report.html``, ``numbers.json``, ``tables.md`` and the figure into a folder.
+
+        Raises:
+            CannotWrite: The disk is full, or the folder is not writable.
+        """
+        from experiments.reporting.page import write_page  # loads jinja2
+        from experiments.reporting.style import Picture  # loads matplotlib
+
+        report = sections(self)
+        picture = Picture(
+            "reliability",
+            "Accuracy of touches by their confidence. A calibrated model's points lie in the grey bars 95 % of the "
+            "time (if touches are independent); the area of a point shows its fraction of the touches.",
+            [_panel(name, self.touches[name]) for name in (RAW, DEFAULT)],
+        )
+        report[1] = Section(report[1].title, report[1].sentences, report[1].tables, [picture])
+        write_page(folder / "report.html", f"Calibration in the scene “{self.scene}”", report)
+        write_text(folder / "numbers.json", json.dumps(asdict(self), indent=1, default=np.ndarray.tolist) + "\n")
+        tables = [table.markdown() for section in report for table in section.tables]
+        write_text(folder / "tables.md", "\n\n".join(tables) + "\n")
+        picture.write(folder)
+
+    @property
+    def model(self) -> ModelScores:
+        """Scores of the model that sensors ship with: of one body if it could be fitted, otherwise the ratio."""
+        return min((m for m in self.models if m.name in _PREFERRED), key=lambda m: _PREFERRED.index(m.name))
+
+
+def _panel(name: str, report: CalibrationReport) -> Callable[[Axes], None]:
+    def draw(axes: Axes) -> None:
+        report.curve.plot(axes)
+        axes.set_title(name)
+
+    return draw
+
+
+def sections(found: Measurements) -> list[Section]:
+    """All sections of the report, the verdict first."""
+    return [_verdict(found), _touches(found), _fusion(found), _stops(found)]
+
+
+def _verdict(found: Measurements) -> Section:
+    worst = {kind: max(fused, key=lambda score: score.ece.value) for kind, fused in found.model.fused.items()}
+    fused = "; ".join(f"{kind} {_error(s.ece)} after {s.num_touches}" for kind, s in worst.items())
+    sentences = [
+        f"A touch, calibrated by {DEFAULT}, has a mean calibration error over shapes of "
+        f"{_error(found.touches[DEFAULT].ece_classwise)}.",
+        f"Fused by {found.model.name}, the largest error after any number of touches is: {fused}.",
+    ]
+    for scores in (found.model, found.models[-1]):
+        stopped = [
+            f"{kind} {c.overall.mean_stated:.3f} and {c.overall.share_right:.3f}"
+            for kind, c in scores.stops.items()
+            if c
+        ]
+        stated = "; ".join(stopped) or "no search stopped"
+        sentences.append(f"Stated confidence and accuracy at stopping with {scores.name}: {stated}.")
+    kinds = ", ".join(found.model.fused)
+    measured = (
+        f"Scene {found.scene}, seed {found.seed}. Models were fitted to {found.num_objects['calibration']} objects and "
+        f"measured on {found.num_objects['test']} others, each touched in {found.num_rounds} rounds of all poses. "
+        f"Sequences: {kinds}; all have a uniform prior. “{UNDISCOUNTED}” is the ratio model with touches in one pose "
+        "assumed independent. In brackets: the error by chance, the 95 % quantile of the error of a perfectly "
+        "calibrated model with the same predictions and independent labels. Errors of touches of one object are "
+        "correlated, so the true quantile is larger."
+    )
+    return Section("Verdict", [" ".join(sentences), measured])
+
+
+def _touches(found: Measurements) -> Section:
+    raw, default = found.touches[RAW], found.touches[DEFAULT]
+    rows: list[tuple[Value, ...]] = [
+        (
+            name,
+            *(scores.negative_log_likelihood, scores.brier, scores.accuracy),
+            *map(_error, (scores.ece_width, scores.ece_mass, scores.smooth, scores.ece_classwise)),
+        )
+        for name, scores in found.touches.items()
+    ]
+    numbers = [(name, ".4f") for name in ("NLL", "Brier", "accuracy")]
+    columns = ["calibration", *numbers, "ECE", "ECE, equal mass", "smooth", "classwise"]
+    sentence = (
+        f"Calibrated by {DEFAULT}, a touch has an NLL of {default.negative_log_likelihood:.4f} instead of "
+        f"{raw.negative_log_likelihood:.4f}, and a calibration error of {default.ece_width.value:.4f} instead of "
+        f"{raw.ece_width.value:.4f}."
+    )
+    title = f"Single touches of the test split, {raw.num_rows} (in brackets: chance)"
+    return Section("A single touch", [sentence], [Table(title, columns, rows)])
+
+
+def _fusion(found: Measurements) -> Section:
+    tables = []
+    for kind, each in found.model.fused.items():
+        last = f"NLL after {each[-1].num_touches}"
+        columns = ["model", (last, ".4f"), *(f"error after {fused.num_touches}" for fused in each)]
+        rows: list[tuple[Value, ...]] = [
+            (s.name, s.fused[kind][-1].nll, *(_error(fused.ece) for fused in s.fused[kind])) for s in found.models
+        ]
+        tables.append(Table(f"Calibration error by number of touches (chance), {kind}", columns, rows))
+    return Section("Touches fused", [], tables)
+
+
+def _stops(found: Measurements) -> Section:
+    tables = []
+    for kind in found.model.stops:
+        rows: list[tuple[Value, ...]] = []
+        for scores in found.models:
+            if (stopped := scores.stops[kind]) is None:
+                rows.append((scores.name, 0, *[None] * 4))
+                continue
+            every = stopped.overall
+            mean = sum(part.count * (part.num_touches or 0) for part in stopped.by_num_touches) / every.count
+            rows.append((scores.name, every.count, mean, every.mean_stated, every.share_right, (every.low, every.high)))
+        numbers = [("touches", ".2f"), ("confidence", ".4f"), ("accuracy", ".4f"), ("95 %", ".4f")]
+        tables.append(Table(f"Stops at {found.confidence:g}, {kind}", ["model", ("stops", "d"), *numbers], rows))
+    sentence = (
+        f"A search that touches until a shape has a posterior of {found.confidence:g} stops where favourable noise and "
+        "the model's confidence in it are greatest. The stated confidence must be right after few touches and after "
+        "many, not only on average."
+    )
+    return Section("Stopping", [sentence], tables)
+
+
+def _error(error: CalibrationError) -> str:
+    return f"{error.value:.4f} ({error.null_quantile:.4f})"

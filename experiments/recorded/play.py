@@ -1,0 +1,197 @@
+"""Identification of recorded objects, and searches among them, in one split of recorded touches."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import log_softmax
+
+from activetouch.recorded.reader import Reading, read
+from activetouch.recorded.splits import Split
+from activetouch.recorded.touches import RecordedTouches
+from activetouch.recorded.world import RecordedBank, RecordedWorld
+from belief.observation_model.action_kernel import ActionKernelModel, touch_weights
+from belief.observation_model.calibration_data import LabelledTouches
+from belief.problem import SearchProblem
+from belief.validation import Floats
+from planners.decider import Decider, ProbeSelector, SequentialDecider
+from planners.episode import Episode
+from planners.identification import Identification, identify
+from planners.pose_order import greedy_order
+from planners.probing import GivenOrder, RandomOrder, ShapeInformationGain
+from planners.registry import make_decider
+from planners.search import search
+from planners.stopping import PosteriorThresholds
+
+RANDOM, FIXED, GAIN = "random order", "best fixed order", "information gain"
+
+
+@dataclass(frozen=True, eq=False)
+class Fold:
+    """A split after reading, calibration and the fit of correlations.
+
+    Attributes:
+        reading: the reader and what it read.
+        bank: the test touches.
+        model: observation model, fitted to the calibration touches.
+        order: names of the actions in the best fixed order on the calibration touches.
+    """
+
+    reading: Reading
+    bank: RecordedBank
+    model: ActionKernelModel
+    order: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Named:
+    """One identification: who chose the actions, of which object, and how it was named."""
+
+    decider: str
+    object_index: int
+    result: Identification
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """One search: its decider, the number of its scene, whose searches are about the same objects, and its return."""
+
+    decider: str
+    scene: int
+    episode: Episode
+    reward: float
+
+
+def prepare(touches: RecordedTouches, split: Split, threshold: float) -> Fold:
+    """Read a split, and fit what its searches need.
+
+    Args:
+        touches: the set, for a task.
+        split: its rows.
+        threshold: probability at which searches stop, for the ranking of fixed orders.
+    """
+    reading, test = read(touches, split), split.test
+    names, rows = touches.action_names, reading.calibration_rows
+    columns = touches.labels[test], touches.objects[test], touches.actions[test], touches.sessions_of(test)
+    bank = RecordedBank(touches.label_names, names, reading.test_ratios, *columns)
+    model = reading.model(touches, repeats=bank.repeats)
+    data = touches.labelled(rows, reading.calibration_ratios)
+    order = best_order(data, touches.sessions_of(rows), model.kernel, threshold)
+    return Fold(reading, bank, model, tuple(names[action] for action in order))
+
+
+def best_order(data: LabelledTouches, sessions: NDArray[np.int64], kernel: Floats, threshold: float) -> tuple[int, ...]:
+    """The better of two greedy orders: by the negative log posterior, and by the share of certain objects.
+
+    Better is which needs fewer touches on the calibration data until a label has the probability ``threshold``.
+
+    Args:
+        data: calibration touches.
+        sessions: of each, ``(n,)``; those that have a touch with every action count.
+        kernel: correlations between actions, ``(P, P)``.
+        threshold: probability at which searches stop.
+    """
+    _, group = np.unique(np.stack([data.objects, sessions]), axis=1, return_inverse=True)
+    table = np.full((int(group.max()) + 1, data.num_poses, data.num_shapes), np.nan)
+    labels = np.zeros(len(table), np.int64)
+    table[group.ravel(), data.poses] = data.logits
+    labels[group.ravel()] = data.shapes
+    whole = ~np.isnan(table).any(axis=(1, 2))
+    ratios, labels = table[whole], labels[whole]
+    if len(ratios) == 0 or data.num_poses == 1:
+        return tuple(range(data.num_poses))
+
+    def fused(actions: tuple[int, ...]) -> Floats:
+        """Log posteriors after one touch with each of some actions, ``(G, K)``."""
+        counts = np.bincount(actions, minlength=len(kernel))
+        return np.asarray(log_softmax(np.einsum("p,gpk->gk", touch_weights(counts, kernel) * counts, ratios), axis=1))
+
+    def loss(actions: tuple[int, ...]) -> float:
+        return -float(fused(actions)[np.arange(len(labels)), labels].mean())
+
+    def uncertain(actions: tuple[int, ...]) -> float:
+        return -float((fused(actions).max(axis=1) >= np.log(threshold)).mean()) + 1e-3 * loss(actions)
+
+    def mean_touches(order: tuple[int, ...]) -> float:
+        waiting, total = np.ones(len(ratios), np.bool_), 0.0
+        for step in range(len(order)):
+            total += waiting.mean()
+            waiting &= fused(order[: step + 1]).max(axis=1) < np.log(threshold)
+        return total
+
+    size = data.num_poses
+    return min((greedy_order(size, size, score)[0] for score in (loss, uncertain)), key=mean_touches)
+
+
+def identify_all(fold: Fold, seed: Sequence[int], threshold: float, max_touches: int, rounds: int) -> list[Named]:
+    """Identify every test object with all deciders.
+
+    Args:
+        fold: the split, whose test touches are played.
+        seed: of all identifications.
+        threshold: probability at which to stop.
+        max_touches: of an object.
+        rounds: identifications of each object, each with another order of sessions.
+    """
+    bank, found = fold.bank, []
+    limit, objects = min(max_touches, bank.repeats * len(bank.action_names)), np.unique(bank.objects).tolist()
+    is_one_session = all(len(np.unique(bank.sessions[bank.objects == index])) == 1 for index in objects)
+    selectors: dict[str, ProbeSelector] = {
+        RANDOM: RandomOrder(),
+        FIXED: GivenOrder(fold.order),
+        GAIN: ShapeInformationGain(fold.model.outcome_table(128)),
+    }
+    for name, selector in selectors.items():
+        for index in objects:
+            for number in range(1 if is_one_session and name != RANDOM else rounds):
+                words = [*seed, index, number]
+                world = RecordedWorld(bank, [index], words)
+                result = identify(world, selector, fold.model, bank.action_names, words, threshold, limit)
+                found.append(Named(name, index, result))
+    return found
+
+
+def find_all(
+    fold: Fold, deciders: Sequence[str], seed: Sequence[int], num_objects: int, num_scenes: int, max_touches: int
+) -> list[Found]:
+    """Search for every object of random scenes with all deciders.
+
+    The robot knows which labels lie on the table, as in a search among distinct shapes, but not where. There are no
+    searches where the test objects have fewer than N different labels.
+
+    Args:
+        fold: the split, whose test touches are played.
+        deciders: names for :func:`planners.registry.make_decider`, or "best fixed order".
+        seed: of scenes and searches.
+        num_objects: N, all of different labels.
+        num_scenes: scenes, each with one search for each of its objects.
+        max_touches: of one object, for deciders with thresholds.
+    """
+    present, found = np.unique(fold.bank.labels), list[Found]()
+    if len(present) < num_objects:
+        return found
+    limit = min(max_touches, fold.bank.repeats * len(fold.bank.action_names))
+    for number in range(num_scenes):
+        rng = np.random.default_rng([*seed, number])
+        chosen = rng.permutation(present)[:num_objects]
+        names = tuple(fold.bank.label_names[index] for index in chosen.tolist())
+        bank, model = fold.bank.among(names), fold.model.among(names)
+        problem = SearchProblem(names, bank.action_names, num_objects, touch_limit=limit * num_objects)
+        objects = [int(rng.choice(bank.objects_of(int(label)))) for label in rng.permutation(num_objects)]
+        scene = int(seed[-1]) * num_scenes + number
+        made = {name: _decider(name, model, fold.order, limit) for name in deciders}
+        for target in range(num_objects):
+            words = [*seed, number, target]
+            for name, decider in made.items():
+                episode = search(RecordedWorld(bank, objects, words), decider, problem, target, model, words)
+                found.append(Found(name, scene, episode, episode.reward(problem)))
+    return found
+
+
+def _decider(name: str, model: ActionKernelModel, order: tuple[str, ...], max_touches: int) -> Decider:
+    if name == FIXED:
+        return SequentialDecider(PosteriorThresholds(max_touches=max_touches), GivenOrder(order))
+    return make_decider(name.replace("{max_touches}", str(max_touches)), model.outcome_table(), model)
