@@ -21,25 +21,31 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
 
+from activetouch.distributions import Distribution, Uniform
 from activetouch.errors import WrongScene
+from activetouch.hypotheses import quantiles
 from activetouch.poses import Quaternion, multiply, require_unit, to_matrix, turn
 from belief.errors import InvalidArgument, UnknownName
 from belief.frozen import frozen
 from belief.naming import few
+from belief.validation import require_choice, require_number
 
 if TYPE_CHECKING:
     from activetouch.placement import Placement
 
 _UNBALANCED = 0.02  # of the forces of all fingers together
 _SAME_PLACE = 1e-3  # rad
+_OPEN = 0.08  # of an open finger from the middle of the palm [m]
 _INVERSE = (1.0, -1.0, -1.0, -1.0)
+_MOST_ALONG = 3  # places along each axis
 
+PalmOffset = Literal["averaged", "anew", "kept"]
 Quaternions = tuple[tuple[float, float, float, float], ...]
 _ALLEGRO: Quaternions = (  # index, middle, ring finger and thumb, in the frame of the palm
     (-0.4836, 0.6335, -0.6021, 0.0463),
@@ -56,10 +62,15 @@ class Hand:
     Attributes:
         fingers: rotations that bring the pad of a scene without a hand to each finger's place about the palm, m unit
             quaternions ``wxyz``. Several fingers press with forces that balance each other, 1 on average.
+        offset: what the belief makes of the body's position in the palm. ``averaged``: the reader averages over it,
+            for each finger alone. ``anew``: it is latent, common to the fingers of a grasp. In both cases every grasp
+            draws it anew. ``kept``: it is latent, drawn once for each object, and turns with it.
+        travel: standard deviation with which the position of each finger is measured where it stops [m]; None where
+            it is not.
 
     Raises:
         InvalidArgument: there is no finger, a rotation is no unit quaternion, two fingers are in one place, no forces
-            of several fingers balance each other.
+            of several fingers balance each other, or offset or travel is none of these.
 
     >>> Hand.three_finger().forces.round(6).tolist()
     [1.0, 1.0, 1.0]
@@ -68,8 +79,13 @@ class Hand:
     """
 
     fingers: Quaternions
+    offset: PalmOffset = "averaged"
+    travel: float | None = None
 
     def __post_init__(self) -> None:
+        require_choice("offset", self.offset, get_args(PalmOffset))
+        if self.travel is not None:
+            require_number("travel", self.travel, 1e-5, _OPEN)
         given = list(self.fingers) if isinstance(self.fingers, Sequence | np.ndarray) else []
         if not given or isinstance(self.fingers, str):
             raise InvalidArgument(f"a hand needs one rotation for each finger, got {self.fingers!r:.80}")
@@ -153,6 +169,31 @@ class Hand:
         """
         return np.stack([(rotation.T @ np.asarray(place, float))[1:] for rotation in self.rotations])
 
+    def places(self, offset: Distribution, reach: float) -> NDArray[np.float64]:
+        """Positions of a body in the palm that stand for all, equally likely, ``(O, 3)`` [m].
+
+        As many along each axis as are needed so that what is between them is within the reach of the reader, but at
+        most three. Those that no finger can tell apart are one, unless the body keeps its place when it turns.
+
+        Args:
+            offset: distribution of the position along each axis.
+            reach: over which a reader averages, each way [m].
+
+        >>> from activetouch.distributions import Uniform
+        >>> Hand.parallel().places(Uniform(-0.006, 0.006), 0.002).shape
+        (9, 3)
+        """
+        low, high = offset.support
+        number = int(np.ceil((high - low) / (2 * reach) - 1e-6)) if reach > 0.0 else _MOST_ALONG
+        number = min(max(number, 1), _MOST_ALONG)
+        shares = (np.arange(number) + 0.5) / number
+        along = low + (high - low) * shares if isinstance(offset, Uniform) else quantiles(offset, shares)
+        grid = np.stack(np.meshgrid(along, along, along, indexing="ij"), axis=-1).reshape(-1, 3)
+        if self.offset == "kept":
+            return grid
+        seen = np.round(np.stack([self.across(place).ravel() for place in grid]), 9)
+        return np.asarray(grid[np.unique(seen, axis=0, return_index=True)[1]])
+
     def placements(self, in_palm: Placement, depth: float) -> list[Placement]:
         """What each finger meets of a body in the palm.
 
@@ -164,15 +205,41 @@ class Hand:
         across = self.across((depth, *in_palm.offset))
         return [replace(in_palm, orientation=q, offset=place) for q, place in zip(turned, across, strict=True)]
 
-    def apart(self, images: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
-        """Images of each finger, m of ``(N, H, W)`` or ``(N, H, W, 3)``, from those of N grasps, side by side.
+    def joined(self, images: Sequence[NDArray[np.uint8]], stops: ArrayLike) -> NDArray[np.uint8]:
+        """The image of a grasp: those of its fingers side by side, ``(H, m · W)`` or ``(H, m · W, 3)``.
+
+        Where the hand reads travel, each has one more column, which is the brighter the farther the finger travelled.
+
+        Args:
+            images: of the fingers, ``(H, W)`` or ``(H, W, 3)`` each.
+            stops: where the fingers stop, from the middle of the palm, ``(m,)`` [m].
+        """
+        if self.travel is None:
+            return np.concatenate(images, axis=1)
+        bright = np.round(255 * np.clip(1.0 - np.asarray(stops) / _OPEN, 0.0, 1.0)).astype(np.uint8)
+        each = zip(images, bright, strict=True)
+        return np.hstack([part for image, one in each for part in (image, np.full_like(image[:, :1], one))])
+
+    def apart(self, images: NDArray[np.uint8]) -> tuple[list[NDArray[np.uint8]], NDArray[np.float64]]:
+        """What :meth:`joined` joins: images of each finger, ``(N, H, W)`` or ``(N, H, W, 3)``, and stops [m].
+
+        The stops are ``(N, m)``, or ``(N, 0)`` without travel.
+
+        Args:
+            images: of N grasps.
 
         Raises:
             ValueError: they are not those of so many fingers.
         """
-        if images.shape[2] != len(self) * images.shape[1]:
-            raise ValueError(f"images of {len(self)} fingers must be side by side, got {images.shape[1:]}")
-        return np.split(images, len(self), axis=2)
+        more = 0 if self.travel is None else 1
+        if images.shape[2] != len(self) * (images.shape[1] + more):
+            column = ", each with a column of its travel" if more else ""
+            raise ValueError(f"images of {len(self)} fingers must be side by side{column}, got {images.shape[1:]}")
+        parts = np.split(images, len(self), axis=2)
+        bright = np.stack([part[:, :1, -1:].reshape(len(part), -1)[:, 0] for part in parts], axis=1)[
+            :, : more * len(self)
+        ]
+        return [part[:, :, : images.shape[1]] for part in parts], _OPEN * (1.0 - bright / 255)
 
     def single(
         self, poses: Mapping[str, Quaternion], aims: Mapping[str, tuple[float, float]]

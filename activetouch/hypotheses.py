@@ -1,4 +1,4 @@
-"""Evenly spread hypotheses of an object's orientation and size: low-discrepancy sequences.
+"""Evenly spread hypotheses of an object's orientation, size and proportions: low-discrepancy sequences.
 
 >>> cover = quaternions(1000)
 >>> bool(np.allclose(cover.T @ cover / 1000, np.eye(4) / 4, atol=0.01))        # as uniform orientations have it
@@ -23,6 +23,7 @@ _PHI = np.sqrt(2.0)
 _PSI = 1.533751168755204288118041  # the root of ψ⁴ = ψ + 4 (Alexa 2022)
 _DRAWN = 4096  # numbers that stand for a distribution
 _GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
+_PLASTIC_ROOT = 0.7548776662466927  # 1 / ρ with ρ³ = ρ + 1
 
 
 def quaternions(num: int) -> Floats:
@@ -51,7 +52,36 @@ def sizes(distribution: Distribution, num: int) -> Floats:
         distribution: of sizes.
         num: how many; the first are the same for every ``num``.
     """
-    return quantiles(distribution, (0.5 + _GOLDEN * np.arange(num)) % 1.0)
+    return quantiles(distribution, kronecker(_GOLDEN, num))
+
+
+def member_shares(num: int) -> Floats:
+    """Where each hypothesis is in a family of solids, whatever its shape, ``(num,)``, above 0 and below 1.
+
+    They are evenly spread, independent of :func:`sizes`. :meth:`activetouch.Scene.bodies` says
+    which solid that is.
+
+    >>> member_shares(4).tolist()
+    [0.625, 0.375, 0.125, 0.875]
+    """
+    return np.asarray((np.argsort(np.argsort(kronecker(_PLASTIC_ROOT, num))) + 0.5) / num)
+
+
+def kronecker(step: float, num: int) -> Floats:
+    """Numbers that cover [0, 1) evenly, ``(num,)``: multiples of a step, modulo 1; the first is 0.5."""
+    return np.asarray((0.5 + step * np.arange(num)) % 1.0)
+
+
+def roberts_steps(num: int) -> list[float]:
+    """Steps of as many sequences of :func:`kronecker` that together fill a box evenly (Roberts 2018).
+
+    >>> np.round(roberts_steps(2), 4).tolist()
+    [0.7549, 0.5698]
+    """
+    root = 1.0
+    for _ in range(64):
+        root = (1.0 + root) ** (1.0 / (num + 1.0))
+    return [root**-power for power in range(1, num + 1)]
 
 
 def quantiles(distribution: Distribution, shares: Floats) -> Floats:
@@ -71,7 +101,13 @@ class Bodies(NamedTuple):
     Attributes:
         rests: orientations at rest, unit quaternions ``wxyz``, ``(N, 4)``.
         sizes: relative to the nominal size, ``(N,)``.
+        shares: where they are in a family of solids (:func:`member_shares`), ``(N,)``.
     """
 
     rests: Floats
     sizes: Floats
+    shares: Floats
+
+    def take(self, some: slice | NDArray[np.int64]) -> Bodies:
+        """Some of the hypotheses."""
+        return Bodies(*(part[some] for part in self))

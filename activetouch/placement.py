@@ -22,6 +22,9 @@ class WorldObject:
         orientation: in which it was put on its guide, ``wxyz``.
         friction: coefficient of its surface.
         stiffness: of its skin together with the pad's layer, relative to the layer's alone.
+        member: its solid at nominal size, where its shape is a family; None for any other shape, and for the nominal
+            solid of a family.
+        offset: of its centre from the middle of the palm before a pose turns it, ``(3,)`` [m], where a hand keeps it.
     """
 
     shape_index: int
@@ -29,6 +32,8 @@ class WorldObject:
     orientation: Quaternion
     friction: float = 1.0
     stiffness: float = 1.0
+    member: Shape | None = None
+    offset: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, eq=False)

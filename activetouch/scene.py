@@ -26,11 +26,11 @@ from numpy.typing import ArrayLike, NDArray
 from activetouch.distributions import Variation
 from activetouch.errors import BadMesh, UnstablePress
 from activetouch.hand import Hand, hand_named
-from activetouch.hypotheses import Bodies, sizes
+from activetouch.hypotheses import Bodies, member_shares, sizes
 from activetouch.mesh_source import MeshSource
 from activetouch.orientations import Presentation, Tumbled
 from activetouch.placement import Placement, WorldObject
-from activetouch.poses import POSE_SETS, POSES, Quaternion, checked_aims, require_unit
+from activetouch.poses import POSE_SETS, POSES, Quaternion, checked_aims, require_unit, to_matrix
 from activetouch.pressing.contact import Contact, PressedObject, missed
 from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.pad import Pad
@@ -39,6 +39,7 @@ from activetouch.rendering import Fault, Gain, Noise, PressureRenderer, TactileR
 from activetouch.rendering.faults import require_faults
 from activetouch.rendering.renderer import require_image, require_renderer
 from activetouch.shapes import SHAPES
+from activetouch.solids.family import Family
 from activetouch.solids.mirror import is_own_mirror_image
 from activetouch.solids.solid import Shape, require_hash
 from belief.errors import InvalidArgument, UnknownName
@@ -65,7 +66,8 @@ class Scene:
 
     Attributes:
         shapes: the shapes an object may have, by label; their order is the shape index. A path, or text such as
-            ``"mug.obj@0.001"``, stands for the solid in that mesh file (:mod:`activetouch.mesh_source`).
+            ``"mug.obj@0.001"``, stands for the solid in that mesh file (:mod:`activetouch.mesh_source`). Objects
+            whose shape is a :class:`activetouch.shapes.Family` differ in their proportions.
         poses: the exploration poses, by label; their order is the pose index. A name stands for a set of
             :data:`activetouch.poses.POSE_SETS`: ``"mix"`` or ``"directions26"``.
         pad: the tactile pad.
@@ -80,7 +82,7 @@ class Scene:
         hand: whose pads close on the object in each pose, quasistatically or by ``Closing``; None for the pad alone.
     """
 
-    shapes: Mapping[str, Shape | Path | str] = field(default_factory=lambda: SHAPES)
+    shapes: Mapping[str, Shape | Family | Path | str] = field(default_factory=lambda: SHAPES)
     poses: Mapping[str, Quaternion] | str = field(default_factory=lambda: POSES)
     pad: Pad = field(default_factory=Pad)
     press_model: Press = field(default_factory=Dynamic)
@@ -146,8 +148,14 @@ class Scene:
 
     @property
     def solids(self) -> Mapping[str, Shape]:
-        """The shapes by label, all of them solids: also those of mesh files."""
-        return cast(Mapping[str, Shape], self.shapes)
+        """The shapes by label, all of them solids: those of mesh files, and the nominal solids of families."""
+        solids = {label: shape.nominal if isinstance(shape, Family) else shape for label, shape in self.shapes.items()}
+        return cast(Mapping[str, Shape], solids)
+
+    @property
+    def families(self) -> Mapping[str, Family]:
+        """The shapes whose proportions differ from object to object, by label."""
+        return {label: shape for label, shape in self.shapes.items() if isinstance(shape, Family)}
 
     @property
     def rotations(self) -> Mapping[str, Quaternion]:
@@ -171,10 +179,10 @@ class Scene:
 
     @property
     def image_shape(self) -> tuple[int, ...]:
-        """Of one image, ``(H, W)`` or ``(H, W, 3)``; of a grasp, those of its fingers side by side."""
+        """Of one image, ``(H, W)`` or ``(H, W, 3)``; of a grasp as :meth:`activetouch.hand.Hand.joined` makes it."""
         height, width, *channels = self.image(missed(self.pad)).shape
         if self.hand is not None:
-            width *= len(self.hand)
+            width = len(self.hand) * (width + (self.hand.travel is not None))
         return height, width, *channels
 
     @property
@@ -223,11 +231,11 @@ class Scene:
         return one_line(Scene, few(self.shape_labels), f"{len(self.poses)} poses", *names)
 
     def sample_object(self, shape: Name, rng: np.random.Generator) -> WorldObject:
-        """An object with random size, surface and orientation.
+        """An object with random size, surface and orientation, and random proportions if its shape is a family.
 
         Args:
             shape: its label or index.
-            rng: of its size, surface and orientation.
+            rng: of its size, surface and orientation, then of its proportions, and of its position if a hand keeps it.
 
         Raises:
             UnknownName: the scene has no shape of that name.
@@ -235,14 +243,45 @@ class Scene:
         shape_index = index_of("shape", self.shape_labels, shape)
         vary = self.variation
         scale, friction, stiffness = vary.size.sample(rng), vary.friction.sample(rng), vary.stiffness.sample(rng)
-        return WorldObject(shape_index, scale, self.presentation.rest(rng), friction, stiffness)
+        rest, family = self.presentation.rest(rng), self.families.get(self.shape_labels[shape_index])
+        member = family.sample(rng) if family else None
+        is_kept = self.hand is not None and self.hand.offset == "kept"
+        offset = np.array([vary.offset.sample(rng) for _ in range(3)]) if is_kept else None
+        return WorldObject(shape_index, scale, rest, friction, stiffness, member, offset)
+
+    def bodies(self, shape: Name, shares: NDArray[np.float64]) -> tuple[tuple[Shape, ...], NDArray[np.int64]]:
+        """The solids of hypotheses of a shape, and which of them each hypothesis has.
+
+        Hypotheses of a family share at most 64 members, so that geometry need not be computed for each hypothesis. Any
+        other shape has one solid.
+
+        Args:
+            shape: label or index.
+            shares: where each hypothesis is in a family, ``(N,)``, from :func:`activetouch.hypotheses.member_shares`.
+                It is the same for all shapes; a part of it gives a part of the hypotheses.
+
+        Returns:
+            The M different solids at nominal size, and for each hypothesis the index of one, ``(N,)``.
+
+        Raises:
+            UnknownName: the scene has no shape of that name.
+            InvalidArgument: the shares are not in [0, 1).
+        """
+        if not ((shares >= 0.0) & (shares < 1.0)).all():  # False for NaN
+            raise InvalidArgument(
+                f"shares must be in [0, 1), from activetouch.hypotheses.member_shares; got {shares!r:.80}"
+            )
+        label = self.shape_labels[index_of("shape", self.shape_labels, shape)]
+        if label in self.families:
+            return self.families[label].bodies(shares)
+        return (self.solids[label],), np.zeros(len(shares), np.int64)
 
     def hypotheses(self, num: int) -> Bodies:
         """Hypotheses about an object, as many as asked for, the same for all shapes.
 
         They cover the orientations and sizes of objects evenly.
         """
-        return Bodies(self.presentation.rests(num), sizes(self.variation.size, num))
+        return Bodies(self.presentation.rests(num), sizes(self.variation.size, num), member_shares(num))
 
     def with_pose(self, quaternion: ArrayLike, aim: ArrayLike) -> Scene:
         """The scene with one more pose, the last: a quaternion (w, x, y, z), and an aim along y and z [m]."""
@@ -259,7 +298,7 @@ class Scene:
         if label in self.aims:
             offset += self.aims[label]
         shown = self.presentation.shown(obj.orientation, self.rotations[label], rng)
-        solid = self.solids[self.shape_labels[obj.shape_index]]
+        solid = self.solids[self.shape_labels[obj.shape_index]] if obj.member is None else obj.member
         return Placement(solid, obj.scale, shown, offset, obj.friction, obj.stiffness)
 
     def contact(self, placement: Placement, rng: np.random.Generator) -> Contact:
@@ -321,10 +360,16 @@ class Scene:
         found = self.press_model.close(self.pad, met, hand.rotations, centre, forces)
         ideals = [self.image(contact) for contact in found.contacts]
         images = [read_out(ideal, self.faults, rng) for ideal in ideals]
-        image, ideal = np.concatenate(images, axis=1), np.concatenate(ideals, axis=1)
+        stops = np.zeros(len(hand)) if hand.travel is None else rng.normal(np.nan_to_num(found.stops), hand.travel)
+        image, ideal = hand.joined(images, stops), np.concatenate(ideals, axis=1)
         return PressedObject(found.contacts[0], image, 0, in_palm, ideal, found.contacts)
 
     def place_in_palm(self, obj: WorldObject, pose: Name, rng: np.random.Generator) -> tuple[Placement, float]:
         """An object in the palm, in front of a finger that is not turned, and its depth along the palm's x axis [m]."""
-        in_palm = self.place(obj, pose, rng)
-        return in_palm, self.variation.offset.sample(rng) if self.hand and len(self.hand) > 1 else 0.0
+        in_palm, hand = self.place(obj, pose, rng), self.hand
+        depth = self.variation.offset.sample(rng) if hand and (len(hand) > 1 or hand.travel is not None) else 0.0
+        if obj.offset is not None:
+            index = index_of("pose", self.pose_labels, pose)
+            depth, *across = to_matrix(self.rotations[self.pose_labels[index]]) @ obj.offset
+            in_palm = replace(in_palm, offset=self.aim_offsets[index] + across)
+        return in_palm, depth

@@ -1,8 +1,9 @@
 """Scenes as JSON fields, and differences between scenes.
 
 Checkpoints, observation models, collections and touch banks contain the fields of their scene. A difference in press,
-faults, variation or presentation is a *known shift* of the same sensor: a sensor may be used with a warning, to measure
-what that costs. Other differences need another sensor.
+faults, variation, presentation or the proportions of a family is a *known shift* of the same sensor: a sensor that was
+made for the nominal solid may be used for the family, with a warning, to measure what that costs. Other differences
+need another sensor.
 
     >>> from activetouch import SCENES
     >>> gel, coarse = (scene_fields(SCENES[name].scene) for name in ("gel", "coarse"))
@@ -31,9 +32,9 @@ from belief.identity import source_digest
 if TYPE_CHECKING:
     from activetouch.scene import Scene
 
-SHIFTS = frozenset({"press_model", "faults", "variation", "presentation"})
+SHIFTS = frozenset({"press_model", "faults", "variation", "presentation", "families"})
 """Fields of a scene whose change is a known shift of the same sensor."""
-OBJECTS = ("shapes", "poses", "aims", "presentation", "hand")
+OBJECTS = ("shapes", "families", "poses", "aims", "presentation", "hand")
 """Fields of a scene that are about its objects and how they are met, not about its sensor."""
 SURROUNDINGS = frozenset({"height", "finger", "parking", "robot"})
 """Fields of scenes in files of earlier versions, which changed no touch."""
@@ -70,11 +71,15 @@ def scene_fields(scene: Scene) -> dict[str, Any]:
 
     Arrays are rounded to eight decimals; meshes are replaced by digests. A user's class comes with the digest of its
     source code, so that an edited renderer makes another scene; an object with a ``__repr__`` of its own, and no
-    dataclass, is described by that text alone. A scene without aims or a hand has no such field.
+    dataclass, is described by that text alone. A scene without aims or a hand has no such field. A family is
+    described by its nominal solid among the shapes, and by the distributions of its parameters in the field
+    ``families``, if there are any.
     """
     names = [field.name for field in fields(scene) if field.name not in ("aims", "hand") or getattr(scene, field.name)]
     found = {name: _described(scene.solids if name == "shapes" else getattr(scene, name)) for name in names}
-    return found | {"robot": None}
+    families = getattr(scene, "families", {})
+    parts = {f"{label}.{name}": given for label, family in families.items() for name, given in family.parameters}
+    return found | {"robot": None} | ({"families": _described(parts)} if parts else {})
 
 
 def solid_fields(solid: Any) -> Any:

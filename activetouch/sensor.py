@@ -275,7 +275,7 @@ class RecordedSensor(TactileSensor):
     Attributes:
         recorded_reader: turns features into log likelihood ratios.
         model: weights these by the correlations of the actions.
-        origin: what it was trained on, of JSON types: ``provenance``, ``licence``, ``touches``, ``objects``.
+        origin: what it was trained on, of JSON types: ``provenance``, ``licence``, ``task``, ``touches``, ``objects``.
 
     Raises:
         LabelMismatch: the model has labels that the reader does not know, or another number of actions.
@@ -301,19 +301,19 @@ class RecordedSensor(TactileSensor):
         Nothing is held out. ``activetouch recorded`` tests readers that are made in the same way.
 
         Args:
-            touches: the set, whose objects are the shapes of the sensor.
+            touches: the set, whose objects are the shapes of the sensor, or :meth:`RecordedTouches.for_task` of it.
 
         Raises:
-            BadRecording: there are too few objects or touches.
+            BadRecording: there are too few labels, objects or touches.
         """
         from activetouch.recorded import check_recorded
         from activetouch.recorded.reader import read
-        from activetouch.recorded.splits import by_session
+        from activetouch.recorded.splits import for_use
 
         check_recorded(touches)
-        reading = read(touches, by_session(touches, is_tested=False))
-        counts = {"touches": touches.num_touches, "objects": len(touches.object_names)}
-        origin = {"provenance": touches.provenance, "licence": touches.licence, **counts}
+        reading = read(touches, for_use(touches))
+        counts = {"touches": touches.num_touches, "objects": len(np.unique(touches.objects))}
+        origin = {"provenance": touches.provenance, "licence": touches.licence, "task": touches.task, **counts}
         return cls(reading.reader, reading.model(touches), origin)
 
     @classmethod

@@ -172,6 +172,8 @@ def reader_file(folder: Path, scene: Scene, independent: bool = False, unknown_s
         return _joint(found, independent)
     if not other.exists():
         return own
+    if scene.hand is not None and scene.hand.offset != "averaged":
+        return _joint(other, independent)
     model = observation_file(folder, independent)
     if not (own.exists() or model.exists()):
         return _joint(other, independent)

@@ -64,6 +64,8 @@ class SensorReader:
             image: ``(H, W)`` or ``(H, W, 3)``.
         """
         nothing, limit, limit_of_sum = self._blank
+        if (hand := self.sensor.scene.hand) is not None:
+            image = np.concatenate(hand.apart(image[None])[0], axis=2)[0]
         differs = np.abs(image - nothing)
         of_taxels = differs if differs.ndim == 2 else differs.max(axis=2)
         number = int((of_taxels > limit).sum())

@@ -4,8 +4,9 @@ The touch image needs, for every taxel, the distance at which a ray along the pa
 compute it in closed form or to rounding.
 
 To add a shape, add an entry to a table: a solid of another size, a mesh
-(``SHAPES | {"mug": Mesh.from_file("mug.stl", scale=0.001)}``), or an object of your own class with the members of
-:class:`Shape`. K, labels, planners and reports follow from the table of the scene.
+(``SHAPES | {"mug": Mesh.from_file("mug.stl", scale=0.001)}``), a :class:`Family` of solids that differ in their
+proportions, or an object of your own class with the members of :class:`Shape`. K, labels, planners and reports follow
+from the table of the scene.
 
     >>> import numpy as np
     >>> sphere = SHAPES["sphere"]
@@ -21,6 +22,7 @@ from types import MappingProxyType
 from activetouch.errors import BadMesh
 from activetouch.solids.conical import Cone, Cylinder, Frustum
 from activetouch.solids.cut import Cut, Union
+from activetouch.solids.family import Family
 from activetouch.solids.mesh import Mesh
 from activetouch.solids.round import Capsule, Dome, Ellipsoid, Sphere
 from activetouch.solids.solid import Geom, Shape
@@ -39,6 +41,7 @@ __all__ = [
     "Cylinder",
     "Dome",
     "Ellipsoid",
+    "Family",
     "Frustum",
     "Geom",
     "Mesh",

@@ -102,11 +102,13 @@ def alike(scene: Scene, *, num_objects: int = 20, seed: int = 0, jobs: int = 1) 
         jobs: number of processes; the result does not depend on it.
 
     Raises:
-        InvalidArgument: there are fewer than two shapes or two objects.
+        InvalidArgument: there are fewer than two shapes or two objects, or a shape is a family.
     """
     require_count("num_objects", num_objects)
     if min(len(scene.shapes), num_objects) < 2:
         raise InvalidArgument(f"needs two shapes and two objects of each, got {len(scene.shapes)} and {num_objects}")
+    if scene.families:
+        raise InvalidArgument(f"compares solids, but the proportions of {', '.join(scene.families)} vary")
     study = _Study(scene, num_objects, np.random.default_rng(seed))
     tasks = [partial(study.compare, label) for label in scene.shape_labels]
     return study.result({part.label: part for part in run_tasks(tasks, jobs, "comparing shapes")})

@@ -15,6 +15,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +23,15 @@ from numpy.typing import NDArray
 from activetouch import SCENES, Scene, TactileSensor, TouchWorld
 from activetouch.distributions import Uniform
 from activetouch.hand import Hand
+from activetouch.hypotheses import Bodies
 from activetouch.mesh_source import MeshSource
 from activetouch.named_scenes import NamedScene
+from activetouch.perception.grasps import GraspHypotheses
+from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.solids.mesh import Mesh
 from belief.bayes import update
-from belief.problem import SearchProblem
+from belief.observation_model.rigid_body import RigidBodyModel
+from belief.problem import SearchProblem, Touch
 from belief.seeding import arrangement_rng, keyed_rng, touch_rng
 from belief.statistics import wilson_interval
 from belief.synthetic import sample_arrangement
@@ -127,6 +132,33 @@ def scaled_meshes(folder: Path, number: int) -> dict[str, Mesh]:
     return found
 
 
+class TravelOnly(GraspHypotheses):
+    """Hypotheses that tell what the fingers' travel tells, and nothing of the images."""
+
+    def embedded(self, scene: Scene, bodies: Bodies, pose: int) -> NDArray[np.float32]:
+        """See :class:`GraspHypotheses`."""
+        found = super().embedded(scene, bodies, pose)
+        found[..., : -len(self.hand) - 1] = 0.0
+        return found
+
+
+def travel_only(sensor: TactileSensor, seed: int, objects: int = 48) -> TactileSensor:
+    """A sensor of a hand that reads travel, whose model is of travel alone, fitted to new grasps of objects."""
+    scene, known = sensor.scene, sensor.reader.hypotheses
+    assert isinstance(known, GraspHypotheses)
+    reader = replace(sensor.reader, hypotheses=TravelOnly(known.single, scene, known.reach))
+    rng, num_poses = np.random.default_rng([seed, 1]), len(scene.poses)
+    shapes = np.repeat(np.arange(len(scene.shapes)), objects)
+    things = [scene.sample_object(int(shape), rng) for shape in shapes]
+    images = np.stack([scene.press(thing, pose, rng).image for thing in things for pose in range(num_poses)])
+    read, poses = reader.read(images), np.tile(np.arange(num_poses), len(shapes))
+    touches = [Touch(*touch) for touch in zip(poses.tolist(), read.logits, read.embeddings, strict=True)]
+    table, ids = HypothesisTable(reader, scene), np.repeat(np.arange(len(shapes)), num_poses)
+    labels: dict[str, Any] = {"shape_labels": scene.shape_labels, "num_poses": num_poses}
+    model = RigidBodyModel.fit(touches, shapes[ids], ids, embed=table, num_hypotheses=known.number, **labels)
+    return replace(sensor, reader=reader, model=model)
+
+
 def main() -> None:
     """Print a table of objects that are named, one of searches, and the forces of grasps."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -136,6 +168,8 @@ def main() -> None:
     parser.add_argument("--searches", type=int, default=400, help="0 for none")
     parser.add_argument("--stated", type=float, default=0.95)
     parser.add_argument("--offset", type=float, help="largest offset of a body in the palm, each way [m]")
+    parser.add_argument("--latent", nargs="*", choices=["anew", "kept"], default=[], help="positions in the palm")
+    parser.add_argument("--travel", type=float, help="standard deviation of measured travel [m]")
     parser.add_argument("--meshes", type=Path, help="folder of mesh files, which are scaled to one radius")
     parser.add_argument("--bodies", type=int, default=8, help="how many of the folder, evenly chosen")
     parser.add_argument("--seed", type=int, default=0)
@@ -155,12 +189,26 @@ def main() -> None:
     each: list[tuple[int, ...]] = [(pose,) for pose in range(num_poses)]
     for m, sensor in sensors.items():
         rows.append((f"{m} fingers", sensor, each))
-        if m > 1 and not arguments.meshes:
+        if m > 1 and not (arguments.latent or arguments.travel or arguments.meshes):
             places = {f"{p} {i}": r for i, one in enumerate(sensor.scene.fingers) for p, r in one.rotations.items()}
             pad = TactileSensor.shipped(name, replace(sensor.scene, hand=Hand.one_finger(), poses=places))
             rows.append(
                 (f"{m} single touches", pad, [tuple(range(p, m * num_poses, num_poses)) for p in range(num_poses)])
             )
+        if arguments.latent:
+            unknowing = TactileSensor.shipped(name, usual.with_hand(hands[m]))
+            rows.append((f"{m} fingers, belief of 2 mm", replace(unknowing, scene=sensor.scene), each))
+        for offset in arguments.latent:
+            latent = TactileSensor.shipped(name, named.scene.with_hand(replace(hands[m], offset=offset)))
+            if offset == "kept":
+                rows.append((f"{m} fingers, averaged where it is kept", replace(sensor, scene=latent.scene), each))
+            rows.append((f"{m} fingers, latent {offset}", latent, each))
+        if arguments.travel is not None:
+            reads = TactileSensor.shipped(name, named.scene.with_hand(replace(hands[m], travel=arguments.travel)))
+            rows += [
+                (f"{m} fingers and travel", reads, each),
+                (f"{m} fingers, travel only", travel_only(reads, seed), each),
+            ]
     print(
         f"{name}: {number} objects named at {stated:g}, palm poses in random order; {named.scene.variation.offset} m\n"
     )

@@ -16,11 +16,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from scipy.special import logsumexp, softmax
+from scipy.special import softmax
 
 from activetouch import SCENES, Scene, TactileSensor
 from activetouch.distributions import Uniform
-from activetouch.shapes import Box, Cylinder, Sphere
+from activetouch.shapes import Box, Cylinder, Family, Sphere
 from belief.statistics import wilson_interval
 from benchmarks.recorded_sets.dsa import read_dsa
 from benchmarks.recorded_sets.sdh2 import SHAPES
@@ -28,16 +28,13 @@ from benchmarks.recorded_sets.sdh2 import SHAPES
 TAXEL = 3.4e-3
 """Edge of a taxel of the real pads [m]."""
 PIXELS = 32
-KINDS = ("sphere", "box", "cylinder")
-LENGTHS = (0.5, 1.0, 2.0, 4.0)
-"""Of the cylinders, which count as one shape, relative to that of the scene."""
 
 
 def real_scene() -> Scene:
     """Scene ``gel`` with the shapes of the real objects."""
     scene = SCENES["gel"].scene
-    rods = {f"cylinder{length:g}": Cylinder(0.016, 0.020 * length) for length in LENGTHS}
-    shapes = {"sphere": Sphere(0.020), "box": Box((0.016, 0.016, 0.024)), **rods}
+    rods = Family(Cylinder(0.016, 0.020), half_length=Uniform(0.010, 0.080))
+    shapes = {"sphere": Sphere(0.020), "box": Box((0.016, 0.016, 0.024)), "cylinder": rods}
     return replace(scene, shapes=shapes, variation=replace(scene.variation, size=Uniform(0.5, 1.75)))
 
 
@@ -76,10 +73,8 @@ def main() -> None:
             if not images:
                 continue
             touches = sensor.read(np.stack(images), [0] * len(images))
-            logs = np.array([sensor.model.start().update(touch).log_likelihood for touch in touches])
-            cylinder = logsumexp(logs[:, 2:], axis=1, keepdims=True) - np.log(len(LENGTHS))
-            posteriors = softmax(np.hstack([logs[:, :2], cylinder]), axis=1)
-            right = posteriors.argmax(axis=1) == KINDS.index(shape)
+            posteriors = softmax([sensor.model.start().update(touch).log_likelihood for touch in touches], axis=1)
+            right = posteriors.argmax(axis=1) == list(scene.shapes).index(shape)
             hits += right.tolist()
             stated += posteriors.max(axis=1).tolist()
             print(f"  {shape:8} {name:24} {len(images):3} grasps, right {right.mean():.3f}")

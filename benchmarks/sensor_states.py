@@ -4,7 +4,8 @@
 
 Touches one object after the other in poses in random order, until a shape is stated with 0.95 or all poses were felt.
 Prints, for each world and reader: objects with such a stop, mean stated probability there, and the share that is right
-with its 95 % Wilson interval, and the touches of an object. ``usual`` is the sensor's own world.
+with its 95 % Wilson interval, and the touches of an object. ``usual`` is the sensor's own world. A world may also be a
+family of shapes, such as cylinder:half_length=0.5..2, as the option ``--family`` of commands has it.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from activetouch import SCENES, Scene, TactileSensor
 from activetouch.sensor_files import MODELS
 from belief.statistics import wilson_interval
 from experiments.robustness.conditions import CONDITIONS
+from experiments.scene_choice import SceneChoice
 
 STATED = 0.95
 
@@ -49,7 +51,9 @@ def measured(sensors: dict[str, TactileSensor], scene: Scene, num_objects: int, 
 
 
 def _changed(name: str, world: str) -> Scene:
-    return CONDITIONS[world](SCENES[name].scene)
+    if world in CONDITIONS:
+        return CONDITIONS[world](SCENES[name].scene)
+    return SceneChoice(name, family=(world,)).named.scene
 
 
 def main() -> None:

@@ -9,14 +9,16 @@ from __future__ import annotations
 import dataclasses
 import re
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
+
+import tyro
 
 from activetouch import Dynamic, Quasistatic, Scene
-from activetouch.distributions import Constant
+from activetouch.distributions import Constant, Uniform
 from activetouch.errors import DuplicateShape
 from activetouch.hand import HANDS, hand_named
 from activetouch.mesh_source import mesh_labels, read_meshes
@@ -26,7 +28,10 @@ from activetouch.pressing.guarded_move import GuardedMove
 from activetouch.pressing.press import Press
 from activetouch.rendering import RENDERERS, TactileRenderer
 from activetouch.rendering.renderer import require_renderer
+from activetouch.shapes import Family
+from activetouch.solids.family import numbers_of
 from belief.errors import InvalidArgument
+from belief.naming import index_of
 from belief.references import BadReference, build, find
 from experiments.command_line.arguments import require_types
 from experiments.command_line.trust import Trust
@@ -48,6 +53,7 @@ HandName: TypeAlias = Literal[tuple(HANDS)]  # type: ignore[valid-type]
 FidelityName: TypeAlias = Literal[tuple(FIDELITIES)]  # type: ignore[valid-type]
 PresentationName: TypeAlias = Literal[tuple(PRESENTATIONS)]  # type: ignore[valid-type]
 _LARGEST_INPUT = 64  # image edge of a classifier for a user's scene [pixels]
+_FACTORS = re.compile(r"(?:^|,)(\w+)=([^,=]+?)\.\.([^,=]+)")
 
 
 def named_scene(name: str) -> NamedScene:
@@ -121,9 +127,9 @@ def command(name: str, *words: object, **options: object) -> str:
 
 def choice_name(choice: SceneChoice) -> str:
     """The name of a scene with its changes, as used in folder names."""
-    only = "only" if choice.only else None
-    changes = [choice.fidelity, choice.renderer, choice.presentation, choice.poses, only, *mesh_labels(*choice.meshes)]
-    return in_file_names("-".join([choice.scene, *(str(change) for change in [*changes, choice.hand] if change)]))
+    own = [choice.fidelity, choice.renderer, choice.presentation, choice.poses, "only" if choice.only else None]
+    changes = [*own, *mesh_labels(*choice.meshes), *choice.family, choice.hand]
+    return in_file_names("-".join([choice.scene, *(str(change) for change in changes if change)]))
 
 
 def collection_folder(scene: str) -> Path:
@@ -139,6 +145,47 @@ def repeats_folder(scene: str) -> Path:
 def training_folder(scene: str) -> Path:
     """Default folder of a scene's classifier training."""
     return Path(f"runs/train-{in_file_names(scene)}")
+
+
+def with_families(shapes: Mapping[str, Any], families: Sequence[str]) -> tuple[dict[str, Any], Uniform | None]:
+    """Shapes, of which some become families, and the range of the sizes of all objects; None if they stay as they are.
+
+    Args:
+        shapes: by label.
+        families: each as ``SHAPE:PARAMETER=LOW..HIGH``; factors on the nominal number are uniform in that range.
+            Several parameters are separated by commas. The nominal solid of a family gets other parameters. Or
+            ``size=LOW..HIGH``, for all objects.
+
+    Raises:
+        UnknownName: there is no such shape, or it has no such parameter.
+        InvalidArgument: the text cannot be read, a shape is named twice, or a solid cannot be built.
+
+    >>> from activetouch.shapes import Cylinder
+    >>> with_families({"rod": Cylinder(0.016, 0.020)}, ["rod:half_length=0.5..2"])[0]["rod"]
+    Family(Cylinder(radius=0.016, half_length=0.02), half_length=Uniform(low=0.01, high=0.04))
+    """
+    found, size, labels = dict(shapes), None, list(shapes)
+    for text in families:
+        label, _, told = text.rpartition(":")
+        try:
+            ranges = [(name, float(low), float(high)) for name, low, high in _FACTORS.findall(told)]
+            if not label and [name for name, *_ in ranges] == ["size"]:
+                size = Uniform(*ranges[0][1:])
+                continue
+            is_again = label in shapes and found[label] is not shapes[label]
+            if len(ranges) != told.count(",") + 1 or len({name for name, *_ in ranges}) < len(ranges) or is_again:
+                raise ValueError("each shape and each parameter is told once, with LOW..HIGH")
+            shape = shapes[labels[index_of("shape", labels, label)]]
+            solid = shape.nominal if isinstance(shape, Family) else shape
+            numbers = numbers_of(solid)  # a name that is not among them is refused by the family
+            scales = {name: Uniform(*(numbers.get(name, 1.0) * end for end in ends)) for name, *ends in ranges}
+            found[label] = Family(solid, **scales)
+        except ValueError as error:
+            raise InvalidArgument(
+                "--family must be SHAPE:PARAMETER=LOW..HIGH, such as cylinder:half_length=0.5..2, or size=LOW..HIGH, "
+                f"got {text!r}: {error}"
+            ) from error
+    return found, size
 
 
 @dataclass(frozen=True)
@@ -159,6 +206,8 @@ class SceneChoice:
     """Mesh files of shapes to add, each [NAME=]PATH[@SCALE], such as mug.obj@0.001 for millimetres."""
     only: bool = False
     """Leave out the scene's own shapes; the sizes of the meshes do not vary."""
+    family: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
+    """Factors on the sizes of all objects, size=0.9..1.1, or on a shape's proportions, cylinder:half_length=0.5..2."""
     hand: HandName | None = None
     """Hand whose pads close on the object, quasistatically: a grasp counts as one touch."""
 
@@ -171,7 +220,7 @@ class SceneChoice:
             BadReference: The name of either cannot be parsed, or is the name of something else.
             DuplicateShape: A mesh has the name of another shape.
             BadMesh: A mesh file does not contain a solid.
-            InvalidArgument: ``only`` without meshes.
+            InvalidArgument: ``only`` without meshes, or a family that cannot be read or has no solids.
         """
         named = named_scene(self.scene)
         changes: dict[str, Any] = {}
@@ -195,8 +244,11 @@ class SceneChoice:
                     "scene's own shapes out with --only"
                 )
             changes["shapes"] = {**own, **added}
-        if self.only:
-            changes["variation"] = replace(named.scene.variation, size=Constant(1.0))
+        sizes = None
+        if self.family:
+            changes["shapes"], sizes = with_families(changes.get("shapes", named.scene.shapes), self.family)
+        if sizes is not None or self.only:
+            changes["variation"] = replace(named.scene.variation, size=Constant(1.0) if sizes is None else sizes)
         if self.hand is not None:
             if self.fidelity == "guarded_move":
                 raise InvalidArgument("--hand closes by --fidelity quasistatic, the default, or dynamic")
@@ -215,7 +267,7 @@ class SceneChoice:
 
     def to_dict(self) -> dict[str, Any]:
         """The choice as plain values."""
-        return {**asdict(self), "meshes": [str(path) for path in self.meshes]}
+        return {**asdict(self), "meshes": [str(path) for path in self.meshes], "family": list(self.family)}
 
     @classmethod
     def from_dict(cls, fields: Mapping[str, Any], trust: Trust) -> SceneChoice:
@@ -227,8 +279,9 @@ class SceneChoice:
         """
         trust.require([fields["scene"], fields.get("renderer")])
         names = {field.name for field in dataclasses.fields(cls)}
-        without_effect: tuple[Any, ...] = (None, False, 1.0, [])  # options of earlier versions
+        without_effect = (None, False, 1.0)  # options of earlier versions
         known = {name: value for name, value in fields.items() if name in names or value not in without_effect}
-        choice = cls(**{**known, "meshes": tuple(map(Path, fields["meshes"]))})
+        lists = {"meshes": tuple(map(Path, fields["meshes"])), "family": tuple(fields.get("family", ()))}
+        choice = cls(**{**known, **lists})
         require_types(choice)
         return choice

@@ -79,7 +79,9 @@ class HypothesisTable:
 
         See :class:`belief.observation_model.views.Views`.
         """
-        if len(self.scene.poses) <= _FEW_POSES or not isinstance(self.scene.presentation, LyingAnyhow):
+        turns_with_body = self.scene.hand is not None and self.scene.hand.offset == "kept"
+        few = len(self.scene.poses) <= _FEW_POSES or turns_with_body
+        if few or not isinstance(self.scene.presentation, LyingAnyhow):
             return ()
         aims = list(map(tuple, self.scene.aim_offsets.tolist()))
         return tuple(list(dict.fromkeys(aims)).index(aim) for aim in aims)

@@ -17,6 +17,7 @@ import numpy as np
 from activetouch.errors import AlikeShapes
 from activetouch.perception.cached_arrays import cached
 from activetouch.perception.contacts.hypotheses import num_hypotheses
+from activetouch.perception.grasps import GraspHypotheses
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.scene_description import SURROUNDINGS, scene_fields
 from belief.errors import CorruptFile
@@ -52,7 +53,7 @@ def prepared(reader: TactileReader, scene: Scene, seed: int = 0) -> ArrayModel:
     key = {
         "reader": made_by,
         "scene": described,
-        "hypotheses": num_hypotheses(scene),
+        "hypotheses": _number(reader, scene),
         "touches": _TOUCHES,
         "seed": seed,
     }
@@ -64,6 +65,11 @@ def prepared(reader: TactileReader, scene: Scene, seed: int = 0) -> ArrayModel:
     if alike:
         warnings.warn(alike, AlikeShapes, stacklevel=3)
     return model
+
+
+def _number(reader: TactileReader, scene: Scene) -> int:
+    grasps = reader.hypotheses
+    return grasps.number if isinstance(grasps, GraspHypotheses) else num_hypotheses(scene)
 
 
 def _read(path: Path) -> tuple[ArrayModel, str]:
@@ -94,7 +100,7 @@ def _fitted(reader: TactileReader, scene: Scene, rng: np.random.Generator) -> tu
     ids = np.repeat(np.arange(len(truth)), num_poses)
     labels: Mapping[str, Any] = {"shape_labels": scene.shape_labels, "num_poses": num_poses}
     table = HypothesisTable(reader, scene)
-    model = RigidBodyModel.fit(touches, truth[ids], ids, embed=table, num_hypotheses=num_hypotheses(scene), **labels)
+    model = RigidBodyModel.fit(touches, truth[ids], ids, embed=table, num_hypotheses=_number(reader, scene), **labels)
     order = np.array([rng.permutation(num_poses) for _ in truth]) + np.arange(len(truth))[:, None] * num_poses
     batch = TouchBatch(poses[order], read.logits[order], read.embeddings[order])
     found = model.log_likelihood_batch(batch).argmax(axis=1)

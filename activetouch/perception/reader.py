@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from activetouch.errors import WrongScene
 from activetouch.hand import require_no_hand
 from activetouch.perception.card import READER, ClassifierCard, card_from
 from activetouch.perception.contacts.hypotheses import ContactHypotheses, Hypotheses
@@ -94,10 +95,10 @@ class TactileReader:
         """
         require_stack(images)
         if isinstance(grasps := self.hypotheses, GraspHypotheses):
-            single = grasps.hand.apart(images)
+            single, stops = grasps.hand.apart(images)
             read = replace(self, hypotheses=grasps.single).run(np.concatenate(single), batch_size)
             embeddings, features = (np.concatenate(np.split(part, len(single)), axis=1) for part in read)
-            return embeddings, features
+            return np.concatenate([embeddings, grasps.of_travel(stops)], axis=1), features
         images = resized(images, self.card.image_shape)
         parts = [
             self._session.run(OUTPUTS, {INPUT: np.ascontiguousarray(images[first : first + batch_size])})
@@ -110,7 +111,8 @@ class TactileReader:
         """A reader of any object for the objects of a scene, or any reader for the hand of a scene.
 
         Raises:
-            WrongScene: the scene has a hand, and the reader does not know orientations.
+            WrongScene: the scene has a hand, and the reader does not know orientations; or the body's position in the
+                palm is latent, and the reader does not know aims.
         """
         if self.hypotheses is None:
             require_no_hand(scene.hand, "a reader that tells shapes only")
@@ -121,9 +123,12 @@ class TactileReader:
         if card.imaging is not None:
             card = replace(card, shape_labels=scene.shape_labels, pose_labels=scene.pose_labels)
             single = single.bound_to(scene)
+        elif scene.hand is not None and scene.hand.offset != "averaged":
+            raise WrongScene("only a reader of any object knows positions of a body in the palm; leave offset averaged")
         if scene.hand is None:
             return self if single is self.hypotheses else replace(self, card=card, hypotheses=single)
-        return replace(self, card=card, hypotheses=GraspHypotheses(single, scene))
+        reach = 0.0 if card.imaging is None else float(card.imaging["offset"])
+        return replace(self, card=card, hypotheses=GraspHypotheses(single, scene, reach))
 
     @cached_property
     def digest(self) -> str:

@@ -263,6 +263,7 @@ class Closing(Dynamic):
             UnstablePress: the forces do not settle.
         """
         model, data, pad = gripper.model, gripper.data, gripper.pad
+        faces, axes = gripper.faces, gripper.rotations[:, :, 0]
         met, distances = gripper.met(placement)
         touching = np.array([first_touch(pad, seen)[1] for seen in met])
         end = distances + self.travel - np.fmin(touching, 0.0)
@@ -297,10 +298,11 @@ class Closing(Dynamic):
                 f"grasping {placement}: the forces did not settle at {forces.round(3).tolist()} N (last "
                 f"{felt.round(3).tolist()} N). Try a smaller timestep or speed, or more patience, than in {self}."
             )
-        met, _ = gripper.met(placement)
+        met, distances = gripper.met(placement)
         contacts = []
         for seen, normal in zip(met, felt.tolist(), strict=True):
             gap, _ = first_touch(pad, seen)
             is_met = normal > 0.0 and np.isfinite(gap.min())
             contacts.append(elastic_contact(pad, gap, normal, placement.stiffness) if is_met else missed(pad))
-        return Grasp(tuple(contacts), tuple(met), gripper.forces.sum(axis=0))
+        centre = distances - gripper.open_at + np.einsum("mi,mi->m", gripper.faces - faces, axes)
+        return Grasp(tuple(contacts), tuple(met), centre, gripper.forces.sum(axis=0))

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.placement import Placement
-from activetouch.pressing.contact import Contact, elastic_contact, surface_gap
+from activetouch.pressing.contact import Contact, elastic_contact, first_touch, surface_gap
 from activetouch.pressing.pad import Pad
 from activetouch.solids.solid import Shape
 
@@ -31,12 +31,20 @@ class Grasp:
     Attributes:
         contacts: of the fingers; the force of one that misses is 0.
         met: what each finger has in front of it in the end.
+        centre: of the body, from the middle of the palm along each finger's axis, ``(m,)`` [m].
         net_force: sum of the fingers' forces, with friction where it is simulated, ``(3,)`` [N]: what the palm holds.
     """
 
     contacts: tuple[Contact, ...]
     met: tuple[Placement, ...]
+    centre: NDArray[np.float64]
     net_force: NDArray[np.float64]
+
+    @property
+    def stops(self) -> NDArray[np.float64]:
+        """Where the pads' faces stop, from the middle of the palm, ``(m,)`` [m]; ``nan`` for a finger that misses."""
+        each = zip(self.contacts, self.met, strict=True)
+        return np.array([first_touch(one.pad, seen)[1] - one.depth for one, seen in each]) - self.centre
 
 
 class Press(Protocol):
@@ -101,7 +109,8 @@ class Press(Protocol):
             UnstablePress: the simulation diverged.
         """
         contacts = tuple(self.press(pad, seen, float(force)) for seen, force in zip(met, forces, strict=True))
-        return Grasp(contacts, tuple(met), np.array([one.force for one in contacts]) @ fingers[:, :, 0])
+        axes = fingers[:, :, 0]
+        return Grasp(contacts, tuple(met), axes @ centre, np.array([one.force for one in contacts]) @ axes)
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,11 @@
 """The formats of recorded touches, each a function that reads a folder. To add one, write it and add a line at the end.
 
 * ``csv``: one row for each touch, in all ``.csv`` and ``.csv.gz`` files of a folder. The first line names the columns.
-  ``object`` is needed; ``action`` (by default all touches have one action) and ``session`` (order of recording among
-  the touches of an object and action) are optional; all others are features.
+  ``object`` is needed; ``action`` (by default all touches have one action), ``session`` (order of recording among the
+  touches of an object and action), ``category`` and ``shape`` are optional; all others are features.
 * ``npz``: arrays in one ``.npz`` file, which is read without running anything: ``features (n, F)`` and ``object (n,)``,
-  and optionally ``action`` and ``session``, each ``(n,)``, and ``feature_names (F,)``, ``provenance`` and ``licence``.
+  and optionally ``action``, ``session``, ``category`` and ``shape``, each ``(n,)``, and ``feature_names (F,)``,
+  ``provenance`` and ``licence``.
 * ``bts3``: grasps of objects in three hand poses with three BioTac SP fingers of 24 electrodes, from the BioTac SP
   Stability Set v2 (MIT): ``bts3v2_palm_POSE.csv``, also compressed, with the columns ``object,slipped,ff_biotac_1,…``.
   Whether the object slipped is known only after the touch, and is no feature.
@@ -28,6 +29,7 @@ from numpy.typing import NDArray
 from activetouch.errors import BadRecording
 from activetouch.recorded.session_log import read_session_logs
 from activetouch.recorded.tables import (
+    KINDS_OF,
     MOST_BYTES,
     lines_of,
     require_bounded,
@@ -40,7 +42,7 @@ from belief.files import plain_number, require_regular_file
 from belief.naming import few
 from belief.validation import Floats
 
-_NAMES = ("object", "action", "session")  # columns that are no features
+_NAMES = ("object", "action", "session", *KINDS_OF.values())  # columns that are no features
 _ARRAYS = (*_NAMES, "features", "feature_names", "provenance", "licence")
 _POSES = ("down", "45", "side")
 Read: TypeAlias = tuple[RecordedTouches, tuple[str, ...]]

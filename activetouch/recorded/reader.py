@@ -4,7 +4,8 @@ The classifiers are discriminants; each action's is chosen by cross-validation, 
 temperature scaling. Features are standardised by their spread within labels.
 
 Labels may have different numbers of touches, and the classifiers take all as equally probable. The calibration is a
-structured matrix, which learns the labels' shares, or a temperature with more than 30 labels; the ratios are without
+structured matrix, which learns the labels' shares, or a temperature with more than 30 labels, and for categories and
+shapes: the touches of an object err alike, so that a matrix learns from a few objects of each. The ratios are without
 the shares. What correlations are fitted to is calibrated by other sessions (decision 0073).
 """
 
@@ -21,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from activetouch.recorded.discriminants import LinearDiscriminants
 from activetouch.recorded.splits import Split
-from activetouch.recorded.touches import LARGEST, RecordedTouches
+from activetouch.recorded.touches import LARGEST, TASKS, RecordedTouches
 from belief.calibration import Calibration, PerPose, StructuredMatrixScaling, TemperatureScaling
 from belief.errors import InvalidArgument
 from belief.metrics import negative_log_likelihood
@@ -157,10 +158,10 @@ class Reading:
         rows = self.calibration_rows
         return ActionKernelModel.fit(
             touches.labelled(rows, self.calibration_ratios).batch.sequence(0),
-            touches.objects[rows],
+            touches.labels[rows],
             touches.objects[rows],
             sessions=touches.sessions_of(rows),
-            shape_labels=touches.object_names,
+            shape_labels=touches.label_names,
             num_poses=touches.num_actions,
             repeats=repeats,
         )
@@ -177,30 +178,34 @@ def read(touches: RecordedTouches, split: Split) -> Reading:
         touches: the set.
         split: what to learn from, to calibrate on and to test on.
     """
-    features, num_labels = touches.features, len(touches.object_names)
+    features, num_labels = touches.features, len(touches.label_names)
     num_actions = touches.num_actions
-    x, y, a = features[split.train], touches.objects[split.train], touches.actions[split.train]
-    chosen: list[str] = []
+    x, y, a = features[split.train], touches.labels[split.train], touches.actions[split.train]
+    held, chosen = np.zeros((len(x), num_labels)), list[str]()
     for action in range(num_actions):
         here = np.flatnonzero(a == action)
         tried = {name: _held_out(make, x[here], y[here], split.inner[here], num_labels) for name, make in KINDS.items()}
         losses = {name: _loss(logits, y[here]) for name, logits in tried.items()}
         chosen.append(min(losses, key=lambda name: losses[name]))
+        held[here] = tried[chosen[-1]]
 
     def learned(rows: Integers) -> tuple[Fitted, ...]:
         parts = [rows[touches.actions[rows] == action] for action in range(num_actions)]
         return tuple(
-            Fitted.of(KINDS[name], features[part], touches.objects[part], num_labels)
+            Fitted.of(KINDS[name], features[part], touches.labels[part], num_labels)
             for name, part in zip(chosen, parts, strict=True)
         )
 
-    rows = split.calibration
-    logits = _logits(learned(split.train), features[rows], touches.actions[rows])
-    kind = StructuredMatrixScaling() if num_labels <= _MANY_LABELS else TemperatureScaling()
+    rows, logits = split.train, held
+    if len(split.calibration):
+        rows = split.calibration
+        logits = _logits(learned(split.train), features[rows], touches.actions[rows])
+    knows_labels = touches.task == TASKS[0] and num_labels <= _MANY_LABELS
+    kind = StructuredMatrixScaling() if knows_labels else TemperatureScaling()
     ratios = _cross_calibrated(kind, touches, rows, logits, split.folds)
     calibration, log_prior = _calibrated(kind, touches, rows, logits)
     classifiers = learned(np.concatenate([split.train, split.calibration]))
-    names = touches.object_names, touches.action_names, touches.feature_names
+    names = touches.label_names, touches.action_names, touches.feature_names
     reader = RecordedReader(classifiers, calibration, log_prior, tuple(chosen), *names)
     return Reading(reader, rows, ratios, reader.ratios(features[split.test], touches.actions[split.test]))
 
@@ -219,7 +224,7 @@ def _cross_calibrated(
 
 def _calibrated(kind: Calibration, touches: RecordedTouches, rows: Integers, logits: Floats) -> tuple[PerPose, Floats]:
     """A calibration of each action, and the log shares of the labels in it."""
-    labels, num_labels = touches.objects[rows], logits.shape[1]
+    labels, num_labels = touches.labels[rows], logits.shape[1]
     calibration = PerPose(kind, _POOLING).fit(logits, labels, touches.actions[rows], touches.num_actions)
     learns_shares = isinstance(kind, StructuredMatrixScaling)
     counts = np.bincount(labels, minlength=num_labels) + 0.5 if learns_shares else np.ones(num_labels)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.recorded.touches import RecordedTouches
+from activetouch.recorded.touches import TASKS, RecordedTouches
 from belief.frozen import FrozenArrays
 from belief.observation_model.calibration_data import object_folds
 
@@ -21,10 +21,10 @@ class Split(FrozenArrays):
 
     Attributes:
         train: to learn from.
-        calibration: to calibrate on.
+        calibration: to calibrate on; empty where calibration is by cross-validation within ``train``.
         test: to test on.
-        inner: fold of each row of ``train``, for the choice of a classifier.
-        folds: fold of each row of ``calibration``; the calibration of a row is of other folds where correlations are
+        inner: fold of each row of ``train``, for the choice of a classifier and for that cross-validation.
+        folds: fold of each row that is calibrated on; the calibration of a row is of other folds where correlations are
             fitted.
     """
 
@@ -33,6 +33,31 @@ class Split(FrozenArrays):
     test: NDArray[np.int64]
     inner: NDArray[np.int64]
     folds: NDArray[np.int64]
+
+
+def splits_of(touches: RecordedTouches, num_folds: int) -> list[Split]:
+    """Objects in order of recording; of categories and shapes whole objects held out, each in one of the splits."""
+    if touches.task == TASKS[0]:
+        return [by_session(touches)]
+    folds = object_folds(touches.labels, touches.objects, min(num_folds, len(np.unique(touches.objects))))
+    return [_held_out(touches, folds == fold) for fold in range(int(folds.max()) + 1)]
+
+
+def for_use(touches: RecordedTouches) -> Split:
+    """All touches to learn from and calibrate on, in the same way as for a test, and none to test on."""
+    if touches.task == TASKS[0]:
+        return by_session(touches, is_tested=False)
+    return _held_out(touches, np.zeros(touches.num_touches, np.bool_))
+
+
+def _held_out(touches: RecordedTouches, held: NDArray[np.bool_]) -> Split:
+    """Some objects to test on, and the others to learn from, in folds of objects; ``held (n,)``."""
+    train = np.flatnonzero(~held)
+    pairs = np.unique(np.stack([touches.labels[train], touches.objects[train]]), axis=1)
+    fewest = int(np.unique(pairs[0], return_counts=True)[1].min())  # objects of a label
+    inner = object_folds(touches.labels[train], touches.objects[train], int(np.clip(fewest, 2, _INNER)))
+    folds = inner.astype(np.int64)
+    return Split(train, np.empty(0, np.int64), np.flatnonzero(held), folds, folds)
 
 
 def by_session(touches: RecordedTouches, is_tested: bool = True) -> Split:

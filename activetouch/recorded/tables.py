@@ -17,6 +17,8 @@ from belief.files import plain_number, require_regular_file
 from belief.observation_model.action_kernel import numbered_sessions
 from belief.validation import Floats
 
+KINDS_OF = {"categories": "category", "shapes": "shape"}
+"""The column of each task besides ``objects``."""
 MOST_BYTES = 256 * 2**20
 """Largest decompressed size of one file."""
 MOST_TOUCHES, MOST_NUMBERS, MOST_CHARACTERS = 2**20, 2**24, 2**26
@@ -97,7 +99,7 @@ def touches_of_columns(
 
     Args:
         features: ``(n, F)``.
-        columns: ``object`` and, where given, ``action`` and ``session``, each ``(n,)``.
+        columns: ``object`` and, where given, ``action``, ``session``, ``category`` and ``shape``, each ``(n,)``.
         source: where the table comes from, for messages.
         place: names a row in messages, such as "line 7 of mugs.csv"; by default "row 5 of SOURCE", counted from 0.
         action_names: all actions in their order; by default those of the column, sorted.
@@ -106,8 +108,8 @@ def touches_of_columns(
         licence: its licence.
 
     Raises:
-        BadRecording: no feature, an object without a name, or sessions that are not integers; the message names the row
-            and the column.
+        BadRecording: no feature, an object without a name or with two categories or shapes, or sessions that are not
+            integers; the message names the row and the column.
 
     >>> table = touches_of_columns(np.ones((2, 1)), {"object": np.array(["mug", "can"])}, "here")
     >>> table.object_names, table.action_names
@@ -130,10 +132,29 @@ def touches_of_columns(
     sessions = numbered_sessions(objects, actions)
     if "session" in columns:
         sessions = _sessions(columns["session"], place)
+    kinds = {
+        task: _kinds(column, columns[column].astype(str), objects, place)
+        for task, column in KINDS_OF.items()
+        if column in columns
+    }
     names = ordered, tuple(map(str, object_names))
     return RecordedTouches(
-        features, actions, objects, sessions, *names, provenance or source, licence, tuple(feature_names)
+        features, actions, objects, sessions, *names, provenance or source, licence, tuple(feature_names), kinds
     )
+
+
+def _kinds(
+    column: str, values: NDArray[np.str_], objects: NDArray[np.intp], place: Callable[[int], str]
+) -> tuple[str, ...]:
+    """The category or shape of each object."""
+    firsts = np.unique(objects, return_index=True)[1]
+    if (others := np.flatnonzero(values != values[firsts][objects])).size:
+        row, first = int(others[0]), int(firsts[objects[others[0]]])
+        raise BadRecording(
+            f"{place(row)} names an object with two of {column}: {str(values[row])!r} here and {str(values[first])!r} "
+            f"in {place(first)}"
+        )
+    return tuple(map(str, values[firsts]))
 
 
 def _sessions(values: NDArray[np.generic], place: Callable[[int], str]) -> NDArray[np.int64]:

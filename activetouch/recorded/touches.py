@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +16,13 @@ from belief.observation_model.calibration_data import LabelledTouches
 from belief.problem import Touch
 from belief.validation import Floats
 
+TASKS = "objects", "categories", "shapes"
+"""What the labels of touches are: their objects, or kinds of objects."""
 LARGEST = 1e100
 """Size of a feature, so that squares and their sums are finite."""
 
 _SHARED = 0.9  # of the sessions have all actions, if actions are recorded in sessions
-_SESSIONS = 4  # of three sessions none is left to calibrate on
+_SESSIONS, _OBJECTS = 4, 3  # of three sessions none is left to calibrate on; objects of a category or shape
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,10 +36,13 @@ class RecordedTouches(FrozenArrays):
         sessions: order of recording of each touch among those of its object and action, ``(n,)``; touches of one object
             with equal numbers belong together, such as the behaviours of one trial.
         action_names: of the P actions.
-        object_names: of the K objects, which a reader learns to tell apart.
+        object_names: of the objects.
         provenance: where the set comes from.
         licence: its licence.
         feature_names: F names, or none.
+        kinds: category or shape of each object by task, ``categories`` or ``shapes``; an empty name leaves the object
+            out of the task.
+        task: whether a reader learns to tell apart ``objects``, ``categories`` or ``shapes``, see :meth:`for_task`.
 
     Raises:
         BadRecording: the arrays do not fit each other, hold values that are not finite or too large, or indices and
@@ -56,6 +62,8 @@ class RecordedTouches(FrozenArrays):
     provenance: str = "the user"
     licence: str = "not stated"
     feature_names: tuple[str, ...] = ()
+    kinds: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    task: str = TASKS[0]
 
     def __post_init__(self) -> None:
         for name in ("actions", "objects", "sessions"):
@@ -88,7 +96,41 @@ class RecordedTouches(FrozenArrays):
                 f"{self.features[row][~fits[row]][0]}; they must be finite and of a size up to {LARGEST:g}: use "
                 "another unit, or leave the touch out"
             )
+        for task, names in self.kinds.items():
+            if task not in TASKS[1:] or len(names) != len(self.object_names):
+                raise BadRecording(f"kinds must give {len(self.object_names)} names for {TASKS[1:]}, got {task!r}")
+        if self.task not in (TASKS[0], *self.kinds):
+            raise BadRecording(f"these touches have no labels for {self.task!r}; they have {(TASKS[0], *self.kinds)}")
         self.freeze()
+
+    def for_task(self, task: str) -> RecordedTouches:
+        """The touches of the objects that have a label in a task; raises BadRecording if there are none.
+
+        >>> kinds = {"shapes": ("", "cone")}
+        >>> touches = RecordedTouches(np.eye(2), [0, 0], [0, 1], [0, 0], ("press",), ("mug", "hat"), kinds=kinds)
+        >>> touches.for_task("shapes").label_names, touches.for_task("shapes").labels.tolist()
+        (('cone',), [0])
+        """
+        found = replace(self, task=task)
+        if task == TASKS[0] or (kept := found.labels >= 0).all():
+            return found
+        if not kept.any():
+            raise BadRecording(f"no object has a label for {task!r}")
+        arrays = {name: getattr(self, name)[kept] for name in ("features", "actions", "objects", "sessions")}
+        return replace(found, **arrays)
+
+    @property
+    def label_names(self) -> tuple[str, ...]:
+        """Names of the K labels of the task."""
+        return self.object_names if self.task == TASKS[0] else tuple(sorted({*self.kinds[self.task]} - {""}))
+
+    @property
+    def labels(self) -> NDArray[np.int64]:
+        """Label of each touch, ``(n,)``, in [0, K), or -1 for an object without one."""
+        if self.task == TASKS[0]:
+            return self.objects
+        places = {name: place for place, name in enumerate(self.label_names)}
+        return np.array([places.get(name, -1) for name in self.kinds[self.task]])[self.objects]
 
     @property
     def num_touches(self) -> int:
@@ -109,18 +151,17 @@ class RecordedTouches(FrozenArrays):
         return sessions if is_shared else numbered_sessions(objects, actions)
 
     def labelled(self, rows: NDArray[np.int64], ratios: Floats) -> LabelledTouches:
-        """Some rows ``(r,)`` as a reader sees them, with log likelihood ratios ``(r, K)``, and their objects."""
+        """Some rows ``(r,)`` as a reader sees them, with log likelihood ratios ``(r, K)``, and their labels."""
         listed = [Touch(int(action), row) for action, row in zip(self.actions[rows], ratios, strict=True)]
-        owners = self.objects[rows]
-        return LabelledTouches.of(listed, owners, owners, self.object_names, self.num_actions)
+        return LabelledTouches.of(listed, self.labels[rows], self.objects[rows], self.label_names, self.num_actions)
 
 
 def check_recorded(touches: RecordedTouches) -> tuple[str, ...]:
     """Check that a set can be split, read and searched in, and return remarks about what weakens its results.
 
     Raises:
-        BadRecording: there are fewer than two objects, or one has too few sessions of an action; the message says which
-            and what is needed.
+        BadRecording: there are fewer than two labels, one has too few objects, or an object has too few sessions of an
+            action; the message says which and what is needed.
 
     >>> rows = np.arange(12.0).reshape(12, 1) % 5
     >>> mugs = RecordedTouches(rows, [0] * 12, [0, 1] * 6, np.arange(12) // 2, ("press",), ("mug", "ball"))
@@ -128,17 +169,28 @@ def check_recorded(touches: RecordedTouches) -> tuple[str, ...]:
     ('7 touches have exactly the features of an earlier touch; copies leak from training into tests',)
     """
     names = touches.object_names
-    if len(names) < 2:
-        raise BadRecording(f"a search needs at least two different objects, there is {list(names)}")
+    if len(touches.label_names) < 2:
+        raise BadRecording(
+            f"a search needs at least two different {touches.task}, there is {list(touches.label_names)}"
+        )
     counts = np.zeros((len(names), touches.num_actions), np.int64)
     np.add.at(counts, tuple(np.unique([touches.objects, touches.actions, touches.sessions], axis=1)[:2]), 1)
-    short = counts < _SESSIONS
+    needed = _SESSIONS if touches.task == TASKS[0] else 1
+    short = counts < needed
+    if touches.task != TASKS[0]:
+        kinds = touches.kinds[touches.task]
+        short &= np.array(kinds)[:, None] != ""
+        if scarce := {kind: kinds.count(kind) for kind in touches.label_names if kinds.count(kind) < _OBJECTS}:
+            raise BadRecording(
+                f"{touches.task} need at least {_OBJECTS} objects of each, to learn from, to calibrate on and to test "
+                f"on; there are {scarce}"
+            )
     if lacking := np.flatnonzero(short.any(axis=1)).tolist():
         missing = [[f"{counts[i, a]} of {touches.action_names[a]}" for a in np.flatnonzero(short[i])] for i in lacking]
         listed = "; ".join(f"{names[i]} ({', '.join(parts)})" for i, parts in zip(lacking, missing, strict=True))
         raise BadRecording(
-            f"{len(lacking)} of {len(names)} objects have too few sessions: {listed}; objects need at least "
-            f"{_SESSIONS} of each action, to learn from, to calibrate on and to test on; leave these out"
+            f"{len(lacking)} of {len(names)} objects have too few sessions: {listed}; {touches.task} need at least "
+            f"{needed} of each action, to learn from, to calibrate on and to test on; leave these out"
         )
     copies = len(touches.features) - len(np.unique(np.column_stack([touches.features, touches.actions]), axis=0))
     said = "touches have exactly the features of an earlier touch; copies leak from training into tests"

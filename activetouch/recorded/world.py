@@ -26,19 +26,21 @@ class RecordedBank(FrozenArrays):
         label_names: of the K labels.
         action_names: of the P actions.
         ratios: log likelihood ratios of each touch, ``(n, K)``.
-        objects, actions, sessions: of each touch, ``(n,)``; an object is the index of its label.
+        labels, objects, actions, sessions: of each touch, ``(n,)``.
 
     Raises:
         BadRecording: an object has no touch with some action.
 
     >>> one = np.zeros(1, np.int64)
-    >>> RecordedBank(("mug", "can"), ("press",), np.zeros((1, 2)), one, one, one).repeats
-    1
+    >>> bank = RecordedBank(("mug", "can"), ("press",), np.zeros((1, 2)), one, one, one, one)
+    >>> bank.repeats, bank.objects_of(0)
+    (1, [0])
     """
 
     label_names: tuple[str, ...]
     action_names: tuple[str, ...]
     ratios: Floats
+    labels: NDArray[np.int64]
     objects: NDArray[np.int64]
     actions: NDArray[np.int64]
     sessions: NDArray[np.int64]
@@ -58,13 +60,17 @@ class RecordedBank(FrozenArrays):
         """Number of different touches with each action that every object has."""
         return int(self._counts().min())
 
+    def objects_of(self, label: int) -> list[int]:
+        """The objects with a label."""
+        return [int(index) for index in np.unique(self.objects[self.labels == label])]
+
     def among(self, labels: Sequence[str]) -> RecordedBank:
-        """The touches of some objects, with the ratios of these only."""
+        """The touches of objects of some labels, with the ratios of these labels only."""
         columns = [self.label_names.index(label) for label in labels]
-        rows = np.flatnonzero(np.isin(self.objects, columns))
-        new = np.array([columns.index(index) for index in self.objects[rows].tolist()], np.int64)
-        names, ratios = (tuple(labels), self.action_names), self.ratios[rows][:, columns]
-        return RecordedBank(*names, ratios, new, self.actions[rows], self.sessions[rows])
+        rows = np.flatnonzero(np.isin(self.labels, columns))
+        new = np.array([columns.index(label) for label in self.labels[rows].tolist()], np.int64)
+        arrays = (column[rows] for column in (self.objects, self.actions, self.sessions))
+        return RecordedBank(tuple(labels), self.action_names, self.ratios[rows][:, columns], new, *arrays)
 
     def rows_of(self, index: int, action: int) -> NDArray[np.int64]:
         """Rows of an object's touches with an action, in the order of its sessions."""
@@ -93,7 +99,7 @@ class RecordedWorld:
         seed: of the order of sessions, one number or several.
 
     >>> zeros, ones = np.zeros(2, np.int64), np.arange(2)
-    >>> bank = RecordedBank(("mug", "can"), ("press",), np.eye(2), ones, zeros, zeros)
+    >>> bank = RecordedBank(("mug", "can"), ("press",), np.eye(2), ones, ones, zeros, zeros)
     >>> world = RecordedWorld(bank, objects=[1, 0], seed=[0])
     >>> world.arrangement, world.touch(0, np.random.default_rng(0)).logits.tolist()
     ((1, 0), [0.0, 1.0])
@@ -101,11 +107,12 @@ class RecordedWorld:
 
     def __init__(self, bank: RecordedBank, objects: Sequence[int], seed: int | Sequence[int]) -> None:
         self._bank = bank
-        self.arrangement = tuple(int(index) for index in objects)
-        if unknown := [index for index in self.arrangement if index not in bank.objects]:
+        self.objects = tuple(int(index) for index in objects)
+        if unknown := [index for index in self.objects if index not in bank.objects]:
             raise InvalidArgument(f"the bank has no object {unknown[0]}, it has {np.unique(bank.objects).tolist()}")
+        self.arrangement = tuple(int(bank.labels[bank.objects == index][0]) for index in self.objects)
         self._orders = []
-        for number, index in enumerate(self.arrangement):
+        for number, index in enumerate(self.objects):
             sessions = np.unique(bank.sessions[bank.objects == index])
             turns = keyed_rng([*checked_key(seed), _KEY, number]).permutation(len(sessions))
             self._orders.append(dict(zip(sessions.tolist(), turns.tolist(), strict=True)))
@@ -113,7 +120,7 @@ class RecordedWorld:
 
     def touch(self, pose: int, rng: np.random.Generator) -> Touch:
         """The next recording of the current object with an action; ``rng`` is not used."""
-        index, turn = self.arrangement[self._current], self._orders[self._current]
+        index, turn = self.objects[self._current], self._orders[self._current]
         rows = self._bank.rows_of(index, pose)
         ordered = rows[np.argsort([turn[session] for session in self._bank.sessions[rows].tolist()], kind="stable")]
         used = self._used.get((self._current, pose), 0)
@@ -122,8 +129,8 @@ class RecordedWorld:
 
     def advance(self) -> None:
         """Go to the next object; raises InvalidArgument after the last."""
-        if self._current + 1 >= len(self.arrangement):
-            raise InvalidArgument(f"there is no object after the last of {len(self.arrangement)}")
+        if self._current + 1 >= len(self.objects):
+            raise InvalidArgument(f"there is no object after the last of {len(self.objects)}")
         self._current += 1
 
     def reset(self) -> None:

@@ -11,7 +11,7 @@ One pose, one shape, two hypotheses; then a touch that fits the first:
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -50,7 +50,8 @@ class FixedHypotheses(FrozenArrays):
     """Hypotheses that are embedded already.
 
     Attributes:
-        table: the embedded hypotheses of every pose, ``(P, K, N, D)``, read-only.
+        table: the embedded hypotheses of every pose, ``(P, K, N, D)``, read-only; ``(P, K, N, A · D)`` with A
+            alternatives of each.
 
     >>> FixedHypotheses(np.zeros((6, 4, 512, 64), np.float32))(512).shape
     (6, 4, 512, 64)
@@ -148,17 +149,24 @@ def log_ratios(embeddings: Floats, table: NDArray[np.floating], temperature: flo
 
     Args:
         embeddings: of the touches, ``(n, D)``.
-        table: of the hypotheses, ``(..., D)``.
+        table: of the hypotheses, ``(..., D)``; or ``(..., A · D)`` of A alternatives, such as a nuisance that each
+            touch draws anew: the ratio is their mean.
         temperature: above 0.
     """
-    found = scaled(embeddings, temperature) @ table.reshape(-1, embeddings.shape[1]).T
+    width = embeddings.shape[1]
+    if table.shape[-1] == width:
+        found = scaled(embeddings, temperature) @ table.reshape(-1, width).T
+    else:
+        rows, alternatives = scaled(embeddings, 1.0), np.split(table, table.shape[-1] // width, axis=-1)
+        each = (rows @ some.reshape(-1, width).T for some in alternatives)
+        found = (reduce(np.logaddexp, each) - np.float32(np.log(len(alternatives)))) / np.float32(temperature)
     return np.asarray(found.reshape(len(embeddings), *table.shape[:-1]))
 
 
 def require_table(table: Floats32, shape: tuple[int, ...]) -> None:
-    """Check embedded hypotheses."""
+    """Check embedded hypotheses, of one or more alternatives."""
     values = as_real(table, "hypotheses")
-    if values.shape != shape:
+    if values.shape[:-1] != shape[:-1] or values.shape[-1] % shape[-1] or not values.shape[-1]:
         raise ValueError(f"hypotheses must be {shape} ((poses,) shapes, N, D), got {values.shape}")
     if not np.isfinite(values).all():
         place = np.argwhere(~np.isfinite(values))[0].tolist()

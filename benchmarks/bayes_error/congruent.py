@@ -84,6 +84,10 @@ class CongruentContacts:
 
     def __post_init__(self) -> None:
         scene, vary = self.scene, self.scene.variation
+        if scene.families:
+            raise UnknownLikelihood(
+                f"this bound is about solids, but the proportions of {', '.join(scene.families)} vary"
+            )
         if len(self.shapes) < 2:
             raise UnknownLikelihood(f"this bound is about shapes with flat faces, and {scene!r} has {len(self.shapes)}")
         if not isinstance(scene.presentation, Tumbled) or scene.aims:

@@ -70,6 +70,7 @@ def read_cy101(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
             "object": objects,
             "action": np.array(BEHAVIOURS)[actions],
             "session": trials,
+            "category": np.array([name.split("_")[0] for name in objects.tolist()]),
         },
         str(folder),
         action_names=BEHAVIOURS,

@@ -64,11 +64,13 @@ def read_sdh2(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
         features.append(grasp_features(film))
         require_bounded(len(paths), len(paths) * len(features[0]), str(top))
     names = [path.parent.name for path in paths]
+    shape_of = {name: shape for shape, members in SHAPES.items() for name in members}
     touches = touches_of_columns(
         np.array(features),
         {
             "object": np.array(names),
             "action": np.full(len(names), "grasp"),
+            "shape": np.array([shape_of.get(name, "") for name in names]),
         },
         str(top),
         provenance="peter-kiechle/tactile-sensors, training_grasp_profiles_thesis; joint angles left out",

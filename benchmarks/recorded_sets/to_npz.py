@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from activetouch.recorded import RecordedTouches
+from activetouch.recorded.tables import KINDS_OF
 from benchmarks.recorded_sets.cy101 import read_cy101
 from benchmarks.recorded_sets.sdh2 import read_sdh2
 
@@ -39,6 +40,7 @@ def write_npz(touches: RecordedTouches, path: Path) -> None:
         "session": touches.sessions,
         "provenance": np.array(touches.provenance),
         "licence": np.array(touches.licence),
+        **{KINDS_OF[task]: np.array(kinds)[touches.objects] for task, kinds in touches.kinds.items()},
     }
     if touches.feature_names:
         arrays["feature_names"] = np.array(touches.feature_names)

@@ -118,6 +118,8 @@ def _alike_words(scene: Scene, name: str, jobs: int) -> list[str]:
     """The pairs of shapes that feel nearly alike to the sensor's reader of any object, from 26 directions."""
     if len(scene.shapes) < 2:
         return []
+    if scene.families:
+        return [f"Shapes are not compared: the proportions of {', '.join(scene.families)} vary."]
     if not (MODELS / name / ANY_OBJECT_FILE).is_file():
         return ["Shapes are not compared: the scene has no sensor that reads any object."]
     twins = near_twins(MeshSetting.of(scene.solids, sensor=name, jobs=jobs))
@@ -159,8 +161,13 @@ def inventory(named: NamedScene) -> list[Item]:
     """The parts in the model of one press of a scene, and the hidden variables of the belief about a search."""
     scene, pad = named.scene, named.scene.pad
     spacing = 1e3 * 2 * pad.half_width / pad.num_taxels
+    families = [
+        "{} ({})".format(label, ", ".join("{} {:g} to {:g}".format(name, *d.support) for name, d in family.parameters))
+        for label, family in scene.families.items()
+    ]
     items = [
         Item(len(scene.shapes), "shapes", ", ".join(scene.shape_labels)),
+        Item(len(families), "families", f"whose proportions differ by object: {', '.join(families)}"),
         Item(len(scene.poses), "poses", "sides of an object to turn to the pad"),
         Item(pad.num_taxels**2, "points of the pad", f"one ray each, {spacing:.2f} mm apart"),
         Item(len(scene.faults), "faults of the sensor", ", ".join(type(fault).__name__ for fault in scene.faults)),
@@ -186,7 +193,9 @@ def latent(scene: Scene) -> list[str]:
         return []  # every touch has its own orientation
     low, high = scene.variation.size.support
     turned = ["heading", "tilt"] if isinstance(scene.presentation, Upright) else ["orientation"]
-    return turned + (["size"] if low < high else [])
+    kept = scene.hand is not None and scene.hand.offset == "kept"
+    of_families = [f"{name} of {label}" for label, family in scene.families.items() for name, _ in family.parameters]
+    return turned + (["size"] if low < high else []) + of_families + (["offset in the palm"] if kept else [])
 
 
 def _surfaces(scene: Scene) -> list[Item]:

@@ -1,4 +1,4 @@
-"""Identification of recorded objects, and searches among them."""
+"""Identification of recorded objects, and searches among them, in one split of recorded touches."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import log_softmax
 
 from activetouch.recorded.reader import Reading, read
-from activetouch.recorded.splits import by_session
+from activetouch.recorded.splits import Split
 from activetouch.recorded.touches import RecordedTouches
 from activetouch.recorded.world import RecordedBank, RecordedWorld
 from belief.observation_model.action_kernel import ActionKernelModel, touch_weights
@@ -31,7 +31,7 @@ RANDOM, FIXED, GAIN = "random order", "best fixed order", "information gain"
 
 @dataclass(frozen=True, eq=False)
 class Fold:
-    """A set after reading, calibration and the fit of correlations.
+    """A split after reading, calibration and the fit of correlations.
 
     Attributes:
         reading: the reader and what it read.
@@ -65,18 +65,18 @@ class Found:
     reward: float
 
 
-def prepare(touches: RecordedTouches, threshold: float) -> Fold:
-    """Read a set, split in order of recording, and fit what its searches need.
+def prepare(touches: RecordedTouches, split: Split, threshold: float) -> Fold:
+    """Read a split, and fit what its searches need.
 
     Args:
-        touches: the set.
+        touches: the set, for a task.
+        split: its rows.
         threshold: probability at which searches stop, for the ranking of fixed orders.
     """
-    split = by_session(touches)
     reading, test = read(touches, split), split.test
     names, rows = touches.action_names, reading.calibration_rows
-    columns = touches.objects[test], touches.actions[test], touches.sessions_of(test)
-    bank = RecordedBank(touches.object_names, names, reading.test_ratios, *columns)
+    columns = touches.labels[test], touches.objects[test], touches.actions[test], touches.sessions_of(test)
+    bank = RecordedBank(touches.label_names, names, reading.test_ratios, *columns)
     model = reading.model(touches, repeats=bank.repeats)
     data = touches.labelled(rows, reading.calibration_ratios)
     order = best_order(data, touches.sessions_of(rows), model.kernel, threshold)
@@ -130,7 +130,7 @@ def identify_all(fold: Fold, seed: Sequence[int], threshold: float, max_touches:
     """Identify every test object with all deciders.
 
     Args:
-        fold: the set, whose test touches are played.
+        fold: the split, whose test touches are played.
         seed: of all identifications.
         threshold: probability at which to stop.
         max_touches: of an object.
@@ -159,31 +159,35 @@ def find_all(
 ) -> list[Found]:
     """Search for every object of random scenes with all deciders.
 
-    The robot knows which objects lie on the table, as in a search among distinct shapes, but not where.
+    The robot knows which labels lie on the table, as in a search among distinct shapes, but not where. There are no
+    searches where the test objects have fewer than N different labels.
 
     Args:
-        fold: the set, whose test touches are played.
+        fold: the split, whose test touches are played.
         deciders: names for :func:`planners.registry.make_decider`, or "best fixed order".
         seed: of scenes and searches.
-        num_objects: N, all different.
+        num_objects: N, all of different labels.
         num_scenes: scenes, each with one search for each of its objects.
         max_touches: of one object, for deciders with thresholds.
     """
-    found = list[Found]()
+    present, found = np.unique(fold.bank.labels), list[Found]()
+    if len(present) < num_objects:
+        return found
     limit = min(max_touches, fold.bank.repeats * len(fold.bank.action_names))
     for number in range(num_scenes):
         rng = np.random.default_rng([*seed, number])
-        chosen = rng.permutation(len(fold.bank.label_names))[:num_objects]
+        chosen = rng.permutation(present)[:num_objects]
         names = tuple(fold.bank.label_names[index] for index in chosen.tolist())
         bank, model = fold.bank.among(names), fold.model.among(names)
         problem = SearchProblem(names, bank.action_names, num_objects, touch_limit=limit * num_objects)
-        objects = rng.permutation(num_objects).tolist()
+        objects = [int(rng.choice(bank.objects_of(int(label)))) for label in rng.permutation(num_objects)]
+        scene = int(seed[-1]) * num_scenes + number
         made = {name: _decider(name, model, fold.order, limit) for name in deciders}
         for target in range(num_objects):
             words = [*seed, number, target]
             for name, decider in made.items():
                 episode = search(RecordedWorld(bank, objects, words), decider, problem, target, model, words)
-                found.append(Found(name, number, episode, episode.reward(problem)))
+                found.append(Found(name, scene, episode, episode.reward(problem)))
     return found
 
 

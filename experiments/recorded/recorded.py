@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
+
+import numpy as np
 
 from activetouch.recorded import RecordedTouches, check_recorded, read_recorded
 from activetouch.recorded.formats import Format
+from activetouch.recorded.splits import splits_of
 from activetouch.sensor import RecordedSensor
 from belief.claims import claim_folder, ends_claims
 from experiments.command_line.arguments import (
@@ -22,7 +25,7 @@ from experiments.command_line.arguments import (
     check_arguments,
 )
 from experiments.command_line.console import plain_console
-from experiments.recorded.play import FIXED, find_all, identify_all, prepare
+from experiments.recorded.play import FIXED, Found, Named, find_all, identify_all, prepare
 from experiments.recorded.report import RecordedReport
 from planners.registry import find_decider, trained_state
 
@@ -37,28 +40,32 @@ DECIDERS = (
 
 def recorded(
     touches: RecordedTouches,
+    task: str = "objects",
     *,
     name: str = "own",
     threshold: float = 0.9,
     objects: int = 4,
     scenes: int = 10,
     deciders: Sequence[str] = DECIDERS,
+    folds: int = 5,
     rounds: int = 5,
     max_touches: int = 12,
     seed: int = 0,
     notes: Sequence[str] = (),
     save: str | Path | None = None,
 ) -> RecordedReport:
-    """Identify and search for recorded objects by their later recordings, with several deciders.
+    """Identify and search for recorded objects by recordings that were not learned from, with several deciders.
 
     Args:
         touches: the set.
+        task: ``objects``, ``categories`` or ``shapes``.
         name: of the set.
-        threshold: probability of an object at which it is named.
-        objects: of a search, all different.
-        scenes: each with a search for each object; 0 for no searches.
+        threshold: probability of a label at which an object is named.
+        objects: of a search, all with different labels.
+        scenes: per split, each with a search for each object; 0 for no searches.
         deciders: of searches; "best fixed order" has posterior thresholds and the order ranked on calibration touches.
             {max_touches} stands for ``max_touches``, or the number of different touches of an object if it is smaller.
+        folds: of objects for categories and shapes.
         rounds: identifications of each object by each decider, each with another order of its recordings.
         max_touches: of an object.
         seed: of orders, scenes and intervals.
@@ -66,57 +73,65 @@ def recorded(
         save: folder for the sensor that :meth:`activetouch.sensor.RecordedSensor.fit` makes from all touches.
 
     Raises:
-        BadRecording: there are too few objects or touches.
+        BadRecording: there are too few labels, objects or touches.
         CannotWrite: ``save`` cannot be written, or holds a sensor of a scene.
-        BadArgument: a threshold that a guess reaches, more objects than there are, or a decider that needs a file of a
-            sensor's folder.
+        BadArgument: a threshold that a guess reaches, more objects than a split has labels, or a decider that needs a
+            file of a sensor's folder.
         UnknownName: there is no such decider.
     """
     for decider in deciders:
         _require_plain(decider, max_touches)
-    remarks, number = check_recorded(touches), len(touches.object_names)
+    touches = touches.for_task(task)
+    remarks, number = check_recorded(touches), len(touches.label_names)
     if threshold <= 1.0 / number:
         raise BadArgument(
-            f"--threshold must be above {1.0 / number:.3g}, the probability of each of the {number} objects before the "
+            f"--threshold must be above {1.0 / number:.3g}, the probability of each of the {number} {task} before the "
             f"first touch, got {threshold:g}"
         )
-    if scenes and objects > number:
-        raise BadArgument(f"--objects {objects}: there are {number} to search among; give fewer, or --scenes 0")
+    splits = splits_of(touches, folds)
+    if scenes and objects > (most := max(len(np.unique(touches.labels[split.test])) for split in splits)):
+        raise BadArgument(f"--objects {objects}: there are {most} to search among; give fewer, or --scenes 0")
     if save is not None:
         RecordedSensor.fit(touches).save(save)
-    fold = prepare(touches, threshold)
-    named = identify_all(fold, [seed, 0], threshold, max_touches, rounds)
-    found = find_all(fold, deciders, [seed, 0], objects, scenes, max_touches)
+    made = [prepare(touches, split, threshold) for split in splits]
+    named, found = list[Named](), list[Found]()
+    for place, fold in enumerate(made):
+        named += identify_all(fold, [seed, place], threshold, max_touches, rounds)
+        found += find_all(fold, deciders, [seed, place], objects, scenes, max_touches)
     facts = {
         "name": name,
+        "task": task,
         "provenance": touches.provenance,
         "licence": touches.licence,
         "touches": touches.num_touches,
-        "num_objects": number,
+        "labels": number,
+        "num_objects": len(np.unique(touches.objects)),
         "actions": list(touches.action_names),
         "threshold": threshold,
         "objects": objects,
         "scenes": scenes,
         "deciders": list(deciders),
+        "folds": len(splits),
         "rounds": rounds,
         "max_touches": max_touches,
         "seed": seed,
         "notes": [*notes, *remarks],
     }
-    return RecordedReport(fold, named, found, facts)
+    return RecordedReport(made, named, found, facts)
 
 
 @dataclass(frozen=True)
 class Recorded:
     """Play searches on recorded touches of real objects, with several deciders; report.
 
-    The set is split in order of recording, a classifier is trained and calibrated, correlations between touches are
-    fitted, and objects are then identified, and searched for, by their last recordings.
+    The set is split in order of recording, or by object, a classifier is trained and calibrated, correlations between
+    touches are fitted, and objects are then identified, and searched for, by recordings that were not learned from.
     docs/real_touch.md describes the formats; "csv" and "npz" are for touches of your own, "bts3" is a public set.
 
     For example:
 
         activetouch recorded --data my_touches --format csv
+        activetouch recorded --data my_touches.npz --format npz --task categories
         activetouch recorded --data tests/fixtures/bts3 --format bts3 --save sensors/biotac
     """
 
@@ -124,15 +139,19 @@ class Recorded:
     """Folder of the recordings; for npz also the file."""
     format: Format
     """Format of the recordings."""
+    task: Literal["objects", "categories", "shapes"] = "objects"
+    """Labels: objects are tested on later recordings, categories and shapes on objects that were not learned from."""
     threshold: Share = 0.9
-    """Probability of an object at which it is named."""
+    """Probability of a label at which an object is named."""
     objects: Annotated[int, Within(2, 12)] = 4
-    """Number of objects of a search, all different."""
+    """Number of objects of a search, all with different labels."""
     scenes: CountOrNone = 10
-    """Scenes, each with a search for each object; 0 for no searches."""
+    """Scenes per split, each with a search for each object; 0 for no searches."""
     deciders: Annotated[tuple[str, ...], NotEmpty()] = DECIDERS
     """Deciders of searches; "best fixed order" has posterior thresholds and the order ranked on calibration touches.
     {max_touches} stands for --max-touches, or the number of different touches of an object if it is smaller."""
+    folds: Annotated[int, Within(2, 100)] = 5
+    """Folds of objects for categories and shapes."""
     rounds: Count = 5
     """Identifications of each object by each decider, each with another order of its recordings."""
     max_touches: Annotated[int, Within(1, 100)] = 12
@@ -143,7 +162,7 @@ class Recorded:
     """Folder for a sensor that is trained in the same way on all touches: TactileSensor.load reads it, and its session
     finds objects that you touch."""
     out: Path | None = None
-    """Folder for the results; runs/recorded-FORMAT by default."""
+    """Folder for the results; runs/recorded-FORMAT by default, with the task behind it if it is not objects."""
 
     @ends_claims
     def run(self) -> None:
@@ -151,18 +170,19 @@ class Recorded:
         check_arguments(self)
         for decider in self.deciders:
             _require_plain(decider, self.max_touches)
-        out = self.out if self.out is not None else Path(f"runs/recorded-{self.format}")
+        suffix = f"-{self.task}" * (self.task != "objects")
+        out = self.out if self.out is not None else Path(f"runs/recorded-{self.format}{suffix}")
         claim_folder(out)
         if self.save is not None:
             claim_folder(self.save)
         touches, notes = read_recorded(self.data, self.format)
         console = plain_console()
         console.print(f"{touches.num_touches} touches, actions: {', '.join(touches.action_names)}")
-        for note in (*notes, *check_recorded(touches)):
+        for note in (*notes, *check_recorded(touches.for_task(self.task))):
             console.print(f"- {note}")
-        names = "threshold", "objects", "scenes", "deciders", "rounds", "max_touches", "seed"
+        names = "threshold", "objects", "scenes", "deciders", "folds", "rounds", "max_touches", "seed"
         settings = {name: getattr(self, name) for name in names}
-        report = recorded(touches, name=self.format, notes=notes, save=self.save, **settings)
+        report = recorded(touches, self.task, name=self.format, notes=notes, save=self.save, **settings)
         for table in report.tables():
             print(table, end="\n\n")
         for sentence in report.verdict():

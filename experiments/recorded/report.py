@@ -27,13 +27,13 @@ class RecordedReport:
     """Identifications and searches among recorded objects; it prints as a verdict and tables.
 
     Attributes:
-        fold: the set after reading.
+        folds: the splits after reading.
         named: identifications.
         found: searches.
         facts: about the set and the settings, of JSON types.
     """
 
-    fold: Fold
+    folds: Sequence[Fold]
     named: Sequence[Named]
     found: Sequence[Found]
     facts: Mapping[str, Any]
@@ -45,19 +45,19 @@ class RecordedReport:
     def verdict(self) -> list[str]:
         """Sentences that say what was found."""
         shares = {name: self._mean(name, lambda one: one.is_certain) for name in (GAIN, RANDOM, FIXED)}
-        goal = f"probability {self.facts['threshold']:g}"
+        task, goal = self.facts["task"], f"probability {self.facts['threshold']:g}"
         if min(shares.values()) < _MOSTLY:
             listed = ", ".join(f"{name} {share:.3f}" for name, share in shares.items())
             most = max(len(one.result.poses) for one in self.named)
             sentences = [
-                f"Few objects are named with {goal} within {most} touches: {listed} of all attempts. The others stay "
+                f"Few {task} are named with {goal} within {most} touches: {listed} of all attempts. The others stay "
                 "undecided, so that a mean number of touches says little."
             ]
         else:
             needed = {name: self._mean(name, lambda one: len(one.poses)) for name in shares}
             listed = ", ".join(f"{name} {needed[name]:.2f} ({shares[name]:.3f})" for name in shares)
             sentences = [
-                f"Mean touches to name one of {self.facts['num_objects']} objects with {goal}, and the share of "
+                f"Mean touches to name one of {self.facts['labels']} {task} with {goal}, and the share of "
                 f"attempts that reach it: {listed}. Attempts that do not reach it count with all their touches."
             ]
         if len(self.facts["actions"]) == 1:
@@ -93,7 +93,7 @@ class RecordedReport:
         result = {
             **self.facts,
             "verdict": verdict,
-            "kernel": self.fold.model.kernel.tolist(),
+            "kernels": [fold.model.kernel.tolist() for fold in self.folds],
             "tables": rows,
         }
         write_text(folder / "results.json", json.dumps(result, indent=1, ensure_ascii=False) + "\n")
@@ -101,16 +101,19 @@ class RecordedReport:
         write_text(folder / "episodes.jsonl", "".join(json.dumps(episode) + "\n" for episode in episodes))
 
     def _title(self) -> str:
-        return f"Recorded touches: {self.facts['name']}"
+        return f"Recorded touches: {self.facts['name']}, {self.facts['task']}"
 
     def _about(self) -> list[str]:
-        facts, chosen = self.facts, Counter(self.fold.reading.reader.chosen)
+        facts, folds = self.facts, self.folds
+        chosen = Counter(name for fold in folds for name in fold.reading.reader.chosen)
+        labels = "" if facts["task"] == "objects" else f" of {facts['labels']} {facts['task']}"
+        which = " of the first split" * (len(folds) > 1)
         return [
-            f"{facts['touches']} touches of {facts['num_objects']} objects; actions: "
+            f"{facts['touches']} touches of {facts['num_objects']} objects{labels}; actions: "
             f"{', '.join(facts['actions'])}. Source: {facts['provenance']}; licence: {facts['licence']}.",
             "Classifiers by cross-validation, times chosen: "
             + "; ".join(f"{name} ({count})" for name, count in chosen.most_common())
-            + f". Best fixed order: {', '.join(self.fold.order)}.",
+            + f". Best fixed order{which}: {', '.join(folds[0].order)}.",
             *facts["notes"],
         ]
 
@@ -134,9 +137,10 @@ class RecordedReport:
                 share = accuracy_of_objects(known, objects, np.random.default_rng(0))
                 cells = [f"{np.mean([one.result.stated for one in stops]):.3f}", interval(*share)]
             rows.append((decider, interval(*touches, spec=".2f"), interval(*right), certain, *cells))
-        rows.append(("no touch: a guess", "0", f"{1 / self.facts['num_objects']:.3f}", 0.0, "–", "–"))
+        how = "by later recordings" if self.facts["task"] == "objects" else "of unseen objects"
+        rows.append(("no touch: a guess", "0", f"{1 / self.facts['labels']:.3f}", 0.0, "–", "–"))
         return Table(
-            f"Identification by later recordings: touches until a label has probability {self.facts['threshold']:g}",
+            f"Identification {how}: touches until a label has probability {self.facts['threshold']:g}",
             ("decider", "touches [95 %]", "right [95 %]", ("reached it", ".3f"), "these: stated", "right [95 %]"),
             rows,
             "Intervals resample objects.",

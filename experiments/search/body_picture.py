@@ -28,7 +28,7 @@ class Bodies:
     """Hypotheses of the objects' orientations and sizes, and the shapes they may have.
 
     Attributes:
-        shapes: solids by label.
+        shapes: solids by label; the nominal one of a family.
         rests: orientations at rest, unit quaternions ``wxyz``, ``(N, 4)``.
         sizes: size factors, ``(N,)``.
         pixels: width and height of a picture; its cost grows with the square.
@@ -47,7 +47,7 @@ class Bodies:
         model = joint_model(sensor.model)
         if model is None:
             return None
-        rests, sizes = HypothesisTable(sensor.reader, sensor.scene).hypotheses(model.num_hypotheses)
+        rests, sizes, _ = HypothesisTable(sensor.reader, sensor.scene).hypotheses(model.num_hypotheses)
         return cls(sensor.scene.solids, rests, sizes, pixels, draws)
 
     def likeliest(self, evidence: RigidBodyEvidence, probs: Floats, number: int) -> list[tuple[str, float, Floats]]:
@@ -67,7 +67,8 @@ class Bodies:
 
     def outline(self, label: str, body: WorldObject) -> Floats:
         """Whether the true body, whose shape has this label, covers each pixel, ``(H, W)``, for its outline."""
-        picture = portraits(self.shapes[label], body.orientation[None], self._radius, self.pixels, body.scale)[0]
+        solid = self.shapes[label] if body.member is None else body.member
+        picture = portraits(solid, body.orientation[None], self._radius, self.pixels, body.scale)[0]
         return np.isfinite(picture).astype(float)
 
     @property

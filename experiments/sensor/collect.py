@@ -69,7 +69,7 @@ class Collect:
     def run(self) -> None:
         """Record all missing shards, and check all."""
         check_arguments(self)
-        name = choice_name(self.choice) if self.choice.meshes else self.choice.scene
+        name = choice_name(self.choice) if self.choice.meshes or self.choice.family else self.choice.scene
         folder = self.out if self.out is not None else collection_folder(name)
         manifest = collect(self.choice, self.plan.plan, folder, self.jobs)
         print(f"{folder} is complete: {len(list(manifest.shards()))} shards")

@@ -22,7 +22,8 @@ from activetouch.sensor_files import (
     files_for,
     reader_file,
 )
-from activetouch.shapes import Box
+from activetouch.shapes import Box, Cylinder
+from activetouch.solids.family import Family
 from belief.errors import CorruptFile
 
 COARSE = SCENES["coarse"].scene
@@ -44,6 +45,9 @@ OTHER = {
     "other shapes": replace(COARSE, shapes=BRICKS),
     "another order": replace(COARSE, shapes=dict(reversed(COARSE.shapes.items()))),
     "other poses": replace(COARSE, poses="directions26"),
+    "a family": replace(
+        COARSE, shapes={**COARSE.shapes, "cylinder": Family(Cylinder(0.016, 0.02), half_length=Uniform(0.01, 0.04))}
+    ),
 }
 TOLD = {
     "noise": replace(COARSE, faults=(*COARSE.faults, Noise(0.1))),

@@ -1,11 +1,12 @@
 import json
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from activetouch import Dynamic, Quasistatic
-from activetouch.distributions import Constant
+from activetouch.distributions import Constant, Uniform
 from activetouch.errors import DuplicateShape
 from activetouch.named_scenes import SCENES
 from activetouch.orientations import Upright
@@ -71,20 +72,30 @@ def test_settings_of_a_renderer_that_is_ready_are_refused_rather_than_ignored():
     assert renderer_named("activetouch.rendering:PressureRenderer(binning=2)") == PressureRenderer(2)
 
 
-def test_only_the_meshes_are_left_and_their_sizes_do_not_vary(mesh):
+def test_only_the_meshes_are_left_and_their_sizes_do_not_vary_unless_asked(mesh):
     choice = SceneChoice(scene="many", meshes=(Path(f"{mesh}@0.001"), Path(f"big={mesh}@0.0015")), only=True)
     named = choice.named
     assert named.scene.shape_labels == ("pebble", "big")
     assert named.scene.variation.size == Constant(1.0)
     assert named.scene.variation.force == SCENES["many"].scene.variation.force
     assert named.num_objects == 2
-    plain = json.loads(json.dumps(choice.to_dict() | {"family": []}))  # an option of earlier versions
-    assert SceneChoice.from_dict(plain, Trust(Path("run.json"))) == choice
+    varied = replace(choice, family=("size=0.9..1.2",))
+    assert varied.named.scene.variation.size == Uniform(0.9, 1.2)
+    for one in (choice, varied):
+        plain = json.loads(json.dumps(one.to_dict()))
+        assert SceneChoice.from_dict(plain, Trust(Path("run.json"))) == one
 
 
-def test_only_without_meshes_is_refused():
-    with pytest.raises(InvalidArgument, match="--only leaves out the scene's own shapes; give others with --meshes"):
-        _ = SceneChoice(only=True).named
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"only": True}, "--only leaves out the scene's own shapes; give others with --meshes"),
+        ({"family": ("size=1.1..0.9",)}, "size=LOW..HIGH, got 'size=1.1..0.9'"),
+    ],
+)
+def test_a_choice_that_makes_no_scene_is_refused(changes, words):
+    with pytest.raises(InvalidArgument, match=words):
+        _ = SceneChoice(**changes).named
 
 
 def test_a_file_called_like_a_shape_is_told_how_to_be_called_otherwise(mesh):

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     from activetouch.hypotheses import Bodies
     from activetouch.scene import Scene
+    from activetouch.solids.solid import Shape
 
 
 CONTACTS = ("contacts", "cells", "code")
@@ -98,20 +99,31 @@ class ContactHypotheses:
         rotation, cell = scene.rotations[scene.pose_labels[pose]], cell_of(len(bodies.rests))
         window, aim = self.imaging.wide_window, scene.aim_offsets[pose]
 
-        def embed_shape(label: str) -> Floats32:
-            found, turns = [], turned(rotation, bodies.rests)
+        def embed_solid(solid: Shape, chosen: Bodies) -> Floats32:
+            found, turns = [], turned(rotation, chosen.rests)
             for first in range(0, len(turns), _AT_ONCE):
                 some = slice(first, first + _AT_ONCE)
-                maps = predicted_contacts(scene.solids[label], turns[some], aim, window, bodies.sizes[some], np.float32)
+                maps = predicted_contacts(solid, turns[some], aim, window, chosen.sizes[some], np.float32)
                 found.append(self.embed_in(maps, cell, codes))
             return np.concatenate(found, axis=1)
 
+        def embed_shape(label: str) -> Floats32:
+            solids, members = scene.bodies(label, bodies.shares)
+            if len(solids) == 1:
+                return embed_solid(solids[0], bodies)
+            rows = [np.flatnonzero(members == member) for member in range(len(solids))]
+            parts = [embed_solid(solid, bodies.take(some)) for solid, some in zip(solids, rows, strict=True)]
+            return np.concatenate(parts, axis=1)[:, np.argsort(np.concatenate(rows))]
+
         state = [(np.round(part, _DECIMALS) + 0.0).tolist() for part in (cell, codes, aim, rotation)]
         places = array_digest({name: part.round(_DECIMALS) + 0.0 for name, part in bodies._asdict().items()})
-        shapes = dict(scene_fields(scene)["shapes"]["entries"])
+        fields = scene_fields(scene)
+        shapes, ranges = (dict(fields.get(name, {}).get("entries", ())) for name in ("shapes", "families"))
+        families = {label: [part for part in ranges.items() if part[0].startswith(f"{label}.")] for label in shapes}
         key = {"reader": self.digest, "bodies": places, "state": state}
         found = [
-            cached_array(key | {"shape": shapes[label]}, partial(embed_shape, label)) for label in scene.shape_labels
+            cached_array(key | {"shape": [shapes[label], families[label]]}, partial(embed_shape, label))
+            for label in scene.shape_labels
         ]
         return np.stack(found, axis=1)
 
@@ -210,19 +222,21 @@ def mean_ratios(embeddings: Floats32, hypotheses: Floats32) -> NDArray[np.float6
     return found - np.log(number)
 
 
-def num_hypotheses(scene: Scene) -> int:
+def num_hypotheses(scene: Scene, places: int = 1) -> int:
     """How many hypotheses of each shape a model of new objects has: a power of two.
 
     Args:
         scene: with the objects.
+        places: in the palm of the scene's hand in which each is embedded.
 
     >>> from activetouch import SCENES
     >>> [num_hypotheses(SCENES[name].scene) for name in ("gel", "many", "keyed")]
     [4096, 4096, 1024]
     """
     fingers = 1 if scene.hand is None else len(scene.hand)
-    fitting = CONTACTS_IN_ALL / (len(scene.shapes) * len(scene.poses) * fingers)
-    return int(2 ** np.floor(np.log2(np.clip(fitting, FEWEST, MOST))))
+    fitting = CONTACTS_IN_ALL / (len(scene.shapes) * len(scene.poses) * fingers * places)
+    fewest = FEWEST if places == 1 else FEWEST // 2
+    return int(2 ** np.floor(np.log2(np.clip(fitting, fewest, MOST))))
 
 
 def cell_of(num_hypotheses: int) -> float:

@@ -146,10 +146,11 @@ def fields_read(imaging: Imaging, own: Mapping[str, Any], scene: Scene, here: Ma
     if pad == imaging.pad and fits and isinstance(scene.renderer, PressureRenderer):
         same += ["pad", "renderer"]
     found = {**own, **{name: here[name] for name in same if name in here}}
-    if "aims" not in here:
-        found.pop("aims", None)
+    for name in {"aims", "families"} - here.keys():
+        found.pop(name, None)
     free = ["size", *({"force", "stiffness"} - beyond)]
-    if max(np.abs(scene.variation.offset.support)) <= imaging.offset * (1 + 1e-9):
+    is_latent = scene.hand is not None and scene.hand.offset != "averaged"
+    if is_latent or max(np.abs(scene.variation.offset.support)) <= imaging.offset * (1 + 1e-9):
         free.append("offset")
     return found | {"variation": {**own["variation"], **{name: here["variation"][name] for name in free}}}
 

@@ -24,6 +24,7 @@ from activetouch.pressing.dynamic import Dynamic
 from activetouch.rendering import Noise
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
 from activetouch.shapes import Box, Sphere
+from activetouch.solids.family import Family
 from belief.errors import CorruptFile
 
 FILE = MODELS / "coarse" / ANY_OBJECT_FILE
@@ -121,6 +122,9 @@ def test_a_table_depends_on_all_that_the_scene_says_and_its_objects(reader, cach
         "aim": replace(SCENE, aims={"front": (0.003, 0.0)}),
         "pose": replace(SCENE, poses={"front": POSES["corner"]}),
         "shape": replace(SCENE, shapes={"ball": Sphere(0.015), "plate": SCENE.shapes["plate"]}),
+        "family": replace(
+            SCENE, shapes={"ball": Family(Sphere(0.02), radius=Uniform(0.005, 0.015)), "plate": Box((0.02,) * 3)}
+        ),
     }
     tables = {name: HypothesisTable(reader, scene)(32, (0,))[0] for name, scene in scenes.items()}
     for name, table in tables.items():

@@ -58,6 +58,7 @@ def test_it_feels_what_a_quasistatic_grasp_feels_if_the_palm_holds_the_orientati
     assert forces == pytest.approx(2.0 * held.hand.forces, rel=0.11, abs=0.01)
     images = [np.hstack([held.image(contact) for contact in grasp.contacts]) for grasp in (found, expected)]
     assert np.corrcoef(images[0].ravel(), images[1].ravel())[0, 1] > 0.95
+    assert found.stops.sum() == pytest.approx(expected.stops.sum(), abs=0.004)  # where, friction and order decide
 
 
 def test_a_body_that_can_turn_turns_its_faces_to_opposed_pads():
@@ -75,6 +76,7 @@ def test_a_finger_that_misses_a_body_that_slips_out_and_an_empty_hand_are_legal(
         grasp, scene = closed(Closing(), "ball", "front", "parallel", scene=replace(ball, aims={"front": aim}))
         assert sum(contact.force > 0.0 for contact in grasp.contacts) == touching
         assert not np.hstack([scene.image(contact) for contact in grasp.contacts]).any()
+        assert np.isnan(grasp.stops).all()
 
 
 def test_a_grasp_that_does_not_settle_is_refused_and_repeated():

@@ -23,7 +23,7 @@ def test_bts3_has_its_objects_poses_and_licence():
     assert "MIT License" in (BTS3 / "LICENSE").read_text()
 
 
-HEADER = "object,action,session,x,y\n"
+HEADER = "object,action,session,category,x,y\n"
 
 
 def write_csv(folder, text, name="touches.csv"):
@@ -31,11 +31,13 @@ def write_csv(folder, text, name="touches.csv"):
 
 
 def test_a_csv_gives_objects_actions_and_sessions(tmp_path):
-    write_csv(tmp_path, HEADER + "mug,press,1,1,2\nmug,rub,1,3,4\n")
-    write_csv(tmp_path, HEADER + "can,press,2,5,6\n", "more.csv")
+    write_csv(tmp_path, HEADER + "mug,press,1,cup,1,2\nmug,rub,1,cup,3,4\n")
+    write_csv(tmp_path, HEADER + "can,press,2,tin,5,6\n", "more.csv")
     touches, _ = read_recorded(str(tmp_path), "csv")
     assert touches.object_names == ("can", "mug")
     assert touches.action_names == ("press", "rub")
+    assert touches.for_task("categories").label_names == ("cup", "tin")
+    assert touches.for_task("categories").labels.tolist() == [1, 0, 0]
     assert touches.features.tolist() == [[5.0, 6.0], [1.0, 2.0], [3.0, 4.0]]
     assert touches.sessions.tolist() == [2, 1, 1]
 
@@ -53,6 +55,7 @@ def test_a_csv_gives_objects_actions_and_sessions(tmp_path):
         ("object,x\nmug,1\n,1\n", "line 3 of .*touches.csv names no object"),
         ("object,session,x\nmug,1,1\nmug,soon,1\n", "line 3 of .*: the session is 'soon'; it must be a whole number"),
         ("object,x,pressure\nmug,1,1\n\nmug,2,inf\n", "line 4 .*'pressure' is 'inf', not finite"),
+        ("object,category,x\nmug,cup,1\nmug,tin,1\n", "line 3 .*two of category: 'tin' here and 'cup' in line 2"),
     ],
 )
 def test_an_error_in_a_csv_says_where_it_is(tmp_path, text, words):

@@ -9,7 +9,7 @@ from activetouch.errors import BadRecording
 from activetouch.recorded import RecordedBank, RecordedTouches, RecordedWorld, check_recorded
 from activetouch.recorded.discriminants import LinearDiscriminants
 from activetouch.recorded.reader import _cross_calibrated, read
-from activetouch.recorded.splits import by_session
+from activetouch.recorded.splits import by_session, for_use, splits_of
 from belief.calibration import StructuredMatrixScaling, TemperatureScaling
 from belief.errors import InvalidArgument
 
@@ -22,7 +22,8 @@ def drawn(rng, num_objects=6, sessions=5, actions=2, features=6):
     rows[:, 0] += 8.0 * (things % 2)
     names = tuple(f"thing_{i}" for i in range(num_objects))
     actions_named = tuple(f"action_{i}" for i in range(actions))
-    return RecordedTouches(rows, used, things, numbers, actions_named, names)
+    kinds = {"categories": tuple("even" if i % 2 == 0 else "odd" for i in range(num_objects))}
+    return RecordedTouches(rows, used, things, numbers, actions_named, names, kinds=kinds)
 
 
 def test_a_split_by_time_tests_on_the_last_sessions(rng):
@@ -32,6 +33,19 @@ def test_a_split_by_time_tests_on_the_last_sessions(rng):
     assert set(touches.sessions[split.calibration]) == {3}
     assert set(touches.sessions[split.test]) == {4}
     assert len(np.unique(np.concatenate([split.train, split.calibration, split.test]))) == touches.num_touches
+
+
+def test_a_split_by_object_shares_no_object_and_tests_each_once(rng):
+    touches = drawn(rng).for_task("categories")
+    tested = []
+    for split in splits_of(touches, 3):
+        known, new = touches.objects[split.train], touches.objects[split.test]
+        assert not set(known) & set(new)
+        tested += sorted(set(new))
+        for fold in np.unique(split.inner):  # an object is in one inner fold
+            assert not set(known[split.inner == fold]) & set(known[split.inner != fold])
+    assert sorted(tested) == list(range(6))
+    assert sorted(for_use(touches).train) == list(range(60))
 
 
 def with_few(rng, num_objects, few, many):
@@ -122,7 +136,7 @@ def test_discriminants_are_log_densities_of_normals_with_one_covariance(rng):
 def bank(sessions=3):
     things, actions, numbers = (a.ravel() for a in np.mgrid[:2, :2, :sessions])
     ratios = np.stack([100.0 * things + 10.0 * actions + numbers, np.zeros(len(things))], axis=1)
-    return RecordedBank(("mug", "can"), ("press", "rub"), ratios, things, actions, numbers)
+    return RecordedBank(("mug", "can"), ("press", "rub"), ratios, things, things, actions, numbers)
 
 
 def test_a_world_stays_with_a_session_and_repeats_only_after_the_last(rng):
@@ -145,6 +159,10 @@ def test_a_set_that_cannot_be_split_is_refused(rng):
         check_recorded(drawn(rng, sessions=3))
     with pytest.raises(BadRecording, match="at least two different objects, there is"):
         check_recorded(drawn(rng, num_objects=1))
+    with pytest.raises(BadRecording, match=r"at least 3 objects of each, .* there are .'even': 2, 'odd': 2"):
+        check_recorded(drawn(rng, num_objects=4).for_task("categories"))
+    with pytest.raises(BadRecording, match=r"no labels for 'shapes'; they have .'objects', 'categories'"):
+        drawn(rng).for_task("shapes")
 
 
 @pytest.mark.parametrize(
@@ -156,6 +174,7 @@ def test_a_set_that_cannot_be_split_is_refused(rng):
         ({"sessions": np.full(60, 0.5)}, "sessions must be whole numbers, got 0.5"),
         ({"objects": np.full(60, np.nan)}, "objects must be whole numbers, got nan"),
         ({"objects": np.zeros(3, np.int64)}, "objects must be"),
+        ({"kinds": {"colours": ("red",) * 6}}, "kinds must give"),
     ],
 )
 def test_touches_that_do_not_fit_are_refused(changed, words, rng):

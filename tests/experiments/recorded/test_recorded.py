@@ -127,6 +127,23 @@ def test_bts3_is_read_in_order_of_recording(tmp_path):
     assert 0.2 < right["random order"] < 0.6  # after two touches; a guess is right in 0.024
 
 
+@pytest.mark.usefixtures("one_classifier")
+def test_categories_of_unseen_objects_are_named_as_often_as_stated(tmp_path, rng):
+    kinds, things = np.repeat(range(3), 6), np.repeat(range(18), 8)
+    means = 2.0 * rng.normal(size=(3, 4))[kinds] + rng.normal(size=(18, 4))
+    rows = means[things] + rng.normal(size=(144, 4))
+    np.savez(tmp_path / "a.npz", features=rows, object=things.astype(str), category=kinds[things].astype(str))
+    small = {"objects": 3, "scenes": 1, "rounds": 2, "deciders": ("random_confirm",), "folds": 3}
+    sensor = tmp_path / "sensor"
+    Recorded(tmp_path, "npz", "categories", out=tmp_path / "run", save=sensor, **small).run()
+    result = json.loads((tmp_path / "run" / "results.json").read_text())
+    assert (result["labels"], result["num_objects"], len(result["kernels"])) == (3, 18, 3)
+    assert result["tables"]["searches"][0][-1] == 3 * 3
+    stated, right = (float(word) for word in re.findall(r"state (0\.\d+) and are right in (\d\.\d+)", str(result))[0])
+    assert stated - right < 0.1
+    assert TactileSensor.load(sensor).shape_labels == ("0", "1", "2")
+
+
 def test_a_threshold_that_a_guess_reaches_is_refused(own, tmp_path):
     with pytest.raises(BadArgument, match=r"above 0\.167, the probability of each of the 6 objects .*got 0.1"):
         Recorded(own.parent, "csv", threshold=0.1, out=tmp_path).run()

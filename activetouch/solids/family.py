@@ -1,0 +1,132 @@
+"""Families of solids: one kind of solid, whose proportions differ from object to object.
+
+>>> from activetouch.distributions import Uniform
+>>> from activetouch.solids.conical import Cylinder
+>>> rods = Family(Cylinder(radius=0.016, half_length=0.020), half_length=Uniform(0.010, 0.040))
+>>> round(rods.sample(np.random.default_rng(0)).half_length, 4)
+0.0291
+>>> [round(rod.half_length, 3) for rod in rods.members(4)]
+[0.014, 0.021, 0.028, 0.036]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from itertools import product
+from numbers import Real
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activetouch.distributions import Distribution, require_distribution
+from activetouch.hypotheses import kronecker, quantiles, roberts_steps
+from activetouch.solids.solid import Floats, Shape
+from belief.errors import InvalidArgument, UnknownName
+from belief.validation import require_count
+
+_MOST_MEMBERS = 64  # among hypotheses
+
+
+@dataclass(frozen=True, init=False, repr=False)
+class Family:
+    """A shape whose objects differ in their proportions: parameters of a solid are drawn for each object.
+
+    Attributes:
+        nominal: the solid that stands for the family in pictures and tables, a dataclass with numbers as fields.
+        parameters: its parameters that differ, each with its distribution, in the order of the solid's fields. They are
+            independent, and the size of an object is a further factor on all lengths.
+
+    Raises:
+        UnknownName: the solid has no number of that name.
+        InvalidArgument: there are no parameters, one is no distribution, the nominal solid is no dataclass with
+            numbers, or no solid can be built where parameters are at the ends of their supports.
+    """
+
+    nominal: Shape
+    parameters: tuple[tuple[str, Distribution], ...]
+
+    def __init__(self, nominal: Shape, /, **parameters: Distribution) -> None:
+        known = list(numbers_of(nominal))
+        if not known:
+            raise InvalidArgument(
+                "a family is of a solid that is a dataclass with numbers, such as Cylinder(0.016, 0.020); no field of "
+                f"{nominal!r:.80} is a number"
+            )
+        if not parameters:
+            raise InvalidArgument(f"a family of {nominal} needs a parameter, such as {known[0]}=Uniform(0.010, 0.020)")
+        for name, given in parameters.items():
+            if name not in known:
+                raise UnknownName(f"parameter of {type(nominal).__name__}", name, known)
+            require_distribution(name, given)
+        object.__setattr__(self, "nominal", nominal)
+        object.__setattr__(self, "parameters", tuple((name, parameters[name]) for name in known if name in parameters))
+        for ends in product(*(given.support for _, given in self.parameters)):
+            self._require_solid(ends)
+
+    def __repr__(self) -> str:
+        return f"Family({', '.join([repr(self.nominal), *(f'{name}={given}' for name, given in self.parameters)])})"
+
+    def sample(self, rng: np.random.Generator) -> Shape:
+        """A random member."""
+        return self._member([given.sample(rng) for _, given in self.parameters])
+
+    def members(self, num: int) -> tuple[Shape, ...]:
+        """Members that cover the family evenly, ordered by the first parameter.
+
+        Args:
+            num: how many, at least 1; all change with it.
+
+        Raises:
+            InvalidArgument: ``num`` is no integer ≥ 1.
+        """
+        require_count("num", num)
+        first, others = (np.arange(num) + 0.5) / num, roberts_steps(len(self.parameters) - 1)
+        shares = [first, *(kronecker(step, num) for step in others)]
+        columns = [quantiles(given, some).tolist() for (_, given), some in zip(self.parameters, shares, strict=True)]
+        return tuple(map(self._member, zip(*columns, strict=True)))
+
+    def bodies(self, shares: Floats) -> tuple[tuple[Shape, ...], NDArray[np.int64]]:
+        """At most 64 different members for hypotheses at given shares; see :meth:`activetouch.Scene.bodies`."""
+        members = self.members(_MOST_MEMBERS)
+        given = [members[place] for place in np.floor(shares * _MOST_MEMBERS).astype(int).tolist()]
+        numbers = {member: number for number, member in enumerate(dict.fromkeys(given))}
+        return tuple(numbers), np.array([numbers[member] for member in given], np.int64)
+
+    def _member(self, values: Iterable[float]) -> Shape:
+        """The member with these values of its parameters."""
+        changes = {name: value for (name, _), value in zip(self.parameters, values, strict=True)}
+        return cast(Shape, replace(cast(Any, self.nominal), **changes))
+
+    def _require_solid(self, values: Sequence[float]) -> None:
+        """Check that there is a member with these values.
+
+        Raises:
+            InvalidArgument: there is none.
+        """
+        try:
+            member = self._member(values)
+            hash(member)  # solids are keys of caches
+            radius = member.bounding_radius
+            reason = "" if 0.0 < radius < np.inf else f"its bounding radius is {radius} m"
+        except (TypeError, ValueError) as error:
+            reason = str(error)
+        if reason:
+            place = ", ".join(f"{name}={value}" for (name, _), value in zip(self.parameters, values, strict=True))
+            raise InvalidArgument(f"{self} has members that are no solids, at {place}: {reason}")
+
+
+def numbers_of(solid: object) -> dict[str, float]:
+    """The fields of a dataclass that are numbers, by name; none of anything else.
+
+    >>> from activetouch.solids.conical import Cylinder
+    >>> numbers_of(Cylinder(radius=0.016, half_length=0.020))
+    {'radius': 0.016, 'half_length': 0.02}
+    """
+    if not is_dataclass(solid) or isinstance(solid, type):
+        return {}
+    given = {field.name: getattr(solid, field.name) for field in fields(solid) if field.init}
+    return {
+        name: float(value) for name, value in given.items() if isinstance(value, Real) and not isinstance(value, bool)
+    }
