@@ -21,6 +21,7 @@ EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "tensorboard": ("tensorboard",),
         "pomdp": ("pomdp_py",),
         "recorded": ("sklearn",),  # of examples
+        "formats": ("pyarrow", "mcap"),  # of examples
     }
 )
 """Modules by the extra that installs them."""

@@ -46,7 +46,7 @@ class TouchEnv(gymnasium.Env[State, int]):
         touches: the source of touches.
         target: label of the target shape; the attribute ``target`` is its index.
         state: what is observed, one of :data:`STATES`.
-        render_mode: None or "rgb_array".
+        render_mode: None, "rgb_array", or "human" for a window that follows the episode.
 
     Attributes:
         last_image: of the last press of the current object; None before the first, or without physics.
@@ -56,7 +56,7 @@ class TouchEnv(gymnasium.Env[State, int]):
         NoGains: the state is "gains", and the touches are of a sensor whose belief is not about one rigid body.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 2}  # type: ignore[misc]
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["human", "rgb_array"], "render_fps": 2}  # type: ignore[misc]
 
     def __init__(
         self, problem: SearchProblem, touches: Touches, target: str, state: str, render_mode: str | None
@@ -74,6 +74,7 @@ class TouchEnv(gymnasium.Env[State, int]):
         if state in WITH_GAINS:
             expected_gains(start(touches.model), np.full(len(labels), -np.log(len(labels))), 0)  # raises
         self.last_image: NDArray[np.uint8] | None = None
+        self._window: Window | None = None
         self._prior: Belief | None = None  # of every object of an ``independent`` problem
         self._begun: SearchProgress | None = None
         has_unsure = problem.unsure_reward is not None
@@ -172,6 +173,7 @@ class TouchEnv(gymnasium.Env[State, int]):
         self._begun = SearchProgress(self.problem, self.touches.model, self._prior)
         self._previous = NO_ACTION
         self.last_image = None
+        self._follow()
         return self.observe(), self._info(False)
 
     def step(self, action: int) -> tuple[State, float, bool, bool, dict[str, Any]]:
@@ -181,11 +183,31 @@ class TouchEnv(gymnasium.Env[State, int]):
         if not self.action_space.contains(action):
             raise BadAction(f"action must be an integer in [0, {self.action_space.n - 1}], got {action!r}")
         reward, terminated, truncated, success = self._act(int(action))
+        self._follow()
         return self.observe(), reward, terminated, truncated, self._info(success)
 
     def render(self) -> NDArray[np.uint8] | None:
-        """The image of the last touch and the belief, side by side, ``(H, W, 3)`` uint8; None without a mode."""
-        return None if self.render_mode is None else draw(self.last_image, self.belief, self.target)
+        """The image of the last touch and the belief, side by side, ``(H, W, 3)`` uint8; or a window of it."""
+        if self.render_mode is None:
+            return None
+        frame = draw(self.last_image, self.belief, self.target)
+        if self.render_mode == "rgb_array":
+            return frame
+        if self._window is None:
+            self._window = Window(type(self).__name__)
+        self._window.show(frame)
+        return None
+
+    def _follow(self) -> None:
+        """In mode "human", show the state without being asked."""
+        if self.render_mode == "human":
+            self.render()
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None
 
     @abstractmethod
     def _sample_arrangement(self, rng: np.random.Generator) -> tuple[int, ...]:
@@ -292,3 +314,30 @@ def draw(image: NDArray[np.uint8] | None, belief: Belief, target: int) -> NDArra
         pen.rectangle(bar, fill=_TARGET if index == target else _BAR)
         pen.text((left, top + 0.1 * height), f"{label} {prob:.3f}", fill=_INK)
     return np.asarray(picture)
+
+
+class Window:
+    """A window of matplotlib that shows one frame after the other; where there is no display, nothing is seen."""
+
+    def __init__(self, title: str) -> None:
+        from matplotlib import pyplot  # takes half a second
+
+        self._figure = pyplot.figure(num=title, figsize=(2 * _SIZE / 80, _SIZE / 80), dpi=80, clear=True)
+        self._image: Any = None
+
+    def show(self, frame: NDArray[np.uint8]) -> None:
+        """Show a frame, ``(H, W, 3)`` uint8, in place of the last one."""
+        if self._image is None:
+            axes = self._figure.add_axes((0.0, 0.0, 1.0, 1.0))
+            axes.set_axis_off()
+            self._image = axes.imshow(frame)
+        self._image.set_data(frame)
+        self._figure.show(warn=False)
+        self._figure.canvas.draw()
+        self._figure.canvas.flush_events()
+
+    def close(self) -> None:
+        """Close the window."""
+        from matplotlib import pyplot
+
+        pyplot.close(self._figure)

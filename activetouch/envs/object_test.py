@@ -63,7 +63,7 @@ class ObjectTestEnv(TouchEnv):
         target_prob: prior of the target (decision 0030); or a range such as ``(0.05, 0.95)``, from which every episode
             draws its own (decision 0024).
         touches: another source of touches, a :class:`activetouch.envs.touch_source.Touches`.
-        render_mode: None or "rgb_array".
+        render_mode: None, "rgb_array", or "human", a window that follows the episode.
         state: "paper", "posterior" or "gains".
         hand: a :class:`activetouch.hand.Hand`, or its name, such as "parallel": each probe is then one grasp.
     """

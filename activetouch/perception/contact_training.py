@@ -82,7 +82,7 @@ class ContactRecipe:
             imaging: of the sensor.
             changes: fields that differ.
         """
-        few = {"widths": (16, 32, 64), "groups": 64} if imaging.pixels <= FEW_PIXELS else {}
+        few: dict[str, Any] = {"widths": (16, 32, 64), "groups": 64} if imaging.pixels <= FEW_PIXELS else {}
         return cls(**few | changes)
 
     def rate(self, step: int) -> float:

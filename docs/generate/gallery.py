@@ -28,6 +28,7 @@ ORDER = (
     "orientation_is_recognised",
     "a_shape_of_your_own",
     "a_decider_of_your_own",
+    "subtract_a_control",
     "train_ppo",
     "digits_through_crops",
     "a_real_sensor",

@@ -48,6 +48,7 @@ NAV: dict[str, list[str]] = {
         "ppo.md",
         "drive_a_robot.md",
         "real_touch.md",
+        "formats.md",
         "scale.md",
         "paper_figures.md",
         "contributing.md",

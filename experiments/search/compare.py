@@ -43,7 +43,7 @@ class Compare:
 
         activetouch compare --scene coarse --deciders information_gain threshold --targets cone --episodes 1000
         activetouch compare --config runs/compare/run.json --seed 1 --out runs/again
-        activetouch compare --results mine.csv theirs.csv
+        activetouch compare --results mine.csv theirs.csv --control unperturbed.csv
     """
 
     deciders: Annotated[tuple[str, ...], tyro.conf.arg(help=_DECIDERS_HELP)] = DEFAULT_DECIDERS
@@ -64,7 +64,9 @@ class Compare:
     jobs: Jobs = field(default_factory=default_jobs)
     """Number of processes; the results do not depend on it."""
     results: tuple[Path, ...] = ()
-    """Play nothing; compare these: CSV files with seed, task, success (and length)."""
+    """Play nothing; compare these: CSV files with seed, task, success (and length), or LeRobot's eval_info.json."""
+    control: tuple[Path, ...] = ()
+    """With --results: file of the same episodes without what is tested, to subtract; one for all, or one for each."""
     config: Path | None = None
     """run.json of an earlier run, whose arguments become the defaults."""
     trust: bool = False
@@ -110,7 +112,7 @@ class Compare:
         Raises:
             FileNamesCode: a file names code, and ``trust`` is not set.
         """
-        if self.results:
+        if self.results or self.control:
             self._compare_results()
             return
         if self.config is not None:
@@ -124,7 +126,7 @@ class Compare:
         """Compare files of results; nothing is played."""
         from experiments.search.results import compare_results
 
-        found = compare_results(self.results, self.reference, self.seed)
+        found = compare_results(self.results, self.reference, self.control, self.seed)
         page = found.save(Path("runs/results") if self.out is None else self.out)
         _say([replace(table, note="") for table in found.tables() if table.rows], found.verdict(), page)
 

@@ -1,16 +1,19 @@
-"""Compare recorded outcomes of anybody's episodes: CSV files with seed, task and success, and no scene.
+"""Compare recorded outcomes of anybody's episodes: files with seed, task and success, and no scene.
 
-Episodes of the same task and seed are pairs.
+Episodes of the same task and seed are pairs. A control is the same episodes without what is tested, such as without a
+perturbation: a policy that fails without it, too, is not broken by it, so what counts is the policy minus its control.
 """
 
 from __future__ import annotations
 
 import csv
 import io
+import itertools
+import json
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
 
@@ -18,42 +21,56 @@ import numpy as np
 from numpy.typing import NDArray
 
 from belief.files import plain_number, require_regular_file
-from belief.statistics import wilson_interval
+from belief.statistics import paired_bootstrap, wilson_interval
+from belief.statistics.power import LEVEL, episodes_for_success, holm
 from belief.table import Table, Value
 from experiments.command_line.arguments import BadArgument
 from experiments.reporting.page import Section, write_page
-from experiments.search.summary import ALL, Difference, differences
+from experiments.search.summary import ALL, Difference, MeanInterval, differences
 from experiments.search.verdict import success_sentence
 
 NEEDED = ("seed", "task", "success")
 """Columns of a CSV file; ``length`` is optional, and others are ignored."""
 _TRUTH = {"1": True, "1.0": True, "true": True, "yes": True, "0": False, "0.0": False, "false": False, "no": False}
 Key: TypeAlias = tuple[str, str]
-"""Task and seed of an episode."""
+"""Task and seed of an episode; or policy and task of a difference."""
+_Row: TypeAlias = tuple[str, dict[str, str]]
+"""Place in a file, and cells by column."""
 
 
 @dataclass(frozen=True, eq=False)
 class ResultsComparison:
-    """Success of several policies on the same episodes, and their differences.
+    """Success of several policies on the same episodes, their differences, and these minus controls.
 
     Attributes:
         keys: task and seed of the N episodes that are in all files, in the order of the first.
-        success: by policy, ``(N,)``.
-        length: steps or touches by policy, ``(N,)``; NaN where a file does not state it.
-        left_out: number of episodes of each policy that are not in all files.
-        differences: every other policy minus the reference, over all tasks.
+        success: by policy and by control, ``(N,)``.
+        length: steps or touches by policy and by control, ``(N,)``; NaN where a file does not state it.
+        left_out: number of episodes of each file that are not in all files.
+        numbered: names of the files without seeds, whose episodes are paired by their number within a task.
         reference: policy that the others are compared with.
+        control: name of the control of each policy; empty without controls.
+        differences: by (policy, task), every other policy minus the reference; the task :data:`ALL` is all together,
+            and others are there only if there are several.
+        over_control: in the same way, every policy minus its control.
+        beyond_controls: by (policy, task), the difference in success from the reference before each policy's own
+            control is subtracted, and after it with its 95 % bootstrap interval; empty unless all have one of their
+            own.
     """
 
     keys: Sequence[Key]
     success: Mapping[str, NDArray[np.bool_]]
     length: Mapping[str, NDArray[np.float64]]
     left_out: Mapping[str, int]
-    differences: Mapping[str, Difference]
+    numbered: Sequence[str]
     reference: str
+    control: Mapping[str, str]
+    differences: Mapping[Key, Difference]
+    over_control: Mapping[Key, Difference]
+    beyond_controls: Mapping[Key, tuple[float, MeanInterval]]
 
     def verdict(self) -> list[str]:
-        """Sentences: what was paired, and which differences are significant."""
+        """Sentences: what was paired, which differences are significant, and what a control changes."""
         number = len({task for task, _ in self.keys})
         said = [f"{len(self.keys)} episodes are in all files, of {number} task{'s'[: number > 1]}."]
         said += [
@@ -61,27 +78,44 @@ class ResultsComparison:
             for name, number in self.left_out.items()
             if number
         ]
-        return [*said, *(f"{success_sentence(name, self.reference, d)}." for name, d in self.differences.items())]
+        if self.numbered:
+            said.append(
+                f"Without seeds in {', '.join(self.numbered)}, episodes are paired by their number within a task, "
+                "which is right if all runs began with the same seed."
+            )
+        other = dict.fromkeys(self.success, self.reference)
+        for of, found in ((other, self.differences), (self.control, self.over_control)):
+            said += [f"{success_sentence(name, of[name], d)}." for (name, task), d in found.items() if task == ALL]
+        for name, control in self.control.items() if number > 1 else ():
+            pairs = [d for (policy, task), d in self.over_control.items() if policy == name and task != ALL]
+            right = [self.success[name][rows].all() for task, rows in _groups(self.keys).items() if task != ALL]
+            failing = [d for d, is_right in zip(pairs, right, strict=True) if not is_right]
+            no_worse = sum(d.success[0] >= 0.0 for d in failing)
+            worse = sum(d.p_value < LEVEL and d.success[0] < 0.0 for d in failing)
+            said.append(
+                f"{name} fails in {len(failing)} of {number} tasks; minus {control} it is no worse in {no_worse} of "
+                f"these, and significantly worse in {worse}."
+            )
+        for name in dict.fromkeys(policy for policy, _ in self.beyond_controls):
+            rows = [
+                before * after[0] < 0.0
+                for (policy, task), (before, after) in self.beyond_controls.items()
+                if policy == name and (task == ALL) is (number == 1)
+            ]
+            said.append(
+                f"Subtracting the controls changes the sign of {name} minus {self.reference} in {sum(rows)} of "
+                f"{number} task{'s'[: number > 1]}."
+            )
+        return said
 
     def tables(self) -> list[Table]:
-        """Success of every file by task, and differences from the reference."""
-        tasks = np.array([task for task, _ in self.keys])
-        groups = {task: tasks == task for task in dict.fromkeys(tasks.tolist())}
-        groups = {**(groups if len(groups) > 1 else {}), ALL: np.ones(len(tasks), bool)}
+        """Success of every file by task, differences from the reference, and differences from the controls."""
         rates: list[Sequence[Value]] = []
-        for name, success in self.success.items():
-            for task, rows in groups.items():
-                right, steps = success[rows], self.length[name][rows]
-                wilson, length = wilson_interval(int(right.sum()), len(right)), float(steps.mean())
-                mean = None if math.isnan(length) else length
-                rates.append((name, task, len(right), float(right.mean()), wilson, mean))
-        pairs = [
-            (
-                *(name, d.success[0], d.success[1:], d.mcnemar.first_only, d.mcnemar.second_only, d.p_value),
-                *(d.episodes_for_success, *((None, None) if d.touches is None else (d.touches[0], d.touches[1:]))),
-            )
-            for name, d in self.differences.items()
-        ]
+        for (name, success), (task, rows) in itertools.product(self.success.items(), _groups(self.keys).items()):
+            right, length = success[rows], float(self.length[name][rows].mean())
+            wilson, mean = wilson_interval(int(right.sum()), len(right)), None if math.isnan(length) else length
+            rates.append((name, task, len(right), float(right.mean()), wilson, mean))
+        after = [(*key, before, found[0], found[1:]) for key, (before, found) in self.beyond_controls.items()]
         return [
             Table(
                 "Success",
@@ -90,18 +124,14 @@ class ResultsComparison:
                 "Wilson intervals.",
                 "success",
             ),
+            _pairs_table(f"Difference from {self.reference} on the same episodes", self.differences, "differences"),
+            _pairs_table("Difference from the control on the same episodes", self.over_control, "over_control"),
             Table(
-                f"Difference from {self.reference} on the same episodes",
-                [
-                    *("policy", ("success", "+.3f"), ("95 %", "+.3f"), ("only this succeeds", "d")),
-                    *(("only the other", "d"), ("p", ".2g"), ("episodes needed", ",d"), ("length", "+.2f")),
-                    ("95 % ", "+.2f"),
-                ],
-                pairs,
-                "Means with 95 % bootstrap intervals over pairs. p: McNemar's test (mid-p), corrected by Holm for the "
-                "number of policies. Episodes needed: at which this test detects a difference of the observed size "
-                "with 80 % power.",
-                "differences",
+                f"Difference from {self.reference} before and after the controls are subtracted",
+                ["policy", ("task", ""), ("before", "+.3f"), ("after", "+.3f"), ("95 %", "+.3f")],
+                after,
+                "Each policy minus its own control, minus the same of the reference; bootstrap intervals over pairs.",
+                "beyond_controls",
             ),
         ]
 
@@ -119,50 +149,118 @@ class ResultsComparison:
         return folder / "report.html"
 
 
-def compare_results(files: Sequence[Path], reference: str | None = None, seed: int = 0) -> ResultsComparison:
-    """Read and compare files with the columns :data:`NEEDED`.
+def compare_results(
+    files: Sequence[Path], reference: str | None = None, control: Sequence[Path] = (), seed: int = 0
+) -> ResultsComparison:
+    """Read and compare CSV files with the columns :data:`NEEDED`, or ``eval_info.json`` of LeRobot.
 
     A file is called by its name without ending, or by its folder and name if several are called alike.
 
     Args:
-        files: CSV files, one for each policy.
+        files: one for each policy; an ending of ``.json`` means a file of LeRobot.
         reference: name of the policy that the others are compared with; the first by default.
+        control: the same episodes without what is tested: none, one file for all policies, or one for each.
         seed: of the bootstraps.
 
     Raises:
-        BadArgument: a file cannot be read, lacks a column, or states an episode twice; no episode is in all files; or
-            names repeat.
+        BadArgument: a file cannot be read, lacks a column, or states an episode twice; no episode is in all files;
+            names repeat; or the number of controls does not fit.
     """
-    alike = Counter(path.stem for path in files)
-    names = [path.stem if alike[path.stem] == 1 else str(path.with_suffix("")) for path in files]
-    if not names or len({*names}) < len(names):
-        raise BadArgument(f"--results must name different files, one or more; got {', '.join(names) or 'none'}")
+    paths = [*files, *control]
+    alike = Counter(path.stem for path in paths)
+    every = [path.stem if alike[path.stem] == 1 else str(path.with_suffix("")) for path in paths]
+    names, controls = every[: len(files)], every[len(files) :]
+    if not names or len({*every}) < len(every):
+        told = ", ".join(every) or "none"
+        raise BadArgument(f"--results and --control must name different files, one or more; got {told}")
     if reference is not None and reference not in names:
         raise BadArgument(f"--reference must be one of {', '.join(names)}, got {reference!r}")
-    every = {name: _read(path) for name, path in zip(names, files, strict=True)}
-    first = next(iter(every.values()))
-    keys = [key for key in first if all(key in one for one in every.values())]
+    if len(controls) not in (0, 1, len(names)):
+        raise BadArgument(f"--control takes one file for all, or one for each of {len(names)}; got {len(controls)}")
+    read = [_read(path) for path in paths]
+    found = dict(zip(every, (episodes for episodes, _ in read), strict=True))
+    numbered = [name for name, (_, is_numbered) in zip(every, read, strict=True) if is_numbered]
+    keys = [key for key in read[0][0] if all(key in one for one in found.values())]
     if not keys:
-        told = "; ".join(f"{name}: {next(iter(one))}" for name, one in every.items())
+        told = "; ".join(f"{name}: {next(iter(one))}" for name, one in found.items())
         raise BadArgument(f"no episode of the same task and seed is in all files. The first of each is {told}")
-    success = {name: np.array([one[key][0] for key in keys]) for name, one in every.items()}
-    length = {name: np.array([one[key][1] for key in keys]) for name, one in every.items()}
-    chosen = reference or names[0]
-    found = differences(success, length, None, chosen, np.random.default_rng(seed))
-    return ResultsComparison(
-        keys, success, length, {name: len(one) - len(keys) for name, one in every.items()}, found, chosen
+    success = {name: np.array([one[key][0] for key in keys]) for name, one in found.items()}
+    length = {name: np.array([one[key][1] for key in keys]) for name, one in found.items()}
+    left_out = {name: len(one) - len(keys) for name, one in found.items()}
+    chosen, groups, rng = reference or names[0], _groups(keys), np.random.default_rng(seed)
+    control_of = {name: controls[min(i, len(controls) - 1)] for i, name in enumerate(names) if controls}
+    beside = _pairs({name: chosen for name in names if name != chosen}, success, length, groups, rng)
+    over = _pairs(control_of, success, length, groups, rng)
+    beyond = {}
+    if len(controls) == len(names):
+        gain = {name: success[name].astype(float) - success[control_of[name]] for name in names}
+        for (name, task), one in beside.items():
+            after = paired_bootstrap(gain[name][groups[task]], gain[chosen][groups[task]], rng)
+            beyond[name, task] = one.success[0], after
+    return ResultsComparison(keys, success, length, left_out, numbered, chosen, control_of, beside, over, beyond)
+
+
+def _groups(keys: Sequence[Key]) -> dict[str, NDArray[np.bool_]]:
+    """Which of the episodes are of each task, if there are several, and of all."""
+    tasks = np.array([task for task, _ in keys])
+    groups = {task: tasks == task for task in dict.fromkeys(tasks.tolist())}
+    return {**(groups if len(groups) > 1 else {}), ALL: np.ones(len(tasks), bool)}
+
+
+def _pairs(
+    others: Mapping[str, str],
+    success: Mapping[str, NDArray[np.bool_]],
+    length: Mapping[str, NDArray[np.float64]],
+    groups: Mapping[str, NDArray[np.bool_]],
+    rng: np.random.Generator,
+) -> dict[Key, Difference]:
+    """By (policy, task), each policy minus another; all tasks together are one question, each of them another."""
+    found = {}
+    for (name, other), (task, rows) in itertools.product(others.items(), groups.items()):
+        right, steps = ({one: of[one][rows] for one in (name, other)} for of in (success, length))
+        found[name, task] = differences(right, steps, None, other, rng)[name]
+    for together in (True, False):
+        some = {key: one for key, one in found.items() if (key[1] == ALL) is together}
+        corrected = holm([one.mcnemar.mid_p_value for one in some.values()])
+        for (key, one), p_value in zip(some.items(), corrected, strict=True):
+            needed = episodes_for_success(one.mcnemar, LEVEL / len(some))
+            found[key] = replace(one, p_value=p_value, episodes_for_success=needed)
+    return found
+
+
+def _pairs_table(title: str, pairs: Mapping[Key, Difference], name: str) -> Table:
+    rows = [
+        (
+            *(*key, d.success[0], d.success[1:], d.mcnemar.first_only, d.mcnemar.second_only, d.p_value),
+            *(d.episodes_for_success, *((None, None) if d.touches is None else (d.touches[0], d.touches[1:]))),
+        )
+        for key, d in pairs.items()
+    ]
+    return Table(
+        title,
+        [
+            *("policy", ("task", ""), ("success", "+.3f"), ("95 %", "+.3f"), ("only this succeeds", "d")),
+            *(("only the other", "d"), ("p", ".2g"), ("episodes needed", ",d"), ("length", "+.2f"), ("95 % ", "+.2f")),
+        ],
+        rows,
+        "Means with 95 % bootstrap intervals over pairs. p: McNemar's test (mid-p), corrected by Holm for the number "
+        "of policies, and for that of all rows of single tasks. Episodes needed: at which this test detects a "
+        "difference of the observed size with 80 % power.",
+        name,
     )
 
 
-def _read(path: Path) -> dict[Key, tuple[bool, float]]:
-    """Success and length of the episodes of a file; the length is NaN where the file does not state it."""
+def _read(path: Path) -> tuple[dict[Key, tuple[bool, float]], bool]:
+    """Success and length of the episodes of a file, and whether it states no seeds; a length not stated is NaN."""
     try:
         text = require_regular_file(path, BadArgument).read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise BadArgument(f"{path} cannot be read as text: {error}") from error
     found: dict[Key, tuple[bool, float]] = {}
+    rows: Iterable[_Row]
+    rows, is_numbered = _of_lerobot(path, text) if path.suffix.lower() == ".json" else (_rows(path, text), False)
     try:
-        for place, row in _rows(path, text):
+        for place, row in rows:
             key = row["task"], row["seed"].removesuffix(".0")  # a table program may have made seeds floats
             if not key[1]:
                 raise BadArgument(f"{path}, {place}: the seed is missing")
@@ -177,10 +275,33 @@ def _read(path: Path) -> dict[Key, tuple[bool, float]]:
         raise BadArgument(f"{path} is not CSV: {error}") from error
     if not found:
         raise BadArgument(f"{path} holds no episodes")
-    return found
+    return found, is_numbered
 
 
-def _rows(path: Path, text: str) -> Iterator[tuple[str, dict[str, str]]]:
+def _of_lerobot(path: Path, text: str) -> tuple[Iterable[_Row], bool]:
+    """Rows as of CSV, and whether they are numbered: by task, as LeRobot writes today, or by episode, as until 2025."""
+    try:
+        info = json.loads(text)
+        if "per_task" in info:
+            told = [(f"{one['task_group']} {one['task_id']}", one["metrics"]["successes"]) for one in info["per_task"]]
+            rows = [(task, i, None, success) for task, some in told for i, success in enumerate(some)]
+        else:
+            rows = [("", one["episode_ix"], one.get("seed"), one["success"]) for one in info["per_episode"]]
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise BadArgument(
+            f"{path} is no eval_info.json of LeRobot, which has per_task, a list of task_group, task_id and "
+            f"metrics.successes, or per_episode, a list of episode_ix, seed and success: {error!r:.200}"
+        ) from error
+    is_numbered = all(seed is None for *_, seed, _ in rows)  # if only some are, these are refused
+    found = []
+    for task, number, stated, success in rows:
+        seed = number if is_numbered else stated
+        row = {"task": task, "seed": "" if seed is None else str(seed), "success": str(success)}
+        found.append((f"episode {number}{' of ' if task else ''}{task}", row))
+    return found, is_numbered
+
+
+def _rows(path: Path, text: str) -> Iterator[_Row]:
     """The place of each row in the file, and its cells by column."""
     lines = csv.reader(io.StringIO(text, newline=""), strict=True)
     header = [name.strip().lower() for name in next(lines, [])]

@@ -6,13 +6,14 @@ import warnings
 from dataclasses import replace
 
 import gymnasium
+import matplotlib
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
 
 from activetouch import TactileSensor, TouchWorld
-from activetouch.envs import IDS
+from activetouch.envs import IDS, base
 from activetouch.envs.base import BadAction, BadOption
 from activetouch.envs.object_search import ObjectSearchEnv
 from activetouch.envs.object_test import ObjectTestEnv
@@ -248,6 +249,27 @@ def test_a_frame_shows_touch_and_belief(coarse):
     assert frame.shape == blank.shape == (240, 480, 3)
     for panel in range(2):
         assert (frame[:, 240 * panel : 240 * (panel + 1)] != blank[:, 240 * panel : 240 * (panel + 1)]).any()
+
+
+def test_a_window_follows_the_episode_and_passes_the_checker(sampled, monkeypatch):
+    matplotlib.use("agg")
+    shown = []
+    monkeypatch.setattr(
+        base.Window, "show", lambda self, frame, show=base.Window.show: shown.append(frame) or show(self, frame)
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        env = gymnasium.make("activetouch/ObjectTest-v0", touches=sampled, target="shape_0", render_mode="human")
+        assert env.metadata["render_modes"] == ["human", "rgb_array"]
+        env.reset(seed=0)
+        env.step(0)
+        assert env.render() is None
+        assert len(shown) == 3
+        assert (shown[1] != shown[0]).any()
+        assert (shown[2] == shown[1]).all()
+        check_env(env.unwrapped)
+        env.close()
+    assert not matplotlib.pyplot.get_fignums()
 
 
 @pytest.mark.parametrize("mode", list(gymnasium.vector.AutoresetMode))

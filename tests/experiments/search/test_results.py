@@ -1,5 +1,6 @@
 """Files of results are paired by task and seed, and what is wrong with a file is said."""
 
+import json
 import sys
 
 import numpy as np
@@ -30,14 +31,67 @@ def test_episodes_are_paired_by_task_and_seed_whatever_their_order_and_the_rest_
     columns = [(task, f"{seed}.0", bool(success), "kept") for seed, task, success, _ in shuffled]
     found = compare_results([one, write(tmp_path / "two.csv", columns, " Task,SEED,Success,note")])
     right, other = ([row[2] for row in rows] for rows in (first, second))
-    pair = found.differences["two"]
+    pair = found.differences["two", "all"]
     assert pair.mcnemar == mcnemar_test(other, right)
     assert pair.success[0] == pytest.approx(np.mean(other) - np.mean(right))
     assert pair.touches is None  # the second file states none
     rate = next(row for row in found.tables()[0].rows if row[:2] == ("one", "all"))
     assert rate[2:5] == (120, np.mean(right), wilson_interval(sum(right), 120))
     assert pair.p_value == pair.mcnemar.mid_p_value
+    tasks = [found.differences["two", task] for task in ("lift", "push")]  # two questions, corrected together
+    assert min(one.p_value for one in tasks) == 2 * min(one.mcnemar.mid_p_value for one in tasks)
     assert "1 episodes of one are not in all others; left out." in found.verdict()
+
+
+def test_subtracting_controls_changes_the_sign_where_the_policies_fail_without_a_perturbation(tmp_path):
+    rows = {name: [] for name in ("weak", "weak clean", "strong", "strong clean")}
+    for i in range(4):
+        for seed in range(40):
+            fails = {
+                "weak clean": seed < 8,
+                "weak": seed < 9,
+                "strong clean": False,
+                "strong": seed < 2 + 10 * (i == 3),
+            }
+            for name, fail in fails.items():
+                rows[name].append((seed, f"family {i}", int(not fail), 7))
+    paths = {name: write(tmp_path / f"{name}.csv", some) for name, some in rows.items()}
+    controls = [paths["weak clean"], paths["strong clean"]]
+    found = compare_results([paths["weak"], paths["strong"]], control=controls)
+    before_and_after = {task: (before, after[0]) for (_, task), (before, after) in found.beyond_controls.items()}
+    assert before_and_after["family 0"] == pytest.approx((7 / 40, -1 / 40))
+    assert before_and_after["family 3"] == pytest.approx((-3 / 40, -11 / 40))
+    said = found.verdict()
+    assert "the sign of strong minus weak in 3 of 4 tasks." in said[-1]
+    assert any(one.startswith("weak fails in 4 of 4 tasks; minus weak clean it is no worse in 0") for one in said)
+    assert any(one.startswith("strong succeeds significantly less often than strong clean") for one in said)
+    assert [table.name for table in found.tables()][2:] == ["over_control", "beyond_controls"]
+    common = compare_results([paths["weak"], paths["strong"]], control=controls[:1])
+    assert {*common.control.values()} == {"weak clean"}
+    assert len(common.over_control) == 10
+    assert not common.beyond_controls
+    with pytest.raises(BadArgument, match="one for each of 1; got 2"):
+        compare_results([paths["weak"]], control=controls)
+
+
+def test_files_of_lerobot_are_read_in_both_forms(tmp_path):
+    old = [{"episode_ix": i, "success": i % 3 > 0, "seed": 1000 + i, "sum_reward": 0.0} for i in range(9)]
+    (tmp_path / "old").mkdir()
+    (tmp_path / "old" / "eval_info.json").write_text(json.dumps({"per_episode": old, "aggregated": {}}))
+    successes = [{"task_group": "libero", "task_id": k, "metrics": {"successes": [True, False]}} for k in range(2)]
+    (tmp_path / "eval_info.json").write_text(json.dumps({"per_task": successes, "overall": {}}))
+    one = compare_results([tmp_path / "old" / "eval_info.json"])
+    assert one.keys[0] == ("", "1000")
+    assert one.success["eval_info"].tolist() == [i % 3 > 0 for i in range(9)]
+    new = compare_results([tmp_path / "eval_info.json"])
+    assert new.keys == [("libero 0", "0"), ("libero 0", "1"), ("libero 1", "0"), ("libero 1", "1")]
+    assert new.success["eval_info"].tolist() == [True, False, True, False]
+    assert "Without seeds in eval_info, episodes are paired by their number" in new.verdict()[1]
+    with pytest.raises(BadArgument, match="no episode of the same task and seed"):
+        compare_results([tmp_path / "eval_info.json", tmp_path / "old" / "eval_info.json"])
+    (tmp_path / "some.json").write_text(json.dumps({"per_episode": [old[0], old[1] | {"seed": None}]}))
+    with pytest.raises(BadArgument, match="episode 1: the seed is missing"):
+        compare_results([tmp_path / "some.json"])
 
 
 @pytest.mark.parametrize(
@@ -62,13 +116,24 @@ def test_what_is_wrong_with_a_file_is_said(tmp_path, content, said):
         compare_results([tmp_path / "a.csv"])
 
 
+@pytest.mark.parametrize(
+    "content", ["[", "[]", "{}", '{"per_task": 3}', '{"per_episode": [{"success": true}]}', "[" * 10**5]
+)
+def test_other_json_is_refused(tmp_path, content):
+    (tmp_path / "a.json").write_text(content)
+    with pytest.raises(BadArgument, match="no eval_info"):
+        compare_results([tmp_path / "a.json"])
+
+
 def test_the_command_prints_and_reports_without_a_scene(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     names = [write(tmp_path / f"{name}.csv", outcomes(i, 0.9 - 0.2 * i)).name for i, name in enumerate("ab")]
-    monkeypatch.setattr(sys, "argv", ["activetouch", "compare", "--results", *names])
+    clean = write(tmp_path / "clean.csv", outcomes(2, 0.95)).name
+    monkeypatch.setattr(sys, "argv", ["activetouch", "compare", "--results", *names, "--control", clean])
     main()
     printed = " ".join(capsys.readouterr().out.split())
     assert "b succeeds significantly less often than a" in printed
     page = (tmp_path / "runs/results/report.html").read_text()
     assert "b succeeds significantly less often than a" in page
     assert (tmp_path / "runs/results/tables/differences.csv").exists()
+    assert (tmp_path / "runs/results/tables/over_control.csv").exists()
