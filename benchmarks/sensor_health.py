@@ -4,8 +4,8 @@
     python -m benchmarks.sensor_health many "noise × 3" "noise × 1.5 + stiffness × 0.7" --sensor gel --sessions 50
 
 A session touches twelve objects one after the other, each in different poses, at most six times, until a shape is
-stated with 0.95. Worlds are conditions of ``robustness`` and of this file, or several joined by +; all that apply by
-default. Three
+stated with 0.95. Worlds are conditions of ``robustness``, or several joined by +, or what changes from touch to touch
+("slip, random"); all that apply by default. Three
 sensors feel the same touches: ``own``, the shipped one; ``as described``, its reader of any object in the state that
 the scene describes; ``unknown``, the same with its state inferred over the session.
 
@@ -24,25 +24,23 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from activetouch import SCENES, Scene, TactileSensor
-from activetouch.distributions import Constant, Uniform
-from activetouch.orientations import Inexact
+from activetouch.distributions import Uniform
 from activetouch.perception.contacts.hypotheses import num_hypotheses
 from activetouch.perception.contacts.sensor_state import sensor_state
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
 from activetouch.perception.sensor_worlds import EmbeddedWorlds, changed_worlds
 from activetouch.placement import WorldObject
-from activetouch.pressing.dynamic import Dynamic
-from activetouch.rendering import Blur, Fault, Hysteresis, Noise, Shift, StuckTaxels
+from activetouch.rendering import Noise
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
 from belief import SceneBelief, SearchProblem
 from belief.statistics import wilson_interval
@@ -63,60 +61,6 @@ _PAIRS = (
     "stiffness × 0.4 + force 0.5 to 1.5 N",
     "hysteresis 5 % + 5 % more dead",
 )
-
-
-def _worn(fault: Fault, is_last: bool = False) -> Callable[[Scene], Scene]:
-    """One more fault, before the others of the sensor or after them."""
-    return lambda scene: replace(scene, faults=(*scene.faults, fault) if is_last else (fault, *scene.faults))
-
-
-def _fine(change: Callable[[Scene], Scene], taxels: int = 64) -> Callable[[Scene], Scene]:
-    """A change that is given in pixels, for images of many."""
-
-    def changed(scene: Scene) -> Scene:
-        if scene.image_shape[0] < taxels:
-            raise DoesNotApply(f"it is for images of at least {taxels} taxels along an edge")
-        return change(scene)
-
-    return changed
-
-
-def _proportions(label: str, **changes: Callable[[Any], Any]) -> Callable[[Scene], Scene]:
-    """A solid with the name of the one that the sensor knows, and other proportions."""
-
-    def changed(scene: Scene) -> Scene:
-        known = scene.shapes.get(label)
-        if known is None or not all(hasattr(known, name) for name in changes):
-            raise DoesNotApply(f"it has no {label} of one kind")
-        new = replace(known, **{name: change(getattr(known, name)) for name, change in changes.items()})
-        return replace(scene, shapes={**scene.shapes, label: new})
-
-    return changed
-
-
-def _slippery(scene: Scene) -> Scene:
-    return replace(scene, press_model=Dynamic(), variation=replace(scene.variation, friction=Constant(0.05)))
-
-
-WORLDS: Mapping[str, Callable[[Scene], Scene]] = {
-    "1 % stuck": _fine(_worn(StuckTaxels(0.01), is_last=True)),
-    "5 % stuck": _fine(_worn(StuckTaxels(0.05), is_last=True)),
-    "blurred by half a taxel": _worn(Blur(0.5)),
-    **{f"blurred by {pixels} pixels": _fine(_worn(Blur(float(pixels)))) for pixels in (2, 5)},
-    **{f"shifted by {pixels} pixels": _fine(_worn(Shift(columns=pixels))) for pixels in (2, 4, 10)},
-    "hysteresis 10 %": _worn(Hysteresis(0.1)),
-    **{
-        f"pose error {angle}°": lambda scene, angle=angle: replace(scene, presentation=Inexact(np.deg2rad(angle)))
-        for angle in (5, 10, 20)
-    },
-    "cylinder × 0.5": _proportions("cylinder", half_length=lambda length: 0.5 * length),
-    "cylinder × 1.25": _proportions("cylinder", half_length=lambda length: 1.25 * length),
-    "cone × 0.6": _proportions("cone", height=lambda height: 0.6 * height),
-    "cone × 1.5": _proportions("cone", height=lambda height: 1.5 * height),
-    "cube 1 : 1 : 1.25": _proportions("cube", half_extents=lambda edges: (*edges[:2], 1.25 * edges[2])),
-    "friction 0.05": _slippery,
-}
-"""Changes of a scene, beside :data:`experiments.robustness.conditions.CONDITIONS`."""
 REPEATED, FALLING, WALK, STEADY = "noise that repeats", "gain falls 5 % a touch", "slip, random", "slip, steady"
 _IN_SESSION = REPEATED, FALLING, WALK, STEADY
 """What changes from touch to touch of an object, or is the same in all touches of a session."""
@@ -211,7 +155,7 @@ def changed(name: str, world: str) -> Scene:
     """A scene in a world, whose parts are joined by +; raises DoesNotApply."""
     scene = SCENES[name].scene
     for part in () if world in (USUAL, *_IN_SESSION) else world.split(" + "):
-        scene = {**CONDITIONS, **WORLDS}[part](scene)
+        scene = CONDITIONS[part](scene)
     return scene
 
 
@@ -273,7 +217,6 @@ def main() -> None:
     scenes: dict[str, Scene] = {}
     every = [
         *(world for world in CONDITIONS if not world.startswith(_OTHERS)),
-        *WORLDS,
         REPEATED,
         FALLING,
         WALK,

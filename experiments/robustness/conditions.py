@@ -10,18 +10,22 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, TypeAlias
 
+import numpy as np
+
 from activetouch.distributions import Constant, Distribution, LogUniform, Uniform
+from activetouch.orientations import Inexact
+from activetouch.pressing.dynamic import Dynamic
 from activetouch.rendering import Blur, DeadTaxels, Fault, Gain, Hysteresis, Noise, Quantisation, Shift, StuckTaxels
 from activetouch.rendering.faults import change_faults, faults_of
 from activetouch.scene import Scene
 from activetouch.scene_description import scene_fields
-from activetouch.shapes import Cylinder
 from belief.errors import UnknownName
 from experiments.scene_choice import FIDELITIES, PRESENTATIONS
 
 AS_TRAINED = "as trained"
 """Name of the unchanged scene among the conditions."""
 Change: TypeAlias = Callable[[Scene], Scene]
+_MANY_TAXELS = 64  # along the edge of an image whose changes may be given in pixels
 
 
 class DoesNotApply(Exception):
@@ -80,18 +84,42 @@ def _shifted(taxels: int = 0, share: float = 0.0) -> Change:
     return changed
 
 
+def _blurred(taxels: float) -> Change:
+    return _faulty(lambda faults: (Blur(taxels), *faults))
+
+
 def _require_taxels(number: float, what: str) -> None:
     """Check that a number of taxels is at least one when rounded."""
     if round(number) < 1:
         raise DoesNotApply(f"{what} is less than one taxel")
 
 
-def _longer_cylinder(scene: Scene) -> Scene:
-    """A cylinder of twice the length, with the name of the one that the sensor knows."""
-    known = scene.shapes.get("cylinder")
-    if not isinstance(known, Cylinder):
-        raise DoesNotApply("it has no cylinder of one length")
-    return replace(scene, shapes={**scene.shapes, "cylinder": replace(known, half_length=2.0 * known.half_length)})
+def _in_pixels(change: Change) -> Change:
+    """A change that is given in pixels of an image of many."""
+
+    def changed(scene: Scene) -> Scene:
+        if scene.image_shape[0] < _MANY_TAXELS:
+            raise DoesNotApply(f"it is for images of at least {_MANY_TAXELS} taxels along an edge")
+        return change(scene)
+
+    return changed
+
+
+def _proportions(label: str, **changes: Callable[[Any], Any]) -> Change:
+    """A solid of other proportions, with the name of the one that the sensor knows."""
+
+    def changed(scene: Scene) -> Scene:
+        known: Any = scene.shapes.get(label)
+        if known is None or not all(hasattr(known, name) for name in changes):
+            raise DoesNotApply(f"it has no {label} of one kind")
+        new = replace(known, **{name: change(getattr(known, name)) for name, change in changes.items()})
+        return replace(scene, shapes={**scene.shapes, label: new})
+
+    return changed
+
+
+def _slippery(scene: Scene) -> Scene:
+    return replace(_varied(friction=Constant(0.05))(scene), press_model=Dynamic())
 
 
 def _varied(**changes: Distribution) -> Change:
@@ -160,17 +188,28 @@ CONDITIONS: Mapping[str, Change] = MappingProxyType(
         "1 % more dead": _dead(0.01),
         "5 % more dead": _dead(0.05),
         "19 % more dead": _dead(3 / 16),
+        **{f"{share:g} % stuck": _stuck(share / 100) for share in (1, 5)},
         "6 % stuck at full scale": _stuck(1 / 16),
         "shifted by 1 taxel": _shifted(taxels=1),
         "shifted by 3 % of the edge": _shifted(share=1 / 32),
-        "blurred by 1 taxel": _faulty(lambda faults: (Blur(1.0), *faults)),
+        **{f"shifted by {pixels} pixels": _in_pixels(_shifted(taxels=pixels)) for pixels in (2, 4, 10)},
+        "blurred by half a taxel": _blurred(0.5),
+        "blurred by 1 taxel": _blurred(1.0),
+        **{f"blurred by {pixels} pixels": _in_pixels(_blurred(float(pixels))) for pixels in (2, 5)},
         "4 bits": _faulty(lambda faults: (*faults, Quantisation(4))),
         "hysteresis 5 %": _faulty(lambda faults: (Hysteresis(0.05), *faults)),
+        "hysteresis 10 %": _faulty(lambda faults: (Hysteresis(0.1), *faults)),
         "size ± 25 %": _varied(size=Uniform(0.75, 1.25)),
         "smaller by ≤ 15 %": _sized(-0.15, 0.0),
         "larger by ≤ 15 %": _sized(0.0, 0.15),
-        "cylinder twice as long": _longer_cylinder,
+        "cylinder twice as long": _proportions("cylinder", half_length=lambda length: 2.0 * length),
+        "cylinder × 0.5": _proportions("cylinder", half_length=lambda length: 0.5 * length),
+        "cylinder × 1.25": _proportions("cylinder", half_length=lambda length: 1.25 * length),
+        "cone × 0.6": _proportions("cone", height=lambda height: 0.6 * height),
+        "cone × 1.5": _proportions("cone", height=lambda height: 1.5 * height),
+        "cube 1 : 1 : 1.25": _proportions("cube", half_extents=lambda edges: (*edges[:2], 1.25 * edges[2])),
         "friction 0.3 to 1": _rubbing,
+        "friction 0.05": _slippery,
         "stiffness × 0.4": _varied(stiffness=Constant(0.4)),
         "stiffness × 0.7": _varied(stiffness=Constant(0.7)),
         "stiffness × 1.5": _varied(stiffness=Constant(1.5)),
@@ -181,6 +220,7 @@ CONDITIONS: Mapping[str, Change] = MappingProxyType(
         "force 1 to 4 N": _varied(force=Uniform(1.0, 4.0)),
         "force 3 to 6 N": _varied(force=Uniform(3.0, 6.0)),
         **{f"press {name}": _with("press_model", press) for name, press in FIDELITIES.items()},
+        **{f"pose error {angle}°": _with("presentation", Inexact(np.deg2rad(angle))) for angle in (5, 10, 20)},
         **{f"objects {name}": _with("presentation", presentation) for name, presentation in PRESENTATIONS.items()},
         "all of these": _together(
             _noisier(1.5),
