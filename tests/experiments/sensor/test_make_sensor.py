@@ -8,7 +8,7 @@ import activetouch
 from activetouch import SCENES, Quasistatic, Scene, TactileSensor
 from activetouch.errors import LabelMismatch
 from activetouch.pressing.pad import Pad
-from belief.references import BadReference
+from belief.references import UnknownName
 from experiments.command_line.arguments import BadArgument
 from experiments.scene_choice import as_named
 from experiments.sensor.calibrate import Calibrate, TooFewObjects
@@ -43,10 +43,10 @@ def test_a_scene_becomes_a_sensor_in_one_call_and_stays_one(tmp_path):
 def _only_a_readable_model_is_written(folder):
     trained, out = folder / "training" / "reader.safetensors", folder / "again"
     how = {"reader": trained, "data": folder / "repeats", "out": out}
-    Calibrate(**how, observation_model=("ratio", "confusion(smoothing=1.0)")).run()
+    Calibrate(**how, observation_model=("ratio", "confusion")).run()
     assert (out / "observation_model.json").exists()
     assert sorted(read_order(out)) == sorted(SCENES["coarse"].scene.pose_labels)
-    with pytest.raises(BadReference, match="unexpected"):
+    with pytest.raises(UnknownName, match="Known: confusion"):
         Calibrate(**how, observation_model=("ratio(edges=3)",)).run()
 
 
