@@ -170,9 +170,10 @@ def compare_results(
     alike = Counter(path.stem for path in paths)
     every = [path.stem if alike[path.stem] == 1 else str(path.with_suffix("")) for path in paths]
     names, controls = every[: len(files)], every[len(files) :]
-    if not names or len({*every}) < len(every):
-        told = ", ".join(every) or "none"
-        raise BadArgument(f"--results and --control must name different files, one or more; got {told}")
+    if not names:
+        raise BadArgument("--results must name one file or more; --control alone has nothing to be subtracted from")
+    if len({*every}) < len(every):
+        raise BadArgument(f"--results and --control must name different files, got {', '.join(every)}")
     if reference is not None and reference not in names:
         raise BadArgument(f"--reference must be one of {', '.join(names)}, got {reference!r}")
     if len(controls) not in (0, 1, len(names)):

@@ -72,6 +72,10 @@ def test_subtracting_controls_changes_the_sign_where_the_policies_fail_without_a
     assert not common.beyond_controls
     with pytest.raises(BadArgument, match="one for each of 1; got 2"):
         compare_results([paths["weak"]], control=controls)
+    with pytest.raises(BadArgument, match="nothing to be subtracted from"):
+        compare_results([], control=controls)
+    with pytest.raises(BadArgument, match="different files"):
+        compare_results([paths["weak"]], control=[paths["weak"]])
 
 
 def test_files_of_lerobot_are_read_in_both_forms(tmp_path):
