@@ -1,6 +1,6 @@
 """Count stars by touch: Starstruck-Depth of tactile_mnist, with a learned reader and a belief.
 
-Run: PYOPENGL_PLATFORM=egl OMP_NUM_THREADS=1 python benchmarks/starstruck.py    (needs tactile_mnist and torch; an hour)
+Run: PYOPENGL_PLATFORM=egl OMP_NUM_THREADS=1 python -m benchmarks.starstruck    (needs tactile_mnist and torch; an hour)
 
 One to three stars, and up to five boxes and cylinders, lie on a plate of 12 cm; a touch shows 14 × 14 mm of it, and the
 sensor moves at most 15 mm between two of 32 touches. All players here share one map of what was touched, one reader and
