@@ -71,20 +71,6 @@ def share_of_threshold(prior_prob: float) -> float:
     return min(prior_prob / _LOW_PRIOR, 1.0)
 
 
-def _beyond(info: InformationState, confirm: float, reject: float, max_touches: int) -> Decision | None:
-    """The decision beyond one of two thresholds on the posterior, or at the last touch; None before."""
-    prob = info.target_prob
-    scores = {"target_prob": prob}
-    must_be_here = info.num_left == 1 and info.problem.prior_absent_probs[info.target] == 0.0
-    if prob >= confirm or (must_be_here and prob > 0.0):
-        return Decision(Confirm(), scores)
-    if prob <= reject:
-        return Decision(Reject(), scores)
-    if len(info.history) >= max_touches:
-        return Decision(Confirm() if prob >= 0.5 else Reject(), scores)
-    return None
-
-
 @dataclass(frozen=True)
 class StopOverride:
     """Follows the poses of any decider, and stops by a stopping rule.
