@@ -57,6 +57,8 @@ def test_a_field_of_a_wrong_type_is_a_clear_error_or_works(reader, run, tmp_path
     refused = 0
     for number, path in enumerate(paths(run["arguments"])):
         for wrong in (WRONG[(number + step) % len(WRONG)] for step in range(2)):
+            if path[-1] == "unknown_state" and wrong is True:
+                continue  # is right, and would embed the hypotheses of all worlds
             (tmp_path / "run.json").write_text(
                 sealed_json({**run, "arguments": changed(run["arguments"], path, wrong)})
             )
