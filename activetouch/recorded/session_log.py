@@ -32,7 +32,7 @@ def read_session_logs(path: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
     poses: list[str] | None = None
     for number, log in enumerate(paths):
         try:
-            header, truth, touches = _standing(log)
+            header, truth, touches = standing_touches(log)
             problem = header["problem"]
             if poses not in (None, problem["poses"]):
                 raise BadRecording(f"{log} has the poses {problem['poses']}, the logs before it {poses}")
@@ -63,7 +63,7 @@ def read_session_logs(path: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
     return recorded, left_out
 
 
-def _standing(path: Path) -> tuple[dict[str, Any], list[str | None], list[dict[str, Any]]]:
+def standing_touches(path: Path) -> tuple[dict[str, Any], list[str | None], list[dict[str, Any]]]:
     """The first line of a log, the true shapes as far as they are revealed, and touches that were not taken back."""
     header, *lines = read_journal(path)
     if not str(header.get("schema")).startswith(SCHEMA):

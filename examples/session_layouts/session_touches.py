@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.errors import BadRecording
+from activetouch.recorded.session_log import standing_touches
 from activetouch.rendering.pressure import PressureRenderer
 from belief.frozen import FrozenArrays
-from belief.journal import array_from, read_journal
+from belief.journal import array_from
 from belief.naming import checked_names
 from belief.validation import Floats
 
@@ -144,7 +145,7 @@ class SessionTouches(FrozenArrays):
         labels: tuple[str, ...] = ()
         for path in map(Path, paths):
             try:
-                header, truth, touches = _standing(path)
+                header, truth, touches = standing_touches(path)
                 poses = tuple(header["problem"]["poses"])
                 _require(poses == (labels or poses), f"the poses in {path}", f"{labels} as in the first log", poses)
                 labels = poses
@@ -189,20 +190,6 @@ class SessionTouches(FrozenArrays):
 def _require(fits: Any, name: str, wanted: str, got: object) -> None:
     if not fits:
         raise BadRecording(f"{name} must be {wanted}; got {got}")
-
-
-def _standing(path: Path) -> tuple[dict[str, Any], list[str | None], list[dict[str, Any]]]:
-    """The first line of a log, the true shapes as far as they are revealed, and touches that were not taken back."""
-    header, *lines = read_journal(path)
-    truth, standing = header["arrangement"], []
-    for line in lines:
-        if line["told"] == "truth":
-            truth = line["arrangement"]
-        elif line["told"] == "undo":
-            standing.pop()
-        else:
-            standing.append(line)
-    return header, truth, [line for line in standing if line["told"] == "touch"]
 
 
 if __name__ == "__main__":

@@ -89,6 +89,12 @@ def any_model(request):
     return model_named(request.param)
 
 
+@pytest.fixture(params=[name for name in MODELS if not name.startswith(("plda", "gaussian"))])
+def summarising_model(request):
+    """Each model whose evidence is of one size, however many the touches: not PLDA and its relatives."""
+    return model_named(request.param)
+
+
 @pytest.fixture
 def all_models():
     """All of them at once."""

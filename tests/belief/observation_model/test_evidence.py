@@ -69,25 +69,23 @@ def numbers_held(part):
     return sum(map(numbers_held, part)) if isinstance(part, tuple) else 1
 
 
-def test_evidence_of_a_hundred_touches_is_as_large_as_that_of_ten(any_model, rng):
-    if not isinstance(any_model, Summarises):
-        pytest.skip("is asked about all touches")
-    few, many = (fold(any_model, any_model.sample(0, [0, 1] * n, rng)) for n in (5, 50))
+def test_evidence_of_a_hundred_touches_is_as_large_as_that_of_ten(summarising_model, rng):
+    assert isinstance(summarising_model, Summarises)
+    few, many = (fold(summarising_model, summarising_model.sample(0, [0, 1] * n, rng)) for n in (5, 50))
     assert isinstance(many, SummarisedEvidence)
     assert numbers_held(few.statistics) == numbers_held(many.statistics)
 
 
-def test_a_touch_hands_the_model_that_touch_only(any_model, rng, monkeypatch):
-    if not isinstance(any_model, Summarises):
-        pytest.skip("is asked about all touches")
+def test_a_touch_hands_the_model_that_touch_only(summarising_model, rng, monkeypatch):
+    assert isinstance(summarising_model, Summarises)
     handed = []
-    judge = type(any_model).require_fit
+    judge = type(summarising_model).require_fit
     monkeypatch.setattr(
-        type(any_model), "require_fit", lambda self, b: (handed.append(b.poses.size), judge(self, b))[1]
+        type(summarising_model), "require_fit", lambda self, b: (handed.append(b.poses.size), judge(self, b))[1]
     )
-    touches = any_model.sample(0, [0, 1] * 20, rng)
-    scene = SceneBelief(SearchProblem(LABELS, ("p", "q"), 3), model_with_labels(any_model))
-    tracker = BeliefTracker(Belief.uniform(any_model.shape_labels), any_model)
+    touches = summarising_model.sample(0, [0, 1] * 20, rng)
+    scene = SceneBelief(SearchProblem(LABELS, ("p", "q"), 3), model_with_labels(summarising_model))
+    tracker = BeliefTracker(Belief.uniform(summarising_model.shape_labels), summarising_model)
     for touch in touches:
         tracker.update(touch)
         scene.update(1, [touch])
