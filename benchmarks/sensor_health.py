@@ -129,9 +129,10 @@ def felt(
     elif world == STEADY:
         slip = 0.0005 * np.arange(len(poses))
     for pose, moved in zip(poses, slip, strict=True):
-        low, high = scene.variation.offset.support
-        offset = Uniform(low + moved, high + moved) if moved else scene.variation.offset
-        there = replace(scene, variation=replace(scene.variation, offset=offset)) if moved else scene
+        there = scene
+        if moved:
+            low, high = scene.variation.offset.support
+            there = replace(scene, variation=replace(scene.variation, offset=Uniform(low + moved, high + moved)))
         pressed.append(there.press(obj, int(pose), rng).image)
     images = np.stack(pressed)
     if world == FALLING:
