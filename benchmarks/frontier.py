@@ -27,9 +27,9 @@ from activetouch.data.dataset import read_split
 from activetouch.extras import require_extra
 from activetouch.perception.card import ClassifierCard, card_from
 from activetouch.perception.reader import TactileReader
-from activetouch.perception.sealed_tensors import read_tensors
 from belief.claims import claim_folder, ends_claims
 from belief.files import write_text
+from belief.sealed_tensors import read_tensors
 from belief.table import Table
 from benchmarks.reader_scores import Scores, draw_errors, scores
 from experiments.command_line.arguments import BadArgument, Count, Jobs, NotEmpty, Seed, check_arguments

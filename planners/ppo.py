@@ -7,13 +7,10 @@ SHA-256 of it all. Loading runs no code from the file.
 >>> policy = Policy(card, (np.zeros((3, 6), np.float32),), (np.array([0.0, 1.0, 0.5], np.float32),))
 >>> policy.scores(np.zeros((1, 6))).tolist()             # probe, CONFIRM, REJECT
 [[0.0, 1.0, 0.5]]
->>> Policy.from_bytes(policy.to_bytes()).card == card
-True
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
@@ -24,13 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from belief.errors import ActiveTouchError, CorruptFile
-from belief.files import array_digest, in_file_name, sealed_json, unsealed_json
+from belief.files import in_file_name
 from belief.policy_state import ENCODINGS, GOAL, NO_ACTION, WITH_GAINS, Situation, expected_gains, frame_probs
 from belief.problem import Confirm, Probe, Reject
+from belief.sealed_tensors import read_tensors, write_tensors
 from belief.validation import Floats
 from planners.decider import Decision, InformationState
 
-_FORMAT = "activetouch-policy-2"
+_FORMAT, _PARTS = "activetouch-policy-2", ("weight", "bias")
 
 
 class MissingPolicy(ActiveTouchError, FileNotFoundError):
@@ -108,41 +106,26 @@ class Policy:
             hidden = np.tanh(hidden @ weight.T + bias)
         return np.asarray(hidden @ self.weights[-1].T + self.biases[-1])
 
-    def to_bytes(self) -> bytes:
-        """The policy as a safetensors file."""
-        from safetensors.numpy import save
-
-        tensors = {}
-        for index, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
-            tensors[f"weight_{index}"], tensors[f"bias_{index}"] = np.ascontiguousarray(weight), bias
-        header = sealed_json({"fields": asdict(self.card), "tensors": array_digest(tensors)}, indent=None)
-        return save(tensors, metadata={_FORMAT: header})
+    def save(self, path: Path) -> None:
+        """Write the policy; raises CannotWrite."""
+        layers = enumerate(zip(self.weights, self.biases, strict=True))
+        tensors = {f"{name}_{i}": array for i, pair in layers for name, array in zip(_PARTS, pair, strict=True)}
+        write_tensors(path, tensors, asdict(self.card), _FORMAT)
 
     @classmethod
-    def from_bytes(cls, data: bytes) -> Policy:
-        """The policy from :meth:`to_bytes`.
+    def load(cls, path: Path) -> Policy:
+        """The policy in a file.
 
         Raises:
-            BadPolicy: the bytes are damaged, or something else.
+            BadPolicy: the file is damaged, or something else.
         """
-        from safetensors import SafetensorError
-        from safetensors.numpy import load
-
         try:
-            tensors = load(data)
-            header = unsealed_json(_metadata(data)[_FORMAT])
-            if header["tensors"] != array_digest(tensors):
-                raise BadPolicy("it was changed after it was written: its weights do not match their SHA-256")
-            number = len(tensors) // 2
-            weights = tuple(tensors[f"weight_{index}"] for index in range(number))
-            biases = tuple(tensors[f"bias_{index}"] for index in range(number))
-            fields = header["fields"]
-            fields |= {name: tuple(fields[name]) for name in ("shape_labels", "pose_labels")}
-            return cls(PolicyCard(**fields), weights, biases)
-        except BadPolicy:
-            raise
-        except (SafetensorError, KeyError, TypeError, ValueError, AttributeError) as error:
-            raise BadPolicy(f"no policy file: {error}") from error
+            tensors, fields = read_tensors(path, _FORMAT)
+            weights, biases = (tuple(tensors[f"{name}_{i}"] for i in range(len(tensors) // 2)) for name in _PARTS)
+            labels = {name: tuple(fields[name]) for name in ("shape_labels", "pose_labels")}
+            return cls(PolicyCard(**{**fields, **labels}), weights, biases)
+        except (KeyError, TypeError, ValueError, AttributeError) as error:  # of CorruptFile, too
+            raise BadPolicy(f"{path} is no policy file: {error}") from error
 
 
 def policy_file(state: str, target: str) -> str:
@@ -161,10 +144,7 @@ def load_ppo_policy(folder: Path | None, state: str, target: str) -> Policy:
     if path is None or not path.is_file():
         where = "given: a folder of policies is needed" if folder is None else f"in {folder}"
         raise MissingPolicy(f"no policy for the target {target!r} and the state {state!r} {where}")
-    try:
-        policy = Policy.from_bytes(path.read_bytes())
-    except BadPolicy as error:
-        raise BadPolicy(f"{path}: {error}") from error
+    policy = Policy.load(path)
     if (policy.card.state, policy.card.target) != (state, "" if state == GOAL else target):
         raise BadPolicy(f"{path} is for the target {policy.card.target!r} and the state {policy.card.state!r}")
     return policy
@@ -215,8 +195,10 @@ class PPODecider:
         return () if self.policies is None else (self.policies / policy_file(self.state, target),)
 
     def _policy(self, info: InformationState) -> Policy:
-        problem = info.problem
-        policy = _current_policy(self.policies, self.state, problem.shape_labels[info.target])
+        problem, folder = info.problem, self.policies
+        target = problem.shape_labels[info.target]
+        last = None if folder is None else written(folder / policy_file(self.state, target))
+        policy = _cached_policy(folder, self.state, target, last)
         card = policy.card
         if (card.shape_labels, card.pose_labels) != (tuple(problem.shape_labels), tuple(problem.pose_labels)):
             raise BadPolicy(
@@ -254,22 +236,16 @@ def situation_of(history: Sequence[Any], log_probs: Floats, num_poses: int, touc
     )
 
 
-def _current_policy(folder: Path | None, state: str, target: str) -> Policy:
-    """The policy, read once a process, and again when its file was written anew."""
+def written(path: Path) -> tuple[int, int] | None:
+    """Time and size of a file, which change when it is written anew; None if there is none."""
     try:
-        found = None if folder is None else (folder / policy_file(state, target)).stat()
+        found = path.stat()
     except OSError:
-        found = None
-    return _cached_policy(folder, state, target, None if found is None else (found.st_mtime_ns, found.st_size))
+        return None
+    return found.st_mtime_ns, found.st_size
 
 
 @lru_cache(maxsize=64)
 def _cached_policy(folder: Path | None, state: str, target: str, written: tuple[int, int] | None) -> Policy:
+    """The policy, read once a process, and again when its file was written anew."""
     return load_ppo_policy(folder, state, target)
-
-
-def _metadata(data: bytes) -> dict[str, str]:
-    """The metadata of a safetensors file, which its numpy reader leaves out."""
-    length = int.from_bytes(data[:8], "little")
-    metadata: dict[str, str] = json.loads(data[8 : 8 + length])["__metadata__"]
-    return metadata

@@ -23,7 +23,7 @@ from belief.policy_state import TOUCH_LIMIT
 from belief.validation import require_count
 from planners.decider import Decision, InformationState
 from planners.function_policy import decision, observation
-from planners.ppo import BadPolicy, MissingPolicy
+from planners.ppo import BadPolicy, MissingPolicy, written
 
 _LEAST = {"paper": 0.0, "posterior": -1.0}  # of an observation; the posterior of a whole search is as long as "paper"
 _MOST_SETTINGS = 1 << 26  # of the settings in a file [bytes]
@@ -78,8 +78,8 @@ class SB3Policy:
     def _loaded(self, info: InformationState) -> tuple[Any, str, bool, Any]:
         """The policy, what it sees, whether it also sees the target, and how this is normalised; None if it is not."""
         path, *more = self.files(info.problem.shape_labels[info.target])
-        model = _model(path, _written(path))
-        change = _normalization(more[0], _written(more[0])) if more else None
+        model = _model(path, written(path))
+        change = _normalization(more[0], written(more[0])) if more else None
         self._require_training(model, path)
         num_shapes, num_poses = info.problem.num_shapes, info.problem.num_poses
         sizes = {"paper": num_shapes + num_poses + 3, "posterior": num_shapes + num_poses + 2}
@@ -116,14 +116,8 @@ class SB3Policy:
             )
 
 
-def _written(path: Path) -> tuple[int, int]:
-    """Time and size of a file, which change when it is written anew."""
-    found = path.stat()
-    return found.st_mtime_ns, found.st_size
-
-
 @lru_cache(maxsize=32)
-def _model(path: Path, written: tuple[int, int]) -> Any:
+def _model(path: Path, written: tuple[int, int] | None) -> Any:
     """The model, read once in each process, and again when its file was written anew."""
     try:
         with zipfile.ZipFile(require_regular_file(path, BadPolicy)) as file, file.open("data") as settings:
@@ -145,7 +139,7 @@ def _model(path: Path, written: tuple[int, int]) -> Any:
 
 
 @lru_cache(maxsize=32)
-def _normalization(path: Path, written: tuple[int, int]) -> Any:
+def _normalization(path: Path, written: tuple[int, int] | None) -> Any:
     """The ``VecNormalize`` in a file, or None if it normalises no observations."""
     try:
         found = pickle.loads(require_regular_file(path, BadPolicy).read_bytes())

@@ -15,8 +15,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.perception.sealed_tensors import read_tensors, write_tensors
 from belief.errors import CannotWrite, CorruptFile
+from belief.sealed_tensors import read_tensors, write_tensors
 
 _KIND, _NAME = "activetouch-cached-1", "array"
 _ARRAY = ".safetensors"

@@ -11,9 +11,9 @@ import numpy as np
 
 from activetouch.errors import LabelMismatch, WrongScene
 from activetouch.perception.contacts.imaging import Imaging
-from activetouch.perception.sealed_tensors import read_fields
 from activetouch.scene_description import OBJECTS
 from belief.errors import CorruptFile
+from belief.sealed_tensors import read_fields
 
 READER = "activetouch-reader-1"
 """The kind of file that a sensor has, with a network for ONNX Runtime."""

@@ -22,9 +22,9 @@ from activetouch.perception.contacts.touches import Batch, Batches
 from activetouch.perception.export import exported
 from activetouch.perception.learner import Learner, falling
 from activetouch.perception.reader import INPUT, OUTPUTS, TactileReader
-from activetouch.perception.sealed_tensors import read_tensors, write_tensors
 from activetouch.scene import Scene
 from activetouch.scene_description import scene_fields
+from belief.sealed_tensors import read_tensors, write_tensors
 
 HELD_OUT = 200
 """Bodies of the lowest numbers, which no training sees."""

@@ -1,6 +1,6 @@
 """Reads tactile images with a trained network, by ONNX Runtime and numpy alone.
 
-A reader is one sealed file (:mod:`activetouch.perception.sealed_tensors`): a card, a network as an ONNX graph from
+A reader is one sealed file (:mod:`belief.sealed_tensors`): a card, a network as an ONNX graph from
 uint8 images to an embedding and features, and, where the card has an embedding, the network of hypotheses
 (:mod:`activetouch.perception.hypothesis_embedding`). Loading it runs no code from the file.
 """
@@ -21,10 +21,10 @@ from activetouch.perception.card import READER, ClassifierCard, card_from
 from activetouch.perception.contacts.hypotheses import ContactHypotheses, Hypotheses
 from activetouch.perception.grasps import GraspHypotheses
 from activetouch.perception.hypothesis_embedding import Floats32, HypothesisEmbedding
-from activetouch.perception.sealed_tensors import read_tensors, write_tensors
 from activetouch.perception.sessions import session_of
 from belief.errors import CorruptFile
 from belief.files import array_digest
+from belief.sealed_tensors import read_tensors, write_tensors
 
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession

@@ -20,11 +20,11 @@ from activetouch.perception.learner import Learner, falling, with_prefix
 from activetouch.perception.objective import Contrast, ShapeObjective
 from activetouch.perception.reader import require_stack
 from activetouch.perception.recipe import TrainingRecipe
-from activetouch.perception.sealed_tensors import read_fields, read_tensors, write_tensors
 from activetouch.scene import Symmetry
 from belief.errors import CorruptFile
 from belief.files import array_digest
 from belief.naming import few
+from belief.sealed_tensors import read_fields, read_tensors, write_tensors
 
 _ADVICE = "Train with a lower --change.learning-rate"
 

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.perception.sealed_tensors import read_tensors, write_tensors
 from activetouch.recorded.discriminants import LinearDiscriminants
 from activetouch.recorded.reader import Fitted, RecordedReader
 from belief.calibration import PerPose
 from belief.errors import CorruptFile
 from belief.files import array_digest
 from belief.naming import checked_names
+from belief.sealed_tensors import read_tensors, write_tensors
 
 RECORDED_READER = "activetouch-recorded-reader-1"
 """The kind of file."""

@@ -15,7 +15,7 @@ from activetouch.sensor import TactileSensor
 from activetouch.sensor_files import POLICIES, READER_FILE, fitted_model
 from belief.claims import claim_folder, ends_claims
 from belief.errors import UnknownName
-from belief.files import atomic_path, write_text
+from belief.files import write_text
 from belief.observation_model.model import ArrayModel
 from belief.policy_state import GOAL
 from experiments.command_line.arguments import BadArgument, Count, Jobs, check_arguments
@@ -137,8 +137,7 @@ class TrainedPolicies:
             CannotWrite: The disk is full, or the folder is not writable.
         """
         for key, policy in self.policies.items():
-            with atomic_path(folder / POLICIES / policy_file(*key)) as temporary:
-                temporary.write_bytes(policy.to_bytes())
+            policy.save(folder / POLICIES / policy_file(*key))
         by_state: dict[str, dict[str, list[dict[str, float]]]] = {}
         for (state, target), scores in self.scores.items():
             by_state.setdefault(state, {})[target] = [score._asdict() for score in scores]

@@ -22,7 +22,7 @@ from activetouch.envs.batched_episodes import BankEpisodes
 from activetouch.envs.touch_bank import TouchBank
 from activetouch.envs.touch_source import TargetProb
 from activetouch.errors import TrainingDiverged
-from belief.files import array_digest, atomic_path, in_file_name
+from belief.files import array_digest, in_file_name
 from belief.observation_model.model import ArrayModel
 from belief.policy_state import WITH_GAINS
 from experiments.ppo.recipe import PPORecipe
@@ -103,12 +103,11 @@ class Training:
         if not self.path.exists():
             with _global_generators_kept():
                 trained = self._train()
-            with atomic_path(self.path) as temporary:
-                temporary.write_bytes(trained.to_bytes())
+            trained.save(self.path)
         try:
-            policy = Policy.from_bytes(self.path.read_bytes())
+            policy = Policy.load(self.path)
         except BadPolicy as error:
-            raise BadPolicy(f"{self.path}: {error}; delete it and start again") from error
+            raise BadPolicy(f"{error}; delete it and start again") from error
         tests = self._episodes(self.test_bank, self._evaluated, self.recipe.test_prob)
         return policy, evaluate(policy, tests)
 

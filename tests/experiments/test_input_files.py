@@ -8,9 +8,9 @@ import pytest
 from activetouch.data.manifest import read_manifest
 from activetouch.envs.touch_bank import TouchBank
 from activetouch.perception.reader import TactileReader
-from activetouch.perception.sealed_tensors import read_fields
 from activetouch.sensor_files import MODELS, fitted_model
 from belief.errors import ActiveTouchError
+from belief.sealed_tensors import read_fields
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
 from experiments.search.fingerprint import files_digest

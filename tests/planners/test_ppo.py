@@ -35,7 +35,7 @@ def constant_policy(scores, state="paper", touch_limit=5):
 
 
 def write(folder, policy):
-    (folder / policy_file(policy.card.state, policy.card.target)).write_bytes(policy.to_bytes())
+    policy.save(folder / policy_file(policy.card.state, policy.card.target))
 
 
 @pytest.fixture
@@ -44,13 +44,15 @@ def problem():
 
 
 @pytest.mark.parametrize("state", list(ENCODINGS))
-def test_a_policy_survives_its_file(state, rng):
+def test_a_policy_survives_its_file(state, rng, tmp_path):
     policy = random_policy(rng, state)
-    copy = Policy.from_bytes(policy.to_bytes())
+    policy.save(tmp_path / "policy")
+    copy = Policy.load(tmp_path / "policy")
     assert copy.card == policy.card
     states = rng.normal(size=(7, policy.weights[0].shape[1]))
     np.testing.assert_array_equal(copy.scores(states), policy.scores(states))
-    assert copy.to_bytes() == policy.to_bytes()
+    copy.save(tmp_path / "copy")
+    assert (tmp_path / "copy").read_bytes() == (tmp_path / "policy").read_bytes()
 
 
 def test_scores_are_those_of_torchs_network(rng):
@@ -66,18 +68,23 @@ def test_scores_are_those_of_torchs_network(rng):
     np.testing.assert_allclose(policy.scores(states), expected, rtol=1e-4, atol=1e-5)
 
 
-def test_a_damaged_file_is_refused_and_no_bit_goes_unnoticed(rng):
-    data = random_policy(rng).to_bytes()
+def test_a_damaged_file_is_refused_and_no_bit_goes_unnoticed(rng, tmp_path):
+    path = tmp_path / "policy"
+    random_policy(rng).save(path)
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2])
     with pytest.raises(BadPolicy):
-        Policy.from_bytes(data[: len(data) // 2])
+        Policy.load(path)
     for place in rng.integers(8, len(data), size=60).tolist():
         torn = bytearray(data)
         torn[place] ^= 1
+        path.write_bytes(bytes(torn))
         with pytest.raises(BadPolicy):
-            Policy.from_bytes(bytes(torn))
+            Policy.load(path)
     for foreign in (b"", save({"weight_0": np.zeros(3)}), save({}, {"activetouch-policy-1": json.dumps({"card": 3})})):
+        path.write_bytes(foreign)
         with pytest.raises(BadPolicy, match="no policy file"):
-            Policy.from_bytes(foreign)
+            Policy.load(path)
 
 
 def test_layers_that_do_not_fit_are_refused():

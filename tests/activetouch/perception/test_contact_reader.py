@@ -19,13 +19,13 @@ from activetouch.perception.contacts import hypotheses
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.preparation import prepared
 from activetouch.perception.reader import TactileReader
-from activetouch.perception.sealed_tensors import read_tensors, write_tensors
 from activetouch.pressing.dynamic import Dynamic
 from activetouch.rendering import Noise
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
 from activetouch.shapes import Box, Sphere
 from activetouch.solids.family import Family
 from belief.errors import CorruptFile
+from belief.sealed_tensors import read_tensors, write_tensors
 
 FILE = MODELS / "coarse" / ANY_OBJECT_FILE
 POSES = {label: SCENES["coarse"].scene.rotations[label] for label in ("front", "corner")}

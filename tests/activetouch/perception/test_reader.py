@@ -12,10 +12,10 @@ from scipy.stats import binom
 from activetouch import SCENES, Scene, TactileSensor, TouchWorld
 from activetouch.perception.card import READER, read_card
 from activetouch.perception.reader import TactileReader
-from activetouch.perception.sealed_tensors import read_tensors, write_tensors
 from activetouch.sensor_files import MODELS, OBSERVATION_FILE, READER_FILE
 from activetouch.world import touch_many
 from belief.errors import CorruptFile
+from belief.sealed_tensors import read_tensors, write_tensors
 
 SHIPPED = MODELS / "gel" / READER_FILE
 IMAGES = np.random.default_rng(0).integers(0, 255, (3, 128, 128)).astype(np.uint8)

@@ -7,10 +7,10 @@ import pytest
 
 from activetouch import SCENES, RecordedSensor, TactileSensor
 from activetouch.errors import LabelMismatch, WrongScene
-from activetouch.perception.sealed_tensors import read_tensors, write_tensors
 from activetouch.recorded import RecordedTouches
 from activetouch.recorded.reader_file import RECORDED_READER, read_recorded_reader, write_recorded_reader
 from belief.errors import CannotWrite, CorruptFile, InvalidArgument, UnknownName
+from belief.sealed_tensors import read_tensors, write_tensors
 from experiments.scene_choice import SceneChoice
 from experiments.sensor_choice import open_sensor
 

@@ -57,8 +57,8 @@ def test_a_new_policy_is_another_decider_for_its_target_and_for_nobody_else(tmp_
     before = prepared(setting, deciders, jobs=1)
     old = before.keys
     file = sensor / POLICIES / policy_file("paper", "cone")
-    policy = Policy.from_bytes(file.read_bytes())
-    file.write_bytes(replace(policy, card=replace(policy.card, training="trained anew")).to_bytes())
+    policy = Policy.load(file)
+    replace(policy, card=replace(policy.card, training="trained anew")).save(file)
     after = prepared(setting, deciders, jobs=1)
     assert {cell for cell in old if after.keys[cell] != old[cell]} == {("ppo", "cone"), ("ppo_confident", "cone")}
     assert after.searches.identity == before.searches.identity

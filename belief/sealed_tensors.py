@@ -1,4 +1,7 @@
-"""Arrays in a safetensors file whose header carries JSON fields and a SHA-256; reading one runs no code from it."""
+"""Arrays in a safetensors file whose header carries JSON fields and a SHA-256; reading one runs no code from it.
+
+The package safetensors is loaded when a file is written or read.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +12,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save_file
 
 from belief.errors import CorruptFile
 from belief.files import array_digest, atomic_path, require_regular_file, sealed_json, unsealed_json
@@ -33,6 +34,8 @@ def write_tensors(
     Raises:
         CannotWrite: there is no room, or no permission.
     """
+    from safetensors.numpy import save_file
+
     arrays = {name: np.ascontiguousarray(array).reshape(np.shape(array)) for name, array in tensors.items()}
     # One entry of metadata: several would be written in random order.
     header = sealed_json({"fields": fields, "tensors": array_digest(arrays)}, indent=None)
@@ -50,7 +53,7 @@ def read_tensors(path: Path, kind: str = STATE) -> tuple[dict[str, NDArray[Any]]
     Raises:
         CorruptFile: the file is missing, truncated, of another kind, or was changed after it was written.
     """
-    with _damage(path), safe_open(require_regular_file(path), framework="np") as file:
+    with _opened(path) as file:
         header = _header(file.metadata(), kind)
         arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
         if header["tensors"] != array_digest(arrays):
@@ -68,25 +71,26 @@ def read_fields(path: Path, kind: str = STATE) -> dict[str, Any]:
     Raises:
         CorruptFile: the file is missing, truncated, of another kind, or its header was changed.
     """
-    with _damage(path), safe_open(require_regular_file(path), framework="np") as file:
+    with _opened(path) as file:
         return dict(_header(file.metadata(), kind)["fields"])
 
 
 def _header(metadata: Mapping[str, str] | None, kind: str) -> dict[str, Any]:
     if not metadata or kind not in metadata:
         found = ", ".join(sorted(metadata or {})) or "another program's tensors"
-        raise ValueError(
-            f"it holds {found}, not {kind}. A training writes a reader, reader.safetensors, and its state, "
-            "state.safetensors"
-        )
+        files = ". A training writes a reader, reader.safetensors, and its state, state.safetensors"
+        raise ValueError(f"it holds {found}, not {kind}" + files * (STATE in (found, kind)))
     return unsealed_json(metadata[kind])
 
 
 @contextmanager
-def _damage(path: Path) -> Iterator[None]:
-    """What libraries say of a file that they cannot read, as our error."""
+def _opened(path: Path) -> Iterator[Any]:
+    """A file, open for reading; what libraries say of one that they cannot read, as our error."""
+    from safetensors import SafetensorError, safe_open
+
     try:
-        yield
+        with safe_open(require_regular_file(path), framework="np") as file:
+            yield file
     except CorruptFile:
         raise
     except KeyError as error:
