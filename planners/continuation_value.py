@@ -54,23 +54,19 @@ class ContinuationValue:
         >>> ContinuationValue.of(problem, 0, OutcomeTable(np.eye(4)[None])).values[:, 0].round(3).tolist()
         [0.91, 0.933, 0.96, 1.0, 1.0]
         """
-        chances = target_chances(problem, target)
+        ahead = shapes_ahead(problem, target)
         length = min(touch_share(problem), _MOST_TOUCHES)
         evidence = _sequences(table, length, repeats if repeats is not None else LeastUsedFirst())
-        others = np.where(np.arange(problem.num_shapes) == target, 0.0, problem.prior_probs)
-        others /= others.sum() if others.any() else 1.0
         values = np.empty((problem.num_objects + 1, 2))
         values[-1] = 1.0, -1.0
         for index in reversed(range(problem.num_objects)):
-            for missed, chance in enumerate(chances[index].tolist()):
-                reject_target, reject_other = values[index + 1, 1], values[index + 1, missed]
-                if chance in (0.0, 1.0):  # no touch is needed
-                    values[index, missed] = 1.0 if chance else reject_other
+            for missed, prior in enumerate(ahead[index]):
+                of_target, of_other = values[index + 1, [1, missed]]  # values of rejecting them
+                if prior[target] in (0.0, 1.0):  # no touch is needed
+                    values[index, missed] = 1.0 if prior[target] else of_other
                     continue
-                prior = (1.0 - chance) * others
-                prior[target] = chance
                 values[index, missed] = _test_value(
-                    evidence, prior, target, reject_target, reject_other, problem.touch_cost
+                    evidence, prior, target, after[1], after[missed], problem.touch_cost
                 )
         return cls(values)
 
@@ -83,17 +79,25 @@ class ContinuationValue:
         return payoffs
 
 
-def target_chances(problem: SearchProblem, target: int) -> Floats:
-    """Probability that object i is a target before it is touched, ``(N, 2)``.
+def shapes_ahead(problem: SearchProblem, target: int) -> Floats:
+    """p(shape of object i) before it is touched, ``(N, 2, K)``.
 
-    Column 0 is given that no earlier object was a target, column 1 given that exactly one was.
+    Row 0 of an object is given that no earlier object was a target, row 1 given that exactly one was. That the other
+    shapes differ from each other is ignored.
     """
-    if problem.counts is None:
-        return np.full((problem.num_objects, 2), problem.prior_probs[target])
-    left = sum(problem.counts) - np.arange(problem.num_objects)  # in the bag before each draw
-    count = problem.counts[target]
-    here = np.stack([np.minimum(count, left), np.minimum(max(count - 1, 0), left)], axis=1)
-    return np.asarray(here / left[:, None])
+    others = np.where(np.arange(problem.num_shapes) == target, 0.0, problem.prior_probs)
+    if not others.any():  # every object is a target
+        chances = np.ones((problem.num_objects, 2))
+    elif problem.counts is None:
+        chances = np.full((problem.num_objects, 2), problem.prior_probs[target])
+    else:
+        left = sum(problem.counts) - np.arange(problem.num_objects)[:, None]  # in the bag before each draw
+        count = problem.counts[target]
+        chances = np.minimum([[count, max(count - 1, 0)]], left) / left
+    others /= others.sum() if others.any() else 1.0
+    probs = (1.0 - chances)[..., None] * others
+    probs[..., target] = chances
+    return np.asarray(probs)
 
 
 def prob_missed(info: InformationState) -> float:
@@ -105,12 +109,23 @@ def prob_missed(info: InformationState) -> float:
         return 0.0
     log_probs = [info.scene.belief(index).log_probs[info.target] for index in range(info.object_index)]
     missed = np.minimum(np.exp(log_probs), 1.0)
-    if (
-        info.problem.counts is None or info.problem.counts[info.target] > 1
-    ):  # an approximation for several targets with known counts
+    if not _is_only_one(info):  # an approximation for several targets with known counts
         return float(1.0 - np.prod(1.0 - missed))
     other = 1.0 - info.target_prob
     return min(float(missed.sum()) / other, 1.0) if other > 0.0 else 0.0
+
+
+def belief_with_missed(info: InformationState) -> Floats:
+    """p(shape of the current object, whether a target was rejected), ``(2, K)``; not rejected comes first."""
+    missed = np.full(info.problem.num_shapes, prob_missed(info))
+    if _is_only_one(info):
+        missed[info.target] = 0.0
+    return np.stack([1.0 - missed, missed]) * info.belief.probs
+
+
+def _is_only_one(info: InformationState) -> bool:
+    """Whether there is at most one target, as counts of shapes say."""
+    return info.problem.counts is not None and info.problem.counts[info.target] <= 1
 
 
 def _sequences(table: OutcomeTable, length: int, repeats: RepeatDiscount) -> Floats:

@@ -29,8 +29,8 @@ from belief.composition import Composition
 from belief.errors import InvalidArgument
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Confirm, Probe, Reject, SearchProblem
-from belief.scene_view import SceneView
 from belief.validation import Floats
+from planners.continuation_value import belief_with_missed, shapes_ahead
 from planners.decider import Decision, InformationState, are_touches_used, require_fit
 from planners.pomdp.problem import require_rounds
 from planners.pomdp.stages import StagedProblem, stages_by_missed
@@ -146,7 +146,7 @@ def _belief(policy: SearchPolicy, info: InformationState) -> Floats:
     if info.scene is not None:
         if isinstance(policy.problem, SearchTouchProblem):
             return policy.belief(number, info.scene.log_likelihoods())
-        return belief_by_target(info.problem, info.scene, info.target, number)
+        return belief_with_missed(info).ravel()
     # Without a joint belief, the other objects count as rejected untouched; this object's belief is the given one.
     shapes = policy.search.stages[number].shapes
     before = policy.belief(number, np.zeros((number + 1, num_shapes)))
@@ -162,36 +162,6 @@ def stages_by_target(problem: SearchProblem, outcome_probs: Floats, target: int,
     States 0 to K - 1 are the current shape with no target rejected yet, states K to 2K - 1 with one rejected. It leaves
     out how rejections change the probabilities of the other shapes; the belief includes it (decision 0026).
     """
-    counts = np.array(problem.counts, np.float64)
-    num_shapes, num_targets, others = problem.num_shapes, counts[target], np.delete(counts, target)
-
-    def next_shape(num_gone: int, targets_left: float) -> Floats:
-        """Distribution over the shape of the object after ``num_gone`` others, ``(K,)``."""
-        prob = min(max(targets_left / (counts.sum() - num_gone), 0.0), 1.0)
-        total = others.sum()
-        other_probs = others / total if total else np.zeros(len(others))
-        found = np.insert((1.0 - prob) * other_probs, target, prob)
-        return np.asarray(found / found.sum()) if found.sum() else np.eye(num_shapes)[target]
-
-    later = [
-        (next_shape(number, num_targets), next_shape(number, max(num_targets - 1.0, 0.0)))
-        for number in range(1, problem.num_objects)
-    ]
-    stages = stages_by_missed(num_shapes, target, later)
-    initial = np.concatenate([problem.prior_probs, np.zeros(num_shapes)])
+    stages = stages_by_missed(problem.num_shapes, target, shapes_ahead(problem, target)[1:])
+    initial = np.concatenate([problem.prior_probs, np.zeros(problem.num_shapes)])
     return StagedProblem(tuple(stages), initial, outcome_probs, touch_cost, 1.0)
-
-
-def belief_by_target(problem: SearchProblem, scene: SceneView, target: int, object_index: int) -> Floats:
-    """Belief about a stage of :func:`stages_by_target` with the exact marginals of a scene, ``(2K,)``."""
-    assert problem.counts is not None, "the composition has counts"
-    marginals = scene.marginals()
-    here, before = marginals[object_index], marginals[:object_index, target]
-    if problem.counts[target] > 1:
-        missed = 1.0 - float(np.prod(1.0 - before))
-        return np.concatenate([(1.0 - missed) * here, missed * here])
-    missed = min(float(before.sum()), 1.0 - here[target])
-    other = 1.0 - here[target]
-    share = missed / other if other > 0.0 else 0.0  # of each other shape's probability, as there is only one target
-    lost = np.where(np.arange(len(here)) == target, 0.0, share * here)
-    return np.concatenate([here - lost, lost])

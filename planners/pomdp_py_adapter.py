@@ -35,8 +35,7 @@ from scipy.special import rel_entr
 
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Action, Confirm, Probe, Reject, SearchProblem
-from belief.validation import Floats
-from planners.continuation_value import prob_missed, target_chances
+from planners.continuation_value import belief_with_missed, shapes_ahead
 from planners.decider import Decision, InformationState, are_touches_used, require_fit, touch_share
 
 with warnings.catch_warnings():
@@ -76,7 +75,7 @@ class Rules:
         keys = np.ndindex(problem.num_objects, problem.num_shapes, 2)
         self.states = {key: SimpleState(key) for key in keys}
         self.outcomes = [SimpleObservation(outcome) for outcome in range(table.num_outcomes)]
-        self.shape_probs = _shape_probs(problem, target)
+        self.shape_probs = shapes_ahead(problem, target)
         self.cumulative_shapes = self.shape_probs.cumsum(axis=2).tolist()
         self.cumulative_outcomes = self.outcome_probs.cumsum(axis=2).tolist()
 
@@ -90,15 +89,11 @@ class Rules:
 
     def histogram(self, info: InformationState) -> dict[SimpleState, float]:
         """The belief as probabilities of states, without states of probability zero."""
-        missed = prob_missed(info)
-        counts = info.problem.counts
-        histogram: dict[SimpleState, float] = {}
-        for shape, prob in enumerate(info.belief.probs.tolist()):
-            only_target = shape == info.target and counts is not None and counts[shape] == 1
-            for given_away, share in enumerate((1.0, 0.0) if only_target else (1.0 - missed, missed)):
-                if prob * share > 0.0:
-                    histogram[self.states[info.object_index, shape, given_away]] = prob * share
-        return histogram
+        joint = belief_with_missed(info)
+        return {
+            self.states[info.object_index, int(shape), int(missed)]: float(joint[missed, shape])
+            for shape, missed in np.argwhere(joint.T > 0.0)
+        }
 
 
 class SearchModel(pomdp_py.BlackboxModel):
@@ -231,17 +226,6 @@ def useful_poses(problem: SearchProblem, table: OutcomeTable) -> list[int]:
     if np.sqrt(2.0 * divergence.max()) <= problem.touch_cost:
         return []
     return np.flatnonzero(divergence > _ROUNDING).tolist()
-
-
-def _shape_probs(problem: SearchProblem, target: int) -> Floats:
-    chances = target_chances(problem, target)[..., None]  # (N, 2, 1)
-    others = np.where(np.arange(problem.num_shapes) == target, 0.0, problem.prior_probs)
-    if not others.any():  # no other shape has a positive prior
-        chances, others = np.ones_like(chances), others
-    others /= others.sum() if others.any() else 1.0
-    probs = (1.0 - chances) * others
-    probs[..., target] = chances[..., 0]
-    return np.asarray(probs)
 
 
 def _draw(cumulative: list[float], rng: np.random.Generator) -> int:

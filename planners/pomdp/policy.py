@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from belief.categorical import Belief
 from belief.errors import InvalidArgument
 from belief.validation import Floats, normalise_probs, require_index
-from planners.pomdp.alpha_vectors import AlphaVectors
 from planners.pomdp.problem import SearchTouchProblem, TouchProblem
+from planners.pomdp.solver import AlphaVectors
 from planners.pomdp.stages import StagedProblem, stage_belief, staged
 from planners.pomdp.upper_bound import upper_bound
 

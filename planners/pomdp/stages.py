@@ -9,7 +9,6 @@ and whether a target was rejected before; for ``distinct`` ones the shape and th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -80,17 +79,17 @@ def staged(problem: TouchProblem | SearchTouchProblem) -> StagedProblem:
     else:
         prior = problem.prior
         assert prior is not None, "set at construction"
-        later = [(prior, prior)] * (problem.num_objects - 1)
+        later = np.broadcast_to(prior, (problem.num_objects - 1, 2, problem.num_shapes))
         stages = stages_by_missed(problem.num_shapes, problem.target, later)
         initial = np.concatenate([prior, 0.0 * prior])
     return StagedProblem(tuple(stages), initial, problem.outcome_probs, problem.touch_cost, problem.discount)
 
 
-def stages_by_missed(num_shapes: int, target: int, shape_probs: Sequence[tuple[Floats, Floats]]) -> list[Stage]:
+def stages_by_missed(num_shapes: int, target: int, shape_probs: Floats) -> list[Stage]:
     """Stages with 2K states: the shape of the current object without a rejected target, then with one.
 
-    ``shape_probs`` has, for each object but the first, the distributions over its shape ``(K,)`` if no target was
-    rejected before, and if one was.
+    ``shape_probs``, ``(N - 1, 2, K)``, has for each object but the first the distributions over its shape if no target
+    was rejected before, and if one was.
     """
     shapes = np.tile(np.arange(num_shapes), 2)
     is_target = shapes == target

@@ -9,7 +9,8 @@ from belief import Belief, Composition, Confirm, Counts, Probe, Reject, SceneBel
 from belief.observation_model import ConfusionModel, OutcomeTable
 from belief.synthetic import random_model, sample_arrangement
 from planners import InformationState, make_decider, search
-from planners.point_based import PointBased, belief_by_target, stages_by_target
+from planners.continuation_value import belief_with_missed
+from planners.point_based import PointBased, stages_by_target
 from planners.repeats import CorrelatedRepeats
 from planners.solve import SearchTouchProblem, solve
 
@@ -107,7 +108,7 @@ def test_a_belief_by_target_has_the_exact_marginals_and_says_whether_a_target_wa
         for index, shape in enumerate(arrangement):
             scene.update(index, model.sample(shape, rng.integers(3, size=rng.integers(4)).tolist(), rng))
         for index in range(4):
-            unmissed, missed = belief_by_target(problem, scene, 2, index).reshape(2, 4)
+            unmissed, missed = belief_with_missed(InformationState.of(problem, 2, scene, index))
             np.testing.assert_allclose(unmissed + missed, scene.belief(index).probs, atol=1e-12)
             assert min(unmissed.min(), missed.min()) >= 0.0
             before = np.array([scene.belief(earlier).prob(2) for earlier in range(index)])

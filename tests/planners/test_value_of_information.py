@@ -12,7 +12,7 @@ from belief.observation_model import OutcomeTable
 from belief.synthetic import SyntheticWorld
 from benchmarks.tabular_model import TabularModel
 from planners import InformationState, search_lockstep
-from planners.continuation_value import ContinuationValue, prob_missed, target_chances
+from planners.continuation_value import ContinuationValue, prob_missed, shapes_ahead
 from planners.repeats import CorrelatedRepeats, LeastUsedFirst
 from planners.value_of_information import ValueOfInformation
 
@@ -187,7 +187,7 @@ def test_chances_of_the_rest_are_those_of_counting_arrangements():
             given = [d for d in draws if sum(s == 0 for s in d[:index]) == missed]
             if given and (index or not missed):
                 share = np.mean([d[index] == 0 for d in given])
-                assert target_chances(problem, 0)[index, missed] == pytest.approx(share)
+                assert shapes_ahead(problem, 0)[index, missed, 0] == pytest.approx(share)
 
 
 @pytest.mark.parametrize("others", [1, 3, 9])
@@ -214,7 +214,7 @@ def test_a_perfect_pose_is_touched_once_or_not_at_all_whichever_is_worth_more(co
     expected = np.array([[1.0, -1.0]] * 4)
     for index in (2, 1, 0):
         for missed in (0, 1):
-            chance, after = target_chances(problem, 0)[index, missed], expected[index + 1]
+            chance, after = shapes_ahead(problem, 0)[index, missed, 0], expected[index + 1]
             untouched = max(2.0 * chance - 1.0, chance * after[1] + (1.0 - chance) * after[missed])
             touched = chance + (1.0 - chance) * after[missed] - touch_cost
             expected[index, missed] = max(untouched, touched)
