@@ -23,8 +23,7 @@ import numpy as np
 
 from belief.errors import BrokenContract, InvalidArgument
 from belief.problem import Confirm, Probe, Reject, Unsure
-from planners.answers import checked_decision
-from planners.decider import Decider, Decision, InformationState, num_touches
+from planners.decider import Decider, Decision, InformationState, checked_decision, num_touches
 
 CONFLICT, ANSWER = "log_conflict", "answer_prob"
 """Scores of decisions: the statistic of the conflict test, and the stated probability that an answer is right."""

@@ -23,8 +23,7 @@ from belief.problem import Confirm, Probe, Touch, Unsure
 from belief.statistics.exchangeability import log_e_values
 from belief.touch_fit import touch_fit
 from belief.validation import require_count
-from planners.answers import checked_decision
-from planners.decider import Decider, Decision, InformationState, are_touches_used
+from planners.decider import Decider, Decision, InformationState, are_touches_used, checked_decision
 from planners.episode import Step
 from planners.session import Session
 

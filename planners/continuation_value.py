@@ -65,9 +65,7 @@ class ContinuationValue:
                 if prior[target] in (0.0, 1.0):  # no touch is needed
                     values[index, missed] = 1.0 if prior[target] else of_other
                     continue
-                values[index, missed] = _test_value(
-                    evidence, prior, target, after[1], after[missed], problem.touch_cost
-                )
+                values[index, missed] = _test_value(evidence, prior, target, of_target, of_other, problem.touch_cost)
         return cls(values)
 
     def reject_payoffs(self, info: InformationState) -> Floats:

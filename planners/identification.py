@@ -10,11 +10,10 @@ import numpy as np
 from belief.composition import Composition
 from belief.errors import InvalidArgument
 from belief.observation_model.model import ObservationModel
-from belief.problem import Probe, SearchProblem
-from belief.scene_belief import SceneBelief
-from belief.seeding import checked_key, deciding_rng, touch_rng
-from planners.decider import InformationState, ProbeSelector
-from planners.search import World
+from belief.problem import SearchProblem, Unsure
+from planners.decider import Decision, InformationState, ProbeSelector, SequentialDecider
+from planners.search import World, next_touch
+from planners.session import Session
 
 
 @dataclass(frozen=True)
@@ -73,19 +72,27 @@ def identify(
     """
     if not 0.0 < threshold <= 1.0:
         raise InvalidArgument(f"threshold must be in (0, 1], got {threshold!r}")
-    words = checked_key(seed)
-    rng, labels = deciding_rng(words), tuple(model.shape_labels)
-    problem = SearchProblem(labels, tuple(pose_labels), 1, Composition.INDEPENDENT, touch_limit=max_touches)
+    labels, poses = tuple(model.shape_labels), tuple(pose_labels)
+    problem = SearchProblem(labels, poses, 1, Composition.INDEPENDENT, touch_limit=max_touches, unsure_reward=0.0)
+    decider = SequentialDecider(_Certain(threshold, max_touches), selector)
+    session = Session(problem, decider, 0, model, seed, abstain=False)
     world.reset()
-    scene, poses = SceneBelief(problem, model), list[int]()
-    while True:
-        info = InformationState.of(problem, 0, scene, 0)
-        best = int(info.belief.log_probs.argmax())
-        stated = float(np.exp(info.belief.log_probs[best]))
-        if stated >= threshold or len(poses) >= max_touches:
-            return Identification(world.arrangement[0], best, stated, tuple(poses), stated >= threshold)
-        action = selector.choose(info, rng).action
-        assert isinstance(action, Probe), "a probe selector probes"
-        touch = world.touch(action.pose, touch_rng(words, 0, action.pose, int(info.uses[action.pose])))
-        scene.update(0, [touch])
-        poses.append(action.pose)
+    while (request := next_touch(session, world)) is not None:
+        session.tell(world.touch(request.pose, request.rng))
+    log_probs = session.belief.log_probs
+    best = int(log_probs.argmax())
+    stated = float(np.exp(log_probs[best]))
+    touched = tuple(step.touch.pose for step in session.steps if step.touch is not None)
+    return Identification(world.arrangement[0], best, stated, touched, stated >= threshold)
+
+
+@dataclass(frozen=True)
+class _Certain:
+    """Stops where a label is probable enough, or after so many touches."""
+
+    threshold: float
+    max_touches: int
+
+    def stop(self, info: InformationState) -> Decision | None:
+        stated = float(np.exp(info.belief.log_probs.max()))
+        return Decision(Unsure()) if stated >= self.threshold or len(info.history) >= self.max_touches else None

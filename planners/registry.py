@@ -20,9 +20,15 @@ from belief.observation_model.outcome_table import OutcomeTable
 from belief.references import BadReference, Reference, build, find
 from planners.baselines import RandomConfirm, ThresholdRule
 from planners.decider import Decider, ProbeSelector, SequentialDecider, StoppingRule
-from planners.pose_order import read_order
 from planners.ppo import PPODecider
-from planners.probing import FixedOrder, GivenOrder, RandomOrder, ShapeInformationGain, TargetInformationGain
+from planners.probing import (
+    FixedOrder,
+    GivenOrder,
+    RandomOrder,
+    ShapeInformationGain,
+    TargetInformationGain,
+    read_order,
+)
 from planners.repeats import repeat_discount
 from planners.stopping import PosteriorThresholds, StopOverride
 from planners.value_of_information import ValueOfInformation

@@ -128,7 +128,7 @@ def search_lockstep(
         sessions.append(session)
     active = list(range(len(worlds)))
     while active:
-        pending = {index: _next_touch(sessions[index], worlds[index]) for index in active}
+        pending = {index: next_touch(sessions[index], worlds[index]) for index in active}
         requests = {index: request for index, request in pending.items() if request is not None}
         if touch_many is None:
             touches: Sequence[Touch] = [request.world.touch(request.pose, request.rng) for request in requests.values()]
@@ -140,7 +140,7 @@ def search_lockstep(
     return [session.episode for session in sessions]
 
 
-def _next_touch(session: Session, world: WorldT) -> TouchRequest[WorldT] | None:
+def next_touch(session: Session, world: WorldT) -> TouchRequest[WorldT] | None:
     """The touch that a session asks for, once it was told of all other actions; None when the search has ended."""
     while (action := session.ask()) is not None:
         if isinstance(action, Probe):

@@ -38,8 +38,7 @@ from belief.scene_view import UNKNOWN, SceneView
 from belief.search_progress import Outcome, SearchProgress
 from belief.seeding import checked_key, deciding_rng
 from planners.abstaining import Abstaining
-from planners.answers import checked_decision
-from planners.decider import Decider, Decision, InformationState
+from planners.decider import Decider, Decision, InformationState, checked_decision
 from planners.episode import Episode, Step
 from planners.session_log import (
     SCHEMA,

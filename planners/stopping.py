@@ -12,8 +12,7 @@ import numpy as np
 from belief.errors import InvalidArgument
 from belief.problem import Confirm, Probe, Reject
 from belief.validation import require_count
-from planners.answers import checked_decision
-from planners.decider import Decider, Decision, InformationState, ProbeSelector, StoppingRule
+from planners.decider import Decider, Decision, InformationState, ProbeSelector, StoppingRule, checked_decision
 
 _LOW_PRIOR = 1.0 / 12.0  # below it thresholds of rejection fall with the prior; the lowest prior of the named scenes
 

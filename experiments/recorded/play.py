@@ -20,8 +20,7 @@ from belief.validation import Floats
 from planners.decider import Decider, ProbeSelector, SequentialDecider
 from planners.episode import Episode
 from planners.identification import Identification, identify
-from planners.pose_order import greedy_order
-from planners.probing import GivenOrder, RandomOrder, ShapeInformationGain
+from planners.probing import GivenOrder, RandomOrder, ShapeInformationGain, greedy_order
 from planners.registry import make_decider
 from planners.search import search
 from planners.stopping import PosteriorThresholds

@@ -38,7 +38,7 @@ from experiments.command_line.trust import Trust
 from experiments.scene_choice import SceneChoice, command, in_file_names, named_scene, repeats_folder, training_folder
 from experiments.sensor.scores import accuracy_of_objects, read_touches
 from experiments.sensor_choice import NoSensor, open_collection, require_collection
-from planners.pose_order import greedy_order, write_order
+from planners.probing import greedy_order, write_order
 
 _RANKED, _ORDERED = 120, 16  # calibration objects that rank poses, and largest number of poses in the order
 

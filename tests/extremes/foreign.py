@@ -29,7 +29,7 @@ from experiments.search.setting import Setting
 from experiments.sensor.calibrate import Calibrate
 from experiments.sensor.collect import collect
 from planners import Decision, search
-from planners.answers import BadDecision
+from planners.decider import BadDecision
 from tests.extremes.cases import Case, in_folder, refusals, refuses
 
 _LABELS, _POSES = ("cube", "cone", "sphere"), ("front", "side")

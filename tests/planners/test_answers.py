@@ -10,7 +10,7 @@ from belief import Confirm, Probe, Reject, SearchProblem, Unsure
 from belief.errors import ActiveTouchError
 from belief.synthetic import SyntheticWorld
 from planners import Decision, Outcome, search
-from planners.answers import BadDecision
+from planners.decider import BadDecision
 from planners.probing import FixedOrder
 from planners.stopping import PosteriorThresholds, StopOverride
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.special import logsumexp
 
 from belief.errors import CorruptFile
-from planners.pose_order import FILE, NoOrder, greedy_order, read_order, write_order
+from planners.probing import ORDER_FILE, NoOrder, greedy_order, read_order, write_order
 
 
 def test_the_order_takes_what_tells_most_given_the_poses_before(rng):
@@ -27,7 +27,7 @@ def test_the_order_takes_what_tells_most_given_the_poses_before(rng):
 def test_an_order_is_read_as_written_and_refused_if_changed_or_missing(tmp_path):
     write_order(tmp_path, ["+x", "-y+z"], np.array([0.5, 0.25]))
     assert read_order(tmp_path) == ("+x", "-y+z")
-    (tmp_path / FILE).write_text((tmp_path / FILE).read_text().replace("+x", "-x"))
+    (tmp_path / ORDER_FILE).write_text((tmp_path / ORDER_FILE).read_text().replace("+x", "-x"))
     with pytest.raises(CorruptFile, match="changed"):
         read_order(tmp_path)
     for folder in (None, tmp_path / "nowhere"):

@@ -13,7 +13,7 @@ from experiments.command_line.arguments import BadArgument
 from experiments.scene_choice import as_named
 from experiments.sensor.calibrate import Calibrate, TooFewObjects
 from experiments.sensor.train import require_input_size
-from planners.pose_order import read_order
+from planners.probing import read_order
 
 SIZES = {"train": 2, "calibration": 2, "test": 1, "repeats": 1, "epochs": 1, "jobs": 1}
 
