@@ -115,10 +115,11 @@ def prob_missed(info: InformationState) -> float:
 
 def belief_with_missed(info: InformationState) -> Floats:
     """p(shape of the current object, whether a target was rejected), ``(2, K)``; not rejected comes first."""
-    missed = np.full(info.problem.num_shapes, prob_missed(info))
+    here = info.belief.probs
+    missed = prob_missed(info) * here
     if _is_only_one(info):
         missed[info.target] = 0.0
-    return np.stack([1.0 - missed, missed]) * info.belief.probs
+    return np.stack([here - missed, missed])
 
 
 def _is_only_one(info: InformationState) -> bool:

@@ -162,6 +162,7 @@ def stages_by_target(problem: SearchProblem, outcome_probs: Floats, target: int,
     States 0 to K - 1 are the current shape with no target rejected yet, states K to 2K - 1 with one rejected. It leaves
     out how rejections change the probabilities of the other shapes; the belief includes it (decision 0026).
     """
-    stages = stages_by_missed(problem.num_shapes, target, shapes_ahead(problem, target)[1:])
+    later = shapes_ahead(problem, target)[1:]
+    stages = stages_by_missed(problem.num_shapes, target, later / later.sum(axis=2, keepdims=True))
     initial = np.concatenate([problem.prior_probs, np.zeros(problem.num_shapes)])
     return StagedProblem(tuple(stages), initial, outcome_probs, touch_cost, 1.0)
