@@ -12,13 +12,13 @@ import time
 import warnings
 import weakref
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, contextmanager
 from functools import lru_cache
 from multiprocessing import resource_tracker
 from pathlib import Path
 from pickle import PicklingError
 from types import FrameType
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeAlias, TypeVar
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
@@ -29,6 +29,8 @@ from belief.references import look_in
 from experiments.command_line.console import plain_console
 
 T = TypeVar("T")
+Task: TypeAlias = Callable[[], T]
+"""A function without arguments; more than one process needs those that can be pickled."""
 
 
 def default_jobs() -> int:
@@ -70,7 +72,7 @@ class Shared(Generic[T]):
             from joblib.externals.loky.backend.reduction import dump  # that of cloudpickle
 
             handle, self._file = tempfile.mkstemp(".pickle", "activetouch-", os.environ.get("JOBLIB_TEMP_FOLDER"))
-            weakref.finalize(self, _remove, self._file)
+            weakref.finalize(self, Path(self._file).unlink, missing_ok=True)
             with os.fdopen(handle, "wb") as file:
                 dump(self.value, file)
         return _received, (self._file, os.getcwd())
@@ -82,19 +84,14 @@ def _received(file: str, folder: str) -> Shared[Any]:
     return Shared(pickle.loads(Path(file).read_bytes()))
 
 
-def _remove(file: str) -> None:
-    with suppress(OSError):
-        os.unlink(file)
-
-
-def run_tasks(tasks: Sequence[Callable[[], T]], jobs: int | None, description: str) -> Iterator[T]:
+def run_tasks(tasks: Sequence[Task[T]], jobs: int | None, description: str) -> Iterator[T]:
     """Yield the result of every task in order of completion.
 
     With one job, the tasks run in this process. Linear algebra uses one thread, in this process too: the last bit of a
     sum depends on the number of threads. Workers end with this process and on an interrupt.
 
     Args:
-        tasks: functions without arguments; more than one process needs those that can be pickled.
+        tasks: what to run.
         jobs: number of processes on this machine; as many as processors if None.
         description: text of the progress bar.
 
@@ -112,7 +109,7 @@ def run_tasks(tasks: Sequence[Callable[[], T]], jobs: int | None, description: s
                 yield result
 
 
-def _in_parallel(tasks: Sequence[Callable[[], T]], jobs: int) -> Generator[T, None, None]:
+def _in_parallel(tasks: Sequence[Task[T]], jobs: int) -> Generator[T, None, None]:
     """The results of :func:`run_tasks`, from worker processes."""
     import joblib
 
@@ -145,29 +142,20 @@ def _of_full_disk(error: PicklingError) -> OSError | None:
 
 
 def _begin_worker(parent: int) -> None:
-    """Make a worker end with its parent, and not repeat what that has said about mesh files."""
-    end_with_parent(parent)
-    warnings.simplefilter("ignore", MeshWarning)
-
-
-_EVERY = 0.5  # seconds
-
-
-def end_with_parent(parent: int) -> None:
-    """Make this process end soon after the process with this id, its parent.
+    """Make a worker ignore Ctrl-C, end with its parent, and not repeat what that has said about mesh files.
 
     A thread watches the parent. Without it, workers of a killed parent wait forever for a task, on a pipe that the
-    other workers keep open. ``PR_SET_PDEATHSIG`` is unsuitable: Linux sends it when the starting *thread* ends. The
-    worker ignores Ctrl-C; the parent ends its workers.
+    other workers keep open. ``PR_SET_PDEATHSIG`` is unsuitable: Linux sends it when the starting *thread* ends.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_watch, args=(parent,), name="end-with-parent", daemon=True).start()
 
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(0.5)
+        os._exit(1)
 
-def _watch(parent: int) -> None:
-    while os.getppid() == parent:
-        time.sleep(_EVERY)
-    os._exit(1)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends its workers
+    threading.Thread(target=watch, name="end-with-parent", daemon=True).start()
+    warnings.simplefilter("ignore", MeshWarning)
 
 
 @contextmanager

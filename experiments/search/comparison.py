@@ -17,6 +17,7 @@ from activetouch.sensor_files import POLICIES
 from belief.errors import UnknownName
 from belief.files import require_writable
 from belief.observation_model.rigid_body import joint_model
+from belief.problem import SearchProblem
 from belief.table import Table, Tabular
 from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments, check_value
 from experiments.command_line.trust import Trust
@@ -26,7 +27,7 @@ from experiments.search.certificate import certified, opened, with_unsure
 from experiments.search.fingerprint import files_digest
 from experiments.search.play import Searches, sensor_digest
 from experiments.search.run import Run
-from experiments.search.run_folder import RunFolder, read_episode
+from experiments.search.run_folder import Cell, RunFolder, read_episode
 from experiments.search.setting import Setting
 from experiments.search.summary import Summary
 from experiments.search.tables import results_table, terminal_table
@@ -103,17 +104,10 @@ class Comparison(Summary, Tabular):
             FileNamesCode: The folder names code, and ``trust`` is not set.
         """
         held = RunFolder(Path(folder))
-        run = held.read_run()
-        problem = Setting.from_dict(run["arguments"].get("setting"), Trust(Path(folder), everything=trust)).problem
-        labels = tuple(problem.shape_labels)
-        lines = held.latest(labels)
-        return cls.from_episodes(
-            problem,
-            {cell: [read_episode(line, labels) for line in own] for cell, own in lines.items()},
-            {cell: held.seconds(cell, own) for cell, own in lines.items()},
-            run["arguments"].get("reference") or next(iter(lines))[0],
-            np.random.default_rng(run["identity"]["seed"]),
-        )
+        stored = held.read_run()
+        arguments, seed = stored["arguments"], stored["identity"]["seed"]
+        problem = Setting.from_dict(arguments.get("setting"), Trust(Path(folder), everything=trust)).problem
+        return _computed(problem, held, held.latest(problem.shape_labels), arguments.get("reference"), seed)
 
     def verdict(self) -> list[str]:
         """Sentences: which decider is best, what differs significantly, and whether stated confidence is kept."""
@@ -139,7 +133,7 @@ class Comparison(Summary, Tabular):
         written = RunFolder(Path(folder))
         if self.run.folder.path is None or self.run.folder.path.resolve() != Path(folder).resolve():
             written.start(self.run.searches.identity, self.run.arguments)
-            written.write_episodes(line for key in self.episodes for line in self.run.lines(*key))
+            written.write_episodes(self.run.lines())
         return write_page_of(written, self, self.run.searches, self.verdict())
 
 
@@ -344,13 +338,24 @@ def _predict(shared: Shared[HypothesisTable], num_hypotheses: int, pose: int) ->
 
 def compared(run: Run, reference: str | None = None) -> Comparison:
     """All numbers of a run that was played."""
-    cells = [(decider, target) for decider in run.deciders for target in run.targets]
-    labels = tuple(run.searches.problem.shape_labels)
+    return _computed(run.searches.problem, run.folder, run.lines(), reference, run.searches.seed, run)
+
+
+def _computed(
+    problem: SearchProblem,
+    folder: RunFolder,
+    lines: Mapping[Cell, list[str]],
+    reference: str | None,
+    seed: int,
+    run: Run | None = None,
+) -> Comparison:
+    """The comparison of the episodes of a folder."""
+    labels = tuple(problem.shape_labels)
     return Comparison.from_episodes(
-        run.searches.problem,
-        {cell: [read_episode(line, labels) for line in run.lines(*cell)] for cell in cells},
-        {cell: run.seconds(*cell) for cell in cells},
-        reference or next(iter(run.deciders)),
-        np.random.default_rng(run.searches.seed),
+        problem,
+        {cell: [read_episode(line, labels) for line in own] for cell, own in lines.items()},
+        {cell: folder.seconds(cell, own) for cell, own in lines.items()},
+        reference or next(iter(lines))[0],
+        np.random.default_rng(seed),
         run=run,
     )

@@ -15,6 +15,7 @@ import json
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -61,7 +62,7 @@ class RunFolder:
 
     def __init__(self, path: Path | None) -> None:
         self.path = path
-        self._known: dict[Cell, dict[tuple[str, int], Batch]] = {}
+        self._known: dict[Cell, dict[str, dict[int, Batch]]] = {}
 
     def require(self, identity: Mapping[str, Any]) -> None:
         """Check that the folder holds searches with this identity, or none.
@@ -117,7 +118,7 @@ class RunFolder:
             ) from error
         return run
 
-    def batches(self, cell: Cell) -> dict[tuple[str, int], Batch]:
+    def batches(self, cell: Cell) -> dict[str, dict[int, Batch]]:
         """The intact batches of a cell, by key and number, oldest first; of several, the one with most episodes."""
         if cell not in self._known:
             self._known[cell] = {}
@@ -127,13 +128,13 @@ class RunFolder:
         return self._known[cell]
 
     def _hold(self, cell: Cell, key: str, number: int, batch: Batch) -> None:
-        held = self.batches(cell)
-        if (key, number) not in held or len(held[key, number].lines) <= len(batch.lines):
-            held[key, number] = batch
+        held = self.batches(cell).setdefault(key, {})
+        if number not in held or len(held[number].lines) <= len(batch.lines):
+            held[number] = batch
 
     def held(self, cell: Cell, key: str) -> dict[int, Batch]:
         """Batches of a cell with this key, by number."""
-        return {number: batch for (own, number), batch in self.batches(cell).items() if own == key}
+        return self.batches(cell).get(key, {})
 
     def lines(self, cell: Cell, key: str) -> list[str]:
         """JSON lines of the episodes with this key, from the first up to one that is missing."""
@@ -184,15 +185,16 @@ class RunFolder:
 
     def seconds(self, cell: Cell, lines: Sequence[str]) -> Seconds:
         """The time that the batches of these episodes took."""
-        known = set(lines)
-        spent = {n: batch.seconds for (_, n), batch in self.batches(cell).items() if batch.lines[0] in known}
+        known, spent = set(lines), dict[int, Seconds]()
+        for held in self.batches(cell).values():
+            spent |= {number: batch.seconds for number, batch in held.items() if batch.lines[0] in known}
         return sum(spent.values(), Seconds())
 
-    def write_episodes(self, lines: Iterable[str]) -> None:
-        """Write ``episodes.jsonl``."""
+    def write_episodes(self, lines: Mapping[Cell, list[str]]) -> None:
+        """Write ``episodes.jsonl``, as :meth:`latest` reads it."""
         if self.path is not None:
             with atomic_path(self.path / "episodes.jsonl") as temporary, temporary.open("w") as file:
-                file.writelines(lines)
+                file.writelines(chain.from_iterable(lines.values()))
 
 
 def differing(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:

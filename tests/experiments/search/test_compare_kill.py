@@ -37,7 +37,7 @@ def start(folder, *more):
 def batches(folder):
     """The intact batches by cell and number."""
     run, cells = RunFolder(folder), [(decider, "sphere") for decider in SMALL["deciders"]]
-    return {(cell, number): batch for cell in cells for (_, number), batch in run.batches(cell).items()}
+    return {(cell, number): b for cell in cells for held in run.batches(cell).values() for number, b in held.items()}
 
 
 def finish(folder):

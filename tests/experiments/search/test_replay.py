@@ -26,7 +26,7 @@ def run(tmp_path_factory):
     found = prepared(COARSE, "threshold", targets="sphere", episodes=8, out=tmp_path_factory.mktemp("run"), jobs=1)
     found.play(jobs=1)
     labels = found.searches.problem.shape_labels
-    return found.folder.path, [read_episode(line, labels) for line in found.lines("threshold", "sphere")]
+    return found.folder.path, [read_episode(line, labels) for line in found.lines()["threshold", "sphere"]]
 
 
 @pytest.fixture(autouse=True)
