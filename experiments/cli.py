@@ -4,61 +4,53 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator
-from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from experiments.command_line.signals import loading, running
 
 
-@dataclass(frozen=True)
-class Command:
-    """A subcommand.
+class Command(NamedTuple):
+    """A subcommand: its module in :mod:`experiments`, its class there, and one line of the help."""
 
-    Attributes:
-        place: ``module:class``, with the module relative to :mod:`experiments`.
-        summary: one line of the help.
-    """
-
-    place: str
+    module: str
+    name: str
     summary: str
 
     def load(self) -> Any:
         """The class of the command."""
-        module, _, name = self.place.partition(":")
-        return getattr(import_module(f"experiments.{module}"), name)
+        return getattr(import_module(f"experiments.{self.module}"), self.name)
 
 
 COMMAND_GROUPS: dict[str, dict[str, Command]] = {
     "Search": {
-        "compare": Command("search.compare:Compare", "run the same searches with several deciders; report"),
-        "find": Command("meshes.find:Find", "find the object of one mesh among others; no training"),
-        "identify": Command("meshes.identify:Identify", "name objects, given a folder of meshes; no training"),
-        "replay": Command("search.replay:Replay", "draw one recorded search"),
-        "live": Command("search.live:Live", "run a search that a robot carries out, over lines of JSON"),
-        "export": Command("search.export:Export", "write a run's figures and tables"),
+        "compare": Command("search.compare", "Compare", "run the same searches with several deciders; report"),
+        "find": Command("meshes.find", "Find", "find the object of one mesh among others; no training"),
+        "identify": Command("meshes.identify", "Identify", "name objects, given a folder of meshes; no training"),
+        "replay": Command("search.replay", "Replay", "draw one recorded search"),
+        "live": Command("search.live", "Live", "run a search that a robot carries out, over lines of JSON"),
+        "export": Command("search.export", "Export", "write a run's figures and tables"),
     },
     "Look at touches": {
-        "touch": Command("press.touch:TouchCommand", "draw presses, watch one, or write them as time series"),
-        "explain": Command("press.explain:Explain", "list what a scene models, and which shapes feel alike"),
+        "touch": Command("press.touch", "TouchCommand", "draw presses, watch one, or write them as time series"),
+        "explain": Command("press.explain", "Explain", "list what a scene models, and which shapes feel alike"),
     },
     "Make a sensor or a policy": {
-        "collect": Command("sensor.collect:Collect", "record touches of thousands of objects"),
-        "train": Command("sensor.train:Train", "train a classifier on a collection"),
-        "calibrate": Command("sensor.calibrate:Calibrate", "fit the observation model; evaluate on unseen objects"),
-        "train-ppo": Command("ppo.train_ppo:TrainPPO", "train PPO policies on a collection"),
+        "collect": Command("sensor.collect", "Collect", "record touches of thousands of objects"),
+        "train": Command("sensor.train", "Train", "train a classifier on a collection"),
+        "calibrate": Command("sensor.calibrate", "Calibrate", "fit the observation model; evaluate on unseen objects"),
+        "train-ppo": Command("ppo.train_ppo", "TrainPPO", "train PPO policies on a collection"),
     },
     "Evaluate": {
-        "certify": Command("search.certify:Certify", "bound the error of stops at every number of touches"),
+        "certify": Command("search.certify", "Certify", "bound the error of stops at every number of touches"),
         "calibration-report": Command(
-            "calibration.calibration_report:CalibrationReport", "test the calibration of stated probabilities"
+            "calibration.calibration_report", "CalibrationReport", "test the calibration of stated probabilities"
         ),
-        "recorded": Command("recorded.recorded:Recorded", "search among real objects by recorded touches"),
-        "robustness": Command("robustness.robustness:Robustness", "test faults, changed objects and unknown shapes"),
-        "tradeoff": Command("tradeoff.tradeoff:Tradeoff", "measure accuracy against time; recommend configurations"),
-        "reproduce": Command("paper.reproduce:Reproduce", "reproduce the paper's tables and Figure 3"),
+        "recorded": Command("recorded.recorded", "Recorded", "search among real objects by recorded touches"),
+        "robustness": Command("robustness.robustness", "Robustness", "test faults, changed objects and unknown shapes"),
+        "tradeoff": Command("tradeoff.tradeoff", "Tradeoff", "measure accuracy against time; recommend configurations"),
+        "reproduce": Command("paper.reproduce", "Reproduce", "reproduce the paper's tables and Figure 3"),
     },
 }
 """All commands, grouped and ordered as in the help."""
@@ -68,21 +60,28 @@ OPEN = "--open"
 REGISTRY: dict[str, Command] = {name: entry for group in COMMAND_GROUPS.values() for name, entry in group.items()}
 
 
+_HELP = """\
+usage: activetouch COMMAND [OPTIONS]
+Find an object by touch alone. The command to start with is compare.
+
+{commands}
+
+activetouch COMMAND --help    a command's options, with examples
+activetouch COMMAND --open    run it, then open its report in a browser
+activetouch --version         the version of this installation"""
+
+
 def commands() -> dict[str, Any]:
     """Import all commands; return their classes by name."""
     return {name: entry.load() for name, entry in REGISTRY.items()}
 
 
-def help_lines() -> Iterator[str]:
-    """Lines that ``activetouch --help`` prints."""
-    yield "usage: activetouch COMMAND [OPTIONS]"
-    yield "Find an object by touch alone. The command to start with is compare."
+def help_text() -> str:
+    """What ``activetouch --help`` prints."""
+    lines = []
     for group, entries in COMMAND_GROUPS.items():
-        yield f"\n{group}:" if group == "Search" else f"{group}:"
-        yield from (f"  {name:<18}  {entry.summary}" for name, entry in entries.items())
-    yield "\nactivetouch COMMAND --help    a command's options, with examples"
-    yield "activetouch COMMAND --open    run it, then open its report in a browser"
-    yield "activetouch --version         the version of this installation"
+        lines += [f"{group}:", *(f"  {name:<18}  {entry.summary}" for name, entry in entries.items())]
+    return _HELP.format(commands="\n".join(lines))
 
 
 def main() -> None:
@@ -103,7 +102,7 @@ def _run(arguments: list[str]) -> None:
 
         print_on_any_terminal()
         if not arguments or arguments[0] in ("-h", "--help"):
-            print("\n".join(help_lines()))
+            print(help_text())
             return
         if arguments[0] == "--version":
             import activetouch

@@ -8,19 +8,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, is_dataclass
+from operator import le, lt
 from pathlib import Path
-from typing import (
-    Annotated,
-    Any,
-    Literal,
-    Protocol,
-    TypeAlias,
-    TypeVar,
-    get_args,
-    get_origin,
-    get_type_hints,
-    runtime_checkable,
-)
+from typing import Annotated, Any, Literal, TypeAlias, TypeVar, get_args, get_origin, get_type_hints
 
 import tyro
 
@@ -29,14 +19,6 @@ from belief.errors import ActiveTouchError
 
 class BadArgument(ActiveTouchError, ValueError):
     """An argument of a command is invalid; the message names the flag and the value."""
-
-
-@runtime_checkable
-class Rule(Protocol):
-    """Constraint on an argument, given as metadata of its annotation."""
-
-    def broken(self, value: Any) -> str | None:
-        """None for a valid value; otherwise the requirement, as the words after "must"."""
 
 
 @dataclass(frozen=True)
@@ -54,16 +36,12 @@ class Within:
     open_high: bool = False
 
     def broken(self, value: Any) -> str | None:
-        """See :class:`Rule`."""
+        """See :data:`Rule`."""
+        above, below = (lt if is_open else le for is_open in (self.open_low, self.open_high))
         numbers = value if isinstance(value, tuple) else (value,)
-        return None if all(map(self._holds, numbers)) else f"be in {self}"
-
-    def _holds(self, number: float) -> bool:  # never true of NaN
-        low = self.low < number if self.open_low else self.low <= number
-        return low and (number < self.high if self.open_high else number <= self.high)
-
-    def __str__(self) -> str:
-        return f"{'(' if self.open_low else '['}{self.low}, {self.high}{')' if self.open_high else ']'}"
+        if all(above(self.low, number) and below(number, self.high) for number in numbers):  # never true of NaN
+            return None
+        return f"be in {'(' if self.open_low else '['}{self.low}, {self.high}{')' if self.open_high else ']'}"
 
 
 @dataclass(frozen=True)
@@ -71,7 +49,7 @@ class NotEmpty:
     """At least one value must be given."""
 
     def broken(self, value: Any) -> str | None:
-        """See :class:`Rule`."""
+        """See :data:`Rule`."""
         return None if value else "name at least one"
 
 
@@ -82,10 +60,13 @@ class Ending:
     endings: tuple[str, ...]
 
     def broken(self, value: Any) -> str | None:
-        """See :class:`Rule`."""
+        """See :data:`Rule`."""
         return None if value.suffix.lower() in self.endings else f"end in {' or '.join(self.endings)}"
 
 
+Rule: TypeAlias = Within | NotEmpty | Ending
+"""Constraint on an argument, given as metadata of its annotation: its method ``broken`` returns None for a valid value,
+otherwise the requirement, as the words after "must"."""
 T = TypeVar("T")
 InFile = Annotated[T, tyro.conf.Fixed, tyro.conf.Suppress]
 """Type of an argument that Python and ``run.json`` can set, and the command line cannot."""
@@ -117,13 +98,14 @@ def check_value(flag: str, value: Any, kind: Any) -> None:
     """Check a value, whose flag the message names, against the rules of an annotation; raises BadArgument."""
     for rule in _metadata(kind):
         if isinstance(rule, Rule) and value is not None and (must := rule.broken(value)) is not None:
-            raise BadArgument(f"{flag} must {must}, got {_words(value)}")
+            words = (" ".join(map(str, value)) or "none") if isinstance(value, tuple) else value
+            raise BadArgument(f"{flag} must {must}, got {words}")
 
 
 def check_arguments(command: Any, prefix: str = "--") -> None:
     """Check all arguments of a command, nested groups included, against their annotations; raises BadArgument."""
-    for flag, _, value, rules in arguments(command, prefix):
-        check_value(flag, value, Annotated[Any, *rules] if rules else Any)
+    for flag, value, kind in arguments(command, prefix):
+        check_value(flag, value, kind)
 
 
 def require_types(command: Any, prefix: str = "--") -> None:
@@ -155,19 +137,18 @@ def _fits(value: Any, annotation: Any) -> bool:
     return isinstance(value, annotation)
 
 
-def arguments(
-    command: Any, prefix: str = "--", path: tuple[str, ...] = ()
-) -> Iterator[tuple[str, tuple[str, ...], Any, list[Rule]]]:
-    """Yield flag, attribute path, value and rules of every argument of a command, nested groups included."""
+def arguments(command: Any, prefix: str = "--") -> Iterator[tuple[str, Any, Any]]:
+    """Yield flag, value and annotation of every argument of a command, nested groups included."""
     annotations = get_type_hints(type(command), include_extras=True)
     for field in fields(command):
-        value, metadata = getattr(command, field.name), list(_metadata(annotations[field.name]))
+        value, kind = getattr(command, field.name), annotations[field.name]
         flag = prefix + field.name.replace("_", "-")
         if is_dataclass(value):
+            metadata = _metadata(kind)
             unnamed = any(one is tyro.conf.OmitArgPrefixes or getattr(one, "name", None) == "" for one in metadata)
-            yield from arguments(value, prefix if unnamed else f"{flag}.", (*path, field.name))
+            yield from arguments(value, prefix if unnamed else f"{flag}.")
         else:
-            yield flag, (*path, field.name), value, [one for one in metadata if isinstance(one, Rule)]
+            yield flag, value, kind
 
 
 def _metadata(annotation: Any) -> Iterator[Any]:
@@ -176,7 +157,3 @@ def _metadata(annotation: Any) -> Iterator[Any]:
         yield from annotation.__metadata__
     for part in get_args(annotation):
         yield from _metadata(part)
-
-
-def _words(value: Any) -> str:
-    return (" ".join(map(str, value)) or "none") if isinstance(value, tuple) else str(value)

@@ -10,7 +10,7 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
 
@@ -27,7 +27,7 @@ def loading() -> Iterator[None]:
 
     An exception is unsuitable here, because C extension modules convert it to other errors.
     """
-    with _handlers(_end_at_once, _end_at_once):
+    with _handled_by(_end_at_once):
         yield
 
 
@@ -39,45 +39,37 @@ def running() -> Iterator[None]:
         SystemExit: 130 after Ctrl-C, 143 after SIGTERM.
     """
     code = 0
-    with _handlers(_interrupt, _terminate):
+    with _handled_by(_stop):
         try:
             yield
         except (KeyboardInterrupt, Exception) as error:
-            code = _code_of(error)
-            if not code:
+            cause: BaseException | None = error  # cleaning up may have failed after the signal
+            while cause is not None and not isinstance(cause, KeyboardInterrupt):
+                cause = cause.__context__
+            if cause is None:
                 raise
+            code = 128 + (signal.SIGTERM if isinstance(cause, Terminated) else signal.SIGINT)
         if code:  # outside of the except block, so that the progress bar is closed
             _end_workers()
             print(f"\n{_MESSAGE}", file=sys.stderr)
             sys.exit(code)
 
 
-def _code_of(error: BaseException) -> int:
-    """Exit status of the signal that led to an error, also if cleaning up failed after it; 0 if none did."""
-    cause: BaseException | None = error
-    while cause is not None:
-        if isinstance(cause, KeyboardInterrupt):
-            return 128 + (signal.SIGTERM if isinstance(cause, Terminated) else signal.SIGINT)
-        cause = cause.__context__
-    return 0
-
-
 @contextmanager
-def _handlers(interrupt: object, terminate: object) -> Iterator[None]:
-    """Set both signal handlers within a block; a signal that the parent process made us ignore stays ignored."""
+def _handled_by(handler: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+    """Set the handler of both signals within a block; one that the parent process made us ignore stays ignored."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    wanted = {signal.SIGINT: interrupt, signal.SIGTERM: terminate}
-    before = {number: signal.getsignal(number) for number in wanted}
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        for number, handler in wanted.items():
-            if before[number] is not signal.SIG_IGN:
-                signal.signal(number, handler)  # type: ignore[arg-type]
+        for number, usual in before.items():
+            if usual is not signal.SIG_IGN:
+                signal.signal(number, handler)
         yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for number, usual in before.items():
+            signal.signal(number, usual)
 
 
 def _end_at_once(number: int, frame: FrameType | None) -> None:
@@ -85,26 +77,18 @@ def _end_at_once(number: int, frame: FrameType | None) -> None:
     os._exit(128 + number)
 
 
-def _interrupt(number: int, frame: FrameType | None) -> None:
-    """Raise an exception as Python does at Ctrl-C."""
-    _silence_libraries()
-    raise KeyboardInterrupt
+def _stop(number: int, frame: FrameType | None) -> None:
+    """Raise an exception as Python does at Ctrl-C; a second SIGTERM ends the process at once.
 
-
-def _terminate(number: int, frame: FrameType | None) -> None:
-    """Raise an exception as Ctrl-C does; a second signal ends the process at once."""
-    _silence_libraries()
-    signal.signal(number, _end_at_once)
-    raise Terminated
-
-
-def _silence_libraries() -> None:
-    """Print neither errors of threads nor warnings from now on: joblib's thread may be handing out a task as it stops.
-
-    The process ends soon; one line says why.
+    From now on, neither errors of threads nor warnings are printed: joblib's thread may be handing out a task as it
+    stops. The process ends soon; one line says why.
     """
     threading.excepthook = lambda error: None
     warnings.simplefilter("ignore")
+    if number == signal.SIGINT:
+        raise KeyboardInterrupt
+    signal.signal(number, _end_at_once)
+    raise Terminated
 
 
 def _end_workers() -> None:

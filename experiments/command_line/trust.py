@@ -28,8 +28,13 @@ class Trust:
     everything: bool = False
 
     def allows(self, name: str) -> bool:
-        """Whether a name is of a registry, or of code that may be used."""
-        return self.everything or name in self.known or not _is_code(name)
+        """Whether a name is of a registry, or of code that may be used.
+
+        >>> trust = Trust(Path("run.json"))
+        >>> trust.allows("mine:scene(force=2)"), trust.allows("information_gain(given='a:b')")
+        (False, True)
+        """
+        return self.everything or name in self.known or ":" not in name.partition("(")[0]
 
     def require(self, names: Iterable[str | None]) -> None:
         """Check the names of scenes, renderers or deciders that the file holds.
@@ -43,12 +48,3 @@ class Trust:
                 f"{self.source} names code: {', '.join(dict.fromkeys(unknown))}. Reading a file runs no code that only "
                 "the file names. If you know where it is from, add --trust"
             )
-
-
-def _is_code(name: str) -> bool:
-    """Whether it refers to something outside the registries.
-
-    >>> _is_code("mine:scene(force=2)"), _is_code("information_gain(given='a:b')")
-    (True, False)
-    """
-    return ":" in name.partition("(")[0]

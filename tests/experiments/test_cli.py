@@ -95,7 +95,7 @@ def test_only_the_chosen_command_is_imported():
     code += "try: cli.main()\nexcept SystemExit: print(*sys.modules)"
     found = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     loaded = set(found.stdout.split())
-    others = {f"experiments.{entry.place.partition(':')[0]}" for entry in cli.REGISTRY.values()} & loaded
+    others = {f"experiments.{entry.module}" for entry in cli.REGISTRY.values()} & loaded
     assert others == {"experiments.search.replay"}
 
 

@@ -13,7 +13,7 @@ from tyro.conf import OmitArgPrefixes
 from belief.errors import ActiveTouchError
 from benchmarks.fidelity import FidelityCommand
 from experiments.cli import commands, main
-from experiments.command_line.arguments import BadArgument, Within, arguments
+from experiments.command_line.arguments import BadArgument, Within, _metadata, arguments
 from experiments.meshes.find import Find
 from experiments.meshes.identify import Identify
 from experiments.paper.reproduce import Reproduce
@@ -104,8 +104,8 @@ def test_zero_is_refused_wherever_it_is_out_of_range():
     for kind in set(commands().values()):
         command = kind(**_NEEDED.get(kind, {}))
         paths = {flag: (path, many) for flag, path, _, many in _numbers(kind)}
-        for flag, _, _, rules in arguments(command):
-            if any(isinstance(rule, Within) and rule.broken(0) for rule in rules):
+        for flag, _, annotation in arguments(command):
+            if any(isinstance(rule, Within) and rule.broken(0) for rule in _metadata(annotation)):
                 path, many = paths[flag]
                 with pytest.raises(BadArgument, match=flag):
                     _changed(command, path, (0,) if many else 0).run()
