@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from operator import mul
 from types import MappingProxyType
 from typing import Any, TypeAlias
 
@@ -32,22 +33,31 @@ class DoesNotApply(Exception):
     """A condition does not apply to a scene; the message says why."""
 
 
-def _faulty(change: Callable[[tuple[Fault, ...]], tuple[Fault, ...]]) -> Change:
+def _where(applies: Callable[[Scene], object], otherwise: str, change: Change) -> Change:
+    """A change that applies to some scenes only, and why not to the others."""
+
     def changed(scene: Scene) -> Scene:
-        if not getattr(scene.renderer, "reads_taxels", True):
-            raise DoesNotApply("its images are drawings of one force, not readings of taxels")
-        return replace(scene, faults=change(scene.faults))
+        if not applies(scene):
+            raise DoesNotApply(otherwise)
+        return change(scene)
 
     return changed
+
+
+def _faulty(change: Callable[[tuple[Fault, ...]], tuple[Fault, ...]]) -> Change:
+    return _where(
+        lambda scene: getattr(scene.renderer, "reads_taxels", True),
+        "its images are drawings of one force, not readings of taxels",
+        lambda scene: replace(scene, faults=change(scene.faults)),
+    )
 
 
 def _every(kind: type[Fault], change: Callable[..., Fault]) -> Change:
-    def changed(scene: Scene) -> Scene:
-        if not faults_of(kind, scene.faults):
-            raise DoesNotApply(f"its sensor has no {kind.__name__.lower()}")
-        return replace(scene, faults=change_faults(kind, scene.faults, change))
-
-    return changed
+    return _where(
+        lambda scene: faults_of(kind, scene.faults),
+        f"its sensor has no {kind.__name__.lower()}",
+        lambda scene: replace(scene, faults=change_faults(kind, scene.faults, change)),
+    )
 
 
 def _dead(share: float) -> Change:
@@ -96,30 +106,24 @@ def _require_taxels(number: float, what: str) -> None:
 
 def _in_pixels(change: Change) -> Change:
     """A change that is given in pixels of an image of many."""
+    many = f"it is for images of at least {_MANY_TAXELS} taxels along an edge"
+    return _where(lambda scene: scene.image_shape[0] >= _MANY_TAXELS, many, change)
+
+
+def _proportions(label: str, **factors: Any) -> Change:
+    """A solid of other proportions, by factors on its numbers, with the name of the one that the sensor knows."""
 
     def changed(scene: Scene) -> Scene:
-        if scene.image_shape[0] < _MANY_TAXELS:
-            raise DoesNotApply(f"it is for images of at least {_MANY_TAXELS} taxels along an edge")
-        return change(scene)
+        known: Any = scene.shapes[label]
+        olds = ((name, getattr(known, name), factor) for name, factor in factors.items())
+        new = {name: tuple(map(mul, old, by)) if isinstance(by, tuple) else by * old for name, old, by in olds}
+        return replace(scene, shapes={**scene.shapes, label: replace(known, **new)})
 
-    return changed
-
-
-def _proportions(label: str, **changes: Callable[[Any], Any]) -> Change:
-    """A solid of other proportions, with the name of the one that the sensor knows."""
-
-    def changed(scene: Scene) -> Scene:
-        known: Any = scene.shapes.get(label)
-        if known is None or not all(hasattr(known, name) for name in changes):
-            raise DoesNotApply(f"it has no {label} of one kind")
-        new = replace(known, **{name: change(getattr(known, name)) for name, change in changes.items()})
-        return replace(scene, shapes={**scene.shapes, label: new})
-
-    return changed
-
-
-def _slippery(scene: Scene) -> Scene:
-    return replace(_varied(friction=Constant(0.05))(scene), press_model=Dynamic())
+    return _where(
+        lambda scene: all(hasattr(scene.shapes.get(label), n) for n in factors),
+        f"it has no {label} of one kind",
+        changed,
+    )
 
 
 def _varied(**changes: Distribution) -> Change:
@@ -130,13 +134,10 @@ def _sized(low: float, high: float) -> Change:
     """Sizes outside the training range: ``low`` and ``high`` are added to its lower, or to its upper, end."""
 
     def changed(scene: Scene) -> Scene:
-        smallest, largest = scene.variation.size.support
-        if smallest == largest:
-            raise DoesNotApply("its sizes have no range")
-        end = largest if high > 0.0 else smallest
+        end = scene.variation.size.support[high > 0.0]
         return _varied(size=Uniform(end + low, end + high))(scene)
 
-    return changed
+    return _where(lambda scene: len({*scene.variation.size.support}) > 1, "its sizes have no range", changed)
 
 
 def _together(*changes: Change) -> Change:
@@ -156,24 +157,14 @@ def _together(*changes: Change) -> Change:
     return changed
 
 
-def _pressed(share: float) -> Change:
-    """A range of forces that is wider on both sides by a share of its ends."""
-
-    def changed(scene: Scene) -> Scene:
-        lowest, highest = scene.variation.force.support
-        return _varied(force=Uniform(lowest * (1.0 - share), highest * (1.0 + share)))(scene)
-
-    return changed
+def _pressed(scene: Scene) -> Scene:
+    """A range of forces that is wider on both sides by 0.3 of its ends."""
+    lowest, highest = scene.variation.force.support
+    return _varied(force=Uniform(lowest * (1.0 - 0.3), highest * (1.0 + 0.3)))(scene)
 
 
 def _noisier(factor: float) -> Change:
     return _every(Noise, lambda noise: replace(noise, std=factor * noise.std))
-
-
-def _rubbing(scene: Scene) -> Scene:
-    if not scene.press_model.moves:
-        raise DoesNotApply("nothing slides in a quasistatic press")
-    return _varied(friction=Uniform(0.3, 1.0))(scene)
 
 
 def _with(name: str, part: Any) -> Change:
@@ -185,8 +176,7 @@ CONDITIONS: Mapping[str, Change] = MappingProxyType(
     {
         **{f"noise × {factor:g}": _noisier(factor) for factor in (1.5, 2, 3, 4, 6)},
         "gain ± 30 %": _every(Gain, lambda gain: replace(gain, half_range=0.3)),
-        "1 % more dead": _dead(0.01),
-        "5 % more dead": _dead(0.05),
+        **{f"{share:g} % more dead": _dead(share / 100) for share in (1, 5)},
         "19 % more dead": _dead(3 / 16),
         **{f"{share:g} % stuck": _stuck(share / 100) for share in (1, 5)},
         "6 % stuck at full scale": _stuck(1 / 16),
@@ -202,23 +192,27 @@ CONDITIONS: Mapping[str, Change] = MappingProxyType(
         "size ± 25 %": _varied(size=Uniform(0.75, 1.25)),
         "smaller by ≤ 15 %": _sized(-0.15, 0.0),
         "larger by ≤ 15 %": _sized(0.0, 0.15),
-        "cylinder twice as long": _proportions("cylinder", half_length=lambda length: 2.0 * length),
-        "cylinder × 0.5": _proportions("cylinder", half_length=lambda length: 0.5 * length),
-        "cylinder × 1.25": _proportions("cylinder", half_length=lambda length: 1.25 * length),
-        "cone × 0.6": _proportions("cone", height=lambda height: 0.6 * height),
-        "cone × 1.5": _proportions("cone", height=lambda height: 1.5 * height),
-        "cube 1 : 1 : 1.25": _proportions("cube", half_extents=lambda edges: (*edges[:2], 1.25 * edges[2])),
-        "friction 0.3 to 1": _rubbing,
-        "friction 0.05": _slippery,
-        "stiffness × 0.4": _varied(stiffness=Constant(0.4)),
-        "stiffness × 0.7": _varied(stiffness=Constant(0.7)),
-        "stiffness × 1.5": _varied(stiffness=Constant(1.5)),
+        "cylinder twice as long": _proportions("cylinder", half_length=2.0),
+        "cylinder × 0.5": _proportions("cylinder", half_length=0.5),
+        "cylinder × 1.25": _proportions("cylinder", half_length=1.25),
+        "cone × 0.6": _proportions("cone", height=0.6),
+        "cone × 1.5": _proportions("cone", height=1.5),
+        "cube 1 : 1 : 1.25": _proportions("cube", half_extents=(1.0, 1.0, 1.25)),
+        "friction 0.3 to 1": _where(
+            lambda scene: scene.press_model.moves,
+            "nothing slides in a quasistatic press",
+            _varied(friction=Uniform(0.3, 1.0)),
+        ),
+        "friction 0.05": _together(
+            _varied(friction=Constant(0.05)), lambda scene: replace(scene, press_model=Dynamic())
+        ),
+        **{f"stiffness × {factor:g}": _varied(stiffness=Constant(factor)) for factor in (0.4, 0.7, 1.5)},
         "stiffness × 0.5 to 2": _varied(stiffness=LogUniform(0.5, 2.0)),
         "offset ± 4 mm": _varied(offset=Uniform(-0.004, 0.004)),
-        "force 0.3 to 1 N": _varied(force=Uniform(0.3, 1.0)),
-        "force 0.5 to 1.5 N": _varied(force=Uniform(0.5, 1.5)),
-        "force 1 to 4 N": _varied(force=Uniform(1.0, 4.0)),
-        "force 3 to 6 N": _varied(force=Uniform(3.0, 6.0)),
+        **{
+            f"force {low:g} to {high:g} N": _varied(force=Uniform(low, high))
+            for low, high in ((0.3, 1.0), (0.5, 1.5), (1.0, 4.0), (3.0, 6.0))
+        },
         **{f"press {name}": _with("press_model", press) for name, press in FIDELITIES.items()},
         **{f"pose error {angle}°": _with("presentation", Inexact(np.deg2rad(angle))) for angle in (5, 10, 20)},
         **{f"objects {name}": _with("presentation", presentation) for name, presentation in PRESENTATIONS.items()},
@@ -226,7 +220,7 @@ CONDITIONS: Mapping[str, Change] = MappingProxyType(
             _noisier(1.5),
             _dead(3 / 16),
             _varied(stiffness=Constant(0.7), size=Uniform(0.75, 1.25)),
-            _pressed(0.3),
+            _pressed,
         ),
         "all taxels dead": _dead(1.0),
     }

@@ -1,26 +1,114 @@
-"""Report of the trade-off: results of configurations, recommendations, tables, a figure and a page."""
+"""Trade-off of speed and accuracy: configurations of a scene, what is measured of them, and the report."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
+from itertools import compress
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from activetouch.named_scenes import SCENES
+from activetouch.sensor_files import INDEPENDENT_SUFFIX, MODELS
 from belief.files import write_text
 from belief.statistics import paired_bootstrap, pareto_front, wilson_interval
 from belief.table import Table, Value, interval
-from experiments.tradeoff.configuration import SHARES, Configuration
+from experiments.scene_choice import FIDELITIES, command
+from planners import DECIDERS
+from planners.registry import NEED_FILES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from experiments.reporting.style import Picture
+
+SHARES: Mapping[str, float] = MappingProxyType({"gel": 1.0, "coarse": 1.0, "paper": 0.6, "hard": 0.2, "many": 0.16})
+"""Number of searches per target relative to ``gel``: fewer where they take longer."""
+_WHOLE = ("gel", "coarse")  # scenes in which everything is varied
+_MAIN = ("information_gain", "point_based", "threshold", "value_of_information")
+_SLOW = ("pouct",)  # tree search, whose decisions take hundreds of times as long
+_TOUCH_COSTS = (0.005, 0.05, 0.1)  # besides the default
+_WEIGH_COSTS = ("point_based", "value_of_information")  # deciders that weigh the cost of a touch
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """A combination of sensor, decider, touch cost and press.
+
+    Attributes:
+        scene: name of the scene.
+        sensor: name of a shipped sensor, or folder of one; empty for that of the scene.
+        decider: key of :data:`planners.DECIDERS`.
+        touch_cost: cost λ of one touch.
+        fidelity: press model; None for that of the scene.
+    """
+
+    scene: str
+    sensor: str = ""
+    decider: str = _MAIN[0]
+    touch_cost: float = 0.02
+    fidelity: str | None = None
+
+    @property
+    def name(self) -> str:
+        """Description in one line: sensor, decider, touch cost, and press if it is not the scene's."""
+        own = not self.sensor or (MODELS / self.sensor).is_dir()
+        parts = [(self.sensor or self.scene) if own else f"{self.scene}, {Path(self.sensor).name}", self.decider]
+        return ", ".join([*parts, f"λ {self.touch_cost:g}", *([self.fidelity] if self.fidelity else [])])
+
+    @property
+    def varied(self) -> str:
+        """The property that differs from the scene's default; "nothing" for the default itself."""
+        words = {"sensor": "sensor", "fidelity": "fidelity", "touch_cost": "touch cost λ", "decider": "decider"}
+        default = Configuration(self.scene)
+        return next((words[name] for name in words if getattr(self, name) != getattr(default, name)), "nothing")
+
+    @property
+    def number(self) -> float | None:
+        """The setting, if configurations that differ in a number are joined by a line."""
+        return -self.touch_cost if self.varied == "touch cost λ" else None
+
+    def command(self) -> str:
+        """The ``compare`` command for this configuration."""
+        return command(
+            "compare",
+            scene=self.scene,
+            deciders=self.decider,
+            touch_cost=f"{self.touch_cost:g}",
+            fidelity=self.fidelity,
+            sensor=self.sensor or None,
+        )
+
+
+def sweep(scenes: Sequence[str], sensors: Mapping[str, Sequence[str]]) -> list[Configuration]:
+    """Configurations that differ from a scene's default in one property, without duplicates, the defaults first.
+
+    Those of another sensor are played by two deciders, because the best decider depends on the sensor.
+
+    Args:
+        scenes: to measure.
+        sensors: folders of further sensors, by scene.
+    """
+    found = []
+    for scene in (scene for scene in SHARES if scene in scenes):
+        base, own, is_whole = Configuration(scene), SCENES[scene].scene.press_model, scene in _WHOLE
+        independent = scene + INDEPENDENT_SUFFIX
+        others = [*([independent] if (MODELS / independent).is_dir() else []), *sensors.get(scene, ())]
+        weighing = _WEIGH_COSTS if is_whole else _WEIGH_COSTS[:1]
+        presses = [] if scene == "paper" else list(FIDELITIES)  # force patches need a guarded move
+        not_varied = {"random_confirm", *NEED_FILES, *_SLOW}
+        found += [replace(base, decider=decider) for decider in _MAIN]
+        found += [replace(base, sensor=sensor, decider=decider) for sensor in others for decider in _MAIN[:2]]
+        found += [replace(base, decider=decider, touch_cost=cost) for decider in weighing for cost in _TOUCH_COSTS]
+        found += [replace(base, fidelity=name) for name in presses if type(FIDELITIES[name]) is not type(own)]
+        found += [replace(base, decider=decider) for decider in DECIDERS if is_whole and decider not in not_varied]
+    return list(dict.fromkeys(found))
+
 
 TASKS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -126,7 +214,8 @@ class TradeoffReport:
 
     def tables(self) -> list[Table]:
         """All configurations of every scene, fastest first; * marks the Pareto front of its task."""
-        front = {id(point) for scenes in TASKS.values() for point in self._front(scenes)}
+        by_task = [[p for p in self.points if p.configuration.scene in scenes] for scenes in TASKS.values()]
+        front = {id(point) for points in by_task if points for point in _front(points)}
         defaults = {p.configuration.scene: p for p in self.points if p.configuration.varied == "nothing"}
         ordered = sorted(self.points, key=lambda point: point.ms_per_search)
         tables = []
@@ -135,13 +224,6 @@ class TradeoffReport:
             if rows:
                 tables.append(Table(scene, _COLUMNS, rows, "*: no other is both faster and as successful."))
         return tables
-
-    def _front(self, scenes: Sequence[str]) -> list[Measured]:
-        points = [point for point in self.points if point.configuration.scene in scenes]
-        if not points:
-            return []
-        on_front = pareto_front([p.ms_per_search for p in points], [p.success for p in points])
-        return [point for point, is_on in zip(points, on_front.tolist(), strict=True) if is_on]
 
     def __str__(self) -> str:
         return "\n\n".join([*(table.markdown() for table in self.tables()), *self.sentences()])
@@ -168,6 +250,12 @@ class TradeoffReport:
             for p in self.points
         ]
         write_text(folder / "tradeoff.json", json.dumps({"points": points, "answers": recommended}, indent=1) + "\n")
+
+
+def _front(points: Sequence[Measured]) -> list[Measured]:
+    """Those than which no other is both faster and as successful, the fastest first."""
+    on_front = pareto_front([p.ms_per_search for p in points], [p.success for p in points])
+    return sorted(compress(points, on_front), key=lambda point: point.ms_per_search)
 
 
 def _said(p: Measured | None) -> str:
@@ -229,8 +317,7 @@ def _draw(axes: Axes, scene: str, points: Sequence[Measured], styles: Mapping[st
         for decider in dict.fromkeys(p.configuration.decider for p in numbered):
             path = [(p.ms_per_search, _error(p.success)) for p in numbered if p.configuration.decider == decider]
             axes.plot(*np.transpose(path), color=colour, linewidth=1.2, alpha=0.7)
-    on_front = pareto_front([p.ms_per_search for p in points], [p.success for p in points]).tolist()
-    best = sorted((p.ms_per_search, _error(p.success)) for p, is_on in zip(points, on_front, strict=True) if is_on)
+    best = [(p.ms_per_search, _error(p.success)) for p in _front(points)]
     axes.step(*np.transpose(best), where="post", color=styles["nothing"][0], linewidth=1, linestyle="--")
     axes.set(xscale="log", yscale="log", xlabel="ms per search", ylabel="failed searches", title=scene)
     axes.set_ylim(_LEAST_ERROR * 0.7, 1.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from activetouch import TactileSensor
 from activetouch.named_scenes import SCENES
@@ -24,10 +24,7 @@ from experiments.command_line.arguments import (
     check_arguments,
 )
 from experiments.scene_choice import SceneChoice
-from experiments.tradeoff.configuration import SHARES, Configuration, sweep
-
-if TYPE_CHECKING:
-    from experiments.tradeoff.report import Measured
+from experiments.tradeoff.report import SHARES, Configuration, Measured, TradeoffReport, sweep
 
 
 @dataclass(frozen=True)
@@ -72,8 +69,6 @@ class Tradeoff:
             LabelMismatch: A sensor knows other shapes than the scene has.
             UnknownName: There is no such scene.
         """
-        from experiments.tradeoff.report import TradeoffReport
-
         check_arguments(self)
         for scene in self.scenes:
             if scene not in SHARES:
@@ -108,7 +103,7 @@ def measure_all(
     """Play the searches of configurations; those of one sensor, press and touch cost in one comparison.
 
     Args:
-        configurations: such as those of :func:`experiments.tradeoff.configuration.sweep`.
+        configurations: such as those of :func:`experiments.tradeoff.report.sweep`.
         episodes: searches per target of ``gel``; other scenes have fewer, see :data:`SHARES`.
         seed: of the searches.
         folder: of the comparisons; finished searches in it are read.
@@ -117,7 +112,6 @@ def measure_all(
     from experiments.search.comparison import compared, prepared
     from experiments.search.setting import Setting
     from experiments.search.summary import ALL
-    from experiments.tradeoff.report import Measured
 
     groups: dict[tuple[str, str, float, str | None], list[Configuration]] = {}
     for one in configurations:

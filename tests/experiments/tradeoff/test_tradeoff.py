@@ -15,8 +15,7 @@ from activetouch.named_scenes import SCENES
 from activetouch.sensor_files import MODELS
 from belief.errors import UnknownName
 from experiments.command_line.arguments import BadArgument
-from experiments.tradeoff.configuration import SHARES, Configuration, sweep
-from experiments.tradeoff.report import Measured, TradeoffReport
+from experiments.tradeoff.report import SHARES, Configuration, Measured, TradeoffReport, sweep
 from experiments.tradeoff.tradeoff import Tradeoff, measure_all
 from planners import DECIDERS
 from planners.registry import NEED_FILES
