@@ -15,8 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from tables import DRAWN, health_of
 
-from experiments.paper.figures import draw_figure3
-from experiments.paper.table2 import Column
+from experiments.paper.table2 import Column, draw_figure3
 from experiments.tradeoff.report import front_picture
 
 DOCS = Path(__file__).parent.parent

@@ -13,8 +13,7 @@ from matplotlib import pyplot as plt
 
 from activetouch import TactileSensor
 from belief import Belief, BeliefTracker
-from experiments.search.body_picture import Bodies
-from experiments.search.replay_figures import coloured
+from experiments.search.replay_figures import Bodies, coloured
 
 SEED, POSES = 1, ("y45", "front", "z45", "y90")
 PIXELS, DRAWS = (24, 4) if "--short" in sys.argv else (96, 96)

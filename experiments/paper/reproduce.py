@@ -119,12 +119,10 @@ class Reproduction:
             numbers = {"arguments": self.arguments, "splits": splits, "deviations": DEVIATIONS}
             write_text(folder / "table1.json", sealed_json(numbers) + "\n")
         if self.columns is not None:
-            from experiments.paper.figures import draw_figure3  # loads matplotlib
-
             columns = json.dumps([asdict(column) for column in self.columns], indent=1, default=dict)
             write_text(folder / "table2.json", columns + "\n")
             confusion = None if self.splits is None else self.splits["by image"]["held out"].confusion
-            draw_figure3(confusion, self.columns, folder / "figure3.svg")
+            table2.draw_figure3(confusion, self.columns, folder / "figure3.svg")
         deviations = "**Deviations from the paper**\n\n" + "\n".join(f"- {line}" for line in DEVIATIONS)
         write_text(folder / "reproduce.md", f"{self}\n\n{deviations}\n")
 

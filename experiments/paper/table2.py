@@ -1,4 +1,4 @@
-"""The paper's Table 2: success by target of its manual rule and PPO, and of the same deciders here."""
+"""The paper's Table 2 and Figure 3: success by target of its manual rule and PPO, and of the same deciders here."""
 
 from __future__ import annotations
 
@@ -7,11 +7,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
 from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from belief.statistics import wilson_interval
 from belief.table import Table, Value, interval
+from experiments.paper import table1
 from experiments.search.comparison import compare
 from experiments.search.summary import ALL
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 SCENE = "paper"
 """Scene of the searches: images like the paper's."""
@@ -53,17 +60,13 @@ def search_columns(sensor: Path, episodes: int, seed: int, folder: Path, jobs: i
     found = compare(
         SCENE, DECIDERS, episodes=episodes, seed=seed, targets=targets, sensor=sensor, out=folder, jobs=jobs
     )
-    return [
-        Column(
-            SCENE,
-            name,
-            {target: found.cells[name, target].successes for target in targets},
-            episodes,
-            found.cells[name, ALL].touches,
-            found.no_touch_baseline,
+    columns = []
+    for name in DECIDERS:
+        successes = {target: found.cells[name, target].successes for target in targets}
+        columns.append(
+            Column(SCENE, name, successes, episodes, found.cells[name, ALL].touches, found.no_touch_baseline)
         )
-        for name in DECIDERS
-    ]
+    return columns
 
 
 def table(columns: Sequence[Column]) -> Table:
@@ -73,16 +76,69 @@ def table(columns: Sequence[Column]) -> Table:
         for name, printed in PAPER.items()
     ]
     for column in columns:
-        by_target = [_success(column.successes[target], column.trials) for target in PAPER["PPO"]]
-        over_all = _success(sum(column.successes.values()), len(column.successes) * column.trials, ".3f")
+        number, count = column.trials, column.successes
+        cells = [(count[target], number, ".2f") for target in PAPER["PPO"]]
+        cells.append((sum(count.values()), len(count) * number, ".3f"))
+        shown = [interval(right / of, *wilson_interval(right, of), spec=spec) for right, of, spec in cells]
         rest = (f"{column.touches:.1f}", f"{column.no_touch_baseline:.2f}")
-        rows.append((f"{column.decider}, {column.scene}", *by_target, over_all, *rest))
-    return Table(
-        "",
-        ["decider, scene", *PAPER["PPO"], "all", "touches per search", "no-touch baseline"],
-        rows,
-    )
+        rows.append((f"{column.decider}, {column.scene}", *shown, *rest))
+    return Table("", ["decider, scene", *PAPER["PPO"], "all", "touches per search", "no-touch baseline"], rows)
 
 
-def _success(successes: int, trials: int, spec: str = ".2f") -> str:
-    return interval(successes / trials, *wilson_interval(successes, trials), spec=spec)
+_SHAPES = ("sphere", "cube", "cylinder", "cone")  # order of the rows of a confusion matrix
+
+
+def draw_figure3(confusion: Sequence[Sequence[int]] | None, columns: Sequence[Column], path: Path) -> None:
+    """Draw (a) the confusion matrix of the classifier that was split by image, and (b) success by target.
+
+    Without counts of (true shape, predicted shape), (a) is left out.
+    """
+    from experiments.reporting.style import figure  # loads matplotlib
+
+    widths = [1.0, 1.5] if confusion is not None else [1.5]
+    with figure((3.2 * sum(widths), 4.2), path) as drawn:
+        panels = list(drawn.subplots(1, len(widths), squeeze=False, width_ratios=widths)[0])
+        if confusion is not None:
+            _confusion(panels[0], confusion)
+        _success(panels[-1], columns)
+        panels[-1].set(title=f"(b) searches, scene {columns[0].scene}", ylabel="success")
+        drawn.legend(loc="outside lower right", ncols=4, frameon=False, fontsize=8)
+
+
+def _confusion(axes: Axes, confusion: Sequence[Sequence[int]]) -> None:
+    """Draw the confusion matrix with our fractions and, on the diagonal, the paper's recalls."""
+    labels = list(table1.PAPER)
+    order = [_SHAPES.index(label) for label in labels]
+    counts = np.array(confusion)[np.ix_(order, order)]
+    fractions = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
+    texts = [[f"{fraction:.2f}" for fraction in row] for row in fractions]
+    for row, printed in enumerate(table1.PAPER.values()):
+        texts[row][row] += f"\n(paper {printed.recall:.2f})"
+    axes.imshow(fractions, cmap="Blues", vmin=0, vmax=1)
+    for (row, column), fraction in np.ndenumerate(fractions):
+        colour = "white" if fraction > 0.5 else "black"
+        axes.text(column, row, texts[row][column], ha="center", va="center", fontsize=8, color=colour)
+    axes.set_xticks(range(len(labels)), labels, rotation=30, ha="right")
+    axes.set_yticks(range(len(labels)), labels)
+    axes.set(xlabel="predicted", ylabel="true", title="(a) classifier, split by image")
+
+
+def _success(axes: Axes, columns: Sequence[Column]) -> None:
+    """Draw bars by target: the paper's (hatched), and ours with 95 % Wilson intervals."""
+    from experiments.reporting.style import INK, PALETTE  # loads matplotlib
+
+    targets = list(PAPER["PPO"])
+    width, x = 0.85 / (len(PAPER) + len(columns)), np.arange(len(targets))
+    first = -0.425 + width / 2
+    for index, (name, printed) in enumerate(PAPER.items()):
+        style: Any = {"color": str(0.6 + 0.3 * index), "edgecolor": "0.4", "hatch": "//", "label": f"paper: {name}"}
+        axes.bar(x + first + index * width, [printed[target] for target in targets], 0.9 * width, **style)
+    for index, column in enumerate(columns):
+        wins = np.array([column.successes[target] for target in targets])
+        low, high = np.transpose([wilson_interval(int(n), column.trials) for n in wins])
+        share, place = wins / column.trials, x + first + (len(PAPER) + index) * width
+        axes.bar(place, share, 0.9 * width, color=PALETTE[index % len(PALETTE)], label=column.decider)
+        spread = [np.maximum(share - low, 0.0), np.maximum(high - share, 0.0)]
+        axes.errorbar(place, share, spread, fmt="none", ecolor=INK, elinewidth=0.7)
+    axes.set_xticks(x, targets)
+    axes.set_ylim(0, 1.03)

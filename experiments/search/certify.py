@@ -20,9 +20,8 @@ from belief.seeding import keyed_rng
 from belief.statistics.stop_thresholds import CandidateStops, certified_thresholds, least_searches
 from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, Within, check_arguments
 from experiments.parallel import Shared, default_jobs, run_tasks
-from experiments.search.certificate import made_for, with_unsure
 from experiments.search.comparison import prepared, scene_of
-from experiments.search.play import EPISODES_PER_BATCH, Searches, play_episodes
+from experiments.search.play import EPISODES_PER_BATCH, Searches, made_for, play_episodes, with_unsure
 from experiments.search.setting import Setting
 from planners import Decider, Episode
 from planners.certified import NEVER, WANTED, Certificate, Certified, Fit, fit_of_search

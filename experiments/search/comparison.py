@@ -23,11 +23,9 @@ from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, c
 from experiments.command_line.trust import Trust
 from experiments.parallel import Shared, run_tasks
 from experiments.scene_choice import SceneChoice, as_named
-from experiments.search.certificate import certified, opened, with_unsure
 from experiments.search.fingerprint import files_digest
-from experiments.search.play import Searches, sensor_digest
-from experiments.search.run import Run
-from experiments.search.run_folder import Cell, RunFolder, read_episode
+from experiments.search.play import Searches, made_for, opened, sensor_digest, with_unsure
+from experiments.search.run import Cell, Run, RunFolder, read_episode
 from experiments.search.setting import Setting
 from experiments.search.summary import Summary
 from experiments.search.tables import results_table, terminal_table
@@ -292,7 +290,9 @@ def prepared(
         names = [name for name, player in players.items() if player == signed.decider]
         if not names:
             raise NotCertified(f"the certificate is for --deciders {signed.decider!r}, got {', '.join(players)}")
-        made |= {f"certified {name}": certified(signed, made[name], sensor, problem, chosen, known) for name in names}
+        for name in names:
+            world = made_for(sensor, problem, chosen, signed.decider, made[name], known)
+            made[f"certified {name}"] = signed.wrap(made[name], world)
     arguments = {
         "deciders": list(players),
         "reference": reference,

@@ -16,8 +16,7 @@ from belief.naming import Name, index_of
 from belief.problem import SearchProblem
 from belief.seeding import checked_key
 from experiments.scene_choice import as_named
-from experiments.search.certificate import certified, opened, with_unsure
-from experiments.search.play import make_world
+from experiments.search.play import made_for, make_world, opened, with_unsure
 from planners import Decider, Episode, Session, make_decider, search
 from planners.certified import Certificate, NotCertified
 from planners.session_log import problem_fields
@@ -100,7 +99,7 @@ def _certified(
     table = sensor.model.outcome_table()
     made = make_decider(certificate.decider, table, sensor.model)
     known = {"observation model": sensor.model, "outcome table": table}
-    return certified(certificate, made, sensor, problem, targets, known)
+    return certificate.wrap(made, made_for(sensor, problem, targets, certificate.decider, made, known))
 
 
 def problem_of(

@@ -18,7 +18,7 @@ from experiments.scene_choice import command
 from experiments.search.figures import pictures
 from experiments.search.play import Searches
 from experiments.search.replay_figures import Frame, action_words, replay
-from experiments.search.run_folder import RunFolder
+from experiments.search.run import RunFolder
 from experiments.search.summary import Summary
 from experiments.search.tables import comparison_tables
 from experiments.search.verdict import by_return

@@ -1,12 +1,17 @@
-"""Live searches: what determines them, and how they are played; the seed alone determines the objects of an episode."""
+"""Live searches: what determines them, how they are played, and what a certificate of their stops holds for.
+
+The seed alone determines the objects of an episode.
+"""
 
 from __future__ import annotations
 
+import json
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any, TypeAlias
 
 from activetouch import TactileSensor, TouchWorld
@@ -17,6 +22,7 @@ from belief.seeding import arrangement_rng
 from belief.synthetic import sample_arrangement
 from experiments.search.fingerprint import digest_of, fingerprint, versions
 from planners import Decider, Episode, search_lockstep
+from planners.certified import Certificate
 from planners.search import TouchRequest
 
 EPISODES_PER_BATCH = 25
@@ -84,11 +90,6 @@ def sensor_digest(sensor: TactileSensor) -> str:
     return digest_of([sensor.reader.digest, sensor.reader.card.fields(), sensor.model.to_json({})])
 
 
-def episode_seed(seed: int, target: int, number: int) -> Seed:
-    """Seed of one episode of a run."""
-    return (seed, target, number)
-
-
 def make_world(problem: SearchProblem, sensor: TactileSensor, seed: Seed) -> TouchWorld:
     """The world of the episode with this seed."""
     rng = arrangement_rng(seed)
@@ -104,7 +105,7 @@ def play_episodes(
     state does not pass on to other episodes.
     """
     sensor, problem, spent = searches.sensor, searches.problem, [TouchTime()]
-    seeds = [episode_seed(searches.seed, target, number) for number in numbers]
+    seeds: list[Seed] = [(searches.seed, target, number) for number in numbers]
     worlds = [make_world(problem, sensor, seed) for seed in seeds]
     waited = 0.0
 
@@ -123,3 +124,38 @@ def play_episodes(
     touches = sum(episode.num_touches for episode in episodes)
     seconds = sum(spent, TouchTime())
     return episodes, Seconds(seconds.physics, seconds.network, thinking, touches, seconds.pressed_again)
+
+
+def made_for(
+    sensor: TactileSensor,
+    problem: SearchProblem,
+    targets: Sequence[str],
+    name: str,
+    decider: Decider,
+    known: Mapping[str, object],
+) -> dict[str, Any]:
+    """What a certificate holds for, as JSON types.
+
+    ``known`` are objects by name that deciders hold and that the sensor determines.
+    """
+    targets = [label for label in problem.shape_labels if label in targets]
+    deciders = [fingerprint(decider, target, known) for target in targets]
+    world = {
+        "scene": scene_fields(sensor.scene),
+        "objects and rules": repr(problem),
+        "targets": targets,
+        "decider": name,
+        "settings, code or policies of the decider": digest_of(deciders),
+        "sensor (SHA-256)": sensor_digest(sensor),
+    }
+    return json.loads(json.dumps(world))
+
+
+def with_unsure(problem: SearchProblem) -> SearchProblem:
+    """The rules of a search that stops by a certificate."""
+    return problem if problem.unsure_reward is not None else replace(problem, unsure_reward=0.0)
+
+
+def opened(certificate: str | Path | Certificate) -> Certificate:
+    """A certificate, or that of a file; raises as :meth:`planners.certified.Certificate.load`."""
+    return certificate if isinstance(certificate, Certificate) else Certificate.load(certificate)

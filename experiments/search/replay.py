@@ -12,7 +12,7 @@ from belief.files import atomic_path, require_writable_file
 from experiments.command_line.arguments import CountOrNone, Ending, check_arguments
 from experiments.command_line.trust import Trust
 from experiments.scene_choice import command
-from experiments.search.run_folder import RunFolder, read_episode
+from experiments.search.run import RunFolder, read_episode
 from experiments.search.setting import Setting
 from planners import Episode
 
@@ -51,8 +51,7 @@ class Replay:
             FileNamesCode: The folder names code, and ``trust`` is not set.
         """
         check_arguments(self)
-        from experiments.search.body_picture import Bodies
-        from experiments.search.replay_figures import draw_search, replay
+        from experiments.search.replay_figures import Bodies, draw_search, replay
 
         require_writable_file(self.out)
         run = RunFolder(self.folder).read_run()

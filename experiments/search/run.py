@@ -1,21 +1,245 @@
-"""A comparison that is played: which batches are missing, and tasks that play them."""
+"""A comparison that is played, and its folder: ``run.json``, and the finished searches of each decider and target.
+
+run.json         what determines all searches of the folder, and the latest arguments
+cells/*.jsonl    searches of a decider for a target, in batches of 25
+episodes.jsonl   the searches of the latest comparison
+
+A cell grows by one line at a time: a batch with its key, its number, the JSON lines of its episodes and a digest. The
+key is a digest of everything that determines the episodes (:attr:`Run.keys`). A batch that is damaged, unfinished or of
+another key counts as missing.
+"""
 
 from __future__ import annotations
 
+import json
+import os
 import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from functools import cached_property, partial
-from typing import Any
+from itertools import chain
+from pathlib import Path
+from typing import Any, TypeAlias
 
 import numpy as np
 
-from belief.errors import ActiveTouchError
+from belief.errors import ActiveTouchError, CorruptFile
+from belief.files import (
+    atomic_path,
+    cannot_write,
+    create_text,
+    in_file_name,
+    require_regular_file,
+    sealed_json,
+    unsealed_json,
+    write_text,
+)
 from experiments.parallel import Shared, Task, run_tasks
-from experiments.search.fingerprint import digest_of, fingerprint
-from experiments.search.play import EPISODES_PER_BATCH, Searches, play_episodes
-from experiments.search.run_folder import Batch, Cell, RunFolder, episode_lines
-from planners import Decider
+from experiments.scene_choice import command
+from experiments.search.fingerprint import commit_of_code, digest_of, fingerprint
+from experiments.search.play import EPISODES_PER_BATCH, Searches, Seconds, play_episodes
+from planners import Decider, Episode
+
+_FORMAT = 4
+_FIELDS = {"format": int, "identity": dict, "arguments": dict, "commit": str}
+Cell: TypeAlias = tuple[str, str]
+"""Name of a decider, and label of a target."""
+
+
+class RunMismatch(ActiveTouchError, ValueError):
+    """A folder holds another run than the requested one."""
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Up to 25 consecutive episodes: the JSON line of each, and the time that they took."""
+
+    lines: Sequence[str]
+    seconds: Seconds
+
+
+class RunFolder:
+    """Reads and writes a run folder.
+
+    Args:
+        path: the folder; created by the first write. None keeps the batches in memory.
+    """
+
+    def __init__(self, path: Path | None) -> None:
+        self.path = path
+        self._known: dict[Cell, dict[str, dict[int, Batch]]] = {}
+
+    def require(self, identity: Mapping[str, Any]) -> None:
+        """Check that the folder holds searches with this identity, or none.
+
+        Raises:
+            RunMismatch: The folder holds a run with another identity.
+            CorruptFile: ``run.json`` is damaged, of another version, or not that of a run.
+        """
+        if self.path is None or not (self.path / "run.json").exists():
+            return
+        if other := differing(self.read_run()["identity"], identity):
+            raise RunMismatch(
+                f"{self.path} holds a run with other {other}. Give this run a folder of its own: --out {self.path}-2"
+            )
+
+    def start(self, identity: Mapping[str, Any], arguments: Mapping[str, Any]) -> None:
+        """Write ``run.json``, with the arguments with which ``--config`` repeats the comparison.
+
+        Raises:
+            RunMismatch: The folder holds a run with another identity.
+            CannotWrite: The disk is full, or the folder is a file or not writable.
+        """
+        if self.path is None:
+            return
+        run = {"format": _FORMAT, "identity": identity, "arguments": arguments, "commit": commit_of_code()}
+        text = sealed_json(run) + "\n"
+        if not create_text(self.path / "run.json", text):  # another process may have started another run
+            self.require(identity)
+            write_text(self.path / "run.json", text)
+
+    def read_run(self) -> dict[str, Any]:
+        """The content of ``run.json``.
+
+        Raises:
+            FileNotFoundError: It does not exist.
+            CorruptFile: It is damaged, of another version, or not that of a run.
+        """
+        assert self.path is not None, "only a folder has a run.json"
+        file = self.path / "run.json"
+        if not file.exists():
+            raise FileNotFoundError(f"{self.path} holds no run; start one with:\n{command('compare', out=self.path)}")
+        try:
+            run = unsealed_json(require_regular_file(file).read_text(encoding="utf-8"))
+            if run.get("format", 1) != _FORMAT:
+                raise ValueError(
+                    f"it has format {run.get('format', 1)} of another version, and this one reads {_FORMAT}"
+                )
+            if wrong := [name for name, kind in _FIELDS.items() if not isinstance(run.get(name), kind)]:
+                raise ValueError(f"these fields are missing or of a wrong type: {', '.join(wrong)}")
+        except ValueError as error:
+            raise CorruptFile(
+                f"{file} does not describe a run: {error}. Choose another --out, or delete this folder"
+            ) from error
+        return run
+
+    def batches(self, cell: Cell) -> dict[str, dict[int, Batch]]:
+        """The intact batches of a cell, by key and number, oldest first; of several, the one with most episodes."""
+        if cell not in self._known:
+            self._known[cell] = {}
+            if self.path is not None and (file := self.path / "cells" / _file_name(cell)).exists():
+                for key, number, batch in _read_batches(require_regular_file(file)):
+                    self._hold(cell, key, number, batch)
+        return self._known[cell]
+
+    def _hold(self, cell: Cell, key: str, number: int, batch: Batch) -> None:
+        held = self.batches(cell).setdefault(key, {})
+        if number not in held or len(held[number].lines) <= len(batch.lines):
+            held[number] = batch
+
+    def held(self, cell: Cell, key: str) -> dict[int, Batch]:
+        """Batches of a cell with this key, by number."""
+        return self.batches(cell).get(key, {})
+
+    def lines(self, cell: Cell, key: str) -> list[str]:
+        """JSON lines of the episodes with this key, from the first up to one that is missing."""
+        held, lines = self.held(cell, key), list[str]()
+        while len(lines) % EPISODES_PER_BATCH == 0 and (batch := held.get(len(lines) // EPISODES_PER_BATCH)):
+            lines += batch.lines
+        return lines
+
+    def add(self, cell: Cell, key: str, number: int, batch: Batch) -> None:
+        """Append a batch, by its key and number, to a cell.
+
+        Raises:
+            CannotWrite: The disk is full, or the folder is not writable; earlier batches are kept.
+        """
+        self._hold(cell, key, number, batch)
+        if self.path is None:
+            return
+        file = self.path / "cells" / _file_name(cell)
+        fields = {"key": key, "batch": number, "lines": list(batch.lines), "seconds": asdict(batch.seconds)}
+        content = f"{sealed_json(fields, indent=None)}\n".encode()
+        try:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            with file.open("a+b") as opened:
+                end = opened.seek(0, os.SEEK_END)
+                opened.seek(max(end - 1, 0))
+                unfinished = end and opened.read(1) != b"\n"  # what a kill or a full disk left
+                opened.write(b"\n" + content if unfinished else content)
+                opened.flush()
+                os.fsync(opened.fileno())
+        except OSError as error:
+            raise cannot_write(file, error) from error
+
+    def latest(self, labels: Sequence[str]) -> dict[Cell, list[str]]:
+        """JSON lines of the episodes of the latest comparison; the labels are of all shapes.
+
+        Raises:
+            FileNotFoundError: no comparison is finished.
+        """
+        assert self.path is not None, "only a folder has a file of episodes"
+        if not (file := self.path / "episodes.jsonl").exists():
+            again = command("compare", config=self.path / "run.json")
+            raise FileNotFoundError(f"{self.path} holds no finished comparison; finish it with:\n{again}")
+        found = dict[Cell, list[str]]()
+        for line in require_regular_file(file).read_text(encoding="utf-8").splitlines(keepends=True):
+            fields = json.loads(line)
+            found.setdefault((fields["decider"], labels[fields["target"]]), []).append(line)
+        return found
+
+    def seconds(self, cell: Cell, lines: Sequence[str]) -> Seconds:
+        """The time that the batches of these episodes took."""
+        known, spent = set(lines), dict[int, Seconds]()
+        for held in self.batches(cell).values():
+            spent |= {number: batch.seconds for number, batch in held.items() if batch.lines[0] in known}
+        return sum(spent.values(), Seconds())
+
+    def write_episodes(self, lines: Mapping[Cell, list[str]]) -> None:
+        """Write ``episodes.jsonl``, as :meth:`latest` reads it."""
+        if self.path is not None:
+            with atomic_path(self.path / "episodes.jsonl") as temporary, temporary.open("w") as file:
+                file.writelines(chain.from_iterable(lines.values()))
+
+
+def differing(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
+    """What differs between two identities, in words; empty if nothing does."""
+    in_words = {
+        "problem": "objects or costs of a search (--num-objects, --touch-cost, --abstain)",
+        "sensor_sha256": "sensor",
+    }
+    keys = sorted(key for key in {*one, *other} if one.get(key) != other.get(key))
+    return ", ".join(in_words.get(key, key) for key in keys)
+
+
+def episode_lines(decider: str, episodes: Iterable[Episode]) -> list[str]:
+    """One JSON line per episode."""
+    return [json.dumps({"decider": decider, **episode.to_dict()}) + "\n" for episode in episodes]
+
+
+def read_episode(line: str, shape_labels: tuple[str, ...]) -> Episode:
+    """Read an episode from its JSON line."""
+    return Episode.from_dict(json.loads(line), shape_labels)
+
+
+def _file_name(cell: Cell) -> str:
+    """Unique, and valid on every file system.
+
+    >>> _file_name(("mine:TwoLooks(touches=4)", "cone"))
+    'mine%3ATwoLooks%28touches%3D4%29-cone.jsonl'
+    """
+    decider, target = cell
+    return f"{in_file_name(decider)}-{in_file_name(target, '-')}.jsonl"
+
+
+def _read_batches(file: Path) -> Iterator[tuple[str, int, Batch]]:
+    """Key, number and content of each intact batch."""
+    for line in file.read_bytes().decode("utf-8", errors="replace").splitlines():
+        try:
+            found = unsealed_json(line)
+            yield found["key"], found["batch"], Batch(found["lines"], Seconds(**found["seconds"]))
+        except (ValueError, TypeError, KeyError):
+            continue
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
 from experiments.search.fingerprint import files_digest
 from experiments.search.replay import Replay
-from experiments.search.run_folder import RunFolder
+from experiments.search.run import RunFolder
 from experiments.search.setting import Setting
 from planners.sb3_policy import _model
 

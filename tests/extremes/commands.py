@@ -20,7 +20,7 @@ from experiments.press.touch import TouchCommand
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
 from experiments.search.replay import Replay
-from experiments.search.run_folder import RunFolder, RunMismatch
+from experiments.search.run import RunFolder, RunMismatch
 from experiments.search.setting import Setting
 from experiments.sensor.collect import Collect
 from experiments.sensor.train import Changes, Train

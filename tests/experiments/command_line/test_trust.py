@@ -14,7 +14,7 @@ from experiments.command_line.trust import FileNamesCode, Trust
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
 from experiments.search.replay import Replay
-from experiments.search.run_folder import RunFolder
+from experiments.search.run import RunFolder
 from experiments.search.setting import Setting
 from experiments.sensor.calibrate import scene_of
 

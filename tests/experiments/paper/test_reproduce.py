@@ -12,10 +12,9 @@ from activetouch.distributions import Uniform
 from activetouch.named_scenes import SCENES
 from belief.statistics import wilson_interval
 from experiments.paper import table1, table2
-from experiments.paper.figures import draw_figure3
 from experiments.paper.reproduce import DEVIATIONS, Reproduce, reproduce
 from experiments.paper.table1 import WindowPlan, record_windows
-from experiments.paper.table2 import DECIDERS, PAPER, Column, table
+from experiments.paper.table2 import DECIDERS, PAPER, Column, draw_figure3, table
 
 ROOT = Path(__file__).parents[3]
 

@@ -10,7 +10,7 @@ from activetouch.shapes import SHAPES
 from belief.observation_model import FixedHypotheses, RigidBodyModel
 from belief.observation_model.log_weights import log_means
 from belief.observation_model.rigid_body_evidence import RigidBodyEvidence
-from experiments.search.body_picture import Bodies
+from experiments.search.replay_figures import Bodies
 
 N = 512
 BODIES = Bodies(SHAPES, quaternions(N), np.ones(N))

@@ -21,7 +21,7 @@ from experiments.search.export import Export
 from experiments.search.play import Seconds
 from experiments.search.replay import Replay
 from experiments.search.replay_figures import replay
-from experiments.search.run_folder import RunFolder, RunMismatch
+from experiments.search.run import RunFolder, RunMismatch
 from experiments.search.setting import Setting
 from experiments.search.tables import terminal_table
 from experiments.sensor_choice import NoSensor

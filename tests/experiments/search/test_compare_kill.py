@@ -10,7 +10,7 @@ import pytest
 
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
-from experiments.search.run_folder import RunFolder
+from experiments.search.run import RunFolder
 from experiments.search.setting import Setting
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch, pytest.mark.slow]

@@ -7,8 +7,7 @@ from belief.files import sealed_json
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
 from experiments.search.replay import Replay
-from experiments.search.run import Run
-from experiments.search.run_folder import RunFolder
+from experiments.search.run import Run, RunFolder
 from experiments.search.setting import Setting
 
 pytestmark = [pytest.mark.torch, pytest.mark.mujoco]

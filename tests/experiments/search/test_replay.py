@@ -8,12 +8,11 @@ from PIL import Image
 from scipy.special import logsumexp
 
 from experiments.scene_choice import SceneChoice
-from experiments.search.body_picture import Bodies
 from experiments.search.comparison import prepared
 from experiments.search.play import play_episodes
 from experiments.search.replay import NoSuchEpisode, Replay
-from experiments.search.replay_figures import draw_search, replay
-from experiments.search.run_folder import read_episode
+from experiments.search.replay_figures import Bodies, draw_search, replay
+from experiments.search.run import read_episode
 from experiments.search.setting import Setting
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch]

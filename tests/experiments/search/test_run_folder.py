@@ -9,7 +9,7 @@ import pytest
 from belief.errors import CannotWrite, CorruptFile
 from belief.files import sealed_json
 from experiments.search.play import EPISODES_PER_BATCH, Seconds
-from experiments.search.run_folder import Batch, RunFolder, RunMismatch, _file_name
+from experiments.search.run import Batch, RunFolder, RunMismatch, _file_name
 
 CELL = ("threshold", "cone")
 ARGUMENTS = {"deciders": ["threshold"], "targets": ["cone"], "episodes": 50, "seed": 0, "setting": None}
