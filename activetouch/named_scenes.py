@@ -19,7 +19,7 @@ from types import MappingProxyType
 
 from activetouch.distributions import Uniform
 from activetouch.poses import POSE_SETS
-from activetouch.pressing.guarded_move import GuardedMove
+from activetouch.pressing.dynamic import GuardedMove
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Quasistatic
 from activetouch.rendering import DeadTaxels, ForcePatchRenderer, Gain, Noise, PressureRenderer

@@ -34,8 +34,7 @@ from scipy.spatial import KDTree
 
 from activetouch.data.dataset import read_split
 from activetouch.data.manifest import read_manifest
-from activetouch.pressing.contact import Contact
-from activetouch.pressing.trace import Trace
+from activetouch.pressing.contact import Contact, Trace
 from activetouch.rendering import ForcePatchRenderer
 from activetouch.scene import Scene
 from belief.table import Table

@@ -21,8 +21,7 @@ from scipy.ndimage import convolve1d
 from activetouch.errors import UnstablePress
 from activetouch.placement import Placement
 from activetouch.pressing.contact import Contact, first_touch
-from activetouch.pressing.dynamic import require_force
-from activetouch.pressing.facing import facing_geom
+from activetouch.pressing.dynamic import facing_geom, require_force
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Press
 from activetouch.pressing.rig import LARGEST_SCALE, add_solid

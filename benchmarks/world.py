@@ -51,7 +51,7 @@ def presses_per_second(scene: Scene, number: int) -> float:
 def rollouts_per_second(number: int = 256) -> float:
     """Presses per second stepped by ``mujoco.rollout`` on all cores, each to a depth of about 2 N."""
     press, rng = Dynamic(), np.random.default_rng(0)
-    rigs = {name: Rig(Pad(), shape, press.timestep, traced=True) for name, shape in SHAPES.items()}
+    rigs = {name: Rig(Pad(), shape.geom, press.timestep, traced=True) for name, shape in SHAPES.items()}
     models, states, controls = [], [], []
     scene = SCENES["gel"].scene
     for index in range(number):

@@ -24,7 +24,7 @@ from activetouch.hand import HANDS, hand_named
 from activetouch.mesh_source import mesh_labels, read_meshes
 from activetouch.named_scenes import SCENES, NamedScene
 from activetouch.orientations import Inexact, Presentation, Resampled, Tumbled, Upright
-from activetouch.pressing.guarded_move import GuardedMove
+from activetouch.pressing.dynamic import GuardedMove
 from activetouch.pressing.press import Press
 from activetouch.rendering import RENDERERS, TactileRenderer
 from activetouch.rendering.renderer import require_renderer

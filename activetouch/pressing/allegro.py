@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 
 from activetouch.placement import Placement
 from activetouch.poses import multiply, to_matrix, turn
-from activetouch.pressing.closing import Closing, Gripper, add_body, add_pad, in_front
+from activetouch.pressing.closing import Closing, Gripper, add_body, add_finger_pad, in_front
 from activetouch.pressing.pad import Pad
+from activetouch.solids.solid import Floats
 from belief.errors import InvalidArgument
-
-Floats = NDArray[np.float64]
 
 FILE = Path("wonik_allegro", "right_hand.xml")
 """The model of the hand in a copy of MuJoCo Menagerie."""
@@ -76,7 +75,7 @@ class AllegroFingers(Gripper):
         for number, (name, (height, forward, sideways)) in enumerate(_MOUNTS.items()):
             looks = multiply(turn("z", np.deg2rad(sideways)), turn("y", -np.deg2rad(forward)))
             mount = spec.body(f"{name}_tip").add_body(name=f"mount{number}", pos=[0.0, 0.0, height], quat=looks)
-            add_pad(spec, mount, number, pad, (_RADIUS, 0.0, 0.0), mass=0.005)
+            add_finger_pad(spec, mount, number, pad, (_RADIUS, 0.0, 0.0), mass=0.005)
         for joint in spec.joints:
             joint.armature = _ARMATURE
         for servo in spec.actuators:

@@ -22,24 +22,31 @@ from activetouch.errors import UnstablePress
 from activetouch.placement import Placement
 from activetouch.poses import to_matrix
 from activetouch.pressing.contact import elastic_contact, first_touch, missed
-from activetouch.pressing.dynamic import Dynamic, require_force
-from activetouch.pressing.facing import facing_geom
+from activetouch.pressing.dynamic import Dynamic, facing_geom, require_force
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Grasp
-from activetouch.pressing.rig import PAD_SOLIMP, add_solid, stop_clock
+from activetouch.pressing.rig import (
+    FORCE,
+    ORANGE,
+    PAD_SOLIMP,
+    SERVO_STIFFNESS,
+    add_pad,
+    add_sensor,
+    add_solid,
+    set_options,
+    stop_clock,
+)
+from activetouch.solids.solid import Floats
 
-Floats = NDArray[np.float64]
 Watch = Callable[[mujoco.MjModel, mujoco.MjData], None]
 
 BODY_MASS = 0.1  # [kg]
-_SERVO_STIFFNESS, _MOST_FORCE = 20_000.0, 50.0  # of a sliding finger's servo [N/m], [N]
+_MOST_FORCE = 50.0  # of a sliding finger's servo [N]
 _TORSION = 0.003  # friction of a pad's contact against turning about its normal, relative to that against sliding [m]
 _STICKS = (0.004, 1.0)  # of that friction: soft friction lets a body creep
 _LIGHT = 0.05  # force that a finger keeps until the others touch, too [N]
 _CALM = 0.001  # speed of a body that rests [m/s]
-_FORCE, _NET_FORCE = 1 << 1, 3  # settings of MuJoCo's contact sensor
-_ORANGE, _BLUE = (0.9, 0.45, 0.1, 1), (0.3, 0.5, 0.75, 1)
-NO_CONTACT = {"contype": 0, "conaffinity": 0}
+_BLUE = (0.3, 0.5, 0.75, 1)
 
 
 class Gripper(ABC):
@@ -50,7 +57,7 @@ class Gripper(ABC):
         camera: middle of a picture and distance of the camera from it [m].
 
     Args:
-        spec: the model, to which :func:`add_pad` and :func:`add_body` were applied.
+        spec: the model, to which :func:`add_finger_pad` and :func:`add_body` were applied.
         law: how the fingers close.
         pad: of every finger.
         radius: of the body [m].
@@ -62,13 +69,9 @@ class Gripper(ABC):
 
     def __init__(self, spec: mujoco.MjSpec, law: Closing, pad: Pad, radius: float, open_at: float) -> None:
         stop_clock()
-        spec.option.timestep = law.timestep
-        spec.option.gravity = [0.0, 0.0, 0.0]  # the palm carries the body
-        spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-        spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+        set_options(spec, law.timestep)
         spec.option.impratio = 10.0
         spec.option.noslip_iterations = 3  # else bodies creep
-        spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_ISLAND
         self.model, self.pad, self.open_at = spec.compile(), pad, open_at
         self.data = mujoco.MjData(self.model)
         self._pads = [self.model.geom(f"pad{number}").id for number in range(self.model.nsensor)]
@@ -134,17 +137,12 @@ def in_front(
     return found, centres[:, 0]
 
 
-def add_pad(
+def add_finger_pad(
     spec: mujoco.MjSpec, body: mujoco.MjsBody, number: int, pad: Pad, place: Sequence[float], mass: float = 0.1
 ) -> None:
     """Add a pad to the last segment of a finger, with its face at a place [m], and a sensor of its force."""
-    size = [pad.half_thickness, pad.half_width, pad.half_width]
-    centre = [place[0] - pad.half_thickness, place[1], place[2]]
-    kind = mujoco.mjtGeom.mjGEOM_BOX
-    body.add_geom(name=f"pad{number}", type=kind, size=size, pos=centre, mass=mass, rgba=_BLUE, **NO_CONTACT)
-    kind, geom = mujoco.mjtSensor.mjSENS_CONTACT, mujoco.mjtObj.mjOBJ_GEOM
-    sensor = spec.add_sensor(name=f"pad{number}", type=kind, objtype=geom, objname=f"pad{number}")
-    sensor.intprm[:3] = [_FORCE, _NET_FORCE, 1]
+    add_pad(body, f"pad{number}", pad, place, mass=mass, rgba=_BLUE)
+    add_sensor(spec, f"pad{number}", FORCE)
 
 
 def to_quaternion(rotation: Floats) -> Floats:
@@ -166,14 +164,14 @@ def add_body(spec: mujoco.MjSpec, turned: Floats, centre: Floats, pad: Pad, met:
     """
     placement, orientation = met[0], to_quaternion(turned)
     body, scale = spec.worldbody.add_body(name="object", pos=centre, quat=orientation), placement.scale
-    add_solid(spec, body, "object", placement.shape.geom, scale, mass=BODY_MASS, rgba=_ORANGE, **NO_CONTACT)
+    add_solid(spec, body, "object", placement.shape.geom, scale, mass=BODY_MASS, rgba=ORANGE)
     softness, slides = [pad.contact_time, pad.damping_ratio], placement.friction
     friction = [slides, slides, _TORSION * slides, 1e-4, 1e-4]
     for number, seen in enumerate(met):
         facing, name = facing_geom(pad, seen, *first_touch(pad, seen)), "object"
         if facing is not None:
             name = f"facing{number}"
-            add_solid(spec, body, name, facing, scale, mass=0.0, group=4, rgba=(0, 0, 0, 0), **NO_CONTACT)
+            add_solid(spec, body, name, facing, scale, mass=0.0, group=4, rgba=(0, 0, 0, 0))
         pair = spec.add_pair(name=f"touch{number}", geomname1=f"pad{number}", geomname2=name, condim=4)
         pair.friction, pair.solref, pair.solimp = friction, softness, PAD_SOLIMP
         pair.solreffriction = _STICKS
@@ -184,15 +182,15 @@ class SlidingPads(Gripper):
     """Pads that slide along their axes in the frame of the palm."""
 
     def __init__(self, law: Closing, pad: Pad, met: Sequence[Placement], fingers: Floats, centre: Floats) -> None:
-        spec, pad, radius = mujoco.MjSpec(), pad, met[0].bounding_radius
+        spec, radius = mujoco.MjSpec(), met[0].bounding_radius
         open_at = max(law.start, float(np.linalg.norm(centre)) + radius + pad.max_depth)
         for number, rotation in enumerate(fingers):
             name = f"finger{number}"
             carriage = spec.worldbody.add_body(name=name, quat=to_quaternion(rotation))
             carriage.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1.0, 0.0, 0.0])
-            add_pad(spec, carriage, number, pad, (-open_at, 0.0, 0.0))
+            add_finger_pad(spec, carriage, number, pad, (-open_at, 0.0, 0.0))
             servo = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-            servo.set_to_position(kp=_SERVO_STIFFNESS, dampratio=1.0)
+            servo.set_to_position(kp=SERVO_STIFFNESS, dampratio=1.0)
             servo.forcerange = [-_MOST_FORCE, _MOST_FORCE]
         body = add_body(spec, fingers[0] @ to_matrix(met[0].orientation), centre, pad, met)
         if law.turns:

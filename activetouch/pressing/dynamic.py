@@ -5,14 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
+import numpy as np
+
 from activetouch.errors import UnstablePress
 from activetouch.placement import Placement
-from activetouch.pressing.contact import Contact, elastic_contact, first_touch
-from activetouch.pressing.facing import facing_geom
+from activetouch.poses import to_matrix
+from activetouch.pressing.contact import Contact, Phase, elastic_contact, first_touch
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Press
-from activetouch.pressing.trace import Phase
-from activetouch.solids.solid import Geom, Shape
+from activetouch.solids.solid import Floats, Geom, Shape
 
 if TYPE_CHECKING:
     import mujoco
@@ -20,6 +21,10 @@ if TYPE_CHECKING:
     from activetouch.pressing.rig import Rig
 
 _LONGEST_STEP = 0.001  # [m]
+_NUM_DIRECTIONS = 32  # in which the hull of what faces the pad is exact, besides the one towards the pad
+_LARGEST_FORCE = 1e4  # [N]; a larger force means that the simulation diverged
+MOST_FORCE = (2.0, 1.0)
+"""A guarded move fails if it holds more than this factor times its threshold, plus this many newtons."""
 
 
 def require_force(target_force: float) -> None:
@@ -33,12 +38,6 @@ class SteppedPress(Press):
 
     The free approach is simulated from ``start`` only where it is recorded. Otherwise the simulation begins shortly
     before the first contact, in the state that the approach leads to (decision 0044).
-
-    Attributes:
-        timestep: of the simulation [s].
-        speed: of the free motion [m/s].
-        pause: duration of the pause [s].
-        start: distance of the object's centre from the pad at the start [m]; larger objects start further away.
     """
 
     moves: ClassVar[bool] = True
@@ -61,19 +60,21 @@ class SteppedPress(Press):
         """See :class:`Press`."""
         from activetouch.pressing.rig import build_spec  # loads MuJoCo
 
-        return build_spec(pad, shape, self.timestep, self.traced).compile()
+        return build_spec(pad, shape.geom, self.timestep, self.traced).compile()
 
-    def _place(self, pad: Pad, placement: Placement, facing: Geom | None = None) -> tuple[Rig, float]:
-        """The rig with the object at the start, and the position of the object's centre [m]."""
+    def _begin(self, pad: Pad, placement: Placement, target_force: float) -> tuple[Rig, float, Floats, float]:
+        """The rig with the object at the start, the position of its centre [m], and the first touch."""
         from activetouch.pressing.rig import Rig, shared_rig  # loads MuJoCo
 
-        if facing is None:
+        require_force(target_force)
+        gap, touching = first_touch(pad, placement)
+        if (facing := facing_geom(pad, placement, gap, touching)) is None:
             rig = shared_rig(pad, placement.shape, self.timestep, self.traced)
         else:
-            rig = Rig(pad, placement.shape, self.timestep, self.traced, facing=facing)
+            rig = Rig(pad, facing, self.timestep, self.traced)
         position = max(self.start, placement.bounding_radius + pad.max_depth)
         rig.place(position, placement)
-        return rig, position
+        return rig, position, gap, touching
 
 
 @dataclass(frozen=True)
@@ -109,9 +110,7 @@ class Dynamic(SteppedPress):
         """See :class:`Press`."""
         from mujoco import mj_step
 
-        require_force(target_force)
-        gap, touching = first_touch(pad, placement)
-        rig, withdrawn = self._place(pad, placement, facing_geom(pad, placement, gap, touching))
+        rig, withdrawn, gap, touching = self._begin(pad, placement, target_force)
         advance, gain = self.timestep * self.speed, self.timestep * self.admittance  # per step [m], per newton [m/N]
         deepest = min(0.0, touching)  # of a hollow, the centre may lie behind its surface; nan for a miss
         end, slack = deepest - self.travel, self.tolerance * target_force
@@ -159,3 +158,104 @@ class Dynamic(SteppedPress):
     def with_trace(self) -> Dynamic:
         """See :class:`Press`."""
         return replace(self, traced=True)
+
+
+@dataclass(frozen=True)
+class GuardedMove(SteppedPress):
+    """The paper's press (§5.3): forward at constant speed until the force exceeds a threshold, hold, and go back.
+
+    The force in the pause is not controlled: it differs from the threshold by the effect of the object's momentum and
+    of the last step. A press that exceeds the threshold by far fails (:data:`MOST_FORCE`). The trace begins shortly
+    before the first contact and ends when the pad is free again.
+
+    Attributes:
+        timestep: of the simulation [s].
+        speed: forward and backward [m/s].
+        pause: time to hold the position before the force is read [s].
+        start: distance of the object's centre from the pad at the start [m]; larger objects start further away.
+        travel: distance past the pad's face, or the first touch if that is behind it, at which the guide ends [m].
+        rotation_time: of the object between two presses [s], on which no touch depends.
+    """
+
+    timestep: float = 0.002
+    speed: float = 0.02
+    pause: float = 0.2
+    start: float = 0.04
+    travel: float = 0.005
+    rotation_time: float = 0.2
+
+    def press(self, pad: Pad, placement: Placement, target_force: float) -> Contact:
+        """See :class:`Press`; ``target_force`` is the threshold."""
+        rig, withdrawn, gap, touching = self._begin(pad, placement, target_force)
+        advance = self.timestep * self.speed
+        skipped = rig.skip_approach(withdrawn, self.speed, touching) if target_force > 0.0 else 0
+        position, force, step = withdrawn - skipped * advance, 0.0, rig.step
+        end = min(0.0, touching) - self.travel  # of a hollow, the centre may lie behind its surface; nan for a miss
+        while position > end and force < target_force:
+            position -= advance
+            force = step(position, Phase.CONTACT if force > 0.0 else Phase.APPROACH)
+        for _ in range(round(self.pause / self.timestep)):
+            force = step(position, Phase.PAUSE)
+        while position < withdrawn and rig.force > 0.0:  # until the pad is free again
+            position = min(position + advance, withdrawn)
+            step(position, Phase.WITHDRAW)
+        if rig.num_warnings or not 0.0 <= force < _LARGEST_FORCE:
+            raise UnstablePress(
+                f"pressing {placement}: {force:.3g} N in the pause, {rig.num_warnings} MuJoCo warnings. Try a smaller "
+                f"timestep (now {self.timestep} s) or speed (now {self.speed} m/s)."
+            )
+        factor, margin = MOST_FORCE
+        if force > factor * target_force + margin:
+            raise UnstablePress(
+                f"pressing {placement}: the threshold is {target_force:.3g} N, and the pause holds {force:.3g} N, "
+                f"because at {self.speed} m/s the object's momentum carries it on. Try a speed of "
+                f"{self.speed * target_force / force:.2g} m/s, or Dynamic, which controls the force."
+            )
+        return elastic_contact(pad, gap, force, placement.stiffness, rig.trace())
+
+    @property
+    def traced(self) -> bool:
+        """See :class:`Press`."""
+        return True
+
+
+def facing_geom(pad: Pad, placement: Placement, gap: Floats, touching: float) -> Geom | None:
+    """What stands for the object in MuJoCo in this press, whose meshes are convex; None if the shape's own geom does.
+
+    A flat pad that moves along x meets the points of a hollow object in front of its face and no others, and none of
+    these that lies behind their convex hull. The hull of these points, extended away from the pad, therefore makes
+    first contact where the true surface does. The walls of a hollow beside the pad are not touched. Where the pad meets
+    the foremost point of the whole object first, the hull of the object, which is compiled already, makes the same
+    contact.
+
+    Args:
+        pad: the pad.
+        placement: the object.
+        gap: from :func:`activetouch.pressing.contact.first_touch`, ``(num_taxels, num_taxels)`` [m].
+        touching: distance of the object's centre from the pad at the first touch, from the same function [m].
+
+    Returns:
+        Vertices in the object's frame at nominal size.
+    """
+    geom = placement.shape.geom
+    if geom.presses != "surface":
+        return None
+    assert geom.vertices is not None, "what is hollow has corners"
+    rotation = to_matrix(placement.orientation)
+    foremost = geom.vertices[np.argmin(geom.vertices @ rotation[0])]
+    if np.abs(placement.scale * (rotation[1:] @ foremost) + placement.offset).max() <= pad.half_width:
+        return None
+    met = np.isfinite(gap.ravel())
+    points = pad.taxel_centres[:, met]
+    points[0] = gap.ravel()[met] - touching
+    points[1:] -= np.asarray(placement.offset)[:, None]
+    if not met.any():  # a miss: out of the reach of the pad
+        points = np.array([[placement.bounding_radius + 4 * pad.half_thickness], [0.0], [0.0]])
+    place = np.arange(_NUM_DIRECTIONS) + 0.5  # unit vectors that cover the half-space of the pad evenly
+    x, angle = place / _NUM_DIRECTIONS, place * np.pi * (1.0 + np.sqrt(5.0))
+    across = np.sqrt(1.0 - x * x)
+    directions = np.vstack([[-1.0, 0.0, 0.0], np.column_stack([-x, across * np.cos(angle), across * np.sin(angle)])])
+    hull = points[:, np.argmax(directions @ points, axis=1)]
+    hull[1:] += pad.half_width / pad.num_taxels * np.where(directions.T[1:] < 0.0, -1.0, 1.0)  # a taxel is a square
+    behind = hull + np.array([[2 * pad.half_thickness], [0.0], [0.0]])
+    return Geom("mesh", vertices=(rotation.T @ np.hstack([hull, behind])).T / placement.scale)

@@ -1,7 +1,7 @@
 """The protocol of presses, and the simplest press.
 
 ``Quasistatic`` does not simulate time. ``Dynamic`` (:mod:`activetouch.pressing.dynamic`) and ``GuardedMove``
-(:mod:`activetouch.pressing.guarded_move`), the paper's cycle, simulate the motion in MuJoCo. All compute the imprint by
+(:mod:`activetouch.pressing.dynamic`), the paper's cycle, simulate the motion in MuJoCo. All compute the imprint by
 one force law (:func:`activetouch.pressing.contact.elastic_contact`).
 """
 

@@ -8,6 +8,7 @@ valid.
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Sequence
 from functools import cache, lru_cache
 from pathlib import Path
 
@@ -17,8 +18,8 @@ from numpy.typing import NDArray
 
 from activetouch.errors import WrongMujoco
 from activetouch.placement import Placement
+from activetouch.pressing.contact import Phase, Trace
 from activetouch.pressing.pad import Pad
-from activetouch.pressing.trace import Phase, Trace
 from activetouch.solids.solid import Geom, Shape
 
 _OLDEST = (4, 0, 1)
@@ -30,69 +31,73 @@ if tuple(int(part) for part in mujoco.__version__.split(".")[:3]) < _OLDEST:
     )
 
 _MASS = 0.5  # of object and guide together [kg]; with the pad's contact it gives 1.5-2.4 mm at 2 N
-_SERVO_STIFFNESS = 20_000.0  # of the guide's position servo [N/m]
+SERVO_STIFFNESS = 20_000.0  # of position servos [N/m]
 PAD_SOLIMP = (0.7, 0.9, 0.003, 0.5, 2.0)  # impedance from 0.7 to 0.9 over 3 mm
 LARGEST_SCALE = 2.0
 """Size at which an object is compiled, relative to nominal: the largest size of a press."""
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION  # all that determines the next step
 _CLEAREST = 0.0005  # smallest distance between pad and object after a skipped approach [m]
 _TRANSIENT = 8.0  # of the servo, relative to its lag: its error is then e^-16 of its first
-_DARK, _ORANGE = (0.15, 0.16, 0.2, 1), (0.9, 0.45, 0.1, 1)
-_NO_CONTACT = {"contype": 0, "conaffinity": 0}
-# Settings of MuJoCo's contact sensor: net force and position of all contacts.
-_FORCE_AND_POSITION, _NET_FORCE = (1 << 1) | (1 << 4), 3
+_DARK, ORANGE = (0.15, 0.16, 0.2, 1), (0.9, 0.45, 0.1, 1)
+FORCE, _POSITION, _NET_FORCE = 1 << 1, 1 << 4, 3  # settings of MuJoCo's contact sensor
 
 
 def build_spec(
-    pad: Pad,
-    shape: Shape,
-    timestep: float,
-    traced: bool = False,
-    largest_scale: float = LARGEST_SCALE,
-    facing: Geom | None = None,
+    pad: Pad, geom: Geom, timestep: float, traced: bool = False, largest_scale: float = LARGEST_SCALE
 ) -> mujoco.MjSpec:
     """The model of a pad and one object at its largest size, not compiled; see :class:`Rig` for the arguments."""
     spec = mujoco.MjSpec()
+    set_options(spec, timestep)
+    add_pad(spec.worldbody, "pad", pad, rgba=_DARK)
+    guide = spec.worldbody.add_body(name="guide")
+    guide.add_joint(name="guide", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1.0, 0.0, 0.0])
+    body = guide.add_body(name="object")  # its own body, so that its orientation does not turn the guide
+    add_solid(spec, body, "object", geom, largest_scale, mass=_MASS, rgba=ORANGE)
+    softness = [pad.contact_time, pad.damping_ratio]
+    spec.add_pair(name="touch", geomname1="pad", geomname2="object", solref=softness, solimp=PAD_SOLIMP)
+    actuator = spec.add_actuator(name="guide", target="guide", trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    actuator.set_to_position(kp=SERVO_STIFFNESS, dampratio=1.0)
+    if traced:
+        add_sensor(spec, "pad", FORCE | _POSITION)
+    return spec
+
+
+def set_options(spec: mujoco.MjSpec, timestep: float) -> None:
+    """Give a model the settings of all presses: no gravity, because guide or palm carry the object."""
     spec.option.timestep = timestep
     spec.option.gravity = [0.0, 0.0, 0.0]
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_ISLAND  # one body moves; a tenth of the time of a step
-    world = spec.worldbody
-    world.add_geom(
-        name="pad",
-        type=mujoco.mjtGeom.mjGEOM_BOX,
-        size=[pad.half_thickness, pad.half_width, pad.half_width],
-        pos=[-pad.half_thickness, 0.0, 0.0],
-        rgba=_DARK,
-        **_NO_CONTACT,
-    )
-    guide = world.add_body(name="guide")
-    guide.add_joint(name="guide", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1.0, 0.0, 0.0])
-    body = guide.add_body(name="object")  # its own body, so that its orientation does not turn the guide
-    geom = shape.geom if facing is None else facing
-    add_solid(spec, body, "object", geom, largest_scale, mass=_MASS, rgba=_ORANGE, **_NO_CONTACT)
-    softness = [pad.contact_time, pad.damping_ratio]
-    spec.add_pair(name="touch", geomname1="pad", geomname2="object", solref=softness, solimp=PAD_SOLIMP)
-    actuator = spec.add_actuator(name="guide", target="guide", trntype=mujoco.mjtTrn.mjTRN_JOINT)
-    actuator.set_to_position(kp=_SERVO_STIFFNESS, dampratio=1.0)
-    if traced:
-        kind, geom = mujoco.mjtSensor.mjSENS_CONTACT, mujoco.mjtObj.mjOBJ_GEOM
-        sensor = spec.add_sensor(name="touch", type=kind, objtype=geom, objname="pad")
-        sensor.intprm[:3] = [_FORCE_AND_POSITION, _NET_FORCE, 1]
-    return spec
+    spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_ISLAND  # a tenth of the time of a step of one body
+
+
+def add_pad(
+    body: mujoco.MjsBody, name: str, pad: Pad, place: Sequence[float] = (0.0, 0.0, 0.0), **properties: object
+) -> None:
+    """Add a pad to a body with its face at a place [m], with further properties of a MuJoCo geom."""
+    size = [pad.half_thickness, pad.half_width, pad.half_width]
+    centre, kind = [place[0] - pad.half_thickness, *place[1:]], mujoco.mjtGeom.mjGEOM_BOX
+    body.add_geom(name=name, type=kind, size=size, pos=centre, contype=0, conaffinity=0, **properties)
+
+
+def add_sensor(spec: mujoco.MjSpec, pad: str, data: int) -> None:
+    """Add a sensor of all contacts of a pad together; ``data`` says of what, as bits."""
+    kind, geom = mujoco.mjtSensor.mjSENS_CONTACT, mujoco.mjtObj.mjOBJ_GEOM
+    sensor = spec.add_sensor(name=pad, type=kind, objtype=geom, objname=pad)
+    sensor.intprm[:3] = [data, _NET_FORCE, 1]
 
 
 def add_solid(
     spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, geom: Geom, scale: float, **properties: object
 ) -> None:
-    """Add the geom of a shape at a scale to a body, with further properties of a MuJoCo geom."""
-    kind = getattr(mujoco.mjtGeom, f"mjGEOM_{geom.type.upper()}")
+    """Add the geom of a shape at a scale to a body, with further properties of a MuJoCo geom; only pairs touch it."""
     if geom.vertices is not None:
         spec.add_mesh(name=name, uservert=(geom.vertices * scale).ravel())
-        body.add_geom(name=name, type=kind, meshname=name, **properties)
+        properties["meshname"] = name
     else:
-        body.add_geom(name=name, type=kind, size=np.asarray(geom.size) * scale, **properties)
+        properties["size"] = np.asarray(geom.size) * scale
+    kind = getattr(mujoco.mjtGeom, f"mjGEOM_{geom.type.upper()}")
+    body.add_geom(name=name, type=kind, contype=0, conaffinity=0, **properties)
 
 
 @cache
@@ -115,25 +120,18 @@ class Rig:
 
     Args:
         pad: the pad.
-        shape: of the object.
+        geom: of the object.
         timestep: of the simulation [s].
         traced: whether to record force vector and contact point in every step.
         largest_scale: largest size of the object. For pictures it must be the placed size, because rays are tested
             against the bounding volumes of the largest size.
-        facing: what stands for a hollow object in one press (:mod:`activetouch.pressing.facing`).
     """
 
     def __init__(
-        self,
-        pad: Pad,
-        shape: Shape,
-        timestep: float,
-        traced: bool = False,
-        largest_scale: float = LARGEST_SCALE,
-        facing: Geom | None = None,
+        self, pad: Pad, geom: Geom, timestep: float, traced: bool = False, largest_scale: float = LARGEST_SCALE
     ) -> None:
         stop_clock()
-        self.model = build_spec(pad, shape, timestep, traced, largest_scale, facing).compile()
+        self.model = build_spec(pad, geom, timestep, traced, largest_scale).compile()
         self._largest_scale = largest_scale
         self.data = mujoco.MjData(self.model)
         self._fresh = np.empty(mujoco.mj_stateSize(self.model, _STATE))  # of a model that was never stepped
@@ -157,8 +155,7 @@ class Rig:
         size, centre = self.model.geom_size[self._geom], self.model.geom_pos[self._geom]
         # MuJoCo places a mesh relative to the centre of mass of its body, so this is scaled too.
         self._largest = size.copy(), centre.copy(), self.model.body_ipos[self._body].copy(), self._vertices.copy()
-        self._rows: list[tuple[float, NDArray[np.float64]]] = []
-        self._phases: list[Phase] = []
+        self._rows: list[tuple[Phase, float, NDArray[np.float64]]] = []
         self._num_skipped = 0  # steps before the first row
 
     def place(self, position: float, placement: Placement) -> None:
@@ -174,7 +171,6 @@ class Rig:
         mujoco.mj_setState(model, self.data, self._fresh, _STATE)  # a twentieth of the time of mj_resetData
         self._warnings[:] = 0
         self._rows.clear()
-        self._phases.clear()
         self._num_skipped = 0
         size, centre, mass_centre, vertices = self._largest
         model.geom_size[self._geom], model.geom_pos[self._geom] = size * factor, centre * factor
@@ -223,28 +219,25 @@ class Rig:
         self.command[0] = position
         mujoco.mj_step(self.model, self.data)
         if self._traced:
-            self._rows.append((self._position[0], self.data.sensordata.copy()))
-            self._phases.append(phase)
+            self._rows.append((phase, self._position[0], self.data.sensordata.copy()))
         return self.force
 
     def relabel(self, num_steps: int, phase: Phase) -> None:
         """Correct the phase of the last steps."""
-        if self._traced:
-            self._phases[-num_steps:] = [phase] * num_steps
+        self._rows[-num_steps:] = [(phase, x, sensed) for _, x, sensed in self._rows[-num_steps:]]
 
     def trace(self) -> Trace | None:
         """The trace since the object was placed, or since the end of the skipped approach; None if not traced."""
         if not self._traced:
             return None
-        num_steps = len(self._rows)
-        sensed = np.array([row for _, row in self._rows]).reshape(num_steps, -1)
-        time = self.model.opt.timestep * np.arange(self._num_skipped + 1, self._num_skipped + num_steps + 1)
-        y, z = self.model.body_pos[self._body, 1:]
-        position = np.tile([0.0, y, z], (num_steps, 1))
-        position[:, 0] = [x for x, _ in self._rows]
+        phases, along, rows = zip(*self._rows, strict=True)
+        sensed = np.array(rows)
+        time = self.model.opt.timestep * np.arange(self._num_skipped + 1, self._num_skipped + len(rows) + 1)
+        position = np.tile([0.0, *self.model.body_pos[self._body, 1:]], (len(rows), 1))
+        position[:, 0] = along
         force = sensed[:, :3]
         point = np.where(force.any(axis=1, keepdims=True), sensed[:, 4:6], 0.0)
-        return Trace(time, position, force, point, tuple(self._phases))
+        return Trace(time, position, force, point, phases)
 
     @property
     def force(self) -> float:
@@ -260,4 +253,4 @@ class Rig:
 @lru_cache(maxsize=64)
 def shared_rig(pad: Pad, shape: Shape, timestep: float, traced: bool) -> Rig:
     """The cached rig of this process; a press does not depend on earlier ones, but only one can run at a time."""
-    return Rig(pad, shape, timestep, traced)
+    return Rig(pad, shape.geom, timestep, traced)

@@ -25,7 +25,7 @@ class Geom:
 
     MuJoCo collides with the convex hull of a mesh; the touch image shows the true surface. ``presses`` says what a
     simulated press meets: ``"solid"``, this geom is the solid; ``"surface"``, the solid is hollow, and what lies in
-    front of the pad stands for it (:mod:`activetouch.pressing.facing`); ``"hull"``, the solid is hollow, and the hull
+    front of the pad stands for it (:mod:`activetouch.pressing.dynamic`); ``"hull"``, the solid is hollow, and the hull
     stands for it.
     """
 

@@ -42,7 +42,7 @@ def press_picture(
     """
     _, touching = first_touch(pad, placement)
     position = touching - depth if np.isfinite(touching) else placement.bounding_radius
-    rig = Rig(pad, placement.shape, timestep=0.002, largest_scale=placement.scale)
+    rig = Rig(pad, placement.shape.geom, timestep=0.002, largest_scale=placement.scale)
     rig.place(position, placement)
     mujoco.mj_forward(rig.model, rig.data)
     middle = np.array([position / 2, 0.0, 0.0])

@@ -10,8 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from activetouch.pressing.contact import Contact
-from activetouch.pressing.trace import Phase, Trace
+from activetouch.pressing.contact import Contact, Phase, Trace
 from activetouch.rendering import RENDERERS
 from experiments.reporting.style import PALETTE, figure
 

@@ -199,7 +199,7 @@ def write_press(scene: Scene, placement: Placement, contact: Contact, path: Path
 
     if contact.trace is None:
         raise BadArgument("nothing moves in a quasistatic press; choose --fidelity dynamic or guarded_move")
-    rig = Rig(scene.pad, placement.shape, timestep=float(contact.trace.time[0]), largest_scale=placement.scale)
+    rig = Rig(scene.pad, placement.shape.geom, timestep=float(contact.trace.time[0]), largest_scale=placement.scale)
     rig.place(float(contact.trace.position[0, 0]), placement)
     middle, distance = np.array([0.01, 0.0, 0.0]), 5.5 * max(scene.pad.half_width, 0.02)
     write_motion(path, rig.model, list(contact.trace.position[:, :1]), middle, distance)

@@ -12,7 +12,7 @@ from activetouch import POSES, SCENES, SHAPES, Scene
 from activetouch.distributions import Uniform
 from activetouch.errors import WrongScene
 from activetouch.orientations import Upright
-from activetouch.pressing.guarded_move import GuardedMove
+from activetouch.pressing.dynamic import GuardedMove
 from activetouch.pressing.pad import Pad
 from activetouch.rendering import GelSightRenderer, Noise, PressureRenderer
 from activetouch.scene import Variation

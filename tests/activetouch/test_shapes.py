@@ -263,5 +263,5 @@ def test_a_shape_is_a_value(name, rng):
 def test_every_shape_compiles_into_a_scene_with_one_contact_pair(name):
     from activetouch.pressing.pad import Pad
 
-    model = build_spec(Pad(), EXTENDED_SHAPES[name], timestep=0.002).compile()
+    model = build_spec(Pad(), EXTENDED_SHAPES[name].geom, timestep=0.002).compile()
     assert (model.ngeom, model.njnt, model.nu, model.npair) == (2, 1, 1, 1)

@@ -9,10 +9,9 @@ import pytest
 from activetouch import SHAPES, Quasistatic, Scene
 from activetouch.placement import Placement
 from activetouch.poses import random_orientation
-from activetouch.pressing.contact import elastic_contact, surface_gap
+from activetouch.pressing.contact import Phase, Trace, elastic_contact, surface_gap
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Press
-from activetouch.pressing.trace import Phase, Trace
 from activetouch.rendering import RENDERERS
 from benchmarks.leak import (
     PLAIN,

@@ -10,7 +10,7 @@ from activetouch.distributions import Constant, Uniform
 from activetouch.errors import DuplicateShape
 from activetouch.named_scenes import SCENES
 from activetouch.orientations import Upright
-from activetouch.pressing.guarded_move import GuardedMove
+from activetouch.pressing.dynamic import GuardedMove
 from activetouch.rendering import GelSightRenderer, PressureRenderer
 from belief.errors import InvalidArgument, UnknownName
 from belief.references import BadReference

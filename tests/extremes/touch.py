@@ -11,7 +11,7 @@ from activetouch import Dynamic, Quasistatic, Scene, TactileSensor, TouchWorld
 from activetouch.distributions import Constant
 from activetouch.placement import Placement
 from activetouch.pressing.contact import Contact
-from activetouch.pressing.guarded_move import GuardedMove
+from activetouch.pressing.dynamic import GuardedMove
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Press
 from activetouch.scene import Variation, WorldObject

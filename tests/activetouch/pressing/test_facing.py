@@ -9,9 +9,7 @@ import trimesh
 from activetouch.placement import Placement
 from activetouch.poses import facing, random_orientation, to_matrix
 from activetouch.pressing.contact import first_touch
-from activetouch.pressing.dynamic import Dynamic
-from activetouch.pressing.facing import facing_geom
-from activetouch.pressing.guarded_move import GuardedMove
+from activetouch.pressing.dynamic import Dynamic, GuardedMove, facing_geom
 from activetouch.pressing.pad import Pad
 from activetouch.shapes import Box, Mesh, Union
 

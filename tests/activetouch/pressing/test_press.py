@@ -9,11 +9,10 @@ from activetouch import POSES, SHAPES, Dynamic, Quasistatic, Scene
 from activetouch.errors import UnstablePress
 from activetouch.placement import Placement
 from activetouch.poses import multiply, random_orientation
-from activetouch.pressing.contact import first_touch
-from activetouch.pressing.guarded_move import GuardedMove
+from activetouch.pressing.contact import Phase, first_touch
+from activetouch.pressing.dynamic import GuardedMove
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.rig import LARGEST_SCALE, Rig, shared_rig
-from activetouch.pressing.trace import Phase
 from activetouch.shapes import EXTENDED_SHAPES
 
 pytestmark = pytest.mark.mujoco
@@ -48,7 +47,7 @@ def test_resizing_in_place_gives_the_force_of_a_model_compiled_at_that_size(name
     placement, forces = Placement(EXTENDED_SHAPES[name], 1.1, random_orientation(rng)), []
     touching = first_touch(PAD, placement)[1]
     for largest_scale in (LARGEST_SCALE, 1.1):
-        rig = Rig(PAD, placement.shape, 0.002, largest_scale=largest_scale)
+        rig = Rig(PAD, placement.shape.geom, 0.002, largest_scale=largest_scale)
         rig.place(touching + 0.001, placement)
         forces.append([rig.step(touching + 0.001 - 2e-5 * step, Phase.CONTACT) for step in range(150)])
     assert max(forces[0]) > 0.3

@@ -6,11 +6,10 @@ import pytest
 from activetouch import SHAPES, Dynamic
 from activetouch.placement import Placement
 from activetouch.poses import random_orientation, turn
-from activetouch.pressing.contact import first_touch
-from activetouch.pressing.guarded_move import GuardedMove
+from activetouch.pressing.contact import Phase, first_touch
+from activetouch.pressing.dynamic import GuardedMove
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.rig import Rig
-from activetouch.pressing.trace import Phase
 from activetouch.shapes import EXTENDED_SHAPES, Sphere
 from activetouch.solids.torus import Torus
 
@@ -42,7 +41,7 @@ def test_force_and_imprint_are_those_of_the_press_from_the_start(press, name, rn
 def test_the_approach_is_skipped(press, rng):
     for shape in SHAPES.values():
         placement = Placement(shape, 1.0, random_orientation(rng))
-        rig, start = press._place(Pad(), placement)
+        rig, start, *_ = press._begin(Pad(), placement, 2.0)
         touching = first_touch(Pad(), placement)[1]
         num_skipped = rig.skip_approach(start, press.speed, touching)
         assert num_skipped * press.speed * press.timestep > 0.008

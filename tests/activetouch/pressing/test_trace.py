@@ -6,8 +6,8 @@ import pytest
 from activetouch import SHAPES, Dynamic
 from activetouch.placement import Placement
 from activetouch.poses import random_orientation
+from activetouch.pressing.contact import Phase
 from activetouch.pressing.pad import Pad
-from activetouch.pressing.trace import Phase
 
 pytestmark = pytest.mark.mujoco
 

@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 
 from activetouch.placement import Placement
 from activetouch.poses import multiply, random_orientation, turn
-from activetouch.pressing.contact import elastic_contact, surface_gap
+from activetouch.pressing.contact import Phase, Trace, elastic_contact, surface_gap
 from activetouch.pressing.pad import Pad
-from activetouch.pressing.trace import Phase, Trace
 from activetouch.rendering import (
     RENDERERS,
     Blur,
