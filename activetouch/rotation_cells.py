@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from activetouch.hypotheses import Floats
 from activetouch.poses import facing, hamilton_product, turn
+from activetouch.solids.solid import on_spiral
 from belief.nested_cells import NestedCells
 from belief.validation import require_count
 
@@ -91,10 +92,7 @@ def views(directions: int, rolls: int) -> Floats:
     """
     require_count("directions", directions)
     require_count("rolls / 4", rolls / 4 if rolls % 4 else rolls // 4)
-    number = np.arange(directions) + 0.5
-    height, angle = 1.0 - 2.0 * number / directions, math.pi * (1.0 + math.sqrt(5.0)) * number  # Fibonacci's spiral
-    ring = np.sqrt(1.0 - height**2)
-    sides = np.stack([ring * np.cos(angle), ring * np.sin(angle), height], axis=1)
+    sides = on_spiral(1.0 - 2.0 * (np.arange(directions) + 0.5) / directions)
     faced = np.array([facing(side) for side in sides])
     rolled = np.array([turn("x", 2 * math.pi * roll / rolls) for roll in range(rolls)])
     return np.stack(hamilton_product(rolled.T[:, None, :], faced.T[:, :, None]), axis=-1).reshape(-1, 4)

@@ -38,9 +38,8 @@ from activetouch.pressing.press import Press, Quasistatic
 from activetouch.rendering import Fault, Gain, Noise, PressureRenderer, TactileRenderer, read_out
 from activetouch.rendering.faults import require_faults
 from activetouch.rendering.renderer import require_image, require_renderer
-from activetouch.shapes import SHAPES
+from activetouch.shapes import SHAPES, is_own_mirror_image
 from activetouch.solids.family import Family
-from activetouch.solids.mirror import is_own_mirror_image
 from activetouch.solids.solid import Shape, require_hash
 from belief.errors import InvalidArgument, UnknownName
 from belief.naming import Name, few, index_of, one_line

@@ -19,15 +19,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
+import numpy as np
+import scipy  # whose parts load at first use
+
 from activetouch.errors import BadMesh
-from activetouch.solids.conical import Cone, Cylinder, Frustum
 from activetouch.solids.cut import Cut, Union
 from activetouch.solids.family import Family
 from activetouch.solids.mesh import Mesh
-from activetouch.solids.round import Capsule, Dome, Ellipsoid, Sphere
-from activetouch.solids.solid import Geom, Shape
+from activetouch.solids.round import Capsule, Cone, Cylinder, Dome, Ellipsoid, Frustum, Sphere, Torus
+from activetouch.solids.solid import Floats, Geom, Shape, corners
 from activetouch.solids.straight import Box, Prism, Wedge
-from activetouch.solids.torus import Torus
 
 __all__ = [
     "EXTENDED_SHAPES",
@@ -96,3 +97,35 @@ KEYED_SHAPES: Mapping[str, Shape] = MappingProxyType(
     }
 )
 """Three families of shapes that differ in one place, as keys, connectors and shafts do."""
+
+_SYMMETRIC = (Box, Capsule, Cone, Cylinder, Dome, Ellipsoid, Frustum, Prism, Sphere, Torus, Wedge)
+_DIGITS = 9  # of corners [m]
+
+
+def is_own_mirror_image(shape: Shape) -> bool:
+    """Whether a solid is known to be its own mirror image, up to a rotation, so that its touches may be mirrored.
+
+    Cuts and unions are if one of the 24 reflections of a cube keeps them. Of meshes and of solids of other
+    classes it is not known.
+
+    >>> cube = Box((1.0, 1.0, 1.0))
+    >>> is_own_mirror_image(cube), is_own_mirror_image(Cut(cube, ((1.0, 2.0, 3.0, 1.0),)))
+    (True, False)
+    """
+    if type(shape) in _SYMMETRIC:
+        return True
+    turns = np.rint(scipy.spatial.transform.Rotation.create_group("O").as_matrix())
+    return any(_is_kept(shape, -turn) for turn in turns)
+
+
+def _is_kept(shape: Shape, reflection: Floats) -> bool:
+    """Whether a reflection keeps a solid."""
+    if isinstance(shape, Union):
+        return all(_is_kept(part, reflection) for part in shape.parts)
+    if type(shape) not in (Cut, *_SYMMETRIC):
+        return False
+    found = corners(shape.geom)
+    here, there = (
+        np.unique(np.round(points, _DIGITS) + 0.0, axis=0) for points in (found, found @ reflection)
+    )  # no -0
+    return np.array_equal(here, there)

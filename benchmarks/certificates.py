@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from activetouch import Scene
-from activetouch.solids.conical import Cone
+from activetouch.solids.round import Cone
 from belief.statistics import clopper_pearson_interval, cluster_bootstrap, paired_bootstrap
 from belief.statistics.exchangeability import log_e_values
 from belief.statistics.stop_thresholds import CandidateStops, certified_thresholds

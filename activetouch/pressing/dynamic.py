@@ -13,7 +13,7 @@ from activetouch.poses import to_matrix
 from activetouch.pressing.contact import Contact, Phase, elastic_contact, first_touch
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Press
-from activetouch.solids.solid import Floats, Geom, Shape
+from activetouch.solids.solid import Floats, Geom, Shape, on_spiral
 
 if TYPE_CHECKING:
     import mujoco
@@ -251,10 +251,8 @@ def facing_geom(pad: Pad, placement: Placement, gap: Floats, touching: float) ->
     points[1:] -= np.asarray(placement.offset)[:, None]
     if not met.any():  # a miss: out of the reach of the pad
         points = np.array([[placement.bounding_radius + 4 * pad.half_thickness], [0.0], [0.0]])
-    place = np.arange(_NUM_DIRECTIONS) + 0.5  # unit vectors that cover the half-space of the pad evenly
-    x, angle = place / _NUM_DIRECTIONS, place * np.pi * (1.0 + np.sqrt(5.0))
-    across = np.sqrt(1.0 - x * x)
-    directions = np.vstack([[-1.0, 0.0, 0.0], np.column_stack([-x, across * np.cos(angle), across * np.sin(angle)])])
+    towards = on_spiral(-(np.arange(_NUM_DIRECTIONS) + 0.5) / _NUM_DIRECTIONS)  # the half-space of the pad
+    directions = np.vstack([[-1.0, 0.0, 0.0], towards[:, [2, 0, 1]]])
     hull = points[:, np.argmax(directions @ points, axis=1)]
     hull[1:] += pad.half_width / pad.num_taxels * np.where(directions.T[1:] < 0.0, -1.0, 1.0)  # a taxel is a square
     behind = hull + np.array([[2 * pad.half_thickness], [0.0], [0.0]])

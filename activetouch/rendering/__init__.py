@@ -7,7 +7,6 @@ To add a renderer, write a class with the members of :class:`TactileRenderer` in
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from activetouch.rendering.check import check_renderer
 from activetouch.rendering.faults import (
     Blur,
     DeadTaxels,
@@ -20,10 +19,8 @@ from activetouch.rendering.faults import (
     StuckTaxels,
     read_out,
 )
-from activetouch.rendering.force_patch import ForcePatchRenderer
-from activetouch.rendering.gelsight import GelSightRenderer
-from activetouch.rendering.pressure import PressureRenderer
-from activetouch.rendering.renderer import TactileRenderer
+from activetouch.rendering.images import ForcePatchRenderer, GelSightRenderer, PressureRenderer
+from activetouch.rendering.renderer import TactileRenderer, check_renderer
 
 RENDERERS: Mapping[str, TactileRenderer] = MappingProxyType(
     {"force_patch": ForcePatchRenderer(), "pressure": PressureRenderer(), "gelsight": GelSightRenderer()}

@@ -1,17 +1,21 @@
-"""The protocol of renderers, and checks of renderers and their images."""
+"""The contract of renderers, which scenes, collections and networks rely on, and its checks."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.errors import WrongRenderer
+from activetouch.placement import Placement
+from activetouch.pressing.contact import Contact, elastic_contact, missed, surface_gap
+from activetouch.pressing.pad import Pad
+from activetouch.shapes import SHAPES
+from activetouch.solids.round import Sphere
+from belief.errors import BrokenContract
 
-if TYPE_CHECKING:
-    from activetouch.pressing.contact import Contact
-
+_FORCES = (0.01, 1.0, 3.0, 100.0)  # [N]
 _RULE = "a renderer gives floating-point images in [0, 1], (n, n) in grey or (n, n, 3) in colour"
 _SLACK = 1e-6  # rounding errors below 0
 _HIGHEST = 10.0  # taxels saturate above full scale; values beyond this have another unit
@@ -74,3 +78,48 @@ def require_image(image: NDArray[np.floating], renderer: object) -> NDArray[np.f
         hint = "; divide by 255" if _HIGHEST < highest <= 255 else ""
         raise WrongRenderer(f"{renderer!r} gave values from {lowest:.3g} to {highest:.3g}{hint}: {_RULE}")
     return image
+
+
+def check_renderer(renderer: TactileRenderer, pad: Pad | None = None) -> tuple[int, ...]:
+    """Check a renderer on a miss and on presses of every shape between 0.01 N and 100 N.
+
+    It must have the attribute ``isotropic``. Its images must be floating-point arrays in [0, 1] of one shape, and the
+    same for the same contact. It must not change the contact, and a pressed sphere must be visible.
+
+    Args:
+        renderer: the renderer to check.
+        pad: the pad to render; a default :class:`Pad` if None.
+
+    Returns:
+        The shape of its images.
+
+    Raises:
+        WrongRenderer: an image violates the rules of :class:`TactileRenderer`, or the object is no renderer.
+        BrokenContract: another rule is violated.
+
+    >>> from activetouch.rendering import PressureRenderer
+    >>> check_renderer(PressureRenderer())
+    (128, 128)
+    """
+    require_renderer(renderer)
+    pad = pad if pad is not None else Pad()
+    contacts = {"a miss": missed(pad)}
+    orientation = np.array([0.9, 0.3, 0.3, 0.1]) / np.linalg.norm([0.9, 0.3, 0.3, 0.1])
+    for name, shape in {"sphere": Sphere(0.02), **SHAPES}.items():
+        gap = surface_gap(pad, Placement(shape, 1.0, orientation))
+        contacts |= {f"a {name} at {force} N": elastic_contact(pad, gap, force) for force in _FORCES}
+    images = {}
+    for name, contact in contacts.items():
+        before = [np.array(part) for part in (contact.pressure, contact.indentation)]
+        images[name] = np.array(require_image(renderer(contact), renderer))
+        if images[name].shape != images["a miss"].shape:
+            raise BrokenContract(
+                f"{renderer!r} gives {images['a miss'].shape} for a miss and {images[name].shape} for {name}"
+            )
+        if not np.array_equal(images[name], renderer(contact)):
+            raise BrokenContract(f"{renderer!r} gives another image of {name} when called again")
+        if not all(np.array_equal(b, a) for b, a in zip(before, (contact.pressure, contact.indentation), strict=True)):
+            raise BrokenContract(f"{renderer!r} changes the contact of {name}")
+    if np.array_equal(images["a sphere at 3.0 N"], images["a miss"]):
+        raise BrokenContract(f"{renderer!r} shows a sphere pressed with 3 N as it shows a miss")
+    return images["a miss"].shape

@@ -9,8 +9,8 @@ import numpy as np
 import scipy  # whose parts load at first use
 
 from activetouch.solids.mesh import Mesh
+from activetouch.solids.round import Torus
 from activetouch.solids.solid import Floats, Geom, Shape, clip, corners, entered
-from activetouch.solids.torus import Torus
 
 
 @dataclass(frozen=True)

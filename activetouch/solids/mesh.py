@@ -14,8 +14,8 @@ import scipy  # whose parts load at first use
 from activetouch.errors import BadMesh, MeshWarning
 from activetouch.solids.mesh_surface import examined
 from activetouch.solids.raster import Surface, portions
-from activetouch.solids.solid import Floats, Geom, Ints
-from activetouch.solids.triangles import is_convex
+from activetouch.solids.solid import Floats, Geom, Ints, frame_across
+from activetouch.solids.triangles import around_origin, is_convex
 from belief.errors import InvalidArgument
 
 _MIN_RADIUS, _MAX_RADIUS = 0.0005, 0.3  # of the bounding ball [m]; objects may be much larger than the pad
@@ -175,7 +175,7 @@ def first_entry(vertices: Floats, faces: Ints, origins: Floats, direction: Float
     Returns:
         ``(n,)``, in ``[0, inf]``.
     """
-    frame = _frame_towards_viewer(direction)
+    frame = frame_across(direction)
     order = np.argsort(frame[1] @ origins)
     ray_x, ray_y, ray_start = np.vstack([frame, direction]) @ origins[:, order]
     nearest = np.full(ray_x.size, np.inf)
@@ -187,20 +187,9 @@ def first_entry(vertices: Floats, faces: Ints, origins: Floats, direction: Float
         count = num_rays[some]
         triangle = np.arange(some.start, some.stop).repeat(count)
         ray = np.arange(len(triangle)) + (begin[some] - np.cumsum(count) + count).repeat(count)
-        ax, bx, cx = x[:, triangle] - ray_x[ray]
-        ay, by, cy = y[:, triangle] - ray_y[ray]
-        weights = np.stack([bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx])
-        total = weights.sum(axis=0)
-        hit = np.flatnonzero(((weights.min(axis=0) >= 0.0) | (weights.max(axis=0) <= 0.0)) & (total != 0.0))
-        corners = depth[faces[triangle[hit]]].T
-        distance = (weights[:, hit] * corners).sum(axis=0) / total[hit] - ray_start[ray[hit]]
+        corners = np.stack([x[:, triangle] - ray_x[ray], y[:, triangle] - ray_y[ray]], axis=1)
+        hit, weights, total = around_origin(corners)
+        distance = (weights * depth[faces[triangle[hit]]].T).sum(axis=0) / total - ray_start[ray[hit]]
         ahead = distance >= 0.0
         np.minimum.at(nearest, order[ray[hit[ahead]]], distance[ahead])
     return nearest
-
-
-def _frame_towards_viewer(direction: Floats) -> Floats:
-    """Unit vectors x and y that form a right-handed frame with z = −direction, ``(2, 3)``."""
-    x = np.cross(np.eye(3)[np.argmin(np.abs(direction))], direction)
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(x, direction)])

@@ -12,8 +12,8 @@ import scipy  # whose parts load at first use
 from numpy.typing import NDArray
 
 from activetouch.solids.raster import portions
-from activetouch.solids.solid import Floats, Ints
-from activetouch.solids.triangles import areas, bodies_of_vertices, edges, tetrahedra
+from activetouch.solids.solid import Floats, Ints, frame_across, on_spiral
+from activetouch.solids.triangles import areas, around_origin, bodies_of_vertices, edges, tetrahedra
 
 MOST_INSIDE = 0.1
 """Largest share of the rays from outside that may first meet the inside of a surface, through its holes."""
@@ -106,7 +106,7 @@ def first_met(vertices: Floats, faces: Ints) -> tuple[Ints, NDArray[np.bool_]]:
     The rays are the same for all surfaces of one size: 32 directions, and 32 × 32 rays of each, or fewer if thousands
     of triangles are so large that most rays pass through most of them. Those that miss are left out.
     """
-    directions, num_pixels = _directions(), _NUM_PIXELS
+    directions, num_pixels = on_spiral(1 - 2 * (np.arange(_NUM_DIRECTIONS) + 0.5) / _NUM_DIRECTIONS), _NUM_PIXELS
     num_pairs = sum(
         int(_seen_along(one, vertices, faces, num_pixels)[2].prod(axis=1).sum()) for one in directions[::_PROBES]
     )
@@ -117,19 +117,9 @@ def first_met(vertices: Floats, faces: Ints) -> tuple[Ints, NDArray[np.bool_]]:
     return np.concatenate(triangles), np.concatenate(backs)
 
 
-def _directions() -> Floats:
-    """Directions that are spread evenly over the sphere by the golden angle, ``(32, 3)``."""
-    number = np.arange(_NUM_DIRECTIONS) + 0.5
-    z, angle = 1 - 2 * number / _NUM_DIRECTIONS, np.pi * (1 + np.sqrt(5.0)) * number
-    ring = np.sqrt(1 - z**2)
-    return np.column_stack([ring * np.cos(angle), ring * np.sin(angle), z])
-
-
 def _seen_along(direction: Floats, vertices: Floats, faces: Ints, num_pixels: int) -> tuple[Floats, Ints, Ints]:
     """Corners across a direction [pixels], ``(f, 3, 2)``, and first pixel and size of their boxes, ``(f, 2)``."""
-    x = np.cross(np.eye(3)[np.argmin(np.abs(direction))], direction)
-    x /= np.linalg.norm(x)
-    across = vertices @ np.column_stack([x, np.cross(direction, x)])
+    across = vertices @ (frame_across(direction) * [[1.0], [-1.0]]).T
     lowest = across.min(axis=0)
     across = (across - lowest) / np.maximum(np.ptp(across, axis=0), 1e-12) * num_pixels - 0.5  # pixels are integers
     corners = across[faces]
@@ -143,22 +133,16 @@ def _first_met_along(
     corners, first, size = _seen_along(direction, vertices, faces, num_pixels)
     depth, num = vertices @ direction, size.prod(axis=1)
     seen = np.flatnonzero(num)
-    rays, triangles, depths, turns = [], [], [], []
+    found = []
     for part in portions(num[seen], _PAIRS):
         some = seen[part]
         triangle = np.repeat(some, num[some])
         place = np.arange(len(triangle)) - np.repeat(np.cumsum(num[some]) - num[some], num[some])
         pixel = first[triangle] + np.column_stack(np.divmod(place, size[triangle, 1]))
-        a, b, c = (corners[triangle] - pixel[:, None]).transpose(1, 2, 0)
-        weights = np.stack([b[0] * c[1] - b[1] * c[0], c[0] * a[1] - c[1] * a[0], a[0] * b[1] - a[1] * b[0]])
-        area = weights.sum(axis=0)
-        hit = np.flatnonzero(((weights.min(axis=0) >= 0) | (weights.max(axis=0) <= 0)) & (area != 0.0))
-        rays.append(pixel[hit] @ (num_pixels, 1))
-        triangles.append(triangle[hit])
-        depths.append((weights[:, hit] * depth[faces[triangle[hit]]].T).sum(axis=0) / area[hit])
-        turns.append(area[hit])
-    ray, triangle, distance, area = map(np.concatenate, (rays, triangles, depths, turns))
-    is_back = area > 0.0  # counter-clockwise along the ray
+        hit, weights, area = around_origin((corners[triangle] - pixel[:, None]).transpose(1, 2, 0))
+        distance = (weights * depth[faces[triangle[hit]]].T).sum(axis=0) / area
+        found.append((pixel[hit] @ (num_pixels, 1), triangle[hit], distance, area > 0.0))  # counter-clockwise along it
+    ray, triangle, distance, is_back = map(np.concatenate, zip(*found, strict=True))
     order = np.lexsort((is_back, np.round(distance / _SAME_DEPTH), ray))
     nearest = order[np.unique(ray[order], return_index=True)[1]]
     return triangle[nearest], is_back[nearest]

@@ -73,11 +73,6 @@ def require_lengths(solid: object, *lengths: float) -> None:
         raise ValueError(f"a solid needs finite lengths above zero, got {solid}")
 
 
-def ahead(distance: Floats) -> Floats:
-    """The distances, with negative ones and NaN replaced by ``inf``."""
-    return np.where(distance >= 0.0, distance, np.inf)
-
-
 def entered(enter: Floats, leave: Floats) -> Floats:
     """Distances at which rays enter a convex solid, ``inf`` where they leave first, or if it is behind them."""
     return np.where((enter <= leave) & (enter >= 0.0), enter, np.inf)
@@ -119,17 +114,23 @@ def between(along: Floats, slope: float, extent: float) -> tuple[Floats, Floats]
     return enter, middle
 
 
-def quadratic_roots(a: float, half_b: Floats, c: Floats) -> tuple[Floats, Floats]:
-    """Roots of a·t² + 2·half_b·t + c with a ≠ 0, without cancellation; NaN if there is none."""
-    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        q = -(half_b + np.copysign(np.sqrt(half_b**2 - a * c), half_b))
-        return q / a, c / q
-
-
 def ring(radius: float, z: float, num_points: int) -> Floats:
     """Corners of a regular polygon around the z axis, the first on the x axis, ``(num_points, 3)`` [m]."""
     angle = np.linspace(0.0, 2 * np.pi, num_points, endpoint=False)
     return np.column_stack([np.cos(angle) * radius, np.sin(angle) * radius, np.full(num_points, z)])
+
+
+def on_spiral(heights: Floats) -> Floats:
+    """Unit vectors of these heights along z, turned by the golden angle from one to the next, ``(n, 3)``."""
+    angle, radius = np.pi * (1.0 + np.sqrt(5.0)) * (np.arange(len(heights)) + 0.5), np.sqrt(1.0 - heights**2)
+    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), heights])
+
+
+def frame_across(direction: Floats) -> Floats:
+    """Unit vectors x and y that form a right-handed frame with z = −direction, ``(2, 3)``."""
+    x = np.cross(np.eye(3)[np.argmin(np.abs(direction))], direction)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(x, direction)])
 
 
 def corners(geom: Geom) -> Floats:

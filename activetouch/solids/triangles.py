@@ -40,6 +40,19 @@ def tetrahedra(vertices: Floats, faces: Ints) -> Floats:
     return np.einsum("fi,fi->f", a, np.cross(b, c)) / 6
 
 
+def around_origin(corners: Floats) -> tuple[Ints, Floats, Floats]:
+    """Which triangles of a plane ``(3, 2, n)`` hold its origin: numbers ``(h,)``, weights ``(3, h)``, and their sum.
+
+    A weight is twice the signed area between the origin and the opposite edge. Those of two triangles with a common
+    edge differ only in sign, so that no origin is between them.
+    """
+    a, b, c = corners
+    weights = np.stack([b[0] * c[1] - b[1] * c[0], c[0] * a[1] - c[1] * a[0], a[0] * b[1] - a[1] * b[0]])
+    area = weights.sum(axis=0)
+    hit = np.flatnonzero(((weights.min(axis=0) >= 0.0) | (weights.max(axis=0) <= 0.0)) & (area != 0.0))
+    return hit, weights[:, hit], area[hit]
+
+
 def is_convex(vertices: Floats, faces: Ints) -> bool:
     """Whether the triangles bound one convex body and face outwards: area and volume are those of its hull.
 
@@ -64,40 +77,31 @@ def bodies_of_vertices(faces: Ints, num_vertices: int) -> Ints:
 
 
 def are_star_shaped(vertices: Floats, faces: Ints) -> bool:
-    """Whether every connected part of the triangles bounds a body as :func:`is_star_shaped` has it.
+    """Whether each connected part of the triangles bounds a body that its middle sees whole, and faces outwards.
 
-    Their union is met from outside on triangles that face outwards only.
+    Every ray from the middle leaves such a body once, so that its surface does not cross itself, and the union of such
+    bodies is met from outside on triangles that face outwards only.
 
     Args:
         vertices: ``(v, 3)`` [m].
         faces: ``(f, 3)``.
-    """
-    part = bodies_of_vertices(faces, len(vertices))[faces[:, 0]]
-    for number in np.unique(part):
-        used, corners = np.unique(faces[part == number], return_inverse=True)
-        if not is_star_shaped(vertices[used], corners.reshape(-1, 3)):
-            return False
-    return True
-
-
-def is_star_shaped(vertices: Floats, faces: Ints) -> bool:
-    """Whether the triangles bound one body that is seen whole from its middle, and face outwards.
-
-    Every ray from the middle leaves such a body once, so its surface does not cross itself.
 
     >>> corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     >>> tetrahedron = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
-    >>> [is_star_shaped(corners, faces) for faces in (tetrahedron, tetrahedron[:, ::-1], tetrahedron[:3])]
+    >>> [are_star_shaped(corners, faces) for faces in (tetrahedron, tetrahedron[:, ::-1], tetrahedron[:3])]
     [True, False, False]
     """
     directed, _, sharing = edges(faces)
     if (sharing != 2).any() or len(np.unique(directed)) < len(directed):
         return False
-    rays = vertices - vertices.mean(axis=0)
-    if not (lengths := np.linalg.norm(rays, axis=1)).all():
+    body = bodies_of_vertices(faces, len(vertices))
+    middles = np.stack([np.bincount(body, along) for along in vertices.T]) / np.bincount(body)
+    rays = (vertices - middles.T[body])[faces]
+    if not (lengths := np.linalg.norm(rays, axis=2, keepdims=True)).all():
         return False
-    a, b, c = (rays / lengths[:, None])[faces].transpose(1, 0, 2)
+    a, b, c = (rays / lengths).transpose(1, 0, 2)
     volumes = np.einsum("fi,fi->f", a, np.cross(b, c))
     cosines = 1.0 + sum(np.einsum("fi,fi->f", one, other) for one, other in ((a, b), (b, c), (c, a)))
-    angle = 2.0 * np.arctan2(volumes, cosines).sum()  # solid, as seen from the middle (van Oosterom & Strackee 1983)
-    return bool((volumes > 0.0).all() and angle < 6.0 * np.pi)  # all around once is 4 pi
+    angles = 2.0 * np.arctan2(volumes, cosines)  # solid, as seen from the middle (van Oosterom & Strackee 1983)
+    around = np.bincount(body[faces[:, 0]], angles)
+    return bool((volumes > 0.0).all() and (around < 6.0 * np.pi).all())  # all around once is 4 pi

@@ -25,13 +25,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from activetouch.distributions import Distribution, Uniform
 from activetouch.orientations import Tumbled
 from activetouch.poses import to_matrices, to_matrix
 from activetouch.pressing.pad import Pad
 from activetouch.scene import Scene
-from activetouch.solids.mirror import symmetries_of_a_cube
 from activetouch.solids.straight import FlatFaced, crossings
 from benchmarks.bayes_error.noise import UnknownLikelihood
 
@@ -41,7 +41,7 @@ _SIZES = 64  # on a grid over their range
 _OFFSETS = 24  # along each edge of a grid over theirs
 _SAME = 1e-9  # difference of lengths [m] and of unit vectors below which they are equal
 _DISTINCT = 1e-6  # sine of the angle between directions that are not parallel
-_TURNS = symmetries_of_a_cube(1.0)
+_TURNS = np.rint(Rotation.create_group("O").as_matrix())  # of a cube onto itself
 
 
 class Faces(NamedTuple):

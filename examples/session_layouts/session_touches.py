@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from activetouch.errors import BadRecording
 from activetouch.recorded.session_log import standing_touches
-from activetouch.rendering.pressure import PressureRenderer
+from activetouch.rendering import PressureRenderer
 from belief.frozen import FrozenArrays
 from belief.journal import array_from
 from belief.naming import checked_names
