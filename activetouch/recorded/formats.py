@@ -21,7 +21,7 @@ from bisect import bisect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal, NamedTuple, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +40,6 @@ from activetouch.recorded.tables import (
 from activetouch.recorded.touches import RecordedTouches
 from belief.files import plain_number, require_regular_file
 from belief.naming import few
-from belief.validation import Floats
 
 _NAMES = ("object", "action", "session", *KINDS_OF.values())  # columns that are no features
 _ARRAYS = (*_NAMES, "features", "feature_names", "provenance", "licence")
@@ -48,18 +47,18 @@ _POSES = ("down", "45", "side")
 Read: TypeAlias = tuple[RecordedTouches, tuple[str, ...]]
 
 
-class _Table(NamedTuple):
-    """Features, their names, columns of words, number of rows of each file, and the place of a row in words."""
+def _read_tables(
+    paths: Sequence[Path], words: Sequence[str], source: str, actions: Sequence[str] = (), **facts: Any
+) -> RecordedTouches:
+    """The rows of CSV files with the same columns, of which some are words and all others features.
 
-    features: Floats
-    names: list[str]
-    columns: dict[str, NDArray[Any]]
-    sizes: list[int]
-    place: Callable[[int], str]
-
-
-def _table(paths: Sequence[Path], words: Sequence[str], source: str) -> _Table:
-    """The rows of CSV files with the same columns, of which some are words and all others numbers."""
+    Args:
+        paths: the files.
+        words: names of the columns that are words.
+        source: where the files are.
+        actions: of each file; by default those of a column.
+        facts: further arguments of :func:`touches_of_columns`.
+    """
     header: list[str] = []
     columns: dict[str, list[str]] = {name: [] for name in words}
     numbers, known = array("d"), dict[str, str]()
@@ -97,7 +96,9 @@ def _table(paths: Sequence[Path], words: Sequence[str], source: str) -> _Table:
     for name, told in columns.items():
         require_short(name, max(map(len, told), default=0), size, source)
     given = {name: np.array(told) for name, told in columns.items() if told}
-    return _Table(table, names, given, np.diff([*firsts, size]).tolist(), place)
+    if actions:
+        given["action"] = np.repeat(actions, np.diff([*firsts, size]))
+    return touches_of_columns(table, given, source, place=place, action_names=actions, feature_names=names, **facts)
 
 
 def read_csv(folder: Path) -> Read:
@@ -111,11 +112,8 @@ def read_csv(folder: Path) -> Read:
     paths = sorted(path for end in ("*.csv", "*.csv.gz") for path in folder.glob(end))
     if not paths:
         raise BadRecording(f"there is no .csv or .csv.gz file in {folder}")
-    found = _table(paths, _NAMES, str(folder))
-    touches = touches_of_columns(
-        found.features, found.columns, str(folder), place=found.place, feature_names=found.names
-    )
-    return touches, _ignored("file", sorted(path.name for path in folder.iterdir() if path not in paths))
+    others = sorted(path.name for path in folder.iterdir() if path not in paths)
+    return _read_tables(paths, _NAMES, str(folder)), _ignored("file", others)
 
 
 def read_bts3(folder: Path) -> Read:
@@ -127,14 +125,11 @@ def read_bts3(folder: Path) -> Read:
         if not found:
             raise BadRecording(f"there is no file bts3v2_palm_{pose}.csv or .csv.gz in {folder}")
         paths.append(found[0])
-    table, poses = _table(paths, ("object", "slipped"), str(folder)), [f"palm {pose}" for pose in _POSES]
-    touches = touches_of_columns(
-        table.features,
-        {"object": table.columns["object"], "action": np.repeat(poses, table.sizes)},
+    touches = _read_tables(
+        paths,
+        ("object", "slipped"),
         str(folder),
-        place=table.place,
-        action_names=poses,
-        feature_names=table.names,
+        [f"palm {pose}" for pose in _POSES],
         provenance="BioTac SP Stability Set v2 (3dperceptionlab/biotacsp-stability-set-v2), 41 training objects",
         licence="MIT",
     )

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.recorded.discriminants import LinearDiscriminants
-from activetouch.recorded.reader import Fitted, RecordedReader
+from activetouch.recorded.reader import Fitted, LinearDiscriminants, RecordedReader
 from belief.calibration import PerPose
 from belief.errors import CorruptFile
 from belief.files import array_digest

@@ -72,11 +72,6 @@ class RecordedBank(FrozenArrays):
         arrays = (column[rows] for column in (self.objects, self.actions, self.sessions))
         return RecordedBank(tuple(labels), self.action_names, self.ratios[rows][:, columns], new, *arrays)
 
-    def rows_of(self, index: int, action: int) -> NDArray[np.int64]:
-        """Rows of an object's touches with an action, in the order of its sessions."""
-        rows = np.flatnonzero((self.objects == index) & (self.actions == action))
-        return rows[np.argsort(self.sessions[rows], kind="stable")]
-
     def _counts(self) -> NDArray[np.int64]:
         """Touches of each object with each action."""
         objects, number = np.unique(self.objects, return_inverse=True)
@@ -121,7 +116,7 @@ class RecordedWorld:
     def touch(self, pose: int, rng: np.random.Generator) -> Touch:
         """The next recording of the current object with an action; ``rng`` is not used."""
         index, turn = self.objects[self._current], self._orders[self._current]
-        rows = self._bank.rows_of(index, pose)
+        rows = np.flatnonzero((self._bank.objects == index) & (self._bank.actions == pose))
         ordered = rows[np.argsort([turn[session] for session in self._bank.sessions[rows].tolist()], kind="stable")]
         used = self._used.get((self._current, pose), 0)
         self._used[self._current, pose] = used + 1
