@@ -15,8 +15,6 @@ from belief.claims import ends_claims
 from belief.coarse_to_fine import CoarseToFine
 from belief.errors import InvalidArgument, UnknownName
 from belief.naming import index_of
-from belief.statistics import wilson_interval
-from belief.table import Table
 from belief.validation import Floats, require_count
 from experiments.command_line.arguments import Count
 from experiments.meshes.near_twins import near_twins
@@ -63,6 +61,11 @@ class Found(MeshResult):
     target: str
     searches: Sequence[Search]
     _kind = "searches"
+    _columns = ("target", ""), ("answer", ""), ("stated", ".3f"), ("touches", "d"), ("objects", "")
+    _note = (
+        "{right} of {number} answers are right, {low:.2f} to {high:.2f}; stated {stated:.2f} and {spent:.1f} touches "
+        "in the mean."
+    )
 
     def rows(self) -> list[dict[str, Any]]:
         """One row for each search: the objects, where the target was, the answer, its probability, and touches."""
@@ -83,19 +86,9 @@ class Found(MeshResult):
     def _place(place: int, search: Search) -> str:
         return "not there" if place == len(search.objects) else f"object {place + 1}"
 
-    def table(self) -> Table:
-        """The rows, and how many are right."""
-        rows = self.rows()
-        right = sum(row["right"] for row in rows)
-        low, high = wilson_interval(right, len(rows))
-        columns = ["target", ("answer", ""), ("stated", ".3f"), ("touches", "d"), ("objects", "")]
-        stated, spent = np.mean([(row["stated"], row["touches"]) for row in rows], axis=0)
-        note = (
-            f"{right} of {len(rows)} answers are right, {low:.2f} to {high:.2f}; stated {stated:.2f} and {spent:.1f} "
-            "touches in the mean."
-        )
-        cells = [tuple(row[name] for name in ("target", "answer", "stated", "touches", "objects")) for row in rows]
-        return Table(f"searches for {self.target}", columns, cells, note, "searches")
+    @property
+    def _title(self) -> str:
+        return f"searches for {self.target}"
 
     @property
     def _question(self) -> str:
@@ -194,13 +187,9 @@ def _search_one(
         if not ready:
             break
         place = max(ready, key=lambda each: probs[each])
-        pose = first
-        if used[place]:
-            gains = setting.information(beliefs[place], target)
-            gains[used[place]] = -np.inf
-            pose = int(gains.argmax())
-        embedding = setting.touch(objects[place], pose, np.random.default_rng([*seed, 1, place, pose]))
-        beliefs[place] = setting.looked(setting.update(beliefs[place], pose, embedding))
+        pose = setting.next_pose(beliefs[place], used[place], target) if used[place] else first
+        touch_rng = np.random.default_rng([*seed, 1, place, pose])
+        beliefs[place] = setting.touched(beliefs[place], objects[place], pose, touch_rng)
         used[place].append(pose)
         probs = softmax([*(_log_odds(belief, target) for belief in beliefs), 0.0])
         touches.append((place, pose))

@@ -13,8 +13,6 @@ import numpy as np
 from activetouch.scene import WorldObject
 from belief.claims import ends_claims
 from belief.naming import index_of
-from belief.statistics import wilson_interval
-from belief.table import Table
 from belief.validation import Floats
 from experiments.command_line.arguments import Count
 from experiments.meshes.near_twins import near_twins
@@ -77,16 +75,9 @@ def name_object(
     belief, poses = setting.bodies.start(), list[int]()
     logs, possible = list[Floats](), list[Possible]()
     while len(poses) < min(max_touches, num_poses):
-        if order is not None:
-            pose = order[len(poses)]
-        elif not poses:
-            pose = first
-        else:
-            gains = setting.information(belief)
-            gains[poses] = -np.inf
-            pose = int(gains.argmax())
-        embedding = setting.touch(obj, pose, np.random.default_rng([*seed, 2, pose]))
-        belief = setting.looked(setting.update(belief, pose, embedding))
+        chosen = setting.next_pose(belief, poses) if poses and order is None else first
+        pose = chosen if order is None else order[len(poses)]
+        belief = setting.touched(belief, obj, pose, np.random.default_rng([*seed, 2, pose]))
         poses.append(pose)
         logs.append(belief.log_probs.astype(np.float32))
         possible.append(setting.possible(belief))
@@ -105,6 +96,8 @@ class Identified(MeshResult):
 
     namings: Sequence[Naming]
     _kind = "objects"
+    _columns = ("body", ""), ("named", ""), ("stated", ".3f"), ("touches", "d")
+    _note = "{right} of {number} named rightly, {low:.2f} to {high:.2f}; stated {stated:.2f} in the mean."
 
     def rows(self) -> list[dict[str, Any]]:
         """One row for each object: its body, the named one, the stated probability, and touches."""
@@ -121,19 +114,9 @@ class Identified(MeshResult):
             for one in self.namings
         ]
 
-    def table(self) -> Table:
-        """The rows, and how many are right."""
-        rows = self.rows()
-        right = sum(row["right"] for row in rows)
-        low, high = wilson_interval(right, len(rows))
-        stated = np.mean([row["stated"] for row in rows])
-        return Table(
-            f"objects among {len(self.setting.bodies.labels)} bodies",
-            ["body", ("named", ""), ("stated", ".3f"), ("touches", "d")],
-            [(row["body"], row["named"], row["stated"], row["touches"]) for row in rows],
-            f"{right} of {len(rows)} named rightly, {low:.2f} to {high:.2f}; stated {stated:.2f} in the mean.",
-            "objects",
-        )
+    @property
+    def _title(self) -> str:
+        return f"objects among {len(self.setting.bodies.labels)} bodies"
 
     @property
     def _question(self) -> str:

@@ -81,7 +81,9 @@ class _Comparison:
         mine, its = self._log_probs(body)[self.sides], self._log_probs(other)
         probs = np.exp(mine)
         divergence = (probs * mine).sum(axis=1)[:, None] - probs @ its.T
-        return float(np.take_along_axis(divergence, self.shown, axis=1).mean(axis=0).min())
+        return max(
+            0.0, float(np.take_along_axis(divergence, self.shown, axis=1).mean(axis=0).min())
+        )  # but for rounding
 
     def _log_probs(self, body: int) -> Floats:
         """Log probabilities of the reference touches in every view, ``(V, M)``."""

@@ -9,10 +9,12 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias
 
+import numpy as np
 import tyro
 
 from activetouch.solids.solid import Shape
 from belief.claims import claim_folder
+from belief.statistics import wilson_interval
 from belief.table import Table, Tabular
 from belief.validation import Floats
 from experiments.command_line.arguments import Jobs, Positive, Seed, Share, check_arguments
@@ -42,10 +44,27 @@ class MeshResult(Tabular, ABC):
     setting: MeshSetting
     twins: Sequence[NearTwins]
     _kind: ClassVar[str]  # what a row of the table is about, in the plural
+    _columns: ClassVar[Sequence[tuple[str, str]]]
+    _note: ClassVar[str]  # below the table
 
     @abstractmethod
+    def rows(self) -> list[dict[str, Any]]:
+        """One row for each search or object, with the keys ``right``, ``stated`` and ``touches``, and those shown."""
+
     def table(self) -> Table:
-        """One row for each search or object, and how many are right."""
+        """The rows, and how many are right."""
+        rows = self.rows()
+        right = sum(row["right"] for row in rows)
+        low, high = wilson_interval(right, len(rows))
+        stated, spent = np.mean([(row["stated"], row["touches"]) for row in rows], axis=0)
+        note = self._note.format(right=right, number=len(rows), low=low, high=high, stated=stated, spent=spent)
+        cells = [tuple(row[name] for name, _ in self._columns) for row in rows]
+        return Table(self._title, self._columns, cells, note, self._kind)
+
+    @property
+    @abstractmethod
+    def _title(self) -> str:
+        """Title of the table."""
 
     @property
     @abstractmethod

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import json
-import time
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import scipy  # whose parts load at first use
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from activetouch.distributions import Uniform
@@ -33,7 +31,7 @@ from activetouch.scene_description import SURROUNDINGS, scene_fields
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
 from activetouch.solids.mesh_file import ENDINGS
 from activetouch.solids.solid import Shape
-from belief.coarse_to_fine import CoarseToFine, Effort, Ints
+from belief.coarse_to_fine import CoarseToFine, Effort
 from belief.errors import InvalidArgument
 from belief.files import from_field, require_regular_file, to_field, write_text
 from belief.validation import Floats
@@ -106,14 +104,12 @@ class MeshSetting:
         """
         if not solids:
             raise InvalidArgument("there are no bodies: give at least one mesh")
-        scene, reader, plan = scene_of(solids, sensor), reader_of(sensor), ViewPlan() if plan is None else plan
+        scene, reader, plan = scene_of(solids, sensor), reader_of(sensor), plan or ViewPlan()
         embed_all(reader.hypotheses, scene, solids, plan, jobs)
-        by_number = (0, 1, 2) if len(solids) > _MANY else (1, 2)
-        chosen = by_number if levels is None else tuple(levels)
-        others = {"levels": chosen, "effort": Effort() if effort is None else effort}
-        bodies = BodySet.of(reader.hypotheses, scene, solids, plan, **others)
+        chosen = tuple(levels) if levels is not None else (0, 1, 2) if len(solids) > _MANY else (1, 2)
+        bodies = BodySet.of(reader.hypotheses, scene, solids, plan, levels=chosen, effort=effort or Effort())
         none = np.zeros((1, bodies.table.shape[2]), np.float32), np.zeros(1, np.float32)
-        return _fitted(cls(scene, reader, bodies, *none, CloseLook() if look is None else look), pressed)
+        return _fitted(cls(scene, reader, bodies, *none, look or CloseLook()), pressed)
 
     def touch(self, obj: WorldObject, pose: int, rng: np.random.Generator) -> Floats32:
         """The embedding of a simulated touch, ``(D,)``."""
@@ -122,6 +118,16 @@ class MeshSetting:
     def update(self, belief: CoarseToFine, pose: int, embedding: Floats32) -> CoarseToFine:
         """The belief after a touch."""
         return belief.update(self.bodies.felt(pose, embedding))
+
+    def touched(self, belief: CoarseToFine, obj: WorldObject, pose: int, rng: np.random.Generator) -> CoarseToFine:
+        """The belief after a simulated touch and a closer look."""
+        return self.looked(self.update(belief, pose, self.touch(obj, pose, rng)))
+
+    def next_pose(self, belief: CoarseToFine, used: Sequence[int], target: int | None = None) -> int:
+        """The pose that is expected to tell most of those that were not used."""
+        gains = self.information(belief, target)
+        gains[list(used)] = -np.inf
+        return int(gains.argmax())
 
     def looked(self, belief: CoarseToFine) -> CoarseToFine:
         """The belief after a closer look at the bodies that are still possible, where that may decide anything."""
@@ -223,7 +229,7 @@ def reader_of(sensor: str | Path) -> Any:
 
 def cost_words(number: int, embedding: int, plan: ViewPlan | None = None, jobs: int | None = None) -> str:
     """What so many bodies cost with embeddings of so many numbers, before anything is computed."""
-    plan = ViewPlan() if plan is None else plan
+    plan = plan or ViewPlan()
     num_views = plan.directions * plan.rolls
     seconds = number * num_views * _MILLISECONDS / 1e3 / (default_jobs() if jobs is None else jobs)
     size = num_views * embedding
@@ -236,20 +242,17 @@ def cost_words(number: int, embedding: int, plan: ViewPlan | None = None, jobs: 
 
 def embed_all(
     reader: ContactHypotheses, scene: Scene, solids: Mapping[str, Shape], plan: ViewPlan, jobs: int | None = None
-) -> tuple[int, float]:
-    """Make the embeddings that are not in the cache, with a progress bar; their number, and the seconds they took."""
-    started = time.perf_counter()
-    missing = [solid for solid in solids.values() if not are_embedded(reader, scene, solid, plan)]
+) -> None:
+    """Make the embeddings that are not in the cache, with a progress bar."""
     plain = replace(scene, shapes=SCENES["gel"].scene.shapes)  # a task needs the state of the sensor, not all bodies
-    tasks = [partial(_embed, reader, plain, solid, plan) for solid in missing]
-    if tasks:
-        jobs = 1 if len(tasks) == 1 else jobs
-        list(run_tasks(tasks, jobs, f"views of {len(tasks)} bodies"))
-    return len(tasks), time.perf_counter() - started
+    missing = [solid for solid in solids.values() if not are_embedded(reader, scene, solid, plan)]
+    if missing:
+        tasks = [partial(_embed, reader, plain, solid, plan) for solid in missing]
+        list(run_tasks(tasks, 1 if len(tasks) == 1 else jobs, f"views of {len(tasks)} bodies"))
 
 
 def _embed(reader: ContactHypotheses, scene: Scene, solid: Shape, plan: ViewPlan) -> None:
-    embedded_views(reader, scene, solid, plan)
+    embedded_views(reader, scene, solid, plan)  # which stay in the cache
 
 
 def _fitted(setting: MeshSetting, pressed: int) -> MeshSetting:
@@ -285,32 +288,6 @@ def _constants(bodies: BodySet, references: Floats32) -> Floats32:
     return np.asarray((logsumexp(parts, axis=0) - np.log(number)) / bodies.scale, np.float32)
 
 
-class _Cells(NamedTuple):
-    """Cells with some posterior, of simulated objects after some touches, each such case one after the other.
-
-    Attributes:
-        starts: first cell of each case.
-        touches: of the case, for every cell.
-        is_true: whether a cell is of the true body.
-        prior: log prior of the cell.
-        sums: log likelihood.
-    """
-
-    starts: Ints
-    touches: Ints
-    is_true: NDArray[np.bool_]
-    prior: Floats
-    sums: Floats
-
-    def loss(self, log_temperature: float, drift: float) -> float:
-        """Mean negative log posterior of the true body; a little is left for the bodies without a cell."""
-        logs = self.prior + self.sums / (np.exp(log_temperature) * (1.0 + drift * (self.touches - 1)))
-        lengths = np.diff(self.starts, append=len(logs))
-        weights = np.exp(logs - np.maximum.reduceat(logs, self.starts).repeat(lengths))
-        right = np.add.reduceat(weights * self.is_true, self.starts) / np.add.reduceat(weights, self.starts)
-        return -float(np.log((1.0 - _LEFT) * right + _LEFT).mean())
-
-
 def _fit(setting: MeshSetting, pressed: int) -> dict[str, Any]:
     """Temperature and drift with the lowest NLL of the body after 1 to 12 touches in random directions."""
     rng, bodies, logs = np.random.default_rng(0xF17), setting.bodies, nested(setting.bodies.levels).log_shares
@@ -331,15 +308,21 @@ def _fit(setting: MeshSetting, pressed: int) -> dict[str, Any]:
                     prior += np.where(leaves.level == level, shares[np.minimum(leaves.cell, len(shares) - 1)], 0.0)
                 sums = (leaves.log_weight - prior) * (1.0 + bodies.drift * (count - 1)) / bodies.scale
                 cases.append((np.full(len(prior), count), leaves.body == truth, prior, sums))
-    starts = np.cumsum([0, *(len(case[0]) for case in cases[:-1])])
-    cells = _Cells(starts, *(np.concatenate(part) for part in zip(*cases, strict=True)))
+    lengths = np.array([len(case[0]) for case in cases])
+    starts = np.cumsum(lengths) - lengths
+    touches, is_true, log_prior, likelihood = (np.concatenate(part) for part in zip(*cases, strict=True))
     simplex = np.array([[0.0, 0.05], [0.3, 0.05], [0.0, 0.15]])
     bounds, options = [(-1.5, 1.5), (0.0, 0.5)], {"xatol": 0.01, "fatol": 1e-4, "initial_simplex": simplex}
+    settings: Any = {"method": "Nelder-Mead", "bounds": bounds, "options": options}
 
     def loss(parameters: Floats) -> float:
-        return cells.loss(float(parameters[0]), float(parameters[1]))
+        """Mean negative log posterior of the true body; a little is left for the bodies without a cell."""
+        log_temperature, drift = parameters.tolist()
+        posterior = log_prior + likelihood / (np.exp(log_temperature) * (1.0 + drift * (touches - 1)))
+        weights = np.exp(posterior - np.maximum.reduceat(posterior, starts).repeat(lengths))
+        right = np.add.reduceat(weights * is_true, starts) / np.add.reduceat(weights, starts)
+        return -float(np.log((1.0 - _LEFT) * right + _LEFT).mean())
 
-    settings: Any = {"method": "Nelder-Mead", "bounds": bounds, "options": options}
     best = scipy.optimize.minimize(loss, simplex[0], **settings).x
     every = np.concatenate(felt)
     some = every[rng.permutation(len(every))[:_REFERENCES]]
