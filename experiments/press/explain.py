@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import tyro
@@ -23,9 +23,6 @@ from experiments.meshes.near_twins import ALIKE, near_twins
 from experiments.meshes.setting import MeshSetting
 from experiments.parallel import default_jobs
 from experiments.scene_choice import SceneChoice
-
-if TYPE_CHECKING:
-    import mujoco
 
 _MOST_PAIRS = 12  # of shapes that feel alike, in a list
 
@@ -46,8 +43,7 @@ class Explanation:
 
     def table(self) -> Table:
         """What the scene models."""
-        rows = [(item.number, item.part, item.why) for item in self.items]
-        return Table(f"what the scene '{self.name}' models", [("number", "d"), ("part", ""), ("what", "")], rows)
+        return Table(f"what the scene '{self.name}' models", [("number", "d"), ("part", ""), ("what", "")], self.items)
 
     def __str__(self) -> str:
         return "\n\n".join([self.table().markdown(), *self.remarks])
@@ -148,8 +144,7 @@ def _cost_words(scene: Scene, num_presses: int) -> str:
     return f"A {what} takes {press:.2f} ms on one core, and its image {image:.2f} ms."
 
 
-@dataclass(frozen=True)
-class Item:
+class Item(NamedTuple):
     """A kind of part of a scene: its number, its name and its purpose."""
 
     number: int
@@ -176,7 +171,13 @@ def inventory(named: NamedScene) -> list[Item]:
         items.append(Item(len(scene.hand), "fingers", "close on the object together; one grasp counts as one touch"))
     model = scene.press_model.compiled(scene.pad, next(iter(scene.solids.values())))
     if model is not None:
-        items += [*_surfaces(scene), *_rigid_bodies(model)]
+        items += [
+            *_surfaces(scene),
+            Item(2, "moving bodies", "a guide, and on it the object"),
+            Item(1, "slide joint", "of the guide, with a servo"),
+            Item(model.npair, "contact pair", "pad and object; nothing else can touch"),
+            Item(model.nsensor, "sensor", "force vector and contact point in every step"),
+        ]
     coupled = named.composition is Composition.DISTINCT
     number = len(scene.shapes) * (named.num_objects if coupled else 1)
     of = f"of {named.num_objects} objects, no two alike" if coupled else "of the current object; others are independent"
@@ -206,12 +207,3 @@ def _surfaces(scene: Scene) -> list[Item]:
         "hull": "pressed as the convex hull, so force and image may disagree: ",
     }
     return [Item(len(found), "hollow shapes", words[kind] + ", ".join(found)) for kind, found in hollow.items()]
-
-
-def _rigid_bodies(model: mujoco.MjModel) -> list[Item]:
-    return [
-        Item(2, "moving bodies", "a guide, and on it the object"),
-        Item(1, "slide joint", "of the guide, with a servo"),
-        Item(model.npair, "contact pair", "pad and object; nothing else can touch"),
-        Item(model.nsensor, "sensor", "force vector and contact point in every step"),
-    ]

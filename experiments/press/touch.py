@@ -132,54 +132,48 @@ class TouchCommand:
     def run(self) -> None:
         """Press, and draw."""
         check_arguments(self)
+        scene, path = self.choice.named.scene, self.view or self.out
+        shape, pose = self.shape or scene.shape_labels[0], self.pose or scene.pose_labels[0]
         if self.all and self.view is not None:
             raise BadArgument("--all and --view are different outputs; give one of them")
         if self.menagerie is not None and self.choice.hand != "allegro":
             raise BadArgument("--menagerie gives the model of an Allegro hand; add --hand allegro")
-        if self.choice.named.scene.hand is not None:
-            if self.all or len(self.choice.named.scene.hand) == 1:
-                raise BadArgument("--hand draws a grasp of several fingers into --out FILE or --view FILE.webp alone")
-            self._grasp(self.choice.named.scene)
-            return
-        require_writable_file(self.view or self.out)
-        scene = self.choice.named.scene
-        scene = replace(scene, press_model=scene.press_model.with_trace())
-        if self.all:
-            from experiments.press.figures import draw_gallery
-
-            draw_gallery(press_all(scene, self.seed), scene.pose_labels, self.out)
+        if scene.hand is not None and (self.all or len(scene.hand) == 1):
+            raise BadArgument("--hand draws a grasp of several fingers into --out FILE or --view FILE.webp alone")
+        require_writable_file(path)
+        if scene.hand is not None:
+            self._grasp(scene, shape, pose)
         else:
-            shape, pose = self.shape or scene.shape_labels[0], self.pose or scene.pose_labels[0]
-            placement, contact = press_new_object(scene, shape, pose, self.seed)
-            if self.view is not None:
-                write_press(scene, placement, contact, self.view)
-            else:
-                from activetouch.view.picture import press_picture
-                from experiments.press.figures import draw_touch
+            self._press(replace(scene, press_model=scene.press_model.with_trace()), shape, pose)
+        print(f"wrote {path}")
 
-                title = f"a {shape} in pose {pose}: {contact.force:.2f} N, {1e3 * contact.depth:.2f} mm deep"
-                view = press_picture(scene.pad, placement, contact.depth)
-                draw_touch(title + " (bottomed out)" * contact.is_bottomed_out, view, contact, self.out)
-        print(f"wrote {self.view or self.out}")
+    def _press(self, scene: Scene, shape: str, pose: str) -> None:
+        """Press objects, and draw or animate that."""
+        from activetouch.view.picture import press_picture
+        from experiments.press.figures import draw_gallery, draw_touch
 
-    def _grasp(self, scene: Scene) -> None:
+        if self.all:
+            return draw_gallery(press_all(scene, self.seed), scene.pose_labels, self.out)
+        placement, contact = press_new_object(scene, shape, pose, self.seed)
+        if self.view is not None:
+            return write_press(scene, placement, contact, self.view)
+        title = f"a {shape} in pose {pose}: {contact.force:.2f} N, {1e3 * contact.depth:.2f} mm deep"
+        view = press_picture(scene.pad, placement, contact.depth)
+        return draw_touch(title + " (bottomed out)" * contact.is_bottomed_out, view, contact, self.out)
+
+    def _grasp(self, scene: Scene, shape: str, pose: str) -> None:
         """Close the hand, and draw or animate it."""
         from activetouch.view.picture import cast_rays, write_motion
         from experiments.press.figures import draw_grasp
 
-        path = self.view or self.out
-        require_writable_file(path)
-        shape, pose = self.shape or scene.shape_labels[0], self.pose or scene.pose_labels[0]
         gripper, grasp, states = close_hand(scene, shape, pose, self.seed, self.menagerie)
         middle, distance = np.array(gripper.camera[0]), gripper.camera[1]
         if self.view is not None:
-            write_motion(path, gripper.model, states, middle, distance)
-        else:
-            images = [np.asarray(scene.image(contact), float) for contact in grasp.contacts]
-            forces = ", ".join(f"{contact.force:.1f}" for contact in grasp.contacts)
-            view = cast_rays(gripper.model, gripper.data, middle, distance)
-            draw_grasp(f"a {shape} in pose {pose}: {forces} N", view, images, path)
-        print(f"wrote {path}")
+            return write_motion(self.view, gripper.model, states, middle, distance)
+        images = [np.asarray(scene.image(contact), float) for contact in grasp.contacts]
+        forces = ", ".join(f"{contact.force:.1f}" for contact in grasp.contacts)
+        view = cast_rays(gripper.model, gripper.data, middle, distance)
+        return draw_grasp(f"a {shape} in pose {pose}: {forces} N", view, images, self.out)
 
 
 def write_press(scene: Scene, placement: Placement, contact: Contact, path: Path) -> None:
