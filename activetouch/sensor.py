@@ -308,7 +308,7 @@ class RecordedSensor(TactileSensor):
         """
         from activetouch.recorded import check_recorded
         from activetouch.recorded.reader import read
-        from activetouch.recorded.splits import for_use
+        from activetouch.recorded.touches import for_use
 
         check_recorded(touches)
         reading = read(touches, for_use(touches))

@@ -25,8 +25,7 @@ from numpy.typing import NDArray
 
 from activetouch.recorded import RecordedTouches, check_recorded, read_recorded
 from activetouch.recorded.reader import Reading, read
-from activetouch.recorded.splits import Split, splits_of
-from activetouch.recorded.touches import TASKS
+from activetouch.recorded.touches import TASKS, Split, splits_of
 from belief.observation_model import certified_stops
 from belief.observation_model.action_kernel import ActionKernelModel, sequences
 from belief.observation_model.calibration_data import LabelledTouches

@@ -21,8 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import solve_triangular
 
-from activetouch.recorded.splits import Split
-from activetouch.recorded.touches import LARGEST, TASKS, RecordedTouches
+from activetouch.recorded.touches import LARGEST, TASKS, RecordedTouches, Split
 from belief.calibration import Calibration, PerPose, StructuredMatrixScaling, TemperatureScaling
 from belief.errors import InvalidArgument
 from belief.metrics import negative_log_likelihood

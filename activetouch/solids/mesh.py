@@ -12,10 +12,9 @@ import numpy as np
 import scipy  # whose parts load at first use
 
 from activetouch.errors import BadMesh, MeshWarning
-from activetouch.solids.mesh_surface import examined
-from activetouch.solids.raster import Surface, portions
+from activetouch.solids.raster import Surface
 from activetouch.solids.solid import Floats, Geom, Ints, frame_across
-from activetouch.solids.triangles import around_origin, is_convex
+from activetouch.solids.triangles import around_origin, examined, is_convex, portions
 from belief.errors import InvalidArgument
 
 _MIN_RADIUS, _MAX_RADIUS = 0.0005, 0.3  # of the bounding ball [m]; objects may be much larger than the pad
@@ -35,7 +34,7 @@ class Mesh:
     hull, of a hollow mesh with that of what lies in front of the pad.
 
     Args:
-        centred: whether to move the centre of mass to the origin. See :func:`mesh_surface.examined` for where it is if
+        centred: whether to move the centre of mass to the origin. See :func:`triangles.examined` for where it is if
             there are several bodies or holes.
         remarks: what :meth:`from_file` has to say beside the warnings below; None for other callers.
 

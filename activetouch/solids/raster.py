@@ -6,16 +6,14 @@ with two edges. Of all values written to a pixel, the greatest stays.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from activetouch.solids.solid import Floats, Ints
-from activetouch.solids.triangles import are_star_shaped, normals
+from activetouch.solids.triangles import are_star_shaped, normals, portions
 
 _MOST = 1 << 18  # rows, or pixels, written at a time; limits memory to about 100 MB
 _PORTION = 1 << 14  # pixels, or triangles, at a time, so that arrays stay in the processor's cache
@@ -52,12 +50,7 @@ class Surface:
 
 
 def heights(
-    surface: Surface,
-    turns: Floats,
-    places: Floats,
-    pixel: float,
-    num_pixels: int,
-    dtype: DTypeLike = np.float64,
+    surface: Surface, turns: Floats, places: Floats, pixel: float, num_pixels: int, dtype: DTypeLike = np.float64
 ) -> NDArray[Any]:
     """How far a surface reaches along −x over every pixel of a square about the x axis.
 
@@ -160,15 +153,3 @@ def _draw_pixels(place: Ints, value: Floats, slope: Floats, count: Ints, pixels:
     index = place.take(owner)
     index += along
     np.maximum.at(pixels, index, values.astype(pixels.dtype, copy=False))
-
-
-def portions(counts: Ints, most: int) -> Iterator[slice]:
-    """Slices whose counts sum to about ``most``."""
-    total = int(counts.sum())
-    if total <= most:
-        yield slice(0, len(counts))
-        return
-    ends = np.cumsum(counts)
-    cuts = np.searchsorted(ends, np.arange(most, total, most), side="left") + 1
-    bounds = np.unique(np.concatenate([[0], cuts, [len(counts)]])).tolist()
-    yield from (slice(begin, end) for begin, end in pairwise(bounds))

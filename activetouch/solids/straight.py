@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 import scipy  # whose parts load at first use
 
-from activetouch.solids.solid import Floats, Geom, between, clip, entered, require_lengths, ring
+from activetouch.solids.solid import Floats, Geom, between, clip, corners, entered, require_lengths, ring
 
 
 class FlatFaced(ABC):
@@ -69,8 +69,7 @@ class Box(FlatFaced):
     @property
     def corners(self) -> Floats:
         """See :class:`Shape`."""
-        signs = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3, indexing="ij")).reshape(3, 8).T
-        return signs * self.half_extents
+        return corners(self.geom)
 
     @cached_property
     def planes(self) -> tuple[Floats, Floats]:

@@ -23,12 +23,7 @@ _MOST_FRAMES, _FRAME = 40, (320, 240)  # of an animation [pixels]
 
 
 def press_picture(
-    pad: Pad,
-    placement: Placement,
-    depth: float,
-    width: int = 640,
-    height: int = 480,
-    sky: tuple[int, int, int] = _SKY,
+    pad: Pad, placement: Placement, depth: float, width: int = 640, height: int = 480, sky: tuple[int, int, int] = _SKY
 ) -> NDArray[np.uint8]:
     """A picture ``(height, width, 3)`` of the object pressed ``depth`` [m] into the pad.
 

@@ -13,7 +13,7 @@ from scipy.special import logsumexp, softmax
 
 from belief.claims import ends_claims
 from belief.coarse_to_fine import CoarseToFine
-from belief.errors import InvalidArgument, UnknownName
+from belief.errors import InvalidArgument
 from belief.naming import index_of
 from belief.validation import Floats, require_count
 from experiments.command_line.arguments import Count
@@ -137,31 +137,18 @@ def find(
         InvalidArgument: there are not more bodies than objects, or no mesh can be read.
     """
     solids = solids_of(bodies, scale)
-    sought = target_index(tuple(solids), target, num_objects)
+    require_count("num_objects", num_objects)
+    if len(solids) <= num_objects:
+        raise InvalidArgument(
+            f"{num_objects} different objects of {len(solids)} bodies would leave none out: add meshes"
+        )
+    sought = index_of("body", tuple(solids), target if target in solids else str(Path(target).with_suffix("")))
     made = MeshSetting.of(solids, jobs=jobs, **setting)
     shared = Shared(made)
     tasks = [
         partial(_search_one, shared, sought, num_objects, threshold, [seed, number]) for number in range(num_searches)
     ]
     return Found(made, near_twins(made), made.bodies.labels[sought], list(run_tasks(tasks, jobs, "searches")))
-
-
-def target_index(labels: Sequence[str], target: str, num_objects: int) -> int:
-    """Index of a body by its label, or by the name of its file.
-
-    Raises:
-        UnknownName: there is no such body.
-        InvalidArgument: there are not more bodies than objects.
-    """
-    require_count("num_objects", num_objects)
-    if len(labels) <= num_objects:
-        raise InvalidArgument(
-            f"{num_objects} different objects of {len(labels)} bodies would leave none out: add meshes"
-        )
-    try:
-        return index_of("body", tuple(labels), target)
-    except UnknownName:
-        return index_of("body", tuple(labels), str(Path(target).with_suffix("")))
 
 
 def _search_one(

@@ -50,12 +50,7 @@ class Explanation:
 
 
 def explain(
-    named: NamedScene,
-    *,
-    name: str = "scene",
-    presses: int = 60,
-    compare: bool = True,
-    jobs: int = 1,
+    named: NamedScene, *, name: str = "scene", presses: int = 60, compare: bool = True, jobs: int = 1
 ) -> Explanation:
     """What a scene models, which of its shapes feel alike, and how long a press takes.
 

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import log_softmax
 
 from activetouch.recorded.reader import Reading, read
-from activetouch.recorded.splits import Split
-from activetouch.recorded.touches import RecordedTouches
+from activetouch.recorded.touches import RecordedTouches, Split
 from activetouch.recorded.world import RecordedBank, RecordedWorld
 from belief.observation_model.action_kernel import ActionKernelModel, touch_weights
 from belief.observation_model.calibration_data import LabelledTouches

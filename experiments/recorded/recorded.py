@@ -11,7 +11,7 @@ import numpy as np
 
 from activetouch.recorded import RecordedTouches, check_recorded, read_recorded
 from activetouch.recorded.formats import Format
-from activetouch.recorded.splits import splits_of
+from activetouch.recorded.touches import splits_of
 from activetouch.sensor import RecordedSensor
 from belief.claims import claim_folder, ends_claims
 from experiments.command_line.arguments import (

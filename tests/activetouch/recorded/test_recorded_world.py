@@ -8,7 +8,7 @@ import pytest
 from activetouch.errors import BadRecording
 from activetouch.recorded import RecordedBank, RecordedTouches, RecordedWorld, check_recorded
 from activetouch.recorded.reader import LinearDiscriminants, _cross_calibrated, read
-from activetouch.recorded.splits import by_session, for_use, splits_of
+from activetouch.recorded.touches import by_session, for_use, splits_of
 from belief.calibration import StructuredMatrixScaling, TemperatureScaling
 from belief.errors import InvalidArgument
 
