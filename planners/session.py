@@ -44,14 +44,13 @@ from planners.session_log import (
     SCHEMA,
     OtherModel,
     digests,
-    event_lines,
+    event_fields,
     events_from,
     problem_fields,
     problem_from,
     require_same,
-    told_fields,
 )
-from planners.told import Answer, ImageReader, Listener, Told, standing_of
+from planners.told import ImageReader, Listener, Told, standing_of
 
 
 class AlreadyTold(InvalidArgument):
@@ -172,14 +171,14 @@ class Session:
         self.ask()
         if self._asked is None:
             raise InvalidArgument(f"the search has ended: {self.outcome}. undo() takes back what was told last")
-        answer = Answer(touch, image, missed, pose, force, area)
-        told = self._listener.told(answer, self._asked, self._rng.bit_generator.state, self.object_index)
+        asked = self._asked, self._rng.bit_generator.state, self.object_index
+        told = self._listener.told(*asked, touch, image, missed, pose, force, area)
         if told.kind != "done" and not self._progress.may_touch:
             raise InvalidArgument(f"the touch limit of the search, {self.problem.touch_limit}, allows no more touches")
         self._apply(told)
         if self._journal is not None:
             try:
-                self._journal.append(told_fields(told, self.problem))
+                self._journal.append(event_fields(told, self.problem))
             except BaseException:
                 self._restore(self._events)
                 raise
@@ -201,7 +200,7 @@ class Session:
         if not standing:
             raise InvalidArgument("nothing was told yet that undo() could take back")
         if self._journal is not None:
-            self._journal.append({"told": "undo", "time": time.time()})
+            self._journal.append(event_fields(None, self.problem))
         self._restore([*self._events, None])
         return standing[-1].kind
 
@@ -271,7 +270,8 @@ class Session:
         """
         if self._journal is not None and self._journal.path == Path(path).resolve():
             return
-        journal = Journal.create(Path(path).resolve(), [self._header(), *event_lines(self._events, self.problem)])
+        lines = [event_fields(told, self.problem) for told in self._events]
+        journal = Journal.create(Path(path).resolve(), [self._header(), *lines])
         self.close()
         self._journal = journal
 
@@ -295,7 +295,11 @@ class Session:
         path = Path(path).resolve()
         journal, (header, *lines) = Journal.opened(path)
         try:
-            session = _from_header(header, model, decider, reader)
+            require_same(header, model, reader)
+            problem, target, seed = problem_from(header["problem"]), header["target"], header["seed"]
+            settings = ("arrangement", "abstain", "log_bets", "least_force", "least_area")
+            given = {name: header[name] for name in settings}
+            session = cls(problem, decider, target, model, seed, reader=reader, **given)
             events, truth = events_from(lines, session.problem, reader)
             session._restore(events)
             session.arrangement = session.arrangement if truth is None else session._shapes(truth)
@@ -378,19 +382,3 @@ class Session:
             "least_area": listener.least_area,
             **digests(self.model, listener.reader),
         }
-
-
-def _from_header(
-    header: dict[str, Any], model: ObservationModel, decider: Decider, reader: ImageReader | None
-) -> Session:
-    """The session as it began."""
-    require_same(header, model, reader)
-    return Session(
-        problem_from(header["problem"]),
-        decider,
-        header["target"],
-        model,
-        header["seed"],
-        reader=reader,
-        **{name: header[name] for name in ("arrangement", "abstain", "log_bets", "least_force", "least_area")},
-    )

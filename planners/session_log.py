@@ -25,8 +25,10 @@ class OtherModel(InvalidArgument):
     """A log was made with another observation model or reader; its beliefs would not be the same."""
 
 
-def told_fields(told: Told, problem: SearchProblem) -> dict[str, Any]:
-    """A line of the log."""
+def event_fields(told: Told | None, problem: SearchProblem) -> dict[str, Any]:
+    """A line of the log; None takes back the last that stands."""
+    if told is None:
+        return {"told": "undo", "time": time.time()}
     action, touch, poses = told.asked.action, told.touch, problem.pose_labels
     line: dict[str, Any] = {
         "told": told.kind,
@@ -71,11 +73,6 @@ def told_from(line: Mapping[str, Any], problem: SearchProblem, reader: ImageRead
     decision = Decision(action, scores)
     at = int(line["object"])
     return Told(decision, line["rng"], at, touch, kind == "miss", arrays["image"], time=float(line["time"]), **numbers)
-
-
-def event_lines(events: Sequence[Told | None], problem: SearchProblem) -> list[dict[str, Any]]:
-    """The lines of all events of a session; None takes back the last that stands."""
-    return [{"told": "undo", "time": time.time()} if told is None else told_fields(told, problem) for told in events]
 
 
 def events_from(

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from belief.errors import InvalidArgument
-from belief.naming import Name, index_of
+from belief.naming import index_of
 from belief.observation_model.model import ObservationModel
 from belief.problem import Action, Elsewhere, Probe, SearchProblem, Touch
 from planners.decider import Decision
@@ -73,23 +73,6 @@ class Told:
 
 
 @dataclass(frozen=True)
-class Answer:
-    """The arguments of :meth:`planners.session.Session.tell`, which explains them."""
-
-    touch: Touch | None = None
-    image: Any = None
-    missed: bool = False
-    pose: Name | Mapping[str, Any] | None = None
-    force: float | None = None
-    area: float | None = None
-
-    @property
-    def is_plain(self) -> bool:
-        """Whether it says only that an action was carried out."""
-        return not self.missed and self.touch is self.image is self.pose is self.force is self.area is None
-
-
-@dataclass(frozen=True)
 class Listener:
     """Understands answers.
 
@@ -114,36 +97,47 @@ class Listener:
         _not_negative("least_force", self.least_force)
         _not_negative("least_area", self.least_area)
 
-    def told(self, answer: Answer, asked: Decision, rng: Mapping[str, Any], object_index: int) -> Told:
-        """What an answer means; see :meth:`planners.session.Session.tell` for errors."""
-        action, touch, image = asked.action, answer.touch, answer.image
+    def told(
+        self,
+        asked: Decision,
+        rng: Mapping[str, Any],
+        object_index: int,
+        touch: Touch | None,
+        image: Any,
+        missed: bool,
+        pose: Any,
+        force: float | None,
+        area: float | None,
+    ) -> Told:
+        """What an answer means; see :meth:`planners.session.Session.tell` for its arguments and errors."""
+        action = asked.action
         wanted = action.pose if isinstance(action, Probe) else None
-        if answer.is_plain and wanted is None:
+        if wanted is None and not missed and all(part is None for part in (touch, image, pose, force, area)):
             return Told(asked, rng, object_index, time=time.time())
-        if (touch is not None) + (image is not None) + bool(answer.missed) != 1:
+        if (touch is not None) + (image is not None) + bool(missed) != 1:
             raise InvalidArgument(
-                f"asked was {self.in_words(action)}; a touch is told by one of tell(touch), tell(image=…) and "
+                f"asked was {self._in_words(action)}; a touch is told by one of tell(touch), tell(image=…) and "
                 "tell(missed=True), another action that was carried out by tell() without arguments"
             )
         if touch is not None and not isinstance(touch, Touch):
             raise InvalidArgument(f"a touch must be a Touch, such as Touch(pose, logits), got {touch!r:.60}")
-        pose = next((p for p in (answer.pose, touch.pose if touch else None, wanted) if p is not None), None)
-        if pose is None:
-            raise InvalidArgument(f"asked was {self.in_words(action)}, so say in which pose: tell(…, pose=…)")
-        pose, elsewhere = self._place(pose)
-        elsewhere = touch.elsewhere if touch is not None and answer.pose is None else elsewhere
-        force, area = (_not_negative(name, getattr(answer, name)) for name in ("force", "area"))
+        place = next((p for p in (pose, touch.pose if touch else None, wanted) if p is not None), None)
+        if place is None:
+            raise InvalidArgument(f"asked was {self._in_words(action)}, so say in which pose: tell(…, pose=…)")
+        at, elsewhere = self._place(place)
+        elsewhere = touch.elsewhere if touch is not None and pose is None else elsewhere
+        force, area = _not_negative("force", force), _not_negative("area", area)
         if image is not None:
             if self.reader is None:
                 raise InvalidArgument("this session has no reader of images; a sensor's has one: sensor.session(…)")
-            image, touch, seen = self.reader.read(image, pose)
+            image, touch, seen = self.reader.read(image, at)
             area = seen if area is None else area
-        is_miss = bool(answer.missed) or _is_within(force, self.least_force) or _is_within(area, self.least_area)
+        is_miss = bool(missed) or _is_within(force, self.least_force) or _is_within(area, self.least_area)
         if is_miss:
             of_miss = getattr(self.model, "missed", None)
-            touch = None if of_miss is None else of_miss(pose)
-        elif touch is not None and (touch.pose != pose or touch.elsewhere is not elsewhere):
-            touch = replace(touch, pose=pose, elsewhere=elsewhere)
+            touch = None if of_miss is None else of_miss(at)
+        elif touch is not None and (touch.pose != at or touch.elsewhere is not elsewhere):
+            touch = replace(touch, pose=at, elsewhere=elsewhere)
         return Told(asked, rng, object_index, touch, is_miss, image, force, area, time.time())
 
     def _place(self, pose: Any) -> tuple[int, Elsewhere | None]:
@@ -155,8 +149,7 @@ class Listener:
             )
         return self.reader.at(pose)
 
-    def in_words(self, action: Action) -> str:
-        """An action, for messages."""
+    def _in_words(self, action: Action) -> str:
         return f"a touch in pose {self.problem.pose_labels[action.pose]}" if isinstance(action, Probe) else f"{action}"
 
 
