@@ -23,7 +23,7 @@ what the next touch tells: the gains state has the expected gain of each pose, a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TypeAlias
@@ -34,6 +34,7 @@ from numpy.typing import ArrayLike, NDArray
 from belief.errors import ActiveTouchError
 from belief.observation_model.evidence import ObjectEvidence
 from belief.observation_model.outcome_mixture import information, target_shares
+from belief.problem import Touch
 from belief.validation import Floats
 
 TOUCH_LIMIT = 12
@@ -71,6 +72,24 @@ class Situation:
     uses: NDArray[np.int64]
     time: Floats
     gains: Floats | None = None
+
+
+def situation_of(history: Sequence[Touch], log_probs: Floats, num_poses: int, touch_limit: int) -> Situation:
+    """What the touches of the current object amount to, as the one row of a batch.
+
+    >>> here = situation_of([Touch(1, np.array([2.0, 0.0]))], np.log([0.9, 0.1]), num_poses=2, touch_limit=10)
+    >>> here.previous.tolist(), here.uses.tolist(), here.time.tolist(), here.frame_probs.round(2).tolist()
+    ([1], [[0, 1]], [0.1], [[0.88, 0.12]])
+    """
+    frame = history[-1].require_logits() if history else np.zeros(len(log_probs))
+    poses = np.array([touch.pose for touch in history], np.int64)
+    return Situation(
+        frame_probs(frame)[None],
+        log_probs[None],
+        np.array([poses[-1] if history else NO_ACTION]),
+        np.bincount(poses, minlength=num_poses)[None],
+        np.array([min(len(history) / touch_limit, 1.0)]),
+    )
 
 
 def frame_probs(logits: NDArray[np.floating]) -> Floats:
@@ -167,3 +186,9 @@ ENCODINGS: Mapping[str, Encoding] = MappingProxyType(
     {"paper": paper_state, "posterior": posterior_state, "gains": gains_state, "goal": goal_state}
 )
 """State encodings by name."""
+
+
+def state_size(state: str, num_shapes: int, num_poses: int) -> int:
+    """S, the length of a state vector; ``state`` is a key of :data:`ENCODINGS`."""
+    last = {"paper": num_poses + 3, "posterior": num_poses + 2, "gains": 2 * num_poses + 2}
+    return 2 * num_shapes + last["gains"] if state == GOAL else num_shapes + last[state]

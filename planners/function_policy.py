@@ -16,12 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from belief.errors import BrokenContract
-from belief.policy_state import ENCODINGS, TOUCH_LIMIT
+from belief.policy_state import ENCODINGS, TOUCH_LIMIT, situation_of
 from belief.problem import Confirm, Probe, Reject
 from belief.references import Reference
 from belief.validation import require_choice, require_count
 from planners.decider import Decision, InformationState
-from planners.ppo import situation_of
 
 STATES = ("paper", "posterior")
 """What a function may observe."""

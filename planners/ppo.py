@@ -11,18 +11,16 @@ SHA-256 of it all. Loading runs no code from the file.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from belief.errors import ActiveTouchError, CorruptFile
 from belief.files import in_file_name
-from belief.policy_state import ENCODINGS, GOAL, NO_ACTION, WITH_GAINS, Situation, expected_gains, frame_probs
+from belief.policy_state import ENCODINGS, GOAL, WITH_GAINS, expected_gains, frame_probs, situation_of, state_size
 from belief.problem import Confirm, Probe, Reject
 from belief.sealed_tensors import read_tensors, write_tensors
 from belief.validation import Floats
@@ -81,15 +79,7 @@ class Policy:
         knows_target = card.target == "" if card.state == GOAL else card.target in card.shape_labels
         if card.state not in ENCODINGS or not knows_target or card.touch_limit < 1:
             raise BadPolicy(f"a policy needs a known state, a target among its shapes and a touch limit, got {card}")
-        one = Situation(
-            np.full((1, num_shapes), 1.0 / num_shapes),
-            np.full((1, num_shapes), -np.log(num_shapes)),
-            np.array([NO_ACTION]),
-            np.zeros((1, num_poses), np.int64),
-            np.zeros(1),
-            np.zeros((1, num_poses)),
-        )
-        sizes = [ENCODINGS[card.state](one, 0).shape[1]]
+        sizes = [state_size(card.state, num_shapes, num_poses)]
         for weight, bias in zip(self.weights, self.biases, strict=True):
             if weight.shape != (len(bias), sizes[-1]) or not (np.isfinite(weight).all() and np.isfinite(bias).all()):
                 raise BadPolicy(
@@ -215,25 +205,6 @@ class PPODecider:
         if self.state in WITH_GAINS:
             situation = replace(situation, gains=expected_gains(info.evidence, log_probs, info.target)[None])
         return np.asarray(policy.scores(ENCODINGS[self.state](situation, info.target))[0])
-
-
-def situation_of(history: Sequence[Any], log_probs: Floats, num_poses: int, touch_limit: int) -> Situation:
-    """What the touches of the current object amount to, as the one row of a batch.
-
-    >>> from belief import Touch
-    >>> here = situation_of([Touch(1, np.array([2.0, 0.0]))], np.log([0.9, 0.1]), num_poses=2, touch_limit=10)
-    >>> here.previous.tolist(), here.uses.tolist(), here.time.tolist(), here.frame_probs.round(2).tolist()
-    ([1], [[0, 1]], [0.1], [[0.88, 0.12]])
-    """
-    frame = history[-1].require_logits() if history else np.zeros(len(log_probs))
-    poses = np.array([touch.pose for touch in history], np.int64)
-    return Situation(
-        frame_probs(frame)[None],
-        log_probs[None],
-        np.array([poses[-1] if history else NO_ACTION]),
-        np.bincount(poses, minlength=num_poses)[None],
-        np.array([min(len(history) / touch_limit, 1.0)]),
-    )
 
 
 def written(path: Path) -> tuple[int, int] | None:

@@ -19,7 +19,7 @@ import numpy as np
 
 from belief.errors import MissingPackage, install_command
 from belief.files import require_regular_file
-from belief.policy_state import TOUCH_LIMIT
+from belief.policy_state import TOUCH_LIMIT, state_size
 from belief.validation import require_count
 from planners.decider import Decision, InformationState
 from planners.function_policy import decision, observation
@@ -82,7 +82,7 @@ class SB3Policy:
         change = _normalization(more[0], written(more[0])) if more else None
         self._require_training(model, path)
         num_shapes, num_poses = info.problem.num_shapes, info.problem.num_poses
-        sizes = {"paper": num_shapes + num_poses + 3, "posterior": num_shapes + num_poses + 2}
+        sizes = {state: state_size(state, num_shapes, num_poses) for state in _LEAST}
         shape, actions = model.observation_space.shape, getattr(model.action_space, "n", None)
         least = np.min(getattr(model.observation_space, "low", np.nan))
         for state, size in sizes.items():

@@ -16,7 +16,8 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from scipy.special import log_softmax
 
-from activetouch.envs.base import BadAction, draw, key_of
+from activetouch.envs.drawing import draw
+from activetouch.envs.object_search import BadAction, key_of
 from activetouch.envs.touch_source import LiveTouches
 from activetouch.sensor import TactileSensor
 from belief.categorical import Belief

@@ -15,7 +15,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from activetouch.envs.bank_evidence import BankEvidence, JointEvidence, evidence_of
-from activetouch.envs.base import BadAction, BadOption
+from activetouch.envs.object_search import BadAction, BadOption
 from activetouch.envs.touch_bank import TouchBank
 from activetouch.envs.touch_source import ObjectPriors, TargetProb
 from activetouch.errors import LabelMismatch

@@ -1,22 +1,46 @@
-"""The environment of a whole search: find the target among several objects."""
+"""The environment of a whole search: find the target among several objects, one in front of the pad at a time."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, ClassVar
 
+import gymnasium
 import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
 
-from activetouch.envs.base import State, TouchEnv, live_or_given
-from activetouch.envs.touch_source import Touches
+from activetouch.envs.drawing import Window, draw
+from activetouch.envs.touch_source import EpisodeWorld, LiveTouches, Touches
 from activetouch.hand import Hand
 from activetouch.named_scenes import SCENES, NamedScene
+from activetouch.sensor import TactileSensor
+from belief.categorical import Belief
 from belief.composition import Composition
-from belief.problem import SearchProblem
-from belief.search_progress import Outcome
+from belief.errors import ActiveTouchError, InvalidArgument, UnknownName
+from belief.observation_model.evidence import start
+from belief.policy_state import ENCODINGS, NO_ACTION, WITH_GAINS, Situation, expected_gains, situation_of, state_size
+from belief.problem import Action, Confirm, Probe, Reject, SearchProblem, TouchHistory, Unsure
+from belief.scene_belief import SceneBelief
+from belief.search_progress import Outcome, SearchProgress, success_of
+from belief.seeding import arrangement_rng, checked_key, touch_rng
 from belief.synthetic import sample_arrangement
 
+State = NDArray[np.float32]
+STATES = ("paper", "posterior", "gains")
+"""What an environment may observe: keys of :data:`belief.policy_state.ENCODINGS`."""
 
-class ObjectSearchEnv(TouchEnv):
+
+class BadAction(ActiveTouchError, ValueError):
+    """An action is outside the action space."""
+
+
+class BadOption(ActiveTouchError, ValueError):
+    """An option of ``reset()`` is unknown, or its value is invalid."""
+
+
+class ObjectSearchEnv(gymnasium.Env[State, int]):
     """The search of ``activetouch compare``: probe and reject objects one by one, and confirm the target.
 
     The objects of the scene, with unknown sizes, orientations and order, come one at a time; REJECT removes one for
@@ -40,7 +64,20 @@ class ObjectSearchEnv(TouchEnv):
         composition: that of the scene by default.
         touch_limit: of the whole search; 12 per object by default.
         unsure_reward: reward of the action UNSURE, in [-1, 1); by default there is no such action.
+
+    Attributes:
+        problem: numbers of shapes, poses and objects, and the reward.
+        target: index of the target shape.
+        last_image: of the last press of the current object; None before the first, or without physics.
+
+    Raises:
+        UnknownName: the scene, the target, the state or the render mode is unknown.
+        NoGains: the state is "gains", and the touches are of a sensor whose belief is not about one rigid body.
     """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["human", "rgb_array"], "render_fps": 2}  # type: ignore[misc]
+    _num_more = 1  # entries of an observation beyond the state
+    _truncation_reward = -1.0  # of the probe beyond the touch limit
 
     def __init__(
         self,
@@ -68,20 +105,222 @@ class ObjectSearchEnv(TouchEnv):
             named.touches_per_object * number if touch_limit is None else touch_limit,
             unsure_reward,
         )
-        super().__init__(problem, source, target, state, render_mode)
+        labels = list(problem.shape_labels)
+        for what, given, known in (
+            ("target", target, labels),
+            ("state", state, STATES),
+            ("render mode", render_mode, (None, *self.metadata["render_modes"])),
+        ):
+            if given not in known:
+                raise UnknownName(what, str(given), [str(name) for name in known])
+        self.problem, self.touches, self.target, self.render_mode = problem, source, labels.index(target), render_mode
+        self.state = state
+        if state in WITH_GAINS:
+            expected_gains(start(source.model), np.full(len(labels), -np.log(len(labels))), 0)  # raises
+        self.last_image: NDArray[np.uint8] | None = None
+        self._window: Window | None = None
+        self._prior: Belief | None = None  # of every object of an ``independent`` problem
+        self._begun: SearchProgress | None = None
+        has_unsure = problem.unsure_reward is not None
+        self.action_space: spaces.Discrete[Any] = spaces.Discrete(problem.num_poses + 2 + has_unsure)
+        size = state_size(state, len(labels), problem.num_poses) + self._num_more
+        self.observation_space = spaces.Box(0.0 if state == "paper" else -1.0, 1.0, (size,), np.float32)
 
     @property
-    def _num_more(self) -> int:
-        return 1
+    def confirm(self) -> int:
+        """Index of the action CONFIRM; smaller indices are poses."""
+        return self.problem.num_poses
+
+    @property
+    def reject(self) -> int:
+        """Index of the action REJECT."""
+        return self.problem.num_poses + 1
+
+    @property
+    def unsure(self) -> int | None:
+        """Index of the action UNSURE, "I do not know"; None in a search without it."""
+        return None if self.problem.unsure_reward is None else self.problem.num_poses + 2
+
+    @property
+    def _progress(self) -> SearchProgress:
+        if self._begun is None:
+            raise gymnasium.error.ResetNeeded("no episode was started: call reset()")
+        return self._begun
+
+    @property
+    def _scene(self) -> SceneBelief:
+        return self._progress.scene
+
+    @property
+    def belief(self) -> Belief:
+        """The belief about the current object; raises ResetNeeded before the first episode."""
+        return self._scene.belief(self._progress.object_index)
+
+    @property
+    def arrangement(self) -> tuple[int, ...]:
+        """True shapes, in order of visit; for scoring only."""
+        return self._arrangement
+
+    @property
+    def history(self) -> TouchHistory:
+        """Touches of the current object, oldest first."""
+        return self._scene.touches(self._progress.object_index)
+
+    @property
+    def situation(self) -> Situation:
+        """The inputs of a policy, as a batch of one row; with gains if the state has them."""
+        problem, log_probs = self.problem, self.belief.log_probs
+        here = situation_of(self.history, log_probs, problem.num_poses, problem.touch_limit)
+        time, gains = self._progress.num_touches / problem.touch_limit, None
+        if self.state in WITH_GAINS:
+            gains = expected_gains(self._scene.evidence(self._progress.object_index), log_probs, self.target)[None]
+        return replace(here, previous=np.array([self._previous]), time=np.array([time]), gains=gains)
 
     def observe(self) -> State:
-        """The state and the fraction of objects left."""
-        left = 1.0 - self._progress.num_rejected / self.problem.num_objects
-        return np.append(super().observe(), np.float32(left))
+        """The observation ``(S,)``."""
+        return np.append(ENCODINGS[self.state](self.situation, self.target)[0], self._more()).astype(np.float32)
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """Valid actions, one of each in the action space: probes are invalid at the touch limit."""
+        masks = np.ones(int(self.action_space.n), np.bool_)
+        masks[: self.problem.num_poses] = self._progress.may_touch
+        return masks
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[State, dict[str, Any]]:
+        """Start an episode; ``options={"seed": (0, 3, 17)}`` reproduces the episode with that key.
+
+        Searches of ``activetouch compare`` have the keys (seed, target index, number).
+
+        Raises:
+            BadOption: an option is unknown, or the seed is no key.
+        """
+        key = key_of(options)
+        super().reset(seed=seed)
+        self._key = key if key is not None else (int(self.np_random.integers(2**32)),)
+        rng = arrangement_rng(self._key)
+        self._arrangement = self._sample_arrangement(rng)
+        self._world: EpisodeWorld = self.touches.world(self._arrangement, rng)
+        self._begun = SearchProgress(self.problem, self.touches.model, self._prior)
+        self._previous = NO_ACTION
+        self.last_image = None
+        self._follow()
+        return self.observe(), self._info(False)
+
+    def step(self, action: int) -> tuple[State, float, bool, bool, dict[str, Any]]:
+        """Probe, confirm, reject, or be unsure where the search has this action."""
+        if self._begun is None or self._begun.outcome is not None:
+            raise gymnasium.error.ResetNeeded("the episode is over or was not started: call reset()")
+        if not self.action_space.contains(action):
+            raise BadAction(f"action must be an integer in [0, {self.action_space.n - 1}], got {action!r}")
+        reward, terminated, truncated, success = self._act(int(action))
+        self._follow()
+        return self.observe(), reward, terminated, truncated, self._info(success)
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """The image of the last touch and the belief, side by side, ``(H, W, 3)`` uint8; or a window of it."""
+        if self.render_mode is None:
+            return None
+        frame = draw(self.last_image, self.belief, self.target)
+        if self.render_mode == "rgb_array":
+            return frame
+        if self._window is None:
+            self._window = Window(type(self).__name__)
+        self._window.show(frame)
+        return None
+
+    def _follow(self) -> None:
+        """In mode "human", show the state without being asked."""
+        if self.render_mode == "human":
+            self.render()
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None
 
     def _sample_arrangement(self, rng: np.random.Generator) -> tuple[int, ...]:
+        """Shapes of the objects of a new episode; sets ``_prior`` if the episode has its own."""
         return sample_arrangement(self.problem, rng)
 
+    def _act(self, action: int) -> tuple[float, bool, bool, bool]:
+        """Reward, terminated, truncated, success."""
+        problem, progress = self.problem, self._progress
+        if action < self.confirm:
+            if not progress.may_touch:
+                progress.act(Probe(action))
+                return self._truncation_reward, False, True, False
+            self._probe(action)
+            return -problem.touch_cost, False, False, False
+        chosen: Action = Confirm() if action == self.confirm else Reject() if action == self.reject else Unsure()
+        outcome = progress.act(chosen)
+        if outcome is Outcome.UNSURE:
+            assert problem.unsure_reward is not None, "the action exists"
+            return problem.unsure_reward, True, False, False
+        self._previous = action
+        if outcome is None:
+            self._world.advance()
+            self.last_image = None
+            return 0.0, False, False, False
+        right = bool(success_of(outcome, self.target, self._arrangement, progress.object_index))
+        return (1.0 if right else -1.0), True, False, right
+
+    def _probe(self, pose: int) -> None:
+        """Touch the current object."""
+        progress = self._progress
+        rng = touch_rng(self._key, progress.object_index, pose, progress.uses(pose))
+        touch = self._world.touch(pose, rng)
+        self.last_image = getattr(self._world, "last_image", None)
+        progress.touch(touch)
+        self._previous = pose
+
+    def _more(self) -> NDArray[np.floating]:
+        """What an observation has beyond the state: here the fraction of objects left."""
+        return np.array([1.0 - self._progress.num_rejected / self.problem.num_objects])
+
     def _info(self, success: bool) -> dict[str, Any]:
-        info = {**super()._info(success), "object_index": self._progress.num_rejected}
-        return info if self.unsure is None else {**info, "is_unsure": self._progress.outcome is Outcome.UNSURE}
+        prob = float(np.exp(self.belief.log_probs[self.target]))
+        facts = {"is_success": success, "num_touches": self._progress.num_touches, "target_prob": prob}
+        return facts | self._more_info()
+
+    def _more_info(self) -> dict[str, Any]:
+        unsure = {} if self.unsure is None else {"is_unsure": self._progress.outcome is Outcome.UNSURE}
+        return {"object_index": self._progress.num_rejected, **unsure}
+
+
+def live_or_given(touches: Touches | None, scene: str, hand: Hand | str | None) -> Touches:
+    """The given touches, or live touches of the scene's shipped sensor, or live grasps of a hand in the scene.
+
+    Raises:
+        UnknownName: there is no such sensor or hand.
+        InvalidArgument: touches are given and a hand, too.
+    """
+    if touches is None:
+        named = SCENES.get(scene, NamedScene())
+        return LiveTouches(TactileSensor.shipped(scene, None if hand is None else named.scene.with_hand(hand)))
+    if hand is not None:
+        raise InvalidArgument(f"the given touches are made already; leave out the hand {hand!r:.80}")
+    return touches
+
+
+def key_of(options: Mapping[str, Any] | None) -> tuple[int, ...] | None:
+    """The key of an episode in the options of ``reset()``; None if they have none.
+
+    Raises:
+        BadOption: an option is unknown, or the seed is no key.
+
+    >>> key_of({"seed": [0, 3, 17]}), key_of(None)
+    ((0, 3, 17), None)
+    """
+    given = {} if options is None else options
+    if not isinstance(given, Mapping) or set(given) - {"seed"}:
+        raise BadOption(f"reset() has one option, 'seed'; got {options!r}")
+    key = given.get("seed")
+    if key is None:
+        return None
+    if not isinstance(key, Sequence | np.ndarray) or isinstance(key, str | bytes) or not len(key):
+        raise BadOption(f"the option 'seed' must be a key such as (0, 3, 17), got {key!r}")
+    try:
+        return checked_key(list(key))
+    except InvalidArgument as error:
+        raise BadOption(f"the option 'seed' must be a key such as (0, 3, 17): {error}") from error

@@ -5,17 +5,17 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from activetouch.envs.base import State, TouchEnv, live_or_given
+from activetouch.envs.object_search import ObjectSearchEnv, live_or_given
 from activetouch.envs.touch_source import ObjectPriors, TargetProb, Touches
 from activetouch.hand import Hand
 from belief.categorical import Belief
 from belief.composition import Composition
 from belief.policy_state import TOUCH_LIMIT
-from belief.problem import SearchProblem
 
 
-class ObjectTestEnv(TouchEnv):
+class ObjectTestEnv(ObjectSearchEnv):
     """One object: probe it, then CONFIRM that it has the target's shape, or REJECT it.
 
     The task on which the paper trains its policies (§5.8). An object of unknown size and orientation is in front of a
@@ -81,20 +81,17 @@ class ObjectTestEnv(TouchEnv):
         hand: Hand | str | None = None,
     ) -> None:
         source = live_or_given(touches, scene, hand)
-        labels = source.model.shape_labels
-        problem = SearchProblem(labels, source.pose_labels, 1, Composition.INDEPENDENT, touch_cost, touch_limit)
+        labels, among = source.model.shape_labels, Composition.INDEPENDENT
         self._draws_target = target is None
-        super().__init__(problem, source, labels[0] if target is None else target, state, render_mode)
+        self._num_more = len(labels) if self._draws_target else 0
+        sought = labels[0] if target is None else target
+        super().__init__(scene, sought, touch_cost, 1, among, touch_limit, source, render_mode, state=state)
+        self._truncation_reward = -touch_cost
         self._priors = ObjectPriors.of(len(labels), target_prob)
 
-    @property
-    def _num_more(self) -> int:
-        return self.problem.num_shapes if self._draws_target else 0
-
-    def observe(self) -> State:
-        """The state, and a drawn target, one-hot."""
-        goal = np.arange(self._num_more) == self.target
-        return np.append(super().observe(), goal.astype(np.float32))
+    def _more(self) -> NDArray[np.floating]:
+        """A drawn target, one-hot."""
+        return np.eye(self.problem.num_shapes)[self.target] if self._draws_target else np.empty(0)
 
     def _sample_arrangement(self, rng: np.random.Generator) -> tuple[int, ...]:
         if self._draws_target:
@@ -103,10 +100,5 @@ class ObjectTestEnv(TouchEnv):
         self._prior = Belief.from_probs(self.problem.shape_labels, probs)
         return (int(rng.choice(self.problem.num_shapes, p=self._prior.probs)),)
 
-    @property
-    def _truncation_reward(self) -> float:
-        return -self.problem.touch_cost
-
-    def _info(self, success: bool) -> dict[str, Any]:
-        drawn = {"target": self.problem.shape_labels[self.target]} if self._draws_target else {}
-        return super()._info(success) | drawn
+    def _more_info(self) -> dict[str, Any]:
+        return {"target": self.problem.shape_labels[self.target]} if self._draws_target else {}

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
-from activetouch.envs.base import BadOption
 from activetouch.envs.batched_episodes import BankEpisodes
+from activetouch.envs.object_search import BadOption
 from belief.seeding import checked_key, keyed_rng
 
 

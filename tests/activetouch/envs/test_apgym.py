@@ -7,7 +7,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from activetouch import TactileSensor, TouchWorld
-from activetouch.envs.base import BadAction
+from activetouch.envs.object_search import BadAction
 from belief.errors import InvalidArgument, UnknownName
 from belief.seeding import arrangement_rng, touch_rng
 

@@ -10,8 +10,8 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import vector as wrappers
 
 from activetouch.envs import BANK_ID, IDS, MOST_STEPS
-from activetouch.envs.base import STATES, BadOption
 from activetouch.envs.batched_episodes import BankEpisodes
+from activetouch.envs.object_search import STATES, BadOption
 from activetouch.envs.touch_bank import TouchBank
 from activetouch.envs.touch_source import SampledTouches
 from belief.errors import UnknownName

@@ -13,9 +13,8 @@ from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
 
 from activetouch import TactileSensor, TouchWorld
-from activetouch.envs import IDS, base
-from activetouch.envs.base import BadAction, BadOption
-from activetouch.envs.object_search import ObjectSearchEnv
+from activetouch.envs import IDS, drawing
+from activetouch.envs.object_search import BadAction, BadOption, ObjectSearchEnv
 from activetouch.envs.object_test import ObjectTestEnv
 from activetouch.envs.touch_source import LiveTouches, SampledTouches
 from activetouch.perception.hypothesis_table import HypothesisTable
@@ -255,7 +254,7 @@ def test_a_window_follows_the_episode_and_passes_the_checker(sampled, monkeypatc
     matplotlib.use("agg")
     shown = []
     monkeypatch.setattr(
-        base.Window, "show", lambda self, frame, show=base.Window.show: shown.append(frame) or show(self, frame)
+        drawing.Window, "show", lambda self, frame, show=drawing.Window.show: shown.append(frame) or show(self, frame)
     )
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -7,8 +7,8 @@ from scipy.special import log_softmax
 
 from activetouch import TactileSensor
 from activetouch.envs.bank_evidence import WeighedTouches
-from activetouch.envs.base import BadOption
 from activetouch.envs.batched_episodes import BankEpisodes
+from activetouch.envs.object_search import BadOption
 from activetouch.envs.object_test import ObjectTestEnv
 from activetouch.envs.touch_bank import TouchBank
 from activetouch.envs.touch_source import LiveTouches, SampledTouches
