@@ -37,7 +37,7 @@ from activetouch.sensor import TactileSensor
 from belief.policy_state import frame_probs
 from belief.statistics import wilson_interval
 from experiments.ppo.recipe import PPO_RECIPES
-from experiments.ppo.touch_bank import TEST, TRAINING, make_bank
+from experiments.ppo.training import TEST, TRAINING, make_bank
 
 Floats32 = NDArray[np.float32]
 Choose = Callable[[BankEpisodes], NDArray[np.int64]]
@@ -56,8 +56,8 @@ class SeenEpisodes(BankEpisodes):
     """Tests in which the policy observes what is ``seen`` of each touch, ``(N, R, P, D)``, instead of the belief."""
 
     def __init__(self, seen: Floats32, bank: TouchBank, model: Any, target: str, num_envs: int, beta: float) -> None:
-        super().__init__(bank, model, target, num_envs, "gains", beta=beta)
         self._seen, self._memory = seen, np.zeros((num_envs, *seen.shape[2:]), np.float32)
+        super().__init__(bank, model, target, num_envs, "gains", beta=beta)
         if not beta:
             self._evidence = _NoEvidence(bank, model, num_envs, self.touch_limit)
 

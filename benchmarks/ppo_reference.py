@@ -28,8 +28,7 @@ from activetouch.sensor_files import MODELS, fitted_model
 from belief.observation_model import ArrayModel
 from benchmarks.upper_bounds.object import object_bound
 from experiments.ppo.recipe import PPO_RECIPES, PPORecipe
-from experiments.ppo.touch_bank import TEST, TRAINING
-from experiments.ppo.training import Score, play
+from experiments.ppo.training import TEST, TRAINING, Score, play
 from planners.repeats import repeat_discount, weights_in_turn
 from planners.solve import TouchProblem
 

@@ -58,7 +58,7 @@ class Abstaining:
         BrokenContract: in :meth:`decide`, the statistic of the conflict test is NaN.
 
     >>> from belief import Belief, SearchProblem
-    >>> from planners.baselines import RandomConfirm
+    >>> from planners.stopping import RandomConfirm
     >>> problem = SearchProblem(("cube", "cone"), ("front",), num_objects=1, unsure_reward=0.0)
     >>> info = InformationState(problem, 0, Belief.uniform(("cube", "cone")))
     >>> Abstaining(RandomConfirm()).decide(info, np.random.default_rng(0)).action

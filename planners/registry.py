@@ -18,7 +18,6 @@ from belief.errors import ActiveTouchError, MissingPackage, install_command
 from belief.observation_model.model import ObservationModel
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.references import BadReference, Reference, build, find
-from planners.baselines import RandomConfirm, ThresholdRule
 from planners.decider import Decider, ProbeSelector, SequentialDecider, StoppingRule
 from planners.ppo import PPODecider
 from planners.probing import (
@@ -30,7 +29,7 @@ from planners.probing import (
     read_order,
 )
 from planners.repeats import repeat_discount
-from planners.stopping import PosteriorThresholds, StopOverride
+from planners.stopping import PosteriorThresholds, RandomConfirm, StopOverride, ThresholdRule
 from planners.value_of_information import ValueOfInformation
 
 PREFIX = "sb3:"
@@ -55,7 +54,9 @@ def _loaded(reference: str) -> Any:
     return getattr(import_module(module), name)
 
 
-def _sequential(summary: str, stopping: Callable[..., StoppingRule], probing: Callable[..., ProbeSelector]) -> Builder:
+def _sequential(
+    summary: str, probing: Callable[..., ProbeSelector], stopping: Callable[..., StoppingRule] = PosteriorThresholds
+) -> Builder:
     """A builder of a sequential decider with the settings of its two parts; ``summary`` is its docstring.
 
     How repeats count is no setting: probe selectors that weigh them have a default.
@@ -131,24 +132,16 @@ DECIDERS: Mapping[str, Builder] = MappingProxyType(
     {
         "random_confirm": RandomConfirm,
         "threshold": _sequential(
-            "The threshold rule of the paper: two confident touches in a row.", ThresholdRule, FixedOrder
+            "The threshold rule of the paper: two confident touches in a row.", FixedOrder, ThresholdRule
         ),
-        "random_poses": _sequential(
-            "Posterior thresholds, with poses in random order.", PosteriorThresholds, RandomOrder
-        ),
-        "fixed_poses": _sequential(
-            "Posterior thresholds, with poses in a fixed order.", PosteriorThresholds, FixedOrder
-        ),
+        "random_poses": _sequential("Posterior thresholds, with poses in random order.", RandomOrder),
+        "fixed_poses": _sequential("Posterior thresholds, with poses in a fixed order.", FixedOrder),
         "information_gain": _sequential(
-            "Posterior thresholds, with the pose that tells most about the target.",
-            PosteriorThresholds,
-            TargetInformationGain,
+            "Posterior thresholds, with the pose that tells most about the target.", TargetInformationGain
         ),
         "best_order": _best_order,
         "shape_information_gain": _sequential(
-            "Posterior thresholds, with the pose that tells most about the shape.",
-            PosteriorThresholds,
-            ShapeInformationGain,
+            "Posterior thresholds, with the pose that tells most about the shape.", ShapeInformationGain
         ),
         "value_of_information": _value_of_information,
         "ppo": _ppo("PPO policies on the state of the paper, one per target.", "paper"),
@@ -190,10 +183,10 @@ def find_decider(name: str) -> tuple[Any, Reference]:
         if path.endswith(")"):  # and no file's name ends so
             path, _, rest = path.rpartition("(")
             settings = dict(Reference.parse(f"sb3({rest}").settings)
-        return _loaded("planners.sb3_policy:SB3Policy"), Reference(name, {"path": path, **settings}, True)
+        return _loaded("planners.other_agents:SB3Policy"), Reference(name, {"path": path, **settings}, True)
     if name.startswith(POLICY):
         named = Reference.parse(name.removeprefix(POLICY))
-        return _loaded("planners.function_policy:FunctionPolicy"), Reference(
+        return _loaded("planners.other_agents:FunctionPolicy"), Reference(
             name, {"act": named.name, **named.settings}, True
         )
     found, reference = find("decider", name, DECIDERS, ENTRY_POINTS)

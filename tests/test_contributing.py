@@ -24,7 +24,7 @@ from experiments.cli import commands
 from experiments.robustness import conditions
 from experiments.scene_choice import FIDELITIES, PRESENTATIONS, SceneChoice
 from planners import DECIDERS, make_decider
-from planners.baselines import RandomConfirm
+from planners.stopping import RandomConfirm
 
 ROOT = Path(__file__).parent.parent
 

@@ -131,17 +131,12 @@ class BankEpisodes(VectorEnv):
         self._frames = frame_probs(bank.logits)  # (N, R, P, K)
         make = JointEvidence if state in WITH_GAINS else evidence_of
         self._evidence: BankEvidence = make(bank, model, num_envs, touch_limit)
-        shape = (num_envs, len(bank.shape_labels))
-        self.objects, self.uses = np.zeros(num_envs, np.int64), np.zeros((num_envs, self.num_poses), np.int64)
-        self._log_priors = np.tile(np.log(self._priors.probs(self._priors.middle, only)), (num_envs, 1))
-        self.log_probs = self._log_priors.copy()
-        self._gains = np.zeros((num_envs, self.num_poses))
-        self._first_rounds = np.zeros_like(self.uses)
-        self._frame_probs = np.full(shape, 1.0 / shape[1])
-        self._previous = np.full(num_envs, NO_ACTION)
-        self._num_touches = np.zeros(num_envs, np.int64)
-        self._potential = self._potential_of(np.arange(num_envs))
-        self._ask_gains(np.arange(num_envs))
+        num_shapes = len(bank.shape_labels)
+        self._log_priors, self.log_probs, self._frame_probs = (np.zeros((num_envs, num_shapes)) for _ in range(3))
+        self.objects, self._previous, self._num_touches = (np.zeros(num_envs, np.int64) for _ in range(3))
+        self.uses, self._first_rounds = (np.zeros((num_envs, self.num_poses), np.int64) for _ in range(2))
+        self._gains, self._potential = np.zeros((num_envs, self.num_poses)), np.zeros(num_envs)
+        self.begin(np.arange(num_envs), self.objects)
         self.metadata = {"autoreset_mode": mode}
         self._is_started, self._over = False, np.zeros(num_envs, np.bool_)  # to start again in the next step
         self.single_action_space = spaces.Discrete(self.num_poses + 2)
@@ -151,7 +146,9 @@ class BankEpisodes(VectorEnv):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
 
     @classmethod
-    def shipped(cls, scene: str, target: str | None, num_envs: int, **settings: Any) -> BankEpisodes:
+    def shipped(
+        cls, scene: str = "paper", target: str | None = "cone", num_envs: int = 1, **settings: Any
+    ) -> BankEpisodes:
         """Episodes on the recorded touches of a scene that come with the package.
 
         Args:
@@ -321,6 +318,5 @@ def _choose(probs: NDArray[np.float64], rng: np.random.Generator) -> Ints:
     return (rng.random((len(probs), 1)) >= up_to / up_to[:, -1:]).sum(axis=1)
 
 
-def recorded_tests(num_envs: int = 1, scene: str = "paper", target: str = "cone", **settings: Any) -> BankEpisodes:
-    """What ``gymnasium.make_vec("activetouch/ObjectTestBank-v0")`` makes; see :meth:`BankEpisodes.shipped`."""
-    return BankEpisodes.shipped(scene, target, num_envs, **settings)
+recorded_tests = BankEpisodes.shipped
+"""What ``gymnasium.make_vec("activetouch/ObjectTestBank-v0")`` calls."""

@@ -15,6 +15,7 @@ from belief.naming import Name
 from belief.observation_model.model import ArrayModel
 from belief.problem import Touch
 from belief.synthetic import SyntheticWorld
+from belief.validation import Floats
 
 
 class EpisodeWorld(Protocol):
@@ -90,7 +91,6 @@ class SampledTouches:
         return SyntheticWorld(self.model, arrangement)
 
 
-Floats = NDArray[np.float64]
 TargetProb: TypeAlias = float | tuple[float, float]
 """Prior probability of the target; or a range, from which every test draws its own, uniformly (decision 0024)."""
 

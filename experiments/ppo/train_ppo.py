@@ -82,7 +82,7 @@ class TrainPPO:
         require_extra("rl")
         if self.tensorboard is not None:
             require_extra("tensorboard")
-        from experiments.ppo.touch_bank import TEST, TRAINING, kept_bank  # loads gymnasium
+        from experiments.ppo.training import TEST, TRAINING, kept_bank  # loads gymnasium
 
         named = named_scene(self.scene)
         out = self.out if self.out is not None else Path(f"runs/ppo-{in_file_names(self.scene)}")

@@ -1,4 +1,4 @@
-"""Training of one policy on a touch bank with Stable-Baselines3.
+"""Training of one policy with Stable-Baselines3, on recorded touches as a reader reads them.
 
 A finished training is read from its file, OUT/trainings/STATE-TARGET-SEED-DIGEST.safetensors, whose digest is of all
 that determines it; an interrupted one starts again.
@@ -13,24 +13,30 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from activetouch.data.dataset import read_split
+from activetouch.data.manifest import read_manifest
 from activetouch.envs.batched_episodes import BankEpisodes
-from activetouch.envs.touch_bank import TouchBank
+from activetouch.envs.touch_bank import MANIFEST, TouchBank
 from activetouch.envs.touch_source import TargetProb
 from activetouch.errors import TrainingDiverged
+from activetouch.perception.reader import TactileReader
 from belief.files import array_digest, in_file_name
 from belief.observation_model.model import ArrayModel
 from belief.policy_state import WITH_GAINS
 from experiments.ppo.recipe import PPORecipe
+from experiments.sensor.scores import readings
 from planners.ppo import BadPolicy, Policy, PolicyCard
 
 if TYPE_CHECKING:
     from stable_baselines3 import PPO
 
+TRAINING, TEST = "calibration", "test"
+"""Splits of the collection for training and for evaluation of policies."""
 ALL = "all"
 """Stands for the target of a policy for all of them."""
 _EPISODES = 2000  # per evaluation
@@ -227,3 +233,46 @@ def _global_generators_kept() -> Iterator[None]:
             yield
     finally:
         np.random.set_state(before)  # noqa: NPY002
+
+
+def make_bank(reader: TactileReader, data: Path, split: str) -> TouchBank:
+    """Read the touches of a collection with repeated touches.
+
+    Args:
+        reader: reader of the touches, which was not trained on these objects.
+        data: folder of the collection.
+        split: split of the collection, such as :data:`TRAINING`.
+    """
+    manifest, touches = read_manifest(data), read_split(data, split)
+    logits, features = [], []
+    for reading in readings(reader, touches.images, f"reading {split} touches"):
+        logits.append(reading.logits.astype(np.float32))
+        features.append(reading.embeddings.astype(np.float16))
+    by_object = (len(np.unique(touches.object_ids)), manifest.plan.repeats, len(manifest.pose_labels), -1)
+    return TouchBank(
+        np.concatenate(logits).reshape(by_object),
+        touches.shapes.reshape(by_object[:3])[:, 0, 0],
+        manifest.shape_labels,
+        manifest.pose_labels,
+        np.concatenate(features).reshape(by_object),
+        _source(reader, data, split),
+        manifest.scene,
+    )
+
+
+def kept_bank(reader: TactileReader, data: Path, split: str, folder: Path) -> TouchBank:
+    """The bank in a folder, if it is :func:`make_bank` of the same collection and reader; otherwise it is made there.
+
+    Raises:
+        CorruptFile: A file of the bank in the folder was changed.
+    """
+    if (folder / MANIFEST).is_file():
+        found = TouchBank.open(folder)
+        if dict(found.source) == _source(reader, data, split):
+            return found
+    make_bank(reader, data, split).save(folder)
+    return TouchBank.open(folder)
+
+
+def _source(reader: TactileReader, data: Path, split: str) -> dict[str, Any]:
+    return {"collection": read_manifest(data).identity, "split": split, "classifier": reader.card.training}

@@ -17,7 +17,7 @@ from experiments.search.fingerprint import files_digest
 from experiments.search.replay import Replay
 from experiments.search.run import RunFolder
 from experiments.search.setting import Setting
-from planners.sb3_policy import _model
+from planners.other_agents import _model
 
 pytestmark = [pytest.mark.torch, pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="makes a pipe")]
 

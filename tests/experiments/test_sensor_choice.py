@@ -20,8 +20,8 @@ from belief.errors import CorruptFile
 from experiments.calibration.calibration_report import CalibrationReport
 from experiments.cli import commands
 from experiments.command_line.trust import Trust
-from experiments.ppo.touch_bank import kept_bank
 from experiments.ppo.train_ppo import TrainPPO
+from experiments.ppo.training import kept_bank
 from experiments.robustness.robustness import Robustness
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare

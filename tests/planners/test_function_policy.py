@@ -8,8 +8,7 @@ from activetouch.envs.touch_source import SampledTouches
 from belief.errors import BrokenContract, InvalidArgument, UnknownName
 from belief.references import BadReference
 from planners import InformationState, check_decider, make_decider
-from planners.function_policy import FunctionPolicy
-from planners.sb3_policy import SB3Policy
+from planners.other_agents import FunctionPolicy, SB3Policy
 
 MINE = """
 import numpy as np

@@ -8,8 +8,8 @@ import pytest
 
 from belief import Belief, Confirm, Probe, Reject, SearchProblem
 from planners import InformationState, check_decider, make_decider
+from planners.other_agents import SB3Policy
 from planners.ppo import BadPolicy, MissingPolicy
-from planners.sb3_policy import SB3Policy
 
 pytestmark = pytest.mark.torch
 K, P = 4, 3

@@ -6,7 +6,7 @@ import pytest
 from belief import Belief, Confirm, Reject, SearchProblem, Touch
 from belief.errors import InvalidArgument
 from planners import InformationState
-from planners.baselines import ThresholdRule
+from planners.stopping import ThresholdRule
 
 PROBLEM = SearchProblem(("a", "b", "c", "d"), ("p", "q"), num_objects=4)
 

@@ -8,12 +8,11 @@ from belief.errors import ActiveTouchError, InvalidArgument
 from belief.observation_model import OutcomeTable
 from belief.synthetic import SyntheticWorld
 from planners import DECIDERS, InformationState, make_decider, search
-from planners.baselines import ThresholdRule
 from planners.decider import TableMismatch
 from planners.point_based import PointBased
 from planners.registry import NEED_FILES, TRAINED, WrongType, summary_of
 from planners.solve import SearchTouchProblem, TouchProblem, finite_horizon_value, solve
-from planners.stopping import PosteriorThresholds
+from planners.stopping import PosteriorThresholds, ThresholdRule
 from planners.value_of_information import ValueOfInformation
 
 TABLE = np.array([[[0.9, 0.1], [0.1, 0.9]]])

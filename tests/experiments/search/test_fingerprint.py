@@ -12,9 +12,8 @@ import pytest
 
 from experiments.search.fingerprint import fingerprint
 from planners import SequentialDecider
-from planners.baselines import ThresholdRule
 from planners.probing import FixedOrder, RandomOrder
-from planners.stopping import PosteriorThresholds
+from planners.stopping import PosteriorThresholds, ThresholdRule
 
 ROOT = Path(__file__).parents[3]
 MINE = """
