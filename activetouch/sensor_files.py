@@ -121,7 +121,10 @@ def files_for(
         NoIndependentModel: the sensor has only a joint model.
         LabelMismatch: it was made for other shapes or poses than the scene's.
         WrongScene: it was made for a scene that differs by more than a known shift.
+        InvalidArgument: the scene has one shape.
     """
+    if len(scene.shapes) < 2:
+        raise InvalidArgument("one shape: nothing to tell apart; add a mesh or leave out --only")
     path = reader_file(folder, scene, independent, unknown_state)
     if scene.hand is not None and independent:
         raise NoIndependentModel("the fingers of a hand touch one body; the independent model reads single touches")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import warnings
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,9 @@ from activetouch.data.manifest import Manifest, NoCollection, read_manifest
 from activetouch.errors import LabelMismatch, SceneShift, WrongScene
 from activetouch.named_scenes import SCENES, NamedScene
 from activetouch.perception.card import ClassifierCard
+from activetouch.perception.hypothesis_table import HypothesisTable
+from activetouch.perception.preparation import hypotheses_of
+from activetouch.perception.reader import TactileReader
 from activetouch.rendering import PressureRenderer
 from activetouch.scene import Scene
 from activetouch.scene_description import in_words, require_scene, scene_fields
@@ -27,6 +31,7 @@ from activetouch.sensor_files import (
     require_simulated,
 )
 from belief.errors import ActiveTouchError
+from experiments.parallel import Shared, run_tasks
 from experiments.scene_choice import SceneChoice, choice_name, command, in_file_names, named_scene
 from planners.ppo import BadPolicy, MissingPolicy, load_ppo_policy, policy_file
 from planners.registry import trained_state
@@ -97,6 +102,7 @@ def open_sensor(
     anyway: bool = False,
     independent: bool = False,
     unknown_state: bool = False,
+    jobs: int | None = None,
 ) -> TactileSensor:
     """Load a sensor, which checks that it fits the scene; print an accepted difference to stderr.
 
@@ -106,6 +112,7 @@ def open_sensor(
         anyway: whether to accept a sensor of any scene.
         independent: whether to use its model that takes touches as independent given the shape.
         unknown_state: whether the state of the sensor is inferred from its touches.
+        jobs: number of processes that predict contacts, with a progress bar; by default this one does, silently.
 
     Raises:
         NoSensor: The folder holds no sensor.
@@ -123,9 +130,13 @@ def open_sensor(
             where = f"{chosen} holds no sensor: there is no {path.name} in it"
             none = f"no sensor comes with the scene {name}; name one with --sensor"
             raise NoSensor(f"{where if chosen.parent != MODELS else none}. {_remedy(choice, name, scene)}")
-    if unknown_state or scene.hand is not None:
-        print("preparing the sensor: up to two minutes the first time, then kept in the cache", file=sys.stderr)
     try:
+        path, fitted, _ = files_for(chosen, scene, anyway, independent, unknown_state)
+        if unknown_state or fitted is None:
+            print("preparing the sensor: up to two minutes the first time, then kept in the cache", file=sys.stderr)
+        if jobs is not None and fitted is None:
+            reader = TactileReader.load(path).bound_to(scene)
+            predict_contacts(reader, scene, hypotheses_of(reader, scene), jobs)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SceneShift)  # printed below, also where it is accepted
             sensor = TactileSensor.load(chosen, scene, anyway, independent, unknown_state)
@@ -134,6 +145,19 @@ def open_sensor(
     for sentence in shift_sentences(sensor.shift):
         print(f"warning: {sentence}", file=sys.stderr)
     return sensor
+
+
+def predict_contacts(reader: TactileReader, scene: Scene, num_hypotheses: int, jobs: int | None) -> None:
+    """Fill the cache of predicted contacts of a reader of any object, before one or several processes need them."""
+    if reader.card.imaging is not None:
+        shared = Shared(HypothesisTable(reader, scene))
+        tasks = [partial(_predict, shared, num_hypotheses, pose) for pose in range(len(scene.poses))]
+        for _ in run_tasks(tasks, jobs, "predicting contacts"):
+            pass
+
+
+def _predict(shared: Shared[HypothesisTable], num_hypotheses: int, pose: int) -> None:
+    shared.value(num_hypotheses, (pose,))
 
 
 def shift_sentences(shift: tuple[str, ...]) -> list[str]:

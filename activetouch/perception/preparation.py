@@ -53,7 +53,7 @@ def prepared(reader: TactileReader, scene: Scene, seed: int = 0) -> ArrayModel:
     key = {
         "reader": made_by,
         "scene": described,
-        "hypotheses": _number(reader, scene),
+        "hypotheses": hypotheses_of(reader, scene),
         "touches": _TOUCHES,
         "seed": seed,
     }
@@ -67,7 +67,8 @@ def prepared(reader: TactileReader, scene: Scene, seed: int = 0) -> ArrayModel:
     return model
 
 
-def _number(reader: TactileReader, scene: Scene) -> int:
+def hypotheses_of(reader: TactileReader, scene: Scene) -> int:
+    """How many hypotheses of each shape :func:`prepared` fits a model with."""
     grasps = reader.hypotheses
     return grasps.number if isinstance(grasps, GraspHypotheses) else num_hypotheses(scene)
 
@@ -100,7 +101,9 @@ def _fitted(reader: TactileReader, scene: Scene, rng: np.random.Generator) -> tu
     ids = np.repeat(np.arange(len(truth)), num_poses)
     labels: Mapping[str, Any] = {"shape_labels": scene.shape_labels, "num_poses": num_poses}
     table = HypothesisTable(reader, scene)
-    model = RigidBodyModel.fit(touches, truth[ids], ids, embed=table, num_hypotheses=_number(reader, scene), **labels)
+    model = RigidBodyModel.fit(
+        touches, truth[ids], ids, embed=table, num_hypotheses=hypotheses_of(reader, scene), **labels
+    )
     order = np.array([rng.permutation(num_poses) for _ in truth]) + np.arange(len(truth))[:, None] * num_poses
     batch = TouchBatch(poses[order], read.logits[order], read.embeddings[order])
     found = model.log_likelihood_batch(batch).argmax(axis=1)

@@ -109,7 +109,7 @@ def find(
     bodies: Bodies,
     target: str,
     *,
-    num_objects: int = 4,
+    num_objects: int | None = None,
     num_searches: int = 20,
     threshold: float = 0.95,
     seed: int = 0,
@@ -124,7 +124,7 @@ def find(
     Args:
         bodies: a folder of mesh files, mesh files, or solids by label: what the objects may be.
         target: label of the body that is sought; the name of its file will do.
-        num_objects: objects in front of the sensor, of different bodies.
+        num_objects: objects in front of the sensor, of different bodies; up to four by default.
         num_searches: number of searches. The target is equally often at each place and absent.
         threshold: probability of the answer at which to stop.
         seed: of objects and touches.
@@ -137,12 +137,14 @@ def find(
         InvalidArgument: there are not more bodies than objects, or no mesh can be read.
     """
     solids = solids_of(bodies, scale)
+    sought = index_of("body", tuple(solids), target if target in solids else str(Path(target).with_suffix("")))
+    num_objects = min(4, len(solids) - 1) if num_objects is None else num_objects
     require_count("num_objects", num_objects)
     if len(solids) <= num_objects:
         raise InvalidArgument(
-            f"{num_objects} different objects of {len(solids)} bodies would leave none out: add meshes"
+            f"{num_objects} different objects of {len(solids)} bodies would leave none out: add meshes, or use "
+            f"--objects {len(solids) - 1}"
         )
-    sought = index_of("body", tuple(solids), target if target in solids else str(Path(target).with_suffix("")))
     made = MeshSetting.of(solids, jobs=jobs, **setting)
     shared = Shared(made)
     tasks = [
@@ -210,8 +212,8 @@ class Find(MeshOptions):
 
     target: str
     """Label of the body that is sought, or the name of its file."""
-    objects: Count = 4
-    """Objects in front of the sensor."""
+    objects: Count | None = None
+    """Objects in front of the sensor; four by default, or one less than the bodies."""
     searches: Count = 20
     """Number of searches."""
     out: Path = Path("runs/find")

@@ -14,6 +14,7 @@ import tyro
 
 from activetouch.solids.solid import Shape
 from belief.claims import claim_folder
+from belief.errors import InvalidArgument
 from belief.statistics import wilson_interval
 from belief.table import Table, Tabular
 from belief.validation import Floats
@@ -176,9 +177,13 @@ class MeshOptions:
         if len(found.twins) > _MOST_TWINS:
             plain_console().print(f"- and {len(found.twins) - _MOST_TWINS} more pairs")
         print(found.table())
-        print(f"wrote {found.save(self.out)}")
+        replaced = ", in place of an earlier report" * (self.out / "report.html").exists()
+        print(f"wrote {found.save(self.out)}{replaced}")
 
 
 def solids_of(bodies: Bodies, scale: float | None) -> dict[str, Shape]:
     """Bodies by label, as given, or of mesh files; see :func:`experiments.meshes.setting.read_folder`."""
-    return dict(bodies) if isinstance(bodies, Mapping) else read_folder(bodies, scale)[0]
+    solids = dict(bodies) if isinstance(bodies, Mapping) else read_folder(bodies, scale)[0]
+    if len(solids) == 1:
+        raise InvalidArgument(f"one body, {next(iter(solids))}: nothing to tell apart; add a mesh")
+    return solids

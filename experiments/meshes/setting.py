@@ -175,6 +175,9 @@ def read_folder(folder: Path | Sequence[Path | str], scale: float | None = None)
     Raises:
         InvalidArgument: the folder has no mesh that can be read.
         FileNotFoundError: there is no such folder or file.
+
+    Warns:
+        MeshWarning: see :meth:`Mesh.from_file`; of the first ten files that there is something to say of.
     """
     if isinstance(folder, Path | str):
         folder = Path(folder)
@@ -188,16 +191,23 @@ def read_folder(folder: Path | Sequence[Path | str], scale: float | None = None)
         files, labels = list(folder), mesh_labels(*folder)
     found: dict[str, Shape] = {}
     refused = []
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", MeshWarning)
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always", MeshWarning)
         for label, file in zip(labels, files, strict=True):
             try:
                 found[label] = MeshSource.parse(file).read(scale)
             except BadMesh as error:
                 refused.append(str(error))
     if not found:
-        raise InvalidArgument(f"no mesh could be read from {folder}; files end in {', '.join(ENDINGS)}{refused[:1]}")
+        reasons = "".join(f"\n- {reason}" for reason in _first(refused, 3))
+        raise InvalidArgument(f"no mesh could be read from {folder}; files end in {', '.join(ENDINGS)}{reasons}")
+    for remark in _first([str(one.message) for one in said], 10):
+        warnings.warn(remark, MeshWarning, stacklevel=2)
     return found, refused
+
+
+def _first(lines: list[str], most: int) -> list[str]:
+    return lines if len(lines) <= most else [*lines[:most], f"and {len(lines) - most} more files"]
 
 
 def scene_of(solids: Mapping[str, Shape], sensor: str | Path = "gel") -> Scene:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,8 +11,7 @@ import numpy as np
 
 from activetouch import Scene, TactileSensor
 from activetouch.named_scenes import SCENES, NamedScene
-from activetouch.perception.hypothesis_table import HypothesisTable
-from activetouch.sensor_files import POLICIES
+from activetouch.sensor_files import ANY_OBJECT_FILE, POLICIES
 from belief.errors import UnknownName
 from belief.files import require_writable
 from belief.observation_model.rigid_body import joint_model
@@ -21,16 +19,16 @@ from belief.problem import SearchProblem
 from belief.table import Table, Tabular
 from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments, check_value
 from experiments.command_line.trust import Trust
-from experiments.parallel import Shared, run_tasks
+from experiments.parallel import default_jobs
 from experiments.scene_choice import SceneChoice, as_named
 from experiments.search.fingerprint import files_digest
-from experiments.search.play import Searches, made_for, opened, sensor_digest, with_unsure
+from experiments.search.play import Searches, identity_of, made_for, opened, sensor_digest, with_unsure
 from experiments.search.run import Cell, Run, RunFolder, read_episode
 from experiments.search.setting import Setting
 from experiments.search.summary import Summary
 from experiments.search.tables import results_table, terminal_table
 from experiments.search.verdict import verdict_sentences
-from experiments.sensor_choice import require_policies
+from experiments.sensor_choice import predict_contacts, require_policies
 from planners import Decider, make_decider
 from planners.abstaining import Abstaining
 from planners.certified import Certificate, NotCertified
@@ -271,13 +269,21 @@ def prepared(
             find_decider(player)  # raises UnknownName
     if out is not None:
         require_writable(out)
-    sensor = setting.open_sensor(named) if own_sensor is None else replace(own_sensor, scene=scene.scene)
+        RunFolder(out).require(identity_of(scene.scene, problem, seed))  # before the sensor is prepared
+    sensor = (
+        setting.open_sensor(named, default_jobs() if jobs is None else jobs)
+        if own_sensor is None
+        else replace(own_sensor, scene=scene.scene)
+    )
     folder = setting.sensor_folder
     for player in players.values():
         if isinstance(player, str):
             require_policies(player, chosen, setting.choice.scene, folder)
-    digest = sensor_digest(sensor) if own_sensor is not None else files_digest(setting.sensor_files(scene.scene))
-    _predict_contacts(sensor, jobs)
+    files = [] if own_sensor is not None else setting.sensor_files(scene.scene)
+    digest = files_digest(files) if files else sensor_digest(sensor)
+    model = joint_model(sensor.model)
+    if ANY_OBJECT_FILE not in [file.name for file in files] and model is not None:
+        predict_contacts(sensor.reader, sensor.scene, model.num_hypotheses, jobs)
     table = sensor.model.outcome_table()
     made = {
         name: player if not isinstance(player, str) else make_decider(player, table, sensor.model, folder / POLICIES)
@@ -320,20 +326,6 @@ def _players(deciders: Mapping[str, Decider | str] | Sequence[str] | str) -> dic
         if not isinstance(player, str) and not callable(getattr(player, "decide", None)):
             raise BadArgument(f"{name!r} is not a decider: it has no method decide(info, rng), got {player!r:.80}")
     return players
-
-
-def _predict_contacts(sensor: TactileSensor, jobs: int | None) -> None:
-    """Fill the cache of predicted contacts of a reader of any object, before several processes need them."""
-    model = joint_model(sensor.model)
-    if sensor.reader.card.imaging is not None and model is not None:
-        shared = Shared(HypothesisTable(sensor.reader, sensor.scene))
-        tasks = [partial(_predict, shared, model.num_hypotheses, pose) for pose in range(len(sensor.scene.poses))]
-        for _ in run_tasks(tasks, jobs, "predicting contacts"):
-            pass
-
-
-def _predict(shared: Shared[HypothesisTable], num_hypotheses: int, pose: int) -> None:
-    shared.value(num_hypotheses, (pose,))
 
 
 def compared(run: Run, reference: str | None = None) -> Comparison:

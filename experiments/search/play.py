@@ -14,7 +14,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from activetouch import TactileSensor, TouchWorld
+from activetouch import Scene, TactileSensor, TouchWorld
 from activetouch.scene_description import scene_fields
 from activetouch.world import TouchTime, touch_many
 from belief.problem import SearchProblem, Touch
@@ -71,18 +71,18 @@ class Searches:
     @cached_property
     def identity(self) -> dict[str, Any]:
         """All of it as JSON types; searches of one folder have the same."""
-        return {
-            "seed": self.seed,
-            "problem": repr(self.problem),
-            "scene": scene_fields(self.sensor.scene),
-            "sensor_sha256": self.sensor_sha256,
-            "versions": versions(),
-        }
+        rules = identity_of(self.sensor.scene, self.problem, self.seed)
+        return rules | {"sensor_sha256": self.sensor_sha256}
 
     @cached_property
     def code(self) -> str:
         """Digest of the code of the scene, of the observation model and of the search itself."""
         return digest_of([fingerprint(part) for part in (self.sensor.scene, type(self.sensor.model), play_episodes)])
+
+
+def identity_of(scene: Scene, problem: SearchProblem, seed: int) -> dict[str, Any]:
+    """All that determines searches apart from the sensor, as JSON types."""
+    return {"seed": seed, "problem": repr(problem), "scene": scene_fields(scene), "versions": versions()}
 
 
 def sensor_digest(sensor: TactileSensor) -> str:

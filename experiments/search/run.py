@@ -70,7 +70,7 @@ class RunFolder:
         self._known: dict[Cell, dict[str, dict[int, Batch]]] = {}
 
     def require(self, identity: Mapping[str, Any]) -> None:
-        """Check that the folder holds searches with this identity, or none.
+        """Check that the folder holds searches with this identity, or the given part of one, or none.
 
         Raises:
             RunMismatch: The folder holds a run with another identity.
@@ -80,7 +80,7 @@ class RunFolder:
             return
         if other := differing(self.read_run()["identity"], identity):
             raise RunMismatch(
-                f"{self.path} holds a run with other {other}. Give this run a folder of its own: --out {self.path}-2"
+                f"{self.path} holds another run: {other}. Give this run a folder of its own: --out {self.path}-2"
             )
 
     def start(self, identity: Mapping[str, Any], arguments: Mapping[str, Any]) -> None:
@@ -203,13 +203,14 @@ class RunFolder:
 
 
 def differing(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
-    """What differs between two identities, in words; empty if nothing does."""
+    """In which parts of the second identity, or of a part of one, the first differs, in words; empty for none."""
     in_words = {
-        "problem": "objects or costs of a search (--num-objects, --touch-cost, --abstain)",
+        "problem": "search (shapes, --num-objects, --touch-cost, --abstain)",
+        "scene": "scene (shapes, hand, presses)",
         "sensor_sha256": "sensor",
     }
-    keys = sorted(key for key in {*one, *other} if one.get(key) != other.get(key))
-    return ", ".join(in_words.get(key, key) for key in keys)
+    keys = sorted(key for key in other if one.get(key) != other[key])
+    return "; ".join(f"other {in_words.get(key, key)}" for key in keys)
 
 
 def episode_lines(decider: str, episodes: Iterable[Episode]) -> list[str]:

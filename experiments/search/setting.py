@@ -97,7 +97,7 @@ class Setting:
             *([] if reader.name == ANY_OBJECT_FILE else [observation_file(self.sensor_folder, independent)]),
         ]
 
-    def open_sensor(self, named: NamedScene | None = None) -> TactileSensor:
+    def open_sensor(self, named: NamedScene | None = None, jobs: int | None = None) -> TactileSensor:
         """The sensor, once it is checked that it fits the scene, or a scene object in its place.
 
         Raises:
@@ -105,7 +105,7 @@ class Setting:
         """
         scene = self.choice if named is None else named
         independent = self.observation_model == "independent"
-        return open_sensor(self.sensor, scene, self.anyway, independent, self.unknown_state)
+        return open_sensor(self.sensor, scene, self.anyway, independent, self.unknown_state, jobs)
 
     @property
     def problem(self) -> SearchProblem:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
+from activetouch.errors import MeshWarning
 from activetouch.named_scenes import SCENES
 from activetouch.perception.contacts.close_look import CloseLook
 from activetouch.perception.contacts.views import BodySet, ViewPlan, are_embedded, embedded_views
@@ -96,7 +97,12 @@ def test_a_folder_is_read_with_what_cannot_be_read_left_out(folder, tmp_path):
     assert list(solids) == ["bar", "cube", "same", "plate"]
     assert len(refused) == 1
     assert "broken" in refused[0]
-    with pytest.raises(InvalidArgument, match="no mesh"):
+    for name in "abcde":
+        (tmp_path / f"{name}.obj").write_text("v 0 0 0\n")
+    with pytest.raises(InvalidArgument, match=r"(?s)no mesh.*\.ply\n- a.*\n- c.*\n- and 2 more files$"):
+        read_folder(tmp_path)
+    (tmp_path / "large.obj").write_text("v 0 0 0\nv 30 0 0\nv 0 30 0\nv 0 0 30\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n")
+    with pytest.warns(MeshWarning, match="millimetres"):
         read_folder(tmp_path)
     with pytest.raises(FileNotFoundError, match="no folder"):
         read_folder(tmp_path / "missing")
@@ -132,13 +138,17 @@ def test_a_search_says_where_the_target_is_or_that_it_is_not_there(folder, tmp_p
     assert sum(row["right"] for row in found.rows()) >= 4
     assert "answers are right" in str(found)
     assert found.save(tmp_path).exists()
+    usual = find(folder, "cube", num_searches=1, threshold=0.3, jobs=1, plan=PLAN, levels=(0, 1), pressed=4)
+    assert len(usual.searches[0].objects) == 3
 
 
 def test_what_cannot_be_sought_is_refused(folder):
     with pytest.raises(UnknownName, match="mug"):
-        find(folder, "mug.obj", num_objects=2)
-    with pytest.raises(InvalidArgument, match="add meshes"):
+        find(folder, "mug.obj", num_objects=4)
+    with pytest.raises(InvalidArgument, match="add meshes, or use --objects 3"):
         find(folder, "cube", num_objects=4)
+    with pytest.raises(InvalidArgument, match="nothing to tell apart"):
+        find([folder / "cube.obj"], "cube")
     with pytest.raises(InvalidArgument, match="reader of any object"):
         MeshSetting.of({"cube": Box((0.01, 0.01, 0.01))}, sensor="paper")
     with pytest.raises(InvalidArgument, match="no bodies"):

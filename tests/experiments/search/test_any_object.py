@@ -8,10 +8,12 @@ import tyro
 
 from activetouch.perception import preparation
 from activetouch.perception.contacts import hypotheses
-from belief.errors import ActiveTouchError
+from belief.errors import ActiveTouchError, InvalidArgument
 from experiments.cli import commands
 from experiments.scene_choice import SceneChoice
 from experiments.search.comparison import prepared
+from experiments.search.play import identity_of
+from experiments.search.run import RunFolder, RunMismatch
 from experiments.search.setting import Setting
 
 CUBE = """v -1 -1 -1\nv 1 -1 -1\nv 1 1 -1\nv -1 1 -1\nv -1 -1 1\nv 1 -1 1\nv 1 1 1\nv -1 1 1
@@ -44,7 +46,25 @@ def test_compare_searches_for_a_mesh_without_training(meshes, tmp_path, capsys):
     command("compare", run)
     episodes = [json.loads(line) for line in (out / "episodes.jsonl").read_text().splitlines()]
     assert len(episodes) == 2
-    assert "other scene" not in capsys.readouterr().err
+    said = capsys.readouterr()
+    assert "other scene" not in said.err
+    assert "preparing the sensor" in said.err
+    assert said.out.count("predicting contacts") == 1
+
+
+def test_one_shape_is_refused_before_anything_is_prepared(meshes):
+    for words in (["compare", "--jobs", "1"], ["live", "--target", "brick"]):
+        with pytest.raises(InvalidArgument, match="one shape: nothing to tell apart"):
+            command(words[0], [*words[1:], "--only", "--meshes", meshes[0]])
+
+
+def test_a_folder_of_another_run_is_refused_before_the_sensor_is_prepared(meshes, tmp_path, monkeypatch):
+    setting = Setting(SceneChoice("coarse", "quasistatic"))
+    RunFolder(tmp_path / "run").start(identity_of(setting.scene, setting.problem, 0), {})
+    monkeypatch.setattr(Setting, "open_sensor", lambda *given: pytest.fail("it was prepared"))
+    other = Setting(SceneChoice("coarse", "quasistatic", meshes=tuple(meshes), only=True))
+    with pytest.raises(RunMismatch, match="other scene"):
+        prepared(other, "threshold", jobs=1, out=tmp_path / "run")
 
 
 def test_what_several_processes_need_is_computed_once_before(meshes, monkeypatch):

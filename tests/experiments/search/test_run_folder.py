@@ -73,7 +73,7 @@ def test_a_digit_that_flips_is_noticed(tmp_path, place):
 def test_a_folder_goes_on_with_its_own_run_only(tmp_path):
     started(tmp_path, identity={"seed": 0, "scene": "a"})
     RunFolder(tmp_path).require({"seed": 0, "scene": "a"})
-    with pytest.raises(RunMismatch, match=r"other scene, seed\. Give this run a folder of its own: --out"):
+    with pytest.raises(RunMismatch, match=r"another run: other scene .*; other seed\. Give this run a folder"):
         RunFolder(tmp_path).start({"seed": 1, "scene": "b"}, ARGUMENTS)
     assert RunFolder(tmp_path).read_run()["identity"]["seed"] == 0
 
