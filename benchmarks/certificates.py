@@ -19,6 +19,7 @@ how many stops are right: of all that a certificate for a risk of 0.05 allows, a
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -31,8 +32,9 @@ from belief.statistics.exchangeability import log_e_values
 from belief.statistics.stop_thresholds import CandidateStops, certified_thresholds
 from experiments.robustness.conditions import CONDITIONS, DoesNotApply
 from experiments.scene_choice import SceneChoice
-from experiments.search.certify import Calibration, play_calibration, with_unsure
+from experiments.search.certify import CalibrationSearch, candidate_stops, play_calibration
 from experiments.search.comparison import prepared
+from experiments.search.play import with_unsure
 from experiments.search.setting import Setting
 from planners.certified import FALSE_ALARM
 
@@ -42,10 +44,23 @@ SESSION, SHUFFLES = 250, 200
 BLUNT = "blunt cone"
 
 
+def touches_with(played: Sequence[CalibrationSearch], thresholds: ArrayLike) -> np.ndarray:
+    """Touches of each search that stops by these thresholds, ``(N,)``; ``[0.0]`` is the decider alone."""
+    candidates, touches = candidate_stops(played), np.array([search.num_touches for search in played])
+    spent = np.array([stop[-1] for search in played for stop in search.stops], int)
+    stops = candidates.stops(np.asarray(thresholds).tolist())
+    touches[candidates.searches[stops]] = spent[stops]
+    return touches
+
+
 def show(
-    calibration: CandidateStops, fresh: Calibration, every: CandidateStops, risk: float, confidence: float
+    calibration: CandidateStops,
+    fresh: Sequence[CalibrationSearch],
+    every: CandidateStops,
+    risk: float,
+    confidence: float,
 ) -> None:
-    made, candidates = certified_thresholds(calibration, risk, confidence), fresh.candidates
+    made, candidates = certified_thresholds(calibration, risk, confidence), candidate_stops(fresh)
     print(f"\nrisk {risk:g}, confidence {confidence:g}, {calibration.num_searches} calibration searches")
     print(f"{'touches':>9s}{'confirm at':>12s}{'tested':>8s}{'wrong':>7s}{'fresh':>8s}{'wrong':>7s}  95 %")
     for touches, (limit, stops, wrong) in enumerate(
@@ -55,7 +70,7 @@ def show(
         name = f"≥ {touches}" if touches == len(made.thresholds) - 1 else str(touches)
         tested = f"{made.stops[touches]:8d}{made.wrong[touches]:7d}"
         print(f"{name:>9s}{limit:12.6f}{tested}{stops:8d}{wrong:7d}  [{low:.4f}, {high:.4f}]")
-    plain, certified = (fresh.touches_with(limits).astype(float) for limits in ([0.0], made.thresholds))
+    plain, certified = (touches_with(fresh, limits).astype(float) for limits in ([0.0], made.thresholds))
     more = paired_bootstrap(certified, plain, np.random.default_rng(0))
     stopped = len(candidates.stops(made.thresholds)), len(candidates.stops([0.0]))
     print(
@@ -97,10 +112,10 @@ def show_false_alarms(calibration: np.ndarray, fresh: np.ndarray) -> None:
     print(f"in sessions of {SESSION} searches {share:.4f} [{low:.4f}, {high:.4f}], {np.size(alarms)} sessions")
 
 
-def show_world(world: str, calibration: np.ndarray, played: Calibration, thresholds: ArrayLike) -> None:
+def show_world(world: str, calibration: np.ndarray, played: Sequence[CalibrationSearch], thresholds: ArrayLike) -> None:
     """When robots in another world have an alarm, and which stops are right."""
-    candidates, fits = played.candidates, np.array(played.fits)
-    stops, touches = candidates.stops(thresholds), played.touches_with(np.asarray(thresholds).tolist())
+    candidates, fits = candidate_stops(played), np.array([search.fit for search in played])
+    stops, touches = candidates.stops(thresholds), touches_with(played, thresholds)
     is_wrong, ends = dict(zip(candidates.searches[stops], candidates.is_wrong[stops], strict=True)), []
     right: list[list[bool]] = [[], []]
     for robot in range(ROBOTS):
@@ -145,10 +160,7 @@ def main() -> None:
     searches = replace(run.searches, problem=with_unsure(run.searches.problem))
     number = given.calibration + given.fresh
     played = play_calibration(searches, run.deciders[given.decider], number, run.targets, given.max_touches, jobs=1)
-    every, first = played.candidates, given.calibration
-    rows = every.searches >= first
-    later = every.between(first, number)
-    fresh = Calibration(later, played.spent[rows], played.num_touches[first:], played.fits[first:])
+    every, first = candidate_stops(played), given.calibration
     stops, wrong = every.counts([0.0] * (given.max_touches + 1))
     print(
         f"{given.decider} in {given.scene}, {number} searches, seed {given.seed}: uncertified stops by touches, wrong"
@@ -156,8 +168,9 @@ def main() -> None:
     for touches, (stop, error) in enumerate(zip(stops, wrong, strict=True)):
         print(f"{touches:>9d}{stop:8d}{error:7d}")
     for risk in RISKS:
-        show(every.between(0, first), fresh, every, risk, given.confidence)
-    fits, made = np.array(played.fits), certified_thresholds(every.between(0, first), RISKS[0], given.confidence)
+        show(every.between(0, first), played[first:], every, risk, given.confidence)
+    fits = np.array([search.fit for search in played])
+    made = certified_thresholds(every.between(0, first), RISKS[0], given.confidence)
     show_false_alarms(fits[:first], fits[first:])
     print("\nalarms in other worlds")
     for world in given.worlds:

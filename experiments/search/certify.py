@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import tyro
@@ -19,8 +21,8 @@ from belief.observation_model.model import ObservationModel
 from belief.seeding import keyed_rng
 from belief.statistics.stop_thresholds import CandidateStops, certified_thresholds, least_searches
 from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, Within, check_arguments
-from experiments.parallel import Shared, default_jobs, run_tasks
-from experiments.search.comparison import prepared, scene_of
+from experiments.parallel import Shared, Task, default_jobs, run_tasks
+from experiments.search.comparison import prepared, setting_of
 from experiments.search.play import EPISODES_PER_BATCH, Searches, made_for, play_episodes, with_unsure
 from experiments.search.setting import Setting
 from planners import Decider, Episode
@@ -36,65 +38,19 @@ class TooFewSearches(ActiveTouchError, ValueError):
     """Calibration searches are too few, or err too often, to certify any stop."""
 
 
-@dataclass(frozen=True, eq=False)
-class Calibration:
-    """Searches that confirm nothing, from which those with any certificate can be read.
+class CalibrationSearch(NamedTuple):
+    """A search that confirms nothing, from which that with any certificate can be read.
 
     Attributes:
-        candidates: moments at which an object could have been confirmed, M of N searches.
-        spent: touches of the whole search before each, ``(M,)``.
-        num_touches: of each whole search, ``(N,)``.
-        fits: how well the touches of each fit the world, N.
+        stops: moments at which an object could have been confirmed: touches of the object, stated probability, whether
+            it is wrong, and touches of the whole search before.
+        num_touches: of the whole search.
+        fit: how well its touches fit the world.
     """
 
-    candidates: CandidateStops
-    spent: NDArray[np.int64]
-    num_touches: NDArray[np.int64]
-    fits: tuple[Fit, ...]
-
-    def touches_with(self, thresholds: Sequence[float]) -> NDArray[np.int64]:
-        """Touches of each search that stops by these thresholds, ``(N,)``; ``[0.0]`` is the decider alone."""
-        stops, touches = self.candidates.stops(thresholds), self.num_touches.copy()
-        touches[self.candidates.searches[stops]] = self.spent[stops]
-        return touches
-
-
-@dataclass(frozen=True)
-class _Task:
-    shared: Shared[tuple[Searches, Decider]]
-    target: int
-    numbers: range
-
-    def __call__(self) -> tuple[int, range, list[_Row]]:
-        searches, decider = self.shared.value
-        episodes, _ = play_episodes(searches, decider, self.target, self.numbers)
-        return self.target, self.numbers, [_row(episode, searches.sensor.model) for episode in episodes]
-
-
-class _Row(NamedTuple):
-    """Of a search.
-
-    Attributes:
-        candidates: touches of the object, stated probability, error and touches of the search at each.
-        num_touches: of the search.
-        fit: of its touches to the world.
-    """
-
-    candidates: list[tuple[int, float, bool, int]]
+    stops: list[tuple[int, float, bool, int]]
     num_touches: int
     fit: Fit
-
-
-def _row(episode: Episode, model: ObservationModel) -> _Row:
-    found, spent, on_object = [], 0, dict[int, int]()
-    for step in episode.steps:
-        index, scores = step.object_index, step.decision.scores
-        if WANTED in scores:
-            wrong = episode.arrangement[index] != episode.target
-            found.append((on_object.get(index, 0), scores[WANTED], wrong, spent))
-        spent += step.touch is not None
-        on_object[index] = on_object.get(index, 0) + (step.touch is not None)
-    return _Row(found, spent, fit_of_search(episode.target, episode.steps, model))
 
 
 def play_calibration(
@@ -104,7 +60,7 @@ def play_calibration(
     targets: Sequence[str],
     max_touches: int,
     jobs: int | None = None,
-) -> Calibration:
+) -> list[CalibrationSearch]:
     """Play searches that confirm nothing, each with a target drawn uniformly, so that they are independent and alike.
 
     An object is not touched more than ``max_touches`` times; then the search ends.
@@ -113,20 +69,43 @@ def play_calibration(
     searches = replace(searches, seed=searches.seed + _SEEDS)
     drawn = keyed_rng([searches.seed]).choice([labels.index(target) for target in targets], num_searches)
     player: Decider = Certified(decider, NEVER, max_touches)
-    shared, tasks = Shared((searches, player)), list[_Task]()
+    shared, tasks = Shared((searches, player)), list[Task[dict[int, CalibrationSearch]]]()
     for target in np.unique(drawn).tolist():
-        number = int(np.count_nonzero(drawn == target))
-        for first in range(0, number, EPISODES_PER_BATCH):
-            tasks.append(_Task(shared, target, range(first, min(first + EPISODES_PER_BATCH, number))))
-    rows = [_Row([], 0, (0, 0.0, 0.0))] * num_searches
-    for target, numbers, found in run_tasks(tasks, jobs, "calibrating"):
-        for number, row in zip(np.flatnonzero(drawn == target)[numbers], found, strict=True):
-            rows[number] = row
-    flat = [(number, *one) for number, row in enumerate(rows) for one in row.candidates]
-    columns: list[Any] = [np.array([row[column] for row in flat]) for column in range(5)] if flat else [np.zeros(0)] * 5
-    candidates = CandidateStops(columns[0], columns[1], columns[2], columns[3], num_searches)
-    touches = np.array([row.num_touches for row in rows], int)
-    return Calibration(candidates, columns[4].astype(int), touches, tuple(row.fit for row in rows))
+        places = np.flatnonzero(drawn == target)
+        for first in range(0, len(places), EPISODES_PER_BATCH):
+            tasks.append(partial(_play_batch, shared, target, first, places[first : first + EPISODES_PER_BATCH]))
+    found: dict[int, CalibrationSearch] = {}
+    for batch in run_tasks(tasks, jobs, "calibrating"):
+        found |= batch
+    return [found[place] for place in range(num_searches)]
+
+
+def _play_batch(
+    shared: Shared[tuple[Searches, Decider]], target: int, first: int, places: NDArray[np.int64]
+) -> dict[int, CalibrationSearch]:
+    """The episodes of a target from number ``first`` on, by their places among all searches."""
+    searches, decider = shared.value
+    episodes, _ = play_episodes(searches, decider, target, range(first, first + len(places)))
+    model = searches.sensor.model
+    return {place: _read(episode, model) for place, episode in zip(places.tolist(), episodes, strict=True)}
+
+
+def _read(episode: Episode, model: ObservationModel) -> CalibrationSearch:
+    found, spent, on_object = [], 0, Counter[int]()
+    for step in episode.steps:
+        index, scores = step.object_index, step.decision.scores
+        if WANTED in scores:
+            found.append((on_object[index], scores[WANTED], episode.arrangement[index] != episode.target, spent))
+        spent += step.touch is not None
+        on_object[index] += step.touch is not None
+    return CalibrationSearch(found, spent, fit_of_search(episode.target, episode.steps, model))
+
+
+def candidate_stops(played: Sequence[CalibrationSearch]) -> CandidateStops:
+    """All moments at which the searches could have confirmed."""
+    rows = [(number, *stop[:3]) for number, search in enumerate(played) for stop in search.stops]
+    searches, touches, probs, is_wrong = np.reshape(rows, (-1, 4)).T
+    return CandidateStops(searches, touches, probs, is_wrong, len(played))
 
 
 def certify(
@@ -181,10 +160,7 @@ def certify(
         certificate = activetouch.certify("coarse", risk=0.05, searches=1000)
         activetouch.compare("coarse", "information_gain", certificate=certificate)
     """
-    choice, named = scene_of(scene)
-    own = sensor if isinstance(sensor, TactileSensor) else None
-    folder = None if sensor is None or isinstance(sensor, TactileSensor) else Path(sensor)
-    setting = Setting(choice, sensor=folder, num_objects=num_objects, touch_cost=touch_cost, anyway=anyway)
+    setting, named, own = setting_of(scene, sensor, num_objects=num_objects, touch_cost=touch_cost, anyway=anyway)
     asked = Certify(
         decider,
         risk,
@@ -256,22 +232,17 @@ class Certify:
         if self.setting.abstain is not None:
             raise BadArgument("a certificate says itself when a decider is unsure: leave out --abstain")
         run = prepared(
-            self.setting,
-            self.decider,
-            targets=self.targets,
-            seed=self.seed,
-            jobs=self.jobs,
-            named=named,
-            own_sensor=own_sensor,
+            *(self.setting, self.decider, named, own_sensor), targets=self.targets, seed=self.seed, jobs=self.jobs
         )
         if self.out is not None:
             require_writable_file(self.out)
         player = run.deciders[self.decider]
         searches = replace(run.searches, problem=with_unsure(run.searches.problem))
         played = play_calibration(searches, player, self.searches, run.targets, self.max_touches, self.jobs)
-        found = certified_thresholds(played.candidates, self.risk, self.confidence)
+        candidates = candidate_stops(played)
+        found = certified_thresholds(candidates, self.risk, self.confidence)
         if not np.isfinite(found.thresholds).any():
-            stops, wrong = played.candidates.counts([0.0])
+            stops, wrong = candidates.counts([0.0])
             raise TooFewSearches(
                 f"{self.searches} searches certify no stop of {self.decider} at a risk of {self.risk:g} with "
                 f"confidence {self.confidence:g}: {wrong[0]} of its {stops[0]} confirmations are wrong, and at least "
@@ -282,7 +253,7 @@ class Certify:
             *(self.decider, self.risk, self.confidence, self.searches),
             *(found.thresholds, found.stops, found.wrong, self.max_touches),
             made_for=made_for(searches.sensor, searches.problem, run.targets, self.decider, player, run.known),
-            usual=played.fits,
+            usual=tuple(search.fit for search in played),
         )
         if self.out is not None:
             certificate.save(self.out)

@@ -191,26 +191,20 @@ def compare(
         print(comparison)
         comparison.save("runs/cone")
     """
-    choice, named = scene_of(scene)
-    setting = Setting(
-        choice,
-        sensor=None if sensor is None or isinstance(sensor, TactileSensor) else Path(sensor),
-        num_objects=num_objects,
-        touch_cost=touch_cost,
-        abstain=abstain,
-        anyway=anyway,
+    setting, named, own_sensor = setting_of(
+        *(scene, sensor), num_objects=num_objects, touch_cost=touch_cost, abstain=abstain, anyway=anyway
     )
     run = prepared(
         setting,
         deciders,
+        named,
+        own_sensor,
         targets=targets,
         episodes=episodes,
         seed=seed,
         out=None if out is None else Path(out),
         reference=reference,
         jobs=jobs,
-        named=named,
-        own_sensor=sensor if isinstance(sensor, TactileSensor) else None,
         certificate=certificate,
     )
     run.play(jobs=jobs)
@@ -220,21 +214,25 @@ def compare(
     return found
 
 
-def scene_of(scene: str | Scene | NamedScene) -> tuple[SceneChoice, NamedScene | None]:
-    """A scene by its name, or as an object that has none."""
-    if isinstance(scene, str):
-        return SceneChoice(scene), None
-    for name, named in SCENES.items():
-        if scene is named or scene is named.scene:
-            return SceneChoice(name), None
-    if not isinstance(scene, Scene | NamedScene):
+def setting_of(
+    scene: str | Scene | NamedScene, sensor: str | Path | TactileSensor | None, **rules: Any
+) -> tuple[Setting, NamedScene | None, TactileSensor | None]:
+    """The setting of a scene and a sensor, and each of them that is an object without a name."""
+    if not isinstance(scene, str | Scene | NamedScene):
         raise BadArgument(f"scene must be a name, a Scene or a NamedScene, got {scene!r:.80}")
-    return SceneChoice("own scene"), scene if isinstance(scene, NamedScene) else as_named(scene)
+    names = [name for name, named in SCENES.items() if scene is named or scene is named.scene]
+    name = scene if isinstance(scene, str) else names[0] if names else "own scene"
+    named = None if isinstance(scene, str) or names else scene if isinstance(scene, NamedScene) else as_named(scene)
+    own = sensor if isinstance(sensor, TactileSensor) else None
+    folder = None if sensor is None or isinstance(sensor, TactileSensor) else Path(sensor)
+    return Setting(SceneChoice(name), sensor=folder, **rules), named, own
 
 
 def prepared(
     setting: Setting,
     deciders: Mapping[str, Decider | str] | Sequence[str] | str,
+    named: NamedScene | None = None,
+    own_sensor: TactileSensor | None = None,
     *,
     targets: Sequence[str] | str = (),
     episodes: int = 250,
@@ -242,8 +240,6 @@ def prepared(
     out: Path | None = None,
     reference: str | None = None,
     jobs: int | None = None,
-    named: NamedScene | None = None,
-    own_sensor: TactileSensor | None = None,
     certificate: str | Path | Certificate | None = None,
 ) -> Run:
     """Check all that a comparison is given, before anything is played or written; arguments as of :func:`compare`.
