@@ -84,7 +84,7 @@ class Comparison(Summary, Tabular):
 
         if name not in FIGURES:
             raise UnknownName("figure", name, list(FIGURES))
-        FIGURES[name](axes, self)
+        FIGURES[name](self, axes)
 
     @classmethod
     def load(cls, folder: str | Path, *, trust: bool = False) -> Comparison:

@@ -23,16 +23,12 @@ def pictures(comparison: Summary) -> list[Picture]:
     """All figures of a comparison."""
     num_deciders, num_groups = len(comparison.deciders), len(comparison.targets) + 1
     return [
-        Picture(name, caption, [partial(_draw, name, comparison)], size=(_WIDTH, height))
+        Picture(name, caption, [partial(FIGURES[name], comparison)], size=(_WIDTH, height))
         for name, caption, height in (
             ("success", _SUCCESS, 1.0 + num_groups * (0.16 * num_deciders + 0.16)),
             ("frontier", _FRONTIER, 3.4),
         )
     ]
-
-
-def _draw(name: str, comparison: Summary, axes: Axes) -> None:
-    FIGURES[name](axes, comparison)
 
 
 _SUCCESS = (
@@ -45,13 +41,13 @@ _FRONTIER = (
 )
 
 
-def draw_success(axes: Axes, comparison: Summary) -> None:
+def draw_success(comparison: Summary, axes: Axes) -> None:
     """Draw the fraction of failed searches by target."""
-    groups, least = [*comparison.targets, ALL], _least_failure(comparison)
+    groups, least, count = [*comparison.targets, ALL], _least_failure(comparison), len(comparison.deciders)
     axes.axvline(1.0 - comparison.no_touch_baseline, color=rcParams["text.color"], linestyle=":", linewidth=1)
     for index, decider in enumerate(comparison.deciders):
         for place, group in enumerate(groups):
-            y = place + _offset(index, len(comparison.deciders))
+            y = place + 0.7 * ((index + 0.5) / count - 0.5)
             value, bars, style = _failures(comparison.cells[decider, group], least, index)
             axes.errorbar(value, y, xerr=bars, **style, label=decider if place == 0 else None)
     axes.set(xscale="log", xlabel="failed searches", xlim=(least / 1.4, 1.4))
@@ -61,13 +57,13 @@ def draw_success(axes: Axes, comparison: Summary) -> None:
     _legend(axes, comparison)
 
 
-def draw_frontier(axes: Axes, comparison: Summary) -> None:
+def draw_frontier(comparison: Summary, axes: Axes) -> None:
     """Draw the fraction of failed searches against touches per search."""
     least, count = _least_failure(comparison), len(comparison.deciders)
     axes.axhline(1.0 - comparison.no_touch_baseline, color=rcParams["text.color"], linestyle=":", linewidth=1)
     for index, decider in enumerate(comparison.deciders):
         value, bars, style = _failures(comparison.cells[decider, ALL], least, index)
-        style["markersize"] = 5 + 5.4 * _earlier(index, count)
+        style["markersize"] = 5 + 5.4 * (count - 1 - index) / max(count - 1, 1)  # the first is largest: none hides
         axes.errorbar(comparison.cells[decider, ALL].touches, value, yerr=bars, **style, label=decider)
     axes.set(yscale="log", xlabel="touches per search", ylabel="failed searches", ylim=(least / 1.4, 1.4))
     _plain_numbers(axes.yaxis)
@@ -75,7 +71,7 @@ def draw_frontier(axes: Axes, comparison: Summary) -> None:
     _legend(axes, comparison)
 
 
-FIGURES: Mapping[str, Callable[[Axes, Summary], None]] = MappingProxyType(
+FIGURES: Mapping[str, Callable[[Summary, Axes], None]] = MappingProxyType(
     {"success": draw_success, "frontier": draw_frontier}
 )
 """Functions that draw a figure of a comparison on an axis, by name."""
@@ -89,7 +85,8 @@ def _least_failure(comparison: Summary) -> float:
 def _failures(cell: Cell, least: float, index: int) -> tuple[float, list[list[float]], dict[str, Any]]:
     """Fraction of failures, lengths of its error bar, and its style; no failures at all have an open marker."""
     low, high = (1.0 - end for end in reversed(cell.success_interval))
-    value, style = 1.0 - cell.success, _style(index)
+    value, marker = 1.0 - cell.success, _MARKERS[index % len(_MARKERS)]  # for readers who cannot tell colours apart
+    style = {"color": f"C{index}", "marker": marker, "linestyle": "none", "markersize": 5, "linewidth": 1.3}
     if cell.successes == cell.num_episodes:
         return least, [[0.0], [max(high - least, 0.0)]], style | {"markerfacecolor": "none"}
     return value, [[value - max(low, least)], [max(high - value, 0.0)]], style
@@ -101,22 +98,6 @@ def _plain_numbers(axis: Axis) -> None:
     low, high = axis.get_view_interval()
     between = "235" if high < 10 * low else ""  # also 0.2, 0.3 and 0.5 where less than a decade is shown
     axis.set_minor_formatter(lambda x, _: f"{x:g}" if f"{x:e}"[0] in between else "")
-
-
-def _style(index: int) -> dict[str, Any]:
-    """Colour and marker of a decider; the marker helps readers who cannot tell the colours apart."""
-    marker = _MARKERS[index % len(_MARKERS)]
-    return {"color": f"C{index}", "marker": marker, "linestyle": "none", "markersize": 5, "linewidth": 1.3}
-
-
-def _offset(index: int, count: int) -> float:
-    """Offset of the marker of one of several deciders, around 0."""
-    return 0.7 * ((index + 0.5) / count - 0.5)
-
-
-def _earlier(index: int, count: int) -> float:
-    """1 for what is drawn first, 0 for the last: what is drawn earlier is larger, so that nothing is hidden."""
-    return (count - 1 - index) / max(count - 1, 1)
 
 
 def _legend(axes: Axes, comparison: Summary) -> None:
