@@ -217,10 +217,7 @@ CONDITIONS: Mapping[str, Change] = MappingProxyType(
         **{f"pose error {angle}°": _with("presentation", Inexact(np.deg2rad(angle))) for angle in (5, 10, 20)},
         **{f"objects {name}": _with("presentation", presentation) for name, presentation in PRESENTATIONS.items()},
         "all of these": _together(
-            _noisier(1.5),
-            _dead(3 / 16),
-            _varied(stiffness=Constant(0.7), size=Uniform(0.75, 1.25)),
-            _pressed,
+            _noisier(1.5), _dead(3 / 16), _varied(stiffness=Constant(0.7), size=Uniform(0.75, 1.25)), _pressed
         ),
         "all taxels dead": _dead(1.0),
     }

@@ -12,14 +12,7 @@ import tyro
 
 from belief.files import require_regular_file, unsealed_json
 from belief.table import Table
-from experiments.command_line.arguments import (
-    BadArgument,
-    Count,
-    InFile,
-    Jobs,
-    Seed,
-    require_types,
-)
+from experiments.command_line.arguments import BadArgument, Count, InFile, Jobs, Seed, require_types
 from experiments.command_line.trust import Trust
 from experiments.parallel import default_jobs
 from experiments.scene_choice import in_file_names

@@ -24,11 +24,7 @@ from experiments.search.verdict import by_return
 from experiments.sensor_choice import shift_sentences
 from planners import Episode, Outcome
 
-_SECTIONS = {
-    "Success": ("results", "differences"),
-    "Stated confidence": ("stated_confidence",),
-    "Time": ("times",),
-}
+_SECTIONS = {"Success": ("results", "differences"), "Stated confidence": ("stated_confidence",), "Time": ("times",)}
 _FAILURES = {
     Outcome.CONFIRMED: "confirmed the wrong object",
     Outcome.EXHAUSTED: "rejected every object",

@@ -15,14 +15,7 @@ from activetouch.sensor_files import ANY_OBJECT_FILE, observation_file, reader_f
 from belief.composition import Composition
 from belief.errors import CorruptFile
 from belief.problem import SearchProblem
-from experiments.command_line.arguments import (
-    BadArgument,
-    Count,
-    NotNegative,
-    Within,
-    check_arguments,
-    require_types,
-)
+from experiments.command_line.arguments import BadArgument, Count, NotNegative, Within, check_arguments, require_types
 from experiments.command_line.trust import Trust
 from experiments.scene_choice import SceneChoice
 from experiments.sensor_choice import open_sensor, sensor_folder
