@@ -11,7 +11,7 @@ PIP_ARGS ?=
 
 export HF_HUB_OFFLINE := 1
 
-.PHONY: search test quick check types others docs environment development sensor any-object places independent-sensor policies joint-policies figures reproduce clean
+.PHONY: search test quick nightly check types others docs environment development sensor any-object places independent-sensor policies joint-policies figures reproduce clean
 
 search: environment
 	$(BIN)/activetouch compare --scene coarse --out runs/search $(ARGS)
@@ -23,6 +23,10 @@ test: check
 # Beliefs and statistics alone, without physics, networks and fits: under a minute.
 quick: development
 	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 -m "not slow and not mujoco and not torch" tests/belief/test_*.py tests/belief/metrics tests/belief/statistics
+
+# Every shell command of README and docs, with small sizes: about a quarter of an hour.
+nightly: development
+	OMP_NUM_THREADS=1 $(BIN)/pytest tests/nightly_commands.py -n 2 --dist loadgroup
 
 # Types take as long as all other checks together, so these run beside them.
 check: development

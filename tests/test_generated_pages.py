@@ -1,5 +1,6 @@
 """The pages that are made from the code describe every part, and what they show works as it stands."""
 
+import json
 import re
 import sys
 from importlib import import_module
@@ -11,7 +12,8 @@ from activetouch.named_scenes import SCENES
 from activetouch.sensor_files import MODELS, POLICIES
 from planners.registry import DECIDERS, NEED_FILES, trained_state
 
-GENERATE = Path(__file__).parent.parent / "docs" / "generate"
+DOCS = Path(__file__).parent.parent / "docs"
+GENERATE = DOCS / "generate"
 
 
 @pytest.fixture(scope="module")
@@ -47,3 +49,19 @@ def test_no_page_compares_a_decider_with_itself(made):
     for name in DECIDERS:
         [first, second] = re.search(r"--deciders (\S+) (\S+)", made[f"deciders/{name}.md"]).groups()
         assert first == name != second
+
+
+@pytest.mark.parametrize("name", ["toy", "your_classifier"])
+def test_a_notebook_has_the_code_of_its_page_and_links_that_lead_somewhere_from_anywhere(name, monkeypatch):
+    monkeypatch.syspath_prepend(GENERATE)
+    monkeypatch.setattr(sys, "path", [*sys.path])  # the module adds to it
+    hooks = import_module("hooks")
+    for module in ("hooks", "pages", "shelves", "gallery"):
+        monkeypatch.delitem(sys.modules, module, raising=False)
+    page = DOCS / f"{name}.md"
+    cells = json.loads(hooks.notebook(page))["cells"]
+    code = [cell["source"] for cell in cells if cell["cell_type"] == "code"]
+    assert code == [block.strip() for block in re.findall(r"```python\n(.*?)```", page.read_text(), flags=re.S)]
+    text = "".join(cell["source"] for cell in cells if cell["cell_type"] == "markdown")
+    assert all(link.startswith("https://") for link in re.findall(r"\]\(([^)]+)\)", text))
+

@@ -1,0 +1,170 @@
+"""Every shell command of README and docs is run as it stands, in the order of its page: `make nightly`.
+
+These take too long for the tests, so pytest does not collect this file by itself. A command with a size, such as a
+number of episodes, gets a small one (SMALLER): what counts is that it ends well. What cannot be run here says why
+(ELSEWHERE). Files that pages take for granted, such as mug.obj, are written beforehand.
+"""
+
+import os
+import re
+import subprocess
+import sys
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial import ConvexHull
+
+from activetouch import TactileSensor
+
+ROOT = Path(__file__).parent.parent
+PAGES = ["README.md", *sorted(path.relative_to(ROOT).as_posix() for path in ROOT.glob("docs/*.md"))]
+SMALLER = {
+    "compare": {"--episodes": 4},
+    "certify": {"--searches": 200},
+    "collect": {"--plan.train": 8, "--plan.calibration": 8, "--plan.test": 4},
+    "train": {"--steps": 2, "--change.epochs": 1, "--device": "cpu"},
+    "train-ppo": {"--steps": 256, "--recipes": "paper posterior", "--targets": "cube"},
+    "reproduce": {"--input-size": 8, "--episodes": 2},
+    "identify": {"--objects": 2},
+    "find": {"--searches": 2},
+    "robustness": {"--searches": 1},
+    "tradeoff": {"--episodes": 2},
+    "recorded": {"--scenes": 2, "--rounds": 1},
+    "python -m benchmarks.seeds": {"--episodes": 2},
+}
+ELSEWHERE = {
+    "pip install": "each job installs what it needs",
+    "make ": "search and test are jobs of their own; the others train for hours",
+    "python benchmarks/install_size.py": "the job of the wheel installs it alone",
+    "mkdir -p ~": "changes the home folder",
+    "activetouch --tyro-print-completion": "changes the home folder",
+    "python -m benchmarks.recorded_sets": "needs recordings that are fetched by hand",
+    "activetouch recorded --data cy101": "needs recordings that are fetched by hand",
+    "activetouch recorded --data sdh2": "needs recordings that are fetched by hand",
+    "activetouch touch --scene gel --hand allegro": "needs the folder of the Menagerie",
+    "python -m benchmarks.unsure_robots": "a benchmark of an hour",
+}
+
+
+def commands(page: str) -> list[str]:
+    """Lines of the shell blocks of a page, continued lines joined, without comments."""
+    blocks = re.findall(r"```sh\n(.*?)```", (ROOT / page).read_text(), flags=re.S)
+    lines = [line for block in blocks for line in block.replace("\\\n", " ").splitlines()]
+    return [line for line in (re.sub(r"\s+# .*", "", line).strip() for line in lines) if line]
+
+
+def smaller(line: str) -> str:
+    """The same command with the sizes of SMALLER, those that it has and those that it leaves to their defaults."""
+    name = next(
+        (name for name in sorted(SMALLER, key=len) if re.match(rf"(activetouch )?{re.escape(name)}( |$)", line)), None
+    )
+    if name is None or "--results" in line:
+        return line
+    for option, value in SMALLER[name].items():
+        line = re.sub(rf" {re.escape(option)} [^-]\S*", "", line) + f" {option} {value}"
+    return line
+
+
+def _write_mesh(path: Path, corners: np.ndarray) -> None:
+    """Write the convex hull of the corners (n, 3) as an OBJ file, or an STL file by its ending."""
+    hull = ConvexHull(corners)
+    faces = [
+        face if np.dot(np.cross(*(corners[face[1:]] - corners[face[0]])), outwards) > 0 else face[::-1]
+        for face, outwards in zip(hull.simplices, hull.equations[:, :3], strict=True)
+    ]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.suffix == ".obj":
+        lines = ["v {:.6f} {:.6f} {:.6f}".format(*corner) for corner in corners]
+        lines += ["f {} {} {}".format(*(np.array(face) + 1)) for face in faces]
+    else:
+        lines = ["solid mesh"]
+        for face in faces:
+            vertices = ["vertex {:.6f} {:.6f} {:.6f}".format(*corners[corner]) for corner in face]
+            lines += ["facet normal 0 0 0", "outer loop", *vertices, "endloop", "endfacet"]
+        lines.append("endsolid mesh")
+    path.write_text("\n".join(lines) + "\n")
+
+
+def _prepare(folder: Path) -> None:
+    """Write into the folder what pages take for granted: a clone, meshes, results, a policy, a style, logs, touches."""
+    for path in ROOT.iterdir():
+        if path.name in ("README.md", "Makefile", "benchmarks", "tests", "docs", "pyproject.toml"):
+            (folder / path.name).symlink_to(path)
+    subprocess.run(["cp", "-r", ROOT / "examples", folder / "examples"], check=True)
+    box = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, 8).T * [0.016, 0.012, 0.020]
+    wedge, tower = box.copy(), box * [1.0, 1.0, 1.2]
+    wedge[wedge[:, 2] > 0, 0] *= 0.2
+    tower[tower[:, 2] > 0, :2] *= 0.4
+    for name, corners in [("mug.obj", 1000 * box), ("bracket.stl", wedge), ("cup.stl", tower)]:
+        _write_mesh(folder / name, corners)
+    _write_mesh(folder / "scans/17/model.obj", tower)
+    for name, corners in [("mug.obj", box), ("bracket.stl", wedge), ("cup.obj", tower)]:
+        _write_mesh(folder / "scans" / name, corners)
+    for number, name in enumerate(["mine.csv", "theirs.csv", "mine_clean.csv", "theirs_clean.csv"]):
+        rows = [f"{seed},cone,{int((seed + number) % (number + 2) > 0)}" for seed in range(20)]
+        (folder / name).write_text("\n".join(["seed,task,success", *rows]) + "\n")
+    (folder / "mine.py").write_text("def act(observation):\n    return 0\n")
+    (folder / "thesis.mplstyle").write_text("font.size: 8\n")
+    rng = np.random.default_rng(0)
+    rows = [
+        (thing, action, session, *(thing + rng.normal(size=3)))
+        for thing in range(4)
+        for action in "ab"
+        for session in range(6)
+    ]
+    lines = [f"thing_{thing},{action},{session},{x:.3f},{y:.3f},{z:.3f}" for thing, action, session, x, y, z in rows]
+    (folder / "my_touches").mkdir()
+    (folder / "my_touches/touches.csv").write_text("\n".join(["object,action,session,f1,f2,f3", *lines]) + "\n")
+    sensor = TactileSensor.shipped("coarse")
+    for day in ("monday", "tuesday"):
+        with closing(sensor.session("cone", num_objects=4, log=folder / f"{day}.jsonl")) as session:
+            session.ask()
+            session.tell(image=rng.integers(256, size=(4, 4)))
+
+
+class Folders(dict[str, Path]):
+    """The working folder of each page; all its commands run in it, in order, and `cd` holds for the rest."""
+
+    def __init__(self, factory: pytest.TempPathFactory):
+        self.factory = factory
+
+    def __missing__(self, page: str) -> Path:
+        self[page] = self.factory.mktemp(Path(page).stem)
+        _prepare(self[page])
+        return self[page]
+
+
+@pytest.fixture(scope="session")
+def folders(tmp_path_factory):
+    return Folders(tmp_path_factory)
+
+
+CASES = [
+    pytest.param(page, line, id=f"{page}: {line}", marks=pytest.mark.xdist_group(page))
+    for page in PAGES
+    for line in commands(page)
+]
+
+
+@pytest.mark.parametrize(("page", "line"), CASES)
+def test_a_command_of_the_pages_runs(page, line, folders):
+    for start, reason in ELSEWHERE.items():
+        if line.startswith(start):
+            pytest.skip(reason)
+    environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "OMP_NUM_THREADS": "1"}
+    folder = folders[page]
+    if line.startswith("cd "):  # the lines after it are run there, too
+        folders[page] = folder / line[3:]
+        return
+    ran = subprocess.run(
+        ["bash", "-c", smaller(line)],
+        cwd=folder,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+    )
+    assert ran.returncode == 0, f"$ {smaller(line)}\n{ran.stdout[-2000:]}{ran.stderr[-4000:]}"
+    assert "Traceback" not in ran.stderr
