@@ -170,7 +170,8 @@ def normalise_probs(probs: ArrayLike, name: str = "probs", axis: int = -1, row: 
     if not (np.maximum.reduce(off, axis=None) <= SUM_TOLERANCE and np.minimum.reduce(values, axis=None) >= 0.0):
         last = np.moveaxis(values, axis, -1)
         require(last >= 0.0, last, name, "NaN or a probability below zero", row)
-        require(np.moveaxis(off, axis, -1) <= SUM_TOLERANCE, last, name, "probabilities that do not sum to one", row)
+        unequal = "probabilities that do not sum to one (divide rounded ones by their sum)"
+        require(np.moveaxis(off, axis, -1) <= SUM_TOLERANCE, last, name, unequal, row)
     return values / totals
 
 
@@ -205,6 +206,8 @@ def labelled_logits(logits: ArrayLike, labels: ArrayLike) -> tuple[Floats, NDArr
     shape, num_labels = np.shape(logits), np.shape(labels)
     if len(shape) != 2 or 0 in shape or num_labels != shape[:1]:
         raise ValueError(f"need logits (n, K) and labels (n,) with n ≥ 1, got {shape} and {num_labels}")
+    if shape[1] == 1 and np.any(np.asarray(labels) == 1):
+        raise ValueError("logits have one column, and labels are 0 and 1: logits_from_probs makes two of a sigmoid's")
     return finite_logits(logits), checked_indices("labels", labels, shape[1])
 
 

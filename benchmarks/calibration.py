@@ -34,7 +34,7 @@ def cases(num: int) -> dict[str, Callable[[int], object]]:
     from netcal.scaling import TemperatureScaling as NetcalTemperature  # loads torch and pyro
 
     logits, labels = touches(num)
-    probs = TemperatureScaling().predict_proba(logits)
+    probs = TemperatureScaling(1.0, "ok").predict_proba(logits)
     ours = TemperatureScaling().fit(logits, labels).temperature
     theirs = 1.0 / float(NetcalTemperature().fit(probs, labels, tensorboard=False).temperature[0])
     print(f"\n{num} touches: T = {ours:.6f}, by netcal {theirs:.6f}")

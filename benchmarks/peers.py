@@ -135,7 +135,7 @@ def measure_calibration() -> None:
 def _measure_fit(number: int) -> None:
     """One temperature fitted to the same over-confident logits."""
     logits, labels = calibration.touches(number)
-    raw = TemperatureScaling().predict_proba(logits)
+    raw = TemperatureScaling(1.0, "ok").predict_proba(logits)
     calls: Calls = {OURS: lambda _: TemperatureScaling().fit(logits, labels).predict_proba(logits)}
     if has("scikit-learn"):
         fit = sklearn_fit()

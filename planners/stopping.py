@@ -16,7 +16,7 @@ from belief.validation import require_count
 from planners.decider import Decider, Decision, InformationState, ProbeSelector, StoppingRule, checked_decision
 
 _LOW_PRIOR = 1.0 / 12.0  # below it thresholds of rejection fall with the prior; the lowest prior of the named scenes
-_SOFTMAX = TemperatureScaling()  # with its default temperature of 1; handles logits of any size
+_SOFTMAX = TemperatureScaling(1.0, "ok")  # handles logits of any size
 _LEAST_LOGIT = -float(np.finfo(np.float64).max)  # replaces -inf, which a perfect table gives; its softmax is zero, too
 
 

@@ -64,4 +64,3 @@ def test_a_notebook_has_the_code_of_its_page_and_links_that_lead_somewhere_from_
     assert code == [block.strip() for block in re.findall(r"```python\n(.*?)```", page.read_text(), flags=re.S)]
     text = "".join(cell["source"] for cell in cells if cell["cell_type"] == "markdown")
     assert all(link.startswith("https://") for link in re.findall(r"\]\(([^)]+)\)", text))
-

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import Any, ClassVar, Literal, Self, TypeAlias
@@ -81,9 +82,18 @@ class Calibration(ABC):
         """
 
     def predict_proba(self, logits: ArrayLike) -> Floats:
-        """Calibrated probabilities, ``(..., K)``; arguments and errors are those of :meth:`predict_log_proba`."""
+        """Calibrated probabilities, ``(..., K)``; arguments and errors are those of :meth:`predict_log_proba`.
+
+        A calibration that is not fitted gives the softmax, with a UserWarning.
+        """
+        log_probs = self.predict_log_proba(logits)
+        if self.status == "unfitted":
+            written = f"calibration = {type(self).__name__}().fit(logits, labels)"
+            warnings.warn(
+                f"nothing was fitted, so this is the softmax; fit returns a new object: {written}", stacklevel=2
+            )
         with np.errstate(under="ignore"):
-            return np.exp(self.predict_log_proba(logits))
+            return np.exp(log_probs)
 
     @abstractmethod
     def fit_logits(self, logits: ArrayLike, labels: ArrayLike, weights: Floats | None = None) -> Self:
@@ -118,7 +128,7 @@ def logits_from_probs(probs: ArrayLike, floor: float = 1e-12) -> Floats:
 
     Args:
         probs: ``(..., K)``, rows that sum to one; or ``(n,)`` or ``(n, 1)``, the probability of the second of two
-            shapes, as from a sigmoid.
+            shapes, as from a sigmoid. Sums may be off by 2e-3: divide rounded probabilities by their sum.
         floor: smaller probabilities count as this, in (0, 0.5); zeros have no finite logarithm. Of a forest of 100
             trees, 0.005 is half of the least step.
 

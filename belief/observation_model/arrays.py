@@ -21,7 +21,7 @@ from belief.observation_model.selection import (
 )
 from belief.statistics.stop_thresholds import CandidateStops, CertifiedThresholds, certified_thresholds
 from belief.touch_batch import TouchBatch
-from belief.validation import Floats, labelled_logits, pose_count, require_fraction, unmasked
+from belief.validation import Floats, labelled_logits, pose_count, require_fraction, unmasked, warn_of_probs
 
 
 def fit_observation_model(
@@ -139,7 +139,8 @@ def certified_stops(
     """Posteriors at which to stop, so that at every number of touches at most a given fraction of stops is wrong.
 
     The thresholds belong together: for each object, stop at the first touch k at which some shape has a posterior of at
-    least ``thresholds[k - 1]``, of the last one for more touches. :mod:`belief.statistics.stop_thresholds` has the
+    least ``thresholds[k - 1]``, of the last one for more touches. Numbers of touches after which few objects stop are
+    pooled in this last one: the promise is for their stops together. :mod:`belief.statistics.stop_thresholds` has the
     theorem and its proof. The promise is for objects drawn as these, touched in the same way.
 
     The arrays are as of :func:`calibration_of_stops`, of independent objects; stated posteriors need not be right. The
@@ -147,7 +148,8 @@ def certified_stops(
 
     Returns:
         The thresholds; infinite where nothing is promised. All are if there are too few objects: fewer than
-        :func:`~belief.statistics.stop_thresholds.least_searches`, or some times as many where some stops are wrong.
+        :func:`~belief.statistics.stop_thresholds.least_searches`, or some times as many where some stops are wrong. It
+        prints as a table, with the reason if nothing is promised.
 
     Raises:
         ValueError: as :func:`fit_observation_model`; a number out of its range, or fewer than two objects.
@@ -157,8 +159,11 @@ def certified_stops(
         >>> rng, groups = np.random.default_rng(0), np.arange(1600) // 4
         >>> model = random_model(rng, num_shapes=2, num_poses=1)
         >>> logits = [touch.logits for i in range(400) for touch in model.sample(i % 2, [0] * 4, rng)]
-        >>> certified_stops(model, logits, groups % 2, groups, risk=0.1).thresholds  # from the second touch on
-        (inf, 0.9)
+        >>> print(certified_stops(model, logits, groups % 2, groups, risk=0.1))
+        touches  stop from  stops  wrong
+        ────────────────────────────────
+        1            never      0      0
+        ≥ 2           0.65    200     12
     """
     every = _posteriors(model, logits, labels, groups, poses)
     objects = sum(len(shapes) for _, shapes in every)
@@ -167,14 +172,14 @@ def certified_stops(
     for log_probs, shapes in every:
         number, length, _ = log_probs.shape
         index = np.repeat(place[before : before + number], length)
-        touches = np.tile(np.arange(1, length + 1), number)
+        earlier = np.tile(np.arange(length), number)  # touches before it: entry k - 1 is of touch k
         stated = np.exp(np.minimum(log_probs.max(axis=2), 0.0)).ravel()
-        parts.append((index, touches, stated, (log_probs.argmax(axis=2) != shapes[:, None]).ravel()))
+        parts.append((index, earlier, stated, (log_probs.argmax(axis=2) != shapes[:, None]).ravel()))
         before += number
-    index, touches, stated, is_wrong = (np.concatenate(part) for part in zip(*parts, strict=True))
+    index, earlier, stated, is_wrong = (np.concatenate(part) for part in zip(*parts, strict=True))
     order = np.argsort(index, kind="stable")
-    candidates = CandidateStops(index[order], touches[order], stated[order], is_wrong[order], objects)
-    return certified_thresholds(candidates, risk, confidence)
+    candidates = CandidateStops(index[order], earlier[order], stated[order], is_wrong[order], objects)
+    return replace(certified_thresholds(candidates, risk, confidence), first=1)
 
 
 def _posteriors(
@@ -190,6 +195,7 @@ def _batch(
 ) -> tuple[TouchBatch, NDArray[np.int64]]:
     """All touches as one sequence, and their labels."""
     z, y = labelled_logits(logits, labels)
+    warn_of_probs(z, "logits", "give belief.calibration.logits_from_probs of them")
     ids = unmasked(groups, "groups")
     p = np.zeros(len(y), np.int64) if poses is None else unmasked(poses, "poses")
     for name, values in (("groups", ids), ("poses", p)):

@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import bdtr
 
+from belief.table import Table, Tabular
 from belief.validation import require_fraction
 
 _SURE = (1 - 1e-6, 1 - 1e-5, 0.9999, 0.9995, 0.999, 0.998, 0.995, 0.99, 0.98, 0.97)
@@ -104,18 +105,37 @@ class CandidateStops:
 
 
 @dataclass(frozen=True)
-class CertifiedThresholds:
-    """Result of :func:`certified_thresholds`, all by number of touches; the last entry is for so many and more.
+class CertifiedThresholds(Tabular):
+    """Result of :func:`certified_thresholds`, all by number of touches; prints as a table.
+
+    The last entry pools so many touches and more: the promise is for all of these together.
 
     Attributes:
         thresholds: stated probability from which a search may stop; infinite: never.
         stops: stops in the half of the searches that tested the thresholds.
         wrong: wrong ones among these.
+        first: number of touches of the first entry.
+        note: why nothing is promised, if so.
     """
 
     thresholds: tuple[float, ...]
     stops: tuple[int, ...]
     wrong: tuple[int, ...]
+    first: int = 0
+    note: str = ""
+
+    def table(self) -> Table:
+        """Threshold, and stops that tested it, by number of touches."""
+        numbers = range(self.first, self.first + len(self.stops))
+        rows = [
+            (
+                f"≥ {number}" if number == numbers[-1] else str(number),
+                {0.0: "any", math.inf: "never"}.get(least, f"{least:g}"),
+                *counts,
+            )
+            for number, least, *counts in zip(numbers, self.thresholds, self.stops, self.wrong, strict=True)
+        ]
+        return Table("", ["touches", "stop from", ("stops", "d"), ("wrong", "d")], rows, self.note)
 
 
 def certified_thresholds(candidates: CandidateStops, risk: float, confidence: float = 0.9) -> CertifiedThresholds:
@@ -152,7 +172,14 @@ def certified_thresholds(candidates: CandidateStops, risk: float, confidence: fl
             break
         chosen = proposed
     stops, wrong = testing.counts(chosen)
-    return CertifiedThresholds(tuple(chosen.tolist()), tuple(stops.tolist()), tuple(wrong.tolist()))
+    note, least = "", least_searches(risk, confidence)
+    if not np.isfinite(chosen).any():
+        note = (
+            f"Nothing is promised: of {candidates.num_searches}, too few would stop, or too many stops would be wrong."
+        )
+        if candidates.num_searches < least:
+            note = f"Nothing is promised with {candidates.num_searches}: at least {least} are needed, if none is wrong."
+    return CertifiedThresholds(tuple(chosen.tolist()), tuple(stops.tolist()), tuple(wrong.tolist()), note=note)
 
 
 def least_searches(risk: float, confidence: float) -> int:
@@ -169,7 +196,7 @@ def _p_values(candidates: CandidateStops, thresholds: NDArray[np.float64], risk:
 
 def _num_levels(candidates: CandidateStops, risk: float, level: float) -> int:
     """How many numbers of touches are told apart: the last one, which pools the rest, must have enough stops."""
-    touches = candidates.touches[candidates.stops([0.0])]
+    touches = candidates.touches[candidates.stops([1.0 - risk])]
     at_least = np.cumsum(np.bincount(touches, minlength=1)[::-1])[::-1]
     return max(int(np.count_nonzero(at_least >= least_searches(risk, 1.0 - level))), 1)
 

@@ -307,7 +307,7 @@ def evaluate(model: ArrayModel, touches: TouchBatch, truth: TouchSet, rng: np.ra
     """
     logits = touches.require_logits()[0]
     num_objects, num_poses = len(np.unique(truth.object_ids)), model.num_poses
-    raw = TemperatureScaling().predict_proba(logits)
+    raw = TemperatureScaling(1.0, "ok").predict_proba(logits)
     calibrated = np.exp(log_posteriors(model, touches.reshaped((-1, 1))))
     right, low, high = accuracy_of_objects(logits.argmax(axis=1) == truth.shapes, truth.object_ids, rng)
     fused = np.exp(log_posteriors(model, touches.reshaped((num_objects, -1)).first(num_poses)))

@@ -1,7 +1,11 @@
 import numpy as np
 import pytest
 
+from belief.observation_model import certified_stops, fit_observation_model
+from belief.observation_model.registry import fits
+from belief.observation_model.selection import log_posteriors_by_touch
 from belief.statistics.stop_thresholds import CandidateStops, certified_thresholds, least_searches
+from belief.touch_batch import TouchBatch
 
 
 def simulated(rng, number, honesty):
@@ -76,3 +80,29 @@ def test_candidates_that_are_none_are_refused(change):
 def test_a_risk_or_confidence_that_is_no_probability_is_refused(numbers):
     with pytest.raises(ValueError, match="must"):
         certified_thresholds(CandidateStops([], [], [], [], 10), *numbers)
+
+
+def hard_objects(rng, number):
+    """Three touches of each object; a fifth of the objects feel like one that is drawn at random, in all touches."""
+    labels = np.arange(number) % 2
+    strength = np.where(rng.random(number) < 0.2, 1.5 * rng.normal(size=number), 3.0)
+    margin = ((2 * labels - 1) * strength)[:, None] + rng.normal(size=(number, 3))
+    return np.stack([-margin, margin], axis=-1).reshape(-1, 2), np.repeat(labels, 3), np.repeat(np.arange(number), 3)
+
+
+def test_stops_by_the_rule_that_arrays_promise_are_as_rarely_wrong_on_new_objects_after_every_number_of_touches():
+    rng, number = np.random.default_rng(0), 20_000
+    model = fit_observation_model(*hard_objects(rng, 400), candidates={"plda": fits()["plda"]}).model
+    logits, labels, _ = hard_objects(rng, number)
+    probs = np.exp(log_posteriors_by_touch(model, TouchBatch(np.zeros((number, 3), int), logits.reshape(number, 3, 2))))
+    is_wrong, stated = probs.argmax(axis=2) != labels.reshape(number, 3), probs.max(axis=2)
+    assert is_wrong[stated[:, 0] < 0.95, 1].mean() > 0.2  # who stopped at the second touch by itself would be wrong
+    broken = used = 0
+    for _ in range(20):
+        made = certified_stops(model, *hard_objects(rng, 2000), risk=0.1).thresholds
+        least = [made[min(touch, len(made)) - 1] for touch in (1, 2, 3)]
+        stops = (stated >= least) & (np.cumsum(stated >= least, axis=1) == 1)
+        used += stops[:, 0].sum() > 0.5 * number
+        broken += any((is_wrong & stops).sum(axis=0) > 0.1 * stops.sum(axis=0))
+    assert broken <= 5  # at most 0.1 of them break the promise, so more have a probability of 0.01
+    assert used == 20
