@@ -326,8 +326,8 @@ def _sequences(tables: Mapping[str, Any], kind: str, model: str) -> Iterator[str
     yield f"{_missed(f'{error:.3f}', targets['error ≤ 0.020'])} ({chance:.3f})"
     yield _grouped(int(stops["stops"].partition(" ")[0]))
     yield stops["confidence"]
-    yield f"{stops['accuracy']} {stops['objects resampled']}"
-    yield _missed(stops["Clopper-Pearson ≥"], targets["accuracy ≥ 0.950"])
+    low, high = re.findall(r"\d\.\d+", stops["objects resampled"])
+    yield f"{stops['accuracy']} [{f'**{low}**' if float(low) < 0.95 else low}, {high}]"
     gaps = [
         (abs(float(row["confidence"]) - float(row["accuracy [Clopper-Pearson]"].partition(" ")[0])), row["touches"])
         for row in of("By touches at stopping")
