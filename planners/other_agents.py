@@ -6,8 +6,8 @@ depend on the observation alone. An agent with a memory is a class, ``policy:mod
 decision a new one sees all observations of the object in their order, so that the same touches lead to the same action.
 
 ``sb3:PATH``, or ``sb3:PATH(normalize='vecnormalize.pkl')``, is a policy that Stable-Baselines3 saved. The size and the
-range of its observation tell what it sees: the paper's state or the posterior, alone or followed by the target,
-one-hot. Loading such a file runs code from it, so load only files that you trust.
+range of its observation tell what it sees: the paper's state, the posterior, or this with the gain of each pose, alone
+or followed by the target, one-hot. Loading such a file runs code from it, so load only files that you trust.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ from numpy.typing import NDArray
 
 from belief.errors import BrokenContract, MissingPackage, install_command
 from belief.files import require_regular_file
-from belief.policy_state import ENCODINGS, TOUCH_LIMIT, situation_of, state_size
+from belief.policy_state import TOUCH_LIMIT, state_size
 from belief.problem import Confirm, Probe, Reject
 from belief.references import Reference
 from belief.validation import require_choice, require_count
 from planners.decider import Decision, InformationState
-from planners.ppo import BadPolicy, MissingPolicy, written
+from planners.ppo import BadPolicy, MissingPolicy, shown, written
 
-STATES = ("paper", "posterior")
+_LEAST = {"paper": 0.0, "posterior": -1.0, "gains": -1.0}  # of what is observed; a whole search has "paper"'s size, too
+STATES = tuple(_LEAST)
 """What a function may observe."""
-_LEAST = {"paper": 0.0, "posterior": -1.0}  # of an observation; the posterior of a whole search is as long as "paper"
 _MOST_SETTINGS = 1 << 26  # of the settings in a file [bytes]
 
 
@@ -52,11 +52,8 @@ def observation(info: InformationState, state: str, sees_target: bool, touch_lim
     Returns:
         The observation, ``(S,)`` or, with the target, ``(S + K,)``.
     """
-    situation = situation_of(info.history, info.belief.log_probs, info.problem.num_poses, touch_limit)
-    seen = ENCODINGS[state](situation, info.target)[0]
-    if sees_target:
-        seen = np.append(seen, np.arange(info.problem.num_shapes) == info.target)
-    return seen.astype(np.float32)
+    target = np.arange(info.problem.num_shapes) == info.target
+    return np.append(shown(info, state, touch_limit)[0], target if sees_target else ()).astype(np.float32)
 
 
 def decision(info: InformationState, action: int, touch_limit: int) -> Decision:
@@ -100,6 +97,10 @@ class FunctionPolicy:
         if not callable(self.act):
             raise BrokenContract(f"a policy is a function from an observation to an action; {self.act!r:.80} is none")
 
+    def prepare(self, info: InformationState) -> None:
+        """Call the function once, so that it loads what it needs; raises as :meth:`decide`."""
+        self.decide(info, np.random.default_rng(0))
+
     def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.Decider`.
 
@@ -116,9 +117,10 @@ class FunctionPolicy:
         found = np.asarray(given)
         most = info.problem.num_poses + 1
         if found.size != 1 or found.dtype.kind not in "iu" or not 0 <= int(found.reshape(())) <= most:
+            name = getattr(self.act, "__name__", repr(self.act))
             raise BrokenContract(
-                f"{self.act!r:.80} must return an action, an integer from 0 to {most}, got {given!r:.80}: poses are 0 "
-                f"to {most - 2}, CONFIRM is {most - 1}, REJECT is {most}"
+                f"{name:.80} must return an action, an integer from 0 to {most}, got {given!r:.80}: poses are 0 to "
+                f"{most - 2}, CONFIRM is {most - 1}, REJECT is {most}"
             )
         return decision(info, int(found.reshape(())), self.touch_limit)
 
@@ -135,14 +137,22 @@ class SB3Policy:
             with which it learned.
         normalize: file that ``VecNormalize.save`` wrote, of a policy that learned inside of it; ``{target}`` in it
             stands for the label of the target. Empty for none.
+        state: what it sees; empty to tell it by its observation, which is the same for two where there are as many
+            shapes as poses: "posterior" followed by the target, and "gains".
     """
 
     path: str
     touch_limit: int = TOUCH_LIMIT
     normalize: str = ""
+    state: str = ""
 
     def __post_init__(self) -> None:
         require_count("touch_limit", self.touch_limit)
+        require_choice("state", self.state, ("", *_LEAST))
+
+    def prepare(self, info: InformationState) -> None:
+        """Load the policy and let it decide once; raises BadPolicy if it does not fit the search."""
+        self.decide(info, np.random.default_rng(0))
 
     def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.Decider`."""
@@ -176,7 +186,8 @@ class SB3Policy:
         change = _normalization(more[0], written(more[0])) if more else None
         self._require_training(model, path)
         num_shapes, num_poses = info.problem.num_shapes, info.problem.num_poses
-        sizes = {state: state_size(state, num_shapes, num_poses) for state in _LEAST}
+        states = [state for state in _LEAST if self.state in ("", state)]
+        sizes = {state: state_size(state, num_shapes, num_poses) for state in states}
         shape, actions = model.observation_space.shape, getattr(model.action_space, "n", None)
         least = np.min(getattr(model.observation_space, "low", np.nan))
         for state, size in sizes.items():

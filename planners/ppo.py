@@ -169,6 +169,10 @@ class PPODecider:
             return Decision(Probe(best), why)
         return Decision(Confirm() if best == num_poses else Reject(), why)
 
+    def prepare(self, info: InformationState) -> None:
+        """Load the policy for a search; raises BadPolicy if it was trained for other shapes or poses."""
+        self._policy(info)
+
     def choose(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.ProbeSelector`."""
         poses = self.scores(info, self._policy(info))[: info.problem.num_poses]
@@ -200,11 +204,20 @@ class PPODecider:
 
     def scores(self, info: InformationState, policy: Policy) -> Floats:
         """What a policy thinks of the poses, CONFIRM and REJECT, ``(P + 2,)``."""
-        log_probs = info.belief.log_probs
-        situation = situation_of(info.history, log_probs, info.problem.num_poses, policy.card.touch_limit)
-        if self.state in WITH_GAINS:
-            situation = replace(situation, gains=expected_gains(info.evidence, log_probs, info.target)[None])
-        return np.asarray(policy.scores(ENCODINGS[self.state](situation, info.target))[0])
+        return np.asarray(policy.scores(shown(info, self.state, policy.card.touch_limit))[0])
+
+
+def shown(info: InformationState, state: str, touch_limit: int) -> Floats:
+    """What an environment with this state and limit shows of the current object, as the one row of a batch.
+
+    Raises:
+        NoGains: the state needs the gain of each pose, and the sensor's belief is not about one rigid body.
+    """
+    log_probs = info.belief.log_probs
+    situation = situation_of(info.history, log_probs, info.problem.num_poses, touch_limit)
+    if state in WITH_GAINS:
+        situation = replace(situation, gains=expected_gains(info.evidence, log_probs, info.target)[None])
+    return ENCODINGS[state](situation, info.target)
 
 
 def written(path: Path) -> tuple[int, int] | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +23,7 @@ from experiments.command_line.trust import Trust
 from experiments.parallel import default_jobs
 from experiments.scene_choice import SceneChoice, as_named
 from experiments.search.fingerprint import files_digest
-from experiments.search.play import Searches, identity_of, made_for, opened, sensor_digest, with_unsure
+from experiments.search.play import Searches, identity_of, made_for, opened, prepare, sensor_digest, told, with_unsure
 from experiments.search.run import Cell, Run, RunFolder, read_episode
 from experiments.search.setting import Setting
 from experiments.search.summary import Summary
@@ -285,6 +286,10 @@ def prepared(
         name: player if not isinstance(player, str) else make_decider(player, table, sensor.model, folder / POLICIES)
         for name, player in players.items()
     }
+    searches = Searches(sensor, problem, seed, setting.choice.scene, digest)
+    for (name, decider), target in product(made.items(), chosen):
+        with told(f"in the first decision of {name}, target {target}"):
+            prepare(searches, decider, problem.shape_labels.index(target))
     if setting.abstain is not None:
         made = {name: Abstaining(decider, setting.abstain) for name, decider in made.items()}
     known = {"observation model": sensor.model, "outcome table": table}
@@ -304,7 +309,6 @@ def prepared(
         "setting": setting.to_dict() if named is None and own_sensor is None else None,
         **({"certificate": str(certificate)} if isinstance(certificate, str | Path) else {}),
     }
-    searches = Searches(sensor, problem, seed, setting.choice.scene, digest)
     return Run(searches, made, chosen, episodes, RunFolder(out), arguments, known)
 
 

@@ -97,6 +97,12 @@ def code_digest(*modules: str) -> str:
     return digest_of(sorted(known.items()))
 
 
+def is_users(module: str, file: str) -> bool:
+    """Whether code is of neither this project nor an installed package nor the standard library."""
+    ours = module.partition(".")[0] in ("activetouch", "belief", "planners", "experiments")
+    return not (ours or is_standard(module) or _is_installed(file))
+
+
 def _is_installed(file: str) -> bool:
     return bool({"site-packages", "dist-packages"} & set(Path(file).parts))
 

@@ -7,22 +7,27 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Mapping, Sequence
+import traceback
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import astuple, dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from activetouch import Scene, TactileSensor, TouchWorld
 from activetouch.scene_description import scene_fields
 from activetouch.world import TouchTime, touch_many
+from belief.errors import ActiveTouchError
 from belief.problem import SearchProblem, Touch
-from belief.seeding import arrangement_rng
+from belief.scene_belief import SceneBelief
+from belief.seeding import arrangement_rng, touch_rng
 from belief.synthetic import sample_arrangement
-from experiments.search.fingerprint import digest_of, fingerprint, versions
-from planners import Decider, Episode, search_lockstep
+from experiments.search.fingerprint import digest_of, fingerprint, is_users, versions
+from planners import Decider, Episode, InformationState, search_lockstep
 from planners.certified import Certificate
+from planners.probing import HYPOTHESES, OUTCOMES
 from planners.search import TouchRequest
 
 EPISODES_PER_BATCH = 25
@@ -96,6 +101,50 @@ def make_world(problem: SearchProblem, sensor: TactileSensor, seed: Seed) -> Tou
     return TouchWorld.sample(sensor, sample_arrangement(problem, rng), rng)
 
 
+class CodeFailed(ActiveTouchError, RuntimeError):
+    """Code of a user, such as a decider, raised an exception; the message names the line."""
+
+
+@contextmanager
+def told(where: str) -> Iterator[None]:
+    """Say where an error happened; of an exception in code of a user, its line in place of all frames."""
+    try:
+        yield
+    except ActiveTouchError as error:
+        error.add_note(where)
+        raise
+    except Exception as error:
+        trace = error.__traceback__
+        frames = zip(traceback.walk_tb(trace), traceback.extract_tb(trace), strict=True)
+        own = [at for (code, _), at in frames if is_users(code.f_globals.get("__name__", ""), at.filename)]
+        if not own:
+            raise
+        at = own[-1]
+        failed = CodeFailed(f"{at.filename}, line {at.lineno}: {at.line}\n{type(error).__name__}: {error}")
+        failed.add_note(where)
+        raise failed from error
+
+
+def prepare(searches: Searches, decider: Decider, target: int) -> None:
+    """Let a decider that reads files or calls a function, one with a method ``prepare``, load what it needs.
+
+    It raises what keeps such a decider from playing, before anything is played.
+    """
+    if callable(ready := getattr(getattr(decider, "decider", decider), "prepare", None)):
+        scene = SceneBelief(searches.problem, searches.sensor.model)
+        ready(InformationState.of(searches.problem, target, scene, 0))
+
+
+@lru_cache(maxsize=1)
+def _warm_up(searches: Searches) -> None:
+    """Touch once and predict a next touch, so that what the first touch of a process loads is not timed."""
+    sensor, problem, seed = searches.sensor, searches.problem, (searches.seed, 0, 0)
+    request = TouchRequest(make_world(problem, sensor, seed), 0, touch_rng(seed, 0, 0, 0))
+    scene = SceneBelief(problem, sensor.model)
+    scene.update(0, touch_many(sensor, [request])[0])
+    scene.view().evidence(0).outcome_mixture(OUTCOMES, HYPOTHESES)
+
+
 def play_episodes(
     searches: Searches, decider: Decider, target: int, numbers: Sequence[int]
 ) -> tuple[list[Episode], Seconds]:
@@ -118,6 +167,8 @@ def play_episodes(
         return touches
 
     player = deepcopy(decider, {id(sensor.model): sensor.model})  # which no decider changes
+    _warm_up(searches)
+    prepare(searches, player, target)
     targets, started = [target] * len(worlds), time.perf_counter()
     episodes = search_lockstep(worlds, player, problem, targets, sensor.model, seeds, touch_and_time)
     thinking = time.perf_counter() - started - waited

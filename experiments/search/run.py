@@ -37,7 +37,7 @@ from belief.files import (
 from experiments.parallel import Shared, Task, run_tasks
 from experiments.scene_choice import command
 from experiments.search.fingerprint import commit_of_code, digest_of, fingerprint
-from experiments.search.play import EPISODES_PER_BATCH, Searches, Seconds, play_episodes
+from experiments.search.play import EPISODES_PER_BATCH, Searches, Seconds, play_episodes, told
 from planners import Decider, Episode
 
 _FORMAT = 4
@@ -325,9 +325,6 @@ def _play_batch(
 ) -> tuple[Cell, int, Batch]:
     """Play the episodes of one batch of a cell."""
     (searches, deciders), (name, label) = shared.value, cell
-    try:
+    with told(f"in one of the episodes {numbers} of {name}, target {label}, seed {searches.seed}"):
         episodes, seconds = play_episodes(searches, deciders[name], searches.problem.shape_labels.index(label), numbers)
-    except ActiveTouchError as error:
-        error.add_note(f"in one of the episodes {numbers} of {name}, target {label}, seed {searches.seed}")
-        raise
     return cell, number, Batch(episode_lines(name, episodes), seconds)

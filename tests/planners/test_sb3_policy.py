@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from belief import Belief, Confirm, Probe, Reject, SearchProblem
+from belief.policy_state import NoGains
 from planners import InformationState, check_decider, make_decider
 from planners.other_agents import SB3Policy
 from planners.ppo import BadPolicy, MissingPolicy
@@ -21,7 +22,8 @@ def saved(tmp_path_factory):
     import gymnasium
     from stable_baselines3 import DQN, PPO
 
-    folder, sizes = tmp_path_factory.mktemp("sb3"), {"paper": K + P + 3, "posterior": K + P + 2}
+    folder = tmp_path_factory.mktemp("sb3")
+    sizes = {"paper": K + P + 3, "posterior": K + P + 2, "gains": K + 2 * P + 2}
 
     class Still(gymnasium.Env):
         def __init__(self, size, low, actions=P + 2):
@@ -44,6 +46,17 @@ def saved(tmp_path_factory):
         with zipfile.ZipFile(folder / f"{name}.zip", "w") as file:
             file.writestr("data", content)
     return folder
+
+
+@pytest.mark.parametrize("name", ["gains-ppo", "gains-goal-ppo"])
+def test_a_policy_on_the_gains_plays_with_a_sensor_of_one_rigid_body(name, saved, body, model):
+    decider = make_decider(f"sb3:{saved / name}.zip", body.outcome_table())
+    assert check_decider(decider, np.random.default_rng(0), body, num_searches=2)
+    with pytest.raises(NoGains, match="one rigid body"):
+        check_decider(decider, np.random.default_rng(0), model, num_searches=2)
+    other = make_decider(f"sb3:{saved / name}.zip(state='posterior')", body.outcome_table())
+    with pytest.raises(BadPolicy, match=r"and 9 numbers \(posterior\), 13 with the target, from -1 on, as"):
+        check_decider(other, np.random.default_rng(0), body, num_searches=2)
 
 
 @pytest.mark.parametrize("name", ["paper-ppo", "paper-dqn", "posterior-ppo", "paper-goal-ppo", "posterior-goal-ppo"])

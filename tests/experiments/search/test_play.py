@@ -3,11 +3,14 @@
 import pytest
 
 from activetouch.world import TouchTime, touch_many
+from belief import Probe
 from experiments.scene_choice import SceneChoice
 from experiments.search.comparison import prepared
-from experiments.search.play import Seconds, play_episodes
+from experiments.search.play import CodeFailed, Seconds, play_episodes
 from experiments.search.setting import Setting
-from planners import search_lockstep
+from planners import Decision, search_lockstep
+from planners.other_agents import FunctionPolicy
+from planners.ppo import BadPolicy
 
 pytestmark = pytest.mark.mujoco
 
@@ -34,3 +37,43 @@ def test_the_time_of_touches_is_no_time_of_decisions(monkeypatch):
     assert seconds == Seconds(1.0 * touches, 2.0 * touches, 0.0, touches, 0)
     steps[:] = [0.0, 7.0]
     assert play_episodes(run.searches, run.deciders["threshold"], 1, [0])[1].decision == 7.0
+
+
+def act(observation):
+    return {}["no such key"]
+
+
+class Fails:
+    def decide(self, info, rng):
+        return act(info) if info.history else Decision(Probe(0))
+
+
+def test_what_cannot_play_is_said_before_the_first_search_with_the_line_of_the_user(tmp_path, monkeypatch):
+    setting = Setting(SceneChoice("coarse", fidelity="quasistatic"))
+    line = r"test_play.py, line \d+: return {}\[\"no such key\"\]\nKeyError: 'no such key'"
+    with pytest.raises(CodeFailed, match=line) as failed:
+        prepared(setting, {"mine": FunctionPolicy(act)}, jobs=1)
+    assert failed.value.__notes__ == ["in the first decision of mine, target sphere"]
+    (tmp_path / "bad.zip").write_text("nonsense")
+    with pytest.raises(BadPolicy, match="no file that Stable-Baselines3 saved"):
+        prepared(setting, f"sb3:{tmp_path}/bad.zip", jobs=1)
+    for jobs in (1, 2):
+        with pytest.raises(CodeFailed, match=line) as failed:
+            prepared(setting, {"mine": Fails()}, targets="cone", episodes=1, jobs=jobs).play(jobs)
+        assert failed.value.__notes__ == ["in one of the episodes range(0, 1) of mine, target cone, seed 0"]
+    monkeypatch.setattr("experiments.search.play.search_lockstep", None)  # a fault of ours
+    with pytest.raises(TypeError, match="not callable"):
+        prepared(setting, "threshold", targets="cone", episodes=1, jobs=1).play(1)
+
+
+def test_what_a_decider_loads_is_no_time_of_a_decision(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr("experiments.search.play.time.perf_counter", lambda: now[0])
+
+    def load_once(observation):
+        now[0] = 9.0
+        return 7  # REJECT
+
+    run = prepared(Setting(SceneChoice("coarse", fidelity="quasistatic")), {"mine": FunctionPolicy(load_once)}, jobs=1)
+    now[0] = 0.0
+    assert play_episodes(run.searches, run.deciders["mine"], 1, [0])[1].decision == 0.0
