@@ -21,11 +21,13 @@ from scipy.ndimage import convolve1d
 from activetouch.errors import UnstablePress
 from activetouch.placement import Placement
 from activetouch.pressing.contact import Contact, first_touch
-from activetouch.pressing.dynamic import facing_geom, require_force
+from activetouch.pressing.dynamic import facing_geom
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Press
 from activetouch.pressing.rig import LARGEST_SCALE, add_solid
 from activetouch.shapes import Geom, Shape
+from activetouch.solids.solid import FINITE
+from belief.validation import require_number
 
 Floats = NDArray[np.float64]
 
@@ -204,7 +206,7 @@ class Deformable(SoftPad, Press):
 
     def press(self, pad: Pad, placement: Placement, target_force: float) -> Contact:
         """See :class:`Press`."""
-        require_force(target_force)
+        require_number("target_force", target_force, 0.0, FINITE)
         pad = pad
         gap, touching = first_touch(pad, placement)
         if target_force == 0.0 or not np.isfinite(gap).any():

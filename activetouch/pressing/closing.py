@@ -22,11 +22,12 @@ from activetouch.errors import UnstablePress
 from activetouch.placement import Placement
 from activetouch.poses import to_matrix
 from activetouch.pressing.contact import elastic_contact, first_touch, missed
-from activetouch.pressing.dynamic import Dynamic, facing_geom, require_force
+from activetouch.pressing.dynamic import Dynamic, facing_geom
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Grasp
 from activetouch.pressing.rig import (
     FORCE,
+    NO_CONTACT,
     ORANGE,
     PAD_SOLIMP,
     SERVO_STIFFNESS,
@@ -36,7 +37,8 @@ from activetouch.pressing.rig import (
     set_options,
     stop_clock,
 )
-from activetouch.solids.solid import Floats
+from activetouch.solids.solid import FINITE, Floats
+from belief.validation import require_number
 
 Watch = Callable[[mujoco.MjModel, mujoco.MjData], None]
 
@@ -164,14 +166,14 @@ def add_body(spec: mujoco.MjSpec, turned: Floats, centre: Floats, pad: Pad, met:
     """
     placement, orientation = met[0], to_quaternion(turned)
     body, scale = spec.worldbody.add_body(name="object", pos=centre, quat=orientation), placement.scale
-    add_solid(spec, body, "object", placement.shape.geom, scale, mass=BODY_MASS, rgba=ORANGE)
+    add_solid(spec, body, "object", placement.shape.geom, scale, mass=BODY_MASS, rgba=ORANGE, **NO_CONTACT)
     softness, slides = [pad.contact_time, pad.damping_ratio], placement.friction
     friction = [slides, slides, _TORSION * slides, 1e-4, 1e-4]
     for number, seen in enumerate(met):
         facing, name = facing_geom(pad, seen, *first_touch(pad, seen)), "object"
         if facing is not None:
             name = f"facing{number}"
-            add_solid(spec, body, name, facing, scale, mass=0.0, group=4, rgba=(0, 0, 0, 0))
+            add_solid(spec, body, name, facing, scale, mass=0.0, group=4, rgba=(0, 0, 0, 0), **NO_CONTACT)
         pair = spec.add_pair(name=f"touch{number}", geomname1=f"pad{number}", geomname2=name, condim=4)
         pair.friction, pair.solref, pair.solimp = friction, softness, PAD_SOLIMP
         pair.solreffriction = _STICKS
@@ -245,7 +247,7 @@ class Closing(Dynamic):
         if len(met) == 1:  # the palm holds the body
             return super().close(pad, met, fingers, centre, forces)
         for force in forces:
-            require_force(force)
+            require_number("target_force", force, 0.0, FINITE)
         return self.settle(SlidingPads(self, pad, met, fingers, centre), met[0], np.asarray(forces, float))
 
     def settle(self, gripper: Gripper, placement: Placement, forces: Floats, watch: Watch | None = None) -> Grasp:

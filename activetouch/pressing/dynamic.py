@@ -13,7 +13,8 @@ from activetouch.poses import to_matrix
 from activetouch.pressing.contact import Contact, Phase, elastic_contact, first_touch
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Press
-from activetouch.solids.solid import Floats, Geom, Shape, on_spiral
+from activetouch.solids.solid import FINITE, Floats, Geom, Shape, on_spiral
+from belief.validation import require_number
 
 if TYPE_CHECKING:
     import mujoco
@@ -25,12 +26,6 @@ _NUM_DIRECTIONS = 32  # in which the hull of what faces the pad is exact, beside
 _LARGEST_FORCE = 1e4  # [N]; a larger force means that the simulation diverged
 MOST_FORCE = (2.0, 1.0)
 """A guarded move fails if it holds more than this factor times its threshold, plus this many newtons."""
-
-
-def require_force(target_force: float) -> None:
-    """Check that a force is finite and ≥ 0."""
-    if not 0.0 <= target_force < float("inf"):
-        raise ValueError(f"target_force must be finite and ≥ 0 N, got {target_force}")
 
 
 class SteppedPress(Press):
@@ -66,7 +61,7 @@ class SteppedPress(Press):
         """The rig with the object at the start, the position of its centre [m], and the first touch."""
         from activetouch.pressing.rig import Rig, shared_rig  # loads MuJoCo
 
-        require_force(target_force)
+        require_number("target_force", target_force, 0.0, FINITE)
         gap, touching = first_touch(pad, placement)
         if (facing := facing_geom(pad, placement, gap, touching)) is None:
             rig = shared_rig(pad, placement.shape, self.timestep, self.traced)

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from activetouch.solids.solid import FINITE, Floats
+from belief.validation import require_count, require_number
 
 
 @dataclass(frozen=True)
@@ -39,8 +39,7 @@ class Pad:
     damping_ratio: float = 1.0
 
     def __post_init__(self) -> None:
-        if not isinstance(self.num_taxels, int | np.integer) or self.num_taxels < 1:
-            raise ValueError(f"num_taxels must be a whole number, at least 1, got {self.num_taxels}")
+        require_count("num_taxels", self.num_taxels)
         lengths = (self.half_width, self.half_thickness, self.stiffness, self.max_depth, self.contact_time)
         if not (np.isfinite(lengths).all() and min(lengths) > 0.0 and 0.0 <= self.damping_ratio < np.inf):
             raise ValueError(f"sizes, stiffness and contact_time must be positive, damping_ratio ≥ 0; got {self}")
@@ -76,10 +75,9 @@ class Pad:
             force: normal force [N], ≥ 0.
 
         Raises:
-            ValueError: the force is negative or not finite.
+            InvalidArgument: the force is negative or not finite.
         """
-        if not 0.0 <= force < np.inf:
-            raise ValueError(f"force must be finite and ≥ 0 N, got {force}")
+        require_number("force", force, 0.0, FINITE)
         reached = gap.compress((gap < self.max_depth).ravel())  # in two thirds of the time of a mask
         if force == 0.0 or reached.size == 0:
             return 0.0

@@ -39,6 +39,7 @@ _STATE = mujoco.mjtState.mjSTATE_INTEGRATION  # all that determines the next ste
 _CLEAREST = 0.0005  # smallest distance between pad and object after a skipped approach [m]
 _TRANSIENT = 8.0  # of the servo, relative to its lag: its error is then e^-16 of its first
 _DARK, ORANGE = (0.15, 0.16, 0.2, 1), (0.9, 0.45, 0.1, 1)
+NO_CONTACT = {"contype": 0, "conaffinity": 0}  # but of pairs
 FORCE, _POSITION, _NET_FORCE = 1 << 1, 1 << 4, 3  # settings of MuJoCo's contact sensor
 
 
@@ -52,7 +53,7 @@ def build_spec(
     guide = spec.worldbody.add_body(name="guide")
     guide.add_joint(name="guide", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1.0, 0.0, 0.0])
     body = guide.add_body(name="object")  # its own body, so that its orientation does not turn the guide
-    add_solid(spec, body, "object", geom, largest_scale, mass=_MASS, rgba=ORANGE)
+    add_solid(spec, body, "object", geom, largest_scale, mass=_MASS, rgba=ORANGE, **NO_CONTACT)
     softness = [pad.contact_time, pad.damping_ratio]
     spec.add_pair(name="touch", geomname1="pad", geomname2="object", solref=softness, solimp=PAD_SOLIMP)
     actuator = spec.add_actuator(name="guide", target="guide", trntype=mujoco.mjtTrn.mjTRN_JOINT)
@@ -77,7 +78,7 @@ def add_pad(
     """Add a pad to a body with its face at a place [m], with further properties of a MuJoCo geom."""
     size = [pad.half_thickness, pad.half_width, pad.half_width]
     centre, kind = [place[0] - pad.half_thickness, *place[1:]], mujoco.mjtGeom.mjGEOM_BOX
-    body.add_geom(name=name, type=kind, size=size, pos=centre, contype=0, conaffinity=0, **properties)
+    body.add_geom(name=name, type=kind, size=size, pos=centre, **NO_CONTACT, **properties)
 
 
 def add_sensor(spec: mujoco.MjSpec, pad: str, data: int) -> None:
@@ -90,14 +91,14 @@ def add_sensor(spec: mujoco.MjSpec, pad: str, data: int) -> None:
 def add_solid(
     spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, geom: Geom, scale: float, **properties: object
 ) -> None:
-    """Add the geom of a shape at a scale to a body, with further properties of a MuJoCo geom; only pairs touch it."""
+    """Add the geom of a shape at a scale to a body, with further properties of a MuJoCo geom."""
     if geom.vertices is not None:
         spec.add_mesh(name=name, uservert=(geom.vertices * scale).ravel())
         properties["meshname"] = name
     else:
         properties["size"] = np.asarray(geom.size) * scale
     kind = getattr(mujoco.mjtGeom, f"mjGEOM_{geom.type.upper()}")
-    body.add_geom(name=name, type=kind, contype=0, conaffinity=0, **properties)
+    body.add_geom(name=name, type=kind, **properties)
 
 
 @cache

@@ -16,7 +16,9 @@ from typing import ClassVar, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from activetouch.solids.solid import FINITE
 from belief.errors import InvalidArgument
+from belief.validation import require_number
 
 Image = NDArray[np.floating]
 
@@ -46,8 +48,7 @@ class Gain:
     half_range: float
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.half_range <= 1.0:
-            raise ValueError(f"half_range must be in [0, 1], got {self.half_range}")
+        require_number("half_range", self.half_range, 0.0, 1.0)
 
     def __call__(self, image: Image, rng: np.random.Generator) -> Image:
         """See :class:`Fault`."""
@@ -63,16 +64,11 @@ class Noise:
     std: float
 
     def __post_init__(self) -> None:
-        _require_std(self.std)
+        require_number("std", self.std, 0.0, FINITE)
 
     def __call__(self, image: Image, rng: np.random.Generator) -> Image:
         """See :class:`Fault`."""
         return image + self.std * rng.standard_normal(image.shape, dtype=np.float32)
-
-
-def _require_std(std: float) -> None:
-    if not 0.0 <= std < np.inf:
-        raise ValueError(f"std must be finite and ≥ 0, got {std}")
 
 
 @dataclass(frozen=True)
@@ -90,8 +86,7 @@ class DeadTaxels:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.share <= 1.0:
-            raise ValueError(f"share must be in [0, 1], got {self.share}")
+        require_number("share", self.share, 0.0, 1.0)
 
     def __call__(self, image: Image, rng: np.random.Generator) -> Image:
         """See :class:`Fault`."""
@@ -115,9 +110,8 @@ class StuckTaxels:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        for name in ("share", "level"):
-            if not 0.0 <= getattr(self, name) <= 1.0:
-                raise ValueError(f"{name} must be in [0, 1], got {getattr(self, name)}")
+        require_number("share", self.share, 0.0, 1.0)
+        require_number("level", self.level, 0.0, 1.0)
 
     def __call__(self, image: Image, rng: np.random.Generator) -> Image:
         """See :class:`Fault`."""
@@ -144,8 +138,7 @@ class Quantisation:
     bits: int
 
     def __post_init__(self) -> None:
-        if not 1 <= self.bits <= 16:
-            raise ValueError(f"bits must be in [1, 16], got {self.bits}")
+        require_number("bits", self.bits, 1, 16)
 
     def __call__(self, image: Image, rng: np.random.Generator) -> Image:
         """See :class:`Fault`."""
@@ -166,8 +159,7 @@ class Hysteresis:
     width: float
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.width < np.inf:
-            raise ValueError(f"width must be finite and ≥ 0, got {self.width}")
+        require_number("width", self.width, 0.0, FINITE)
 
     def __call__(self, image: Image, rng: np.random.Generator) -> Image:
         """See :class:`Fault`."""
@@ -219,7 +211,7 @@ class Blur:
     std: float
 
     def __post_init__(self) -> None:
-        _require_std(self.std)
+        require_number("std", self.std, 0.0, FINITE)
 
     def __call__(self, image: Image, rng: np.random.Generator) -> Image:
         """See :class:`Fault`."""

@@ -12,6 +12,7 @@ import numpy as np
 from activetouch.pressing.contact import Contact, Trace
 from activetouch.pressing.pad import Pad
 from activetouch.solids.solid import Floats
+from belief.validation import require_count
 
 _AZIMUTHS = np.deg2rad([90.0, 210.0, 330.0])  # of GelSight's red, green and blue light
 _TRUNCATED = 4.0  # of the Gaussian of force patches, in standard deviations
@@ -31,8 +32,7 @@ class PressureRenderer:
     binning: int = 1
 
     def __post_init__(self) -> None:
-        if self.binning < 1:
-            raise ValueError(f"binning must be at least 1, got {self.binning}")
+        require_count("binning", self.binning)
 
     def __call__(self, contact: Contact) -> Floats:
         """The image ``(n, n)`` in [0, 1] with n = num_taxels / binning; all zero for a miss.

@@ -13,6 +13,8 @@ from activetouch.errors import BadMesh
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
+FINITE = 1e308
+"""Largest number that an argument may be."""
 _NUM_FACETS = 64  # sides of the mesh that stands for a cylinder
 
 PARALLEL = 1e-12

@@ -10,6 +10,7 @@ import numpy as np
 import scipy  # whose parts load at first use
 
 from activetouch.solids.solid import Floats, Geom, between, clip, corners, entered, require_lengths, ring
+from belief.validation import require_count
 
 
 class FlatFaced(ABC):
@@ -124,8 +125,7 @@ class Prism(FlatFaced):
     half_length: float
 
     def __post_init__(self) -> None:
-        if self.num_sides < 3:
-            raise ValueError(f"num_sides must be at least 3, got {self}")
+        require_count("num_sides", self.num_sides, 3)
         require_lengths(self, self.radius, self.half_length)
 
     @property

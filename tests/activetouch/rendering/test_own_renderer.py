@@ -105,5 +105,5 @@ def test_what_are_no_faults_is_refused_when_the_scene_is_made(faults):
 
 @pytest.mark.parametrize("number", [0, 16.5, 16.0])
 def test_a_pad_has_a_whole_number_of_taxels(number):
-    with pytest.raises(ValueError, match="num_taxels must be a whole number"):
+    with pytest.raises(ValueError, match="num_taxels must be an integer"):
         Pad(num_taxels=number)
