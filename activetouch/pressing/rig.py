@@ -141,7 +141,9 @@ class Rig:
         self._body, self._geom = self.model.body("object").id, self.model.geom("object").id
         mesh = self.model.geom_dataid[self._geom]
         first, count = (self.model.mesh_vertadr[mesh], self.model.mesh_vertnum[mesh]) if mesh >= 0 else (0, 0)
-        self._vertices = self.model.mesh_vert[first : first + count]
+        # MuJoCo places a mesh relative to the centre of mass of its body, so this is scaled too.
+        scaled = self.model.geom_size[self._geom], self.model.geom_pos[self._geom], self.model.body_ipos[self._body]
+        self._largest = [(one, one.copy()) for one in (*scaled, self.model.mesh_vert[first : first + count])]
         joint = self.model.joint("guide")
         self._position = self.data.qpos[joint.qposadr[0] :]
         self._velocity = self.data.qvel[joint.dofadr[0] :]
@@ -153,9 +155,6 @@ class Rig:
         self.command = self.data.ctrl[actuator.id :]
         """Its first number is the position to which the guide is commanded [m]."""
         self._lag = -float(actuator.biasprm[2] / actuator.gainprm[0])  # of the servo behind its command [s]
-        size, centre = self.model.geom_size[self._geom], self.model.geom_pos[self._geom]
-        # MuJoCo places a mesh relative to the centre of mass of its body, so this is scaled too.
-        self._largest = size.copy(), centre.copy(), self.model.body_ipos[self._body].copy(), self._vertices.copy()
         self._rows: list[tuple[Phase, float, NDArray[np.float64]]] = []
         self._num_skipped = 0  # steps before the first row
 
@@ -173,10 +172,8 @@ class Rig:
         self._warnings[:] = 0
         self._rows.clear()
         self._num_skipped = 0
-        size, centre, mass_centre, vertices = self._largest
-        model.geom_size[self._geom], model.geom_pos[self._geom] = size * factor, centre * factor
-        model.body_ipos[self._body] = mass_centre * factor
-        self._vertices[:] = vertices * factor
+        for scaled, largest in self._largest:
+            scaled[:] = largest * factor
         model.pair_friction[0, :2] = placement.friction
         model.body_pos[self._body, 1:] = placement.offset
         model.body_quat[self._body] = placement.orientation

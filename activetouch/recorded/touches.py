@@ -68,13 +68,6 @@ class RecordedTouches(FrozenArrays):
     task: str = TASKS[0]
 
     def __post_init__(self) -> None:
-        for name in ("actions", "objects", "sessions"):
-            given = np.asarray(getattr(self, name))
-            with np.errstate(invalid="ignore"):  # NaN equals no number
-                numbers = given.astype(np.int64)
-            if np.any(numbers != given):
-                raise BadRecording(f"{name} must be whole numbers, got {given[numbers != given].tolist()[0]!r}")
-            object.__setattr__(self, name, numbers)
         object.__setattr__(self, "features", np.asarray(self.features, np.float64))
         n = len(self.features)
         if self.features.ndim != 2 or self.features.size == 0:
@@ -84,11 +77,16 @@ class RecordedTouches(FrozenArrays):
         if self.feature_names and len(self.feature_names) != self.features.shape[1]:
             raise BadRecording(f"feature_names must be none or {self.features.shape[1]}, got {len(self.feature_names)}")
         for name, size in (("actions", self.num_actions), ("objects", len(self.object_names)), ("sessions", None)):
-            values = getattr(self, name)
+            given = np.asarray(getattr(self, name))
+            with np.errstate(invalid="ignore"):  # NaN equals no number
+                values = given.astype(np.int64)
+            if np.any(values != given):
+                raise BadRecording(f"{name} must be whole numbers, got {given[values != given].tolist()[0]!r}")
             if values.shape != (n,):
                 raise BadRecording(f"{name} must be ({n},) as there are {n} rows of features, got {values.shape}")
             if size is not None and not ((values >= 0) & (values < size)).all():
                 raise BadRecording(f"{name} must be in [0, {size}), got {values.min()} to {values.max()}")
+            object.__setattr__(self, name, values)
         fits = np.abs(self.features) <= LARGEST  # not where it is NaN
         if not fits.all():
             row = int(np.argmin(fits.all(axis=1)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -22,19 +23,8 @@ _SEEN = np.array([1, 1, 1, 0, 0, 0], np.uint8)  # groups of geoms; in the others
 _MOST_FRAMES, _FRAME = 40, (320, 240)  # of an animation [pixels]
 
 
-def press_picture(
-    pad: Pad, placement: Placement, depth: float, width: int = 640, height: int = 480, sky: tuple[int, int, int] = _SKY
-) -> NDArray[np.uint8]:
-    """A picture ``(height, width, 3)`` of the object pressed ``depth`` [m] into the pad.
-
-    Args:
-        pad: the pad.
-        placement: the object.
-        depth: of the press [m].
-        width: of the picture [pixels].
-        height: of the picture [pixels].
-        sky: colour of the background, in [0, 255].
-    """
+def press_picture(pad: Pad, placement: Placement, depth: float, **view: Any) -> NDArray[np.uint8]:
+    """A picture of the object pressed ``depth`` [m] into the pad; ``view`` is size and sky of :func:`cast_rays`."""
     _, touching = first_touch(pad, placement)
     position = touching - depth if np.isfinite(touching) else placement.bounding_radius
     rig = Rig(pad, placement.shape.geom, timestep=0.002, largest_scale=placement.scale)
@@ -42,7 +32,7 @@ def press_picture(
     mujoco.mj_forward(rig.model, rig.data)
     middle = np.array([position / 2, 0.0, 0.0])
     distance = 5.5 * max(pad.half_width, placement.bounding_radius)
-    return cast_rays(rig.model, rig.data, middle, distance, (width, height), sky)
+    return cast_rays(rig.model, rig.data, middle, distance, **view)
 
 
 def write_motion(

@@ -22,7 +22,7 @@ def share_of(image, colour):
 
 
 def test_object_and_pad_are_seen():
-    image = press_picture(Pad(), Placement(SHAPES["cone"], 1.0, turn("y", 1.0)), 0.002, 160, 120)
+    image = press_picture(Pad(), Placement(SHAPES["cone"], 1.0, turn("y", 1.0)), 0.002, size=(160, 120))
     assert image.shape == (120, 160, 3)
     assert image.dtype == np.uint8
     assert 0.03 < share_of(image, ORANGE) < 0.5
