@@ -22,7 +22,7 @@ from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import SearchProblem
 from belief.validation import Floats
 from planners.decider import InformationState, touch_share
-from planners.repeats import LeastUsedFirst, RepeatDiscount
+from planners.repeats import LEAST_USED, RepeatDiscount
 from planners.stopping import share_of_threshold
 
 _SEQUENCES = 2_000  # of touches, in all
@@ -43,7 +43,7 @@ class ContinuationValue:
 
     @classmethod
     def of(
-        cls, problem: SearchProblem, target: int, table: OutcomeTable, repeats: RepeatDiscount | None = None
+        cls, problem: SearchProblem, target: int, table: OutcomeTable, repeats: RepeatDiscount = LEAST_USED
     ) -> ContinuationValue:
         """Compute the values from the last object to the first.
 
@@ -56,7 +56,7 @@ class ContinuationValue:
         """
         ahead = shapes_ahead(problem, target)
         length = min(touch_share(problem), _MOST_TOUCHES)
-        evidence = _sequences(table, length, repeats if repeats is not None else LeastUsedFirst())
+        evidence = _sequences(table, length, repeats)
         values = np.empty((problem.num_objects + 1, 2))
         values[-1] = 1.0, -1.0
         for index in reversed(range(problem.num_objects)):

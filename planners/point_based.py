@@ -19,7 +19,7 @@ which tells more than a first touch: how the object lies is then partly known (d
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
@@ -35,7 +35,7 @@ from planners.decider import Decision, InformationState, are_touches_used, requi
 from planners.pomdp.problem import require_rounds
 from planners.pomdp.stages import StagedProblem, stages_by_missed
 from planners.probing import HYPOTHESES, OUTCOMES
-from planners.repeats import LeastUsedFirst, RepeatDiscount, weights_in_turn
+from planners.repeats import LEAST_USED, RepeatDiscount, weights_in_turn
 from planners.solve import SearchPolicy, SearchTouchProblem, solve
 
 MAX_STATES = 200
@@ -63,7 +63,7 @@ class PointBased:
     """
 
     table: OutcomeTable
-    repeats: RepeatDiscount = field(default_factory=LeastUsedFirst)
+    repeats: RepeatDiscount = LEAST_USED
     rounds: Sequence[int] = ROUNDS
     given: Literal["body", "shape"] = "shape"
 

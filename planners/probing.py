@@ -19,7 +19,7 @@ from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Probe
 from belief.validation import Floats, require_count
 from planners.decider import Decision, InformationState, require_fit
-from planners.repeats import LeastUsedFirst, RepeatDiscount
+from planners.repeats import LEAST_USED, RepeatDiscount
 
 OUTCOMES = 128
 HYPOTHESES = 32
@@ -128,7 +128,7 @@ class TargetInformationGain:
     """
 
     table: OutcomeTable
-    repeats: RepeatDiscount = field(default_factory=LeastUsedFirst)
+    repeats: RepeatDiscount = LEAST_USED
     outcomes: int = OUTCOMES
     hypotheses: int = HYPOTHESES
     given: Literal["body", "shape"] = "body"

@@ -7,7 +7,6 @@ Touches of one object in one pose are correlated, so a table of single touches o
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,63 +15,52 @@ from belief.observation_model.model import ObservationModel
 from belief.validation import Floats
 
 
-class RepeatDiscount(Protocol):
-    """Discounts the value of touches in used poses."""
+@dataclass(frozen=True)
+class RepeatDiscount:
+    """Discounts the value of touches in used poses.
+
+    With a correlation ρ, the weight of the n-th touch is the difference of
+    :func:`~belief.observation_model.repeat_discount.effective_touches` for n and n - 1 touches. Without one, for models
+    that have none, only the least used poses are allowed (decision 0006).
+
+    Attributes:
+        correlation: ρ of touches in one pose, in [0, 1]; None if it is not known.
+
+    Raises:
+        ValueError: ``correlation`` is out of range.
+    """
+
+    correlation: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.correlation is not None and not 0.0 <= self.correlation <= 1.0:
+            raise ValueError(f"correlation must be in [0, 1], got {self.correlation}")
 
     def weights(self, uses: ArrayLike) -> Floats:
         """Value of the next touch in each pose as a fraction of the value of a new touch, in [0, 1], ``(..., P)``.
 
         ``uses (..., P)`` are the touches of the object in each pose. A pose with weight zero is not used.
         """
-
-
-@dataclass(frozen=True)
-class LeastUsedFirst:
-    """Allows only the least used poses, for models without a repeat correlation (decision 0006)."""
-
-    def weights(self, uses: ArrayLike) -> Floats:
-        """See :class:`RepeatDiscount`."""
-        counts = np.asarray(uses)
-        return (counts == counts.min(axis=-1, keepdims=True)).astype(np.float64)
-
-
-@dataclass(frozen=True)
-class CorrelatedRepeats:
-    """Discount by the correlation ρ of touches in one pose.
-
-    The weight of the n-th touch is the difference of
-    :func:`~belief.observation_model.repeat_discount.effective_touches` for n and n - 1 touches.
-
-    Attributes:
-        correlation: ρ, in [0, 1].
-
-    Raises:
-        ValueError: ``correlation`` is out of range.
-    """
-
-    correlation: float
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.correlation <= 1.0:
-            raise ValueError(f"correlation must be in [0, 1], got {self.correlation}")
-
-    def weights(self, uses: ArrayLike) -> Floats:
-        """See :class:`RepeatDiscount`."""
         n, rho = np.asarray(uses, np.float64), self.correlation
+        if rho is None:
+            return (n == n.min(axis=-1, keepdims=True)).astype(np.float64)
         # The difference of effective_touches at n + 1 and n, without cancellation.
         return np.where(n > 0.0, (1.0 - rho) / ((1.0 + n * rho) * (1.0 + np.maximum(n - 1.0, 0.0) * rho)), 1.0)
+
+
+LEAST_USED = RepeatDiscount()
+"""Allows only the least used poses."""
 
 
 def weights_in_turn(repeats: RepeatDiscount, num_poses: int, times: int) -> Floats:
     """Weights of an object's first, second, … touch if each of P poses is used ``times`` times in turn, ``(P times,)``.
 
-    >>> weights_in_turn(CorrelatedRepeats(0.5), 2, 2).round(3).tolist()
+    >>> weights_in_turn(RepeatDiscount(0.5), 2, 2).round(3).tolist()
     [1.0, 1.0, 0.333, 0.333]
     """
     return np.repeat([repeats.weights(np.full(num_poses, used)).max() for used in range(times)], num_poses)
 
 
 def repeat_discount(model: ObservationModel | None) -> RepeatDiscount:
-    """The discount by the ``repeat_correlation`` of an observation model; :class:`LeastUsedFirst` if it has none."""
-    correlation: float | None = getattr(model, "repeat_correlation", None)
-    return LeastUsedFirst() if correlation is None else CorrelatedRepeats(correlation)
+    """The discount by the ``repeat_correlation`` of an observation model, if it has one."""
+    return RepeatDiscount(getattr(model, "repeat_correlation", None))

@@ -32,7 +32,7 @@ from belief.problem import Confirm, Probe, Reject, SearchProblem
 from belief.validation import Floats, require_count
 from planners.continuation_value import ContinuationValue
 from planners.decider import Decision, InformationState, are_touches_used, require_fit, touch_share
-from planners.repeats import LeastUsedFirst, RepeatDiscount
+from planners.repeats import LEAST_USED, RepeatDiscount
 
 _TIE = 1e-12  # differences below this are rounding
 _TIE_IN_SINGLE = 1e-6  # the same, for values that were computed in single precision
@@ -63,7 +63,7 @@ class ValueOfInformation:
 
     table: OutcomeTable
     depth: int = 2
-    repeats: RepeatDiscount = field(default_factory=LeastUsedFirst)
+    repeats: RepeatDiscount = LEAST_USED
     max_touches: int | None = None
     _continuations: dict[_Key, ContinuationValue] = field(default_factory=dict, init=False, repr=False)
 

@@ -12,7 +12,7 @@ from belief.bayes import target_information_gain
 from belief.calibration import TemperatureScaling
 from belief.observation_model import RatioModel
 from belief.touch_batch import TouchBatch
-from planners.repeats import CorrelatedRepeats
+from planners.repeats import RepeatDiscount
 
 NUM_SHAPES, NUM_POSES, MOST, SPREAD = 3, 3, 12, 1.5
 CONFIRM, REJECT = 0.95, 0.05
@@ -61,7 +61,7 @@ def test_stops_claim_and_are_right_within_a_hundredth(rho):
     # 9 000 objects: the standard error of the share that is right is below .004.
     rng = np.random.default_rng(7)
     shapes, felt = touches(9000, rho, rng)
-    claimed, is_target = stops(model_of(rho, rng), CorrelatedRepeats(rho), shapes, felt)
+    claimed, is_target = stops(model_of(rho, rng), RepeatDiscount(rho), shapes, felt)
     assert len(claimed) > 4000
     for beyond in (claimed >= CONFIRM, claimed <= REJECT, np.ones(len(claimed), bool)):
         assert claimed[beyond].mean() == pytest.approx(is_target[beyond].mean(), abs=0.01)
@@ -71,5 +71,5 @@ def test_stops_claim_and_are_right_within_a_hundredth(rho):
 def test_stops_that_take_repeats_for_fresh_claim_too_much(rho):
     rng = np.random.default_rng(7)
     shapes, felt = touches(9000, rho, rng)
-    claimed, is_target = stops(model_of(0.0, rng), CorrelatedRepeats(0.0), shapes, felt)
+    claimed, is_target = stops(model_of(0.0, rng), RepeatDiscount(0.0), shapes, felt)
     assert claimed[claimed >= CONFIRM].mean() > is_target[claimed >= CONFIRM].mean() + 0.02

@@ -13,7 +13,7 @@ from belief.observation_model import FixedHypotheses, RigidBodyModel
 from belief.observation_model.outcome_mixture import information
 from planners import InformationState, make_decider
 from planners.probing import next_touch
-from planners.repeats import LeastUsedFirst
+from planners.repeats import RepeatDiscount
 from planners.value_of_information import ValueOfInformation
 
 P, K, N, M, D = 3, 3, 10, 6, 4
@@ -101,7 +101,7 @@ def test_a_pose_is_not_repeated_where_the_body_would_feel_the_same(rng):
         scene = SceneBelief(PROBLEM, model)
         scene.update(0, [Touch(pose, np.zeros(K), np.eye(M)[marks[pose, 0, 0]])])
         info = InformationState.of(PROBLEM, 0, scene, 0)
-        joint, weights = next_touch(info, np.diag(info.belief.probs), model.outcome_table(), LeastUsedFirst())
+        joint, weights = next_touch(info, np.diag(info.belief.probs), model.outcome_table(), RepeatDiscount())
         assert (weights == 1.0).all()
         assert information(joint)[pose] == pytest.approx(0.0, abs=1e-6)
         names = (
@@ -145,9 +145,9 @@ def test_touches_that_tell_nothing_are_not_made(rng, depth, touch_cost):
 def test_without_a_joint_belief_the_static_table_is_read(rng):
     model = model_of(rng)
     info = replace(state(model, rng), scene=None)
-    joint, weights = next_touch(info, np.eye(K), model.outcome_table(), LeastUsedFirst())
+    joint, weights = next_touch(info, np.eye(K), model.outcome_table(), RepeatDiscount())
     np.testing.assert_array_equal(joint, model.outcome_table().probs)
-    assert weights.tolist() == LeastUsedFirst().weights(info.uses).tolist()
+    assert weights.tolist() == RepeatDiscount().weights(info.uses).tolist()
 
 
 @pytest.mark.parametrize("drift", [0.0, 0.2])

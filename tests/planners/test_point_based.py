@@ -11,7 +11,7 @@ from belief.synthetic import random_model, sample_arrangement
 from planners import InformationState, make_decider, search
 from planners.continuation_value import belief_with_missed
 from planners.point_based import PointBased, stages_by_target
-from planners.repeats import CorrelatedRepeats
+from planners.repeats import RepeatDiscount
 from planners.solve import SearchTouchProblem, solve
 
 POSES = ("p0", "p1", "p2")
@@ -58,7 +58,7 @@ def play(decider, model, problem, target, number):
 def test_searches_return_what_the_plan_promises():
     model = random_model(np.random.default_rng(0), sharpness=2.5)
     problem = problem_of(model, 4, touch_cost=0.05)
-    decider = PointBased(model.outcome_table(), CorrelatedRepeats(0.0))
+    decider = PointBased(model.outcome_table(), RepeatDiscount(0.0))
     policy = solve(SearchTouchProblem(model.outcome_table().probs, 4, "distinct", 1, 0.05))
     returns = np.array([play(decider, model, problem, 1, n).reward(problem) for n in range(300)])
     error = returns.std() / np.sqrt(len(returns))
@@ -138,15 +138,15 @@ def test_a_repeat_that_tells_nothing_is_not_bought():
     touch = Touch(0, np.log([0.6, 0.4]))
     info = InformationState(problem, 0, Belief.from_probs(("a", "b"), [0.6, 0.4]), (touch,))
     rng = np.random.default_rng(0)
-    assert PointBased(table, CorrelatedRepeats(0.0)).decide(info, rng).action == Probe(0)
-    assert PointBased(table, CorrelatedRepeats(1.0)).decide(info, rng).action == Confirm()
+    assert PointBased(table, RepeatDiscount(0.0)).decide(info, rng).action == Probe(0)
+    assert PointBased(table, RepeatDiscount(1.0)).decide(info, rng).action == Confirm()
 
 
 def test_a_pose_that_was_not_used_is_preferred_to_its_twin():
     table = OutcomeTable(np.repeat(np.array([[[0.8, 0.2], [0.2, 0.8]]]), 2, axis=0))
     problem = SearchProblem(("a", "b"), ("p", "q"), 1, Composition.INDEPENDENT, touch_cost=0.02)
     info = InformationState(problem, 0, Belief.from_probs(("a", "b"), [0.5, 0.5]), (Touch(0, np.zeros(2)),))
-    assert PointBased(table, CorrelatedRepeats(0.4)).decide(info, np.random.default_rng(0)).action == Probe(1)
+    assert PointBased(table, RepeatDiscount(0.4)).decide(info, np.random.default_rng(0)).action == Probe(1)
 
 
 def test_scores_say_why_it_stopped():
@@ -165,7 +165,7 @@ def test_scores_say_why_it_stopped():
 def test_its_values_of_answers_follow_from_the_exact_belief(num_objects, composition):
     model = random_model(np.random.default_rng(1), 3, sharpness=2.0)
     problem = problem_of(model, num_objects, composition)
-    decider, rng = PointBased(model.outcome_table(), CorrelatedRepeats(0.3), rounds=(50, 100)), np.random.default_rng(0)
+    decider, rng = PointBased(model.outcome_table(), RepeatDiscount(0.3), rounds=(50, 100)), np.random.default_rng(0)
     for number in range(30):
         scene = SceneBelief(problem, model)
         arrangement = sample_arrangement(problem, np.random.default_rng(number))

@@ -8,7 +8,7 @@ from belief.errors import InvalidArgument, UnknownName
 from belief.observation_model import OutcomeTable
 from planners import InformationState
 from planners.probing import FixedOrder, GivenOrder, RandomOrder, ShapeInformationGain, TargetInformationGain
-from planners.repeats import CorrelatedRepeats
+from planners.repeats import RepeatDiscount
 
 PROBLEM = SearchProblem(("a", "b"), ("useless", "good", "better"), num_objects=2)
 TABLE = OutcomeTable([[[0.5, 0.5]] * 2, [[0.7, 0.3], [0.3, 0.7]], [[0.9, 0.1], [0.1, 0.9]]])
@@ -73,7 +73,7 @@ def test_shape_information_gain_cares_for_any_distinction(rng):
 def test_a_good_pose_is_repeated_while_repeats_are_worth_more_than_a_poor_one(rng):
     # Repeats that are as good as fresh: always the best pose. Worthless ones: each pose once, as without a model.
     for correlation, expected in ((0.0, [2, 2, 2]), (0.999, [2, 1, 2])):
-        selector, poses = TargetInformationGain(TABLE, CorrelatedRepeats(correlation)), []
+        selector, poses = TargetInformationGain(TABLE, RepeatDiscount(correlation)), []
         for _ in range(3):
             poses.append(selector.choose(info(*poses), rng).action.pose)
         assert poses == expected
@@ -81,7 +81,7 @@ def test_a_good_pose_is_repeated_while_repeats_are_worth_more_than_a_poor_one(rn
 
 def test_of_equally_good_poses_the_least_used_comes_first(rng):
     table = OutcomeTable(np.full((3, 2, 2), 0.5))
-    selector = TargetInformationGain(table, CorrelatedRepeats(0.5))
+    selector = TargetInformationGain(table, RepeatDiscount(0.5))
     assert selector.choose(info(0, 0, 1), rng).action == Probe(2)
 
 

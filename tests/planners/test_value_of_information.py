@@ -13,7 +13,7 @@ from belief.synthetic import SyntheticWorld
 from benchmarks.tabular_model import TabularModel
 from planners import InformationState, search_lockstep
 from planners.continuation_value import ContinuationValue, prob_missed, shapes_ahead
-from planners.repeats import CorrelatedRepeats, LeastUsedFirst
+from planners.repeats import RepeatDiscount
 from planners.value_of_information import ValueOfInformation
 
 seeds = st.integers(0, 10_000)
@@ -56,7 +56,7 @@ def value(table, belief, uses, depth, cost, discount, best_of=max):
 
 
 @settings(max_examples=20)
-@given(seeds, st.sampled_from([1, 2]), st.sampled_from([LeastUsedFirst(), CorrelatedRepeats(0.4)]))
+@given(seeds, st.sampled_from([1, 2]), st.sampled_from([RepeatDiscount(), RepeatDiscount(0.4)]))
 def test_the_arrays_agree_with_recursion_over_outcomes(seed, depth, discount):
     rng = np.random.default_rng(seed)
     table, belief = random_table(rng), rng.dirichlet(np.ones(3))
@@ -196,10 +196,10 @@ def test_one_test_is_worth_what_recursion_over_outcomes_says(others):
     table = OutcomeTable([[[0.8, 0.2], [0.2, 0.8]]])
     problem = SearchProblem(("a", "b"), ("p",), 1, Counts({"a": 1, "b": others}), 0.02, touch_limit=9)
     prior = np.array([1.0, others]) / (1 + others)
-    expected = value(table, prior, np.zeros(1, int), 9, 0.02, CorrelatedRepeats(0.0))
+    expected = value(table, prior, np.zeros(1, int), 9, 0.02, RepeatDiscount(0.0))
     assert ContinuationValue.of(problem, 0, table).values[0, 0] == pytest.approx(expected, abs=0.03)
     if others == 1:
-        dearer = ContinuationValue.of(problem, 0, table, CorrelatedRepeats(0.5)).values[0, 0]
+        dearer = ContinuationValue.of(problem, 0, table, RepeatDiscount(0.5)).values[0, 0]
         assert dearer < expected - 0.05  # repeats tell less
 
 
