@@ -27,7 +27,7 @@ _KEYS = {"quaternion", "aim"}
 
 @dataclass(frozen=True, eq=False)
 class SensorReader:
-    """Reads images for sessions of a sensor (:class:`planners.told.ImageReader`).
+    """Reads images for sessions of a sensor (:class:`planners.session_log.ImageReader`).
 
     Attributes:
         sensor: of a scene.

@@ -42,15 +42,18 @@ from planners.decider import Decider, Decision, InformationState, checked_decisi
 from planners.episode import Episode, Step
 from planners.session_log import (
     SCHEMA,
+    ImageReader,
+    Listener,
     OtherModel,
+    Told,
     digests,
     event_fields,
     events_from,
     problem_fields,
     problem_from,
     require_same,
+    standing_of,
 )
-from planners.told import ImageReader, Listener, Told, standing_of
 
 
 class AlreadyTold(InvalidArgument):

@@ -1,21 +1,25 @@
-"""The lines of a session's log (docs/session_log.md), from what they mean and back."""
+"""What a robot tells a session, what is meant by it, and the lines of the session's log (docs/session_log.md)."""
 
 from __future__ import annotations
 
 import hashlib
 import time
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass, replace
+from math import isfinite
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from belief.composition import Counts
 from belief.errors import InvalidArgument
 from belief.journal import array_field, array_from
 from belief.naming import index_of
 from belief.observation_model.model import ObservationModel
-from belief.problem import Probe, SearchProblem, Touch
+from belief.problem import Action, Elsewhere, Probe, SearchProblem, Touch
 from planners.decider import Decision
 from planners.episode import ACTION_NAMES, ACTIONS
-from planners.told import ImageReader, Told
 
 SCHEMA = "activetouch session 1"
 """First field of the first line; the number grows when a reader of older logs could be misled."""
@@ -23,6 +27,168 @@ SCHEMA = "activetouch session 1"
 
 class OtherModel(InvalidArgument):
     """A log was made with another observation model or reader; its beliefs would not be the same."""
+
+
+class ImageReader(Protocol):
+    """What reads the images that a session is told; a tactile sensor makes one."""
+
+    @property
+    def identity(self) -> str:
+        """Digest of all that it reads with."""
+
+    def read(self, image: Any, pose: int) -> tuple[NDArray[Any], Touch, float | None]:
+        """The checked image, the touch that it shows, and the area of the contact [m²], None if it cannot be said.
+
+        Raises:
+            ValueError: it is no image of this sensor.
+        """
+
+    def at(self, place: Any) -> tuple[int, Elsewhere | None]:
+        """The pose of a place that is said by numbers; if it is none of the poses, the nearest, and where it is.
+
+        Raises:
+            ValueError: it is no place, or touches elsewhere are no evidence for this sensor.
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """What a robot told: the answer to one question.
+
+    Attributes:
+        asked: the decision that asked.
+        rng: state of the decider's generator after it.
+        object_index: the object that was the current one.
+        touch: what was felt; None for a miss without evidence, and for an action that is no touch.
+        is_miss: whether there was no contact.
+        image: that the touch was read from, or None.
+        force: of the contact [N], if it was stated.
+        area: of the contact [m²], if it is known.
+        time: when it was told [s since 1970].
+    """
+
+    asked: Decision
+    rng: Mapping[str, Any]
+    object_index: int
+    touch: Touch | None = None
+    is_miss: bool = False
+    image: NDArray[Any] | None = None
+    force: float | None = None
+    area: float | None = None
+    time: float = 0.0
+
+    @property
+    def kind(self) -> str:
+        """What was told, in a word: touch, miss or done."""
+        return "miss" if self.is_miss else "done" if self.touch is None else "touch"
+
+
+@dataclass(frozen=True)
+class Listener:
+    """Understands answers.
+
+    Attributes:
+        problem: the search.
+        model: likelihood of touches; its method ``missed(pose)``, if it has one, gives the touch that a miss is.
+        reader: of images.
+        least_force: a contact whose stated force is not larger is none [N]; None for no such limit.
+        least_area: a contact whose area is not larger is none [m²]; None for no such limit.
+
+    Raises:
+        InvalidArgument: a limit is negative or not finite.
+    """
+
+    problem: SearchProblem
+    model: ObservationModel
+    reader: ImageReader | None
+    least_force: float | None
+    least_area: float | None
+
+    def __post_init__(self) -> None:
+        _not_negative("least_force", self.least_force)
+        _not_negative("least_area", self.least_area)
+
+    def told(
+        self,
+        asked: Decision,
+        rng: Mapping[str, Any],
+        object_index: int,
+        touch: Touch | None,
+        image: Any,
+        missed: bool,
+        pose: Any,
+        force: float | None,
+        area: float | None,
+    ) -> Told:
+        """What an answer means; see :meth:`planners.session.Session.tell` for its arguments and errors."""
+        action = asked.action
+        wanted = action.pose if isinstance(action, Probe) else None
+        if wanted is None and not missed and all(part is None for part in (touch, image, pose, force, area)):
+            return Told(asked, rng, object_index, time=time.time())
+        if (touch is not None) + (image is not None) + bool(missed) != 1:
+            raise InvalidArgument(
+                f"asked was {self._in_words(action)}; a touch is told by one of tell(touch), tell(image=…) and "
+                "tell(missed=True), another action that was carried out by tell() without arguments"
+            )
+        if touch is not None and not isinstance(touch, Touch):
+            raise InvalidArgument(f"a touch must be a Touch, such as Touch(pose, logits), got {touch!r:.60}")
+        place = next((p for p in (pose, touch.pose if touch else None, wanted) if p is not None), None)
+        if place is None:
+            raise InvalidArgument(f"asked was {self._in_words(action)}, so say in which pose: tell(…, pose=…)")
+        at, elsewhere = self._place(place)
+        elsewhere = touch.elsewhere if touch is not None and pose is None else elsewhere
+        force, area = _not_negative("force", force), _not_negative("area", area)
+        if image is not None:
+            if self.reader is None:
+                raise InvalidArgument("this session has no reader of images; a sensor's has one: sensor.session(…)")
+            image, touch, seen = self.reader.read(image, at)
+            area = seen if area is None else area
+        is_miss = bool(missed) or _is_within(force, self.least_force) or _is_within(area, self.least_area)
+        if is_miss:
+            of_miss = getattr(self.model, "missed", None)
+            touch = None if of_miss is None else of_miss(at)
+        elif touch is not None and (touch.pose != at or touch.elsewhere is not elsewhere):
+            touch = replace(touch, pose=at, elsewhere=elsewhere)
+        return Told(asked, rng, object_index, touch, is_miss, image, force, area, time.time())
+
+    def _place(self, pose: Any) -> tuple[int, Elsewhere | None]:
+        if not isinstance(pose, Mapping):
+            return index_of("pose", self.problem.pose_labels, pose), None
+        if self.reader is None:
+            raise InvalidArgument(
+                f"a place that is no pose, such as {pose!r:.80}, needs a session of a sensor: sensor.session(…)"
+            )
+        return self.reader.at(pose)
+
+    def _in_words(self, action: Action) -> str:
+        return f"a touch in pose {self.problem.pose_labels[action.pose]}" if isinstance(action, Probe) else f"{action}"
+
+
+def standing_of(events: Sequence[Told | None]) -> tuple[list[Told], Told | None]:
+    """What was told and not taken back, and what the last event took back, if it did.
+
+    Args:
+        events: what was told; None takes back the last that stands.
+    """
+    standing: list[Told] = []
+    undone = None
+    for event in events:
+        undone = standing.pop() if event is None else None
+        if event is not None:
+            standing.append(event)
+    return standing, undone
+
+
+def _is_within(number: float | None, limit: float | None) -> bool:
+    return number is not None and limit is not None and number <= limit
+
+
+def _not_negative(name: str, value: float | None) -> float | None:
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not isfinite(value) or value < 0:
+        raise InvalidArgument(f"{name} must be a finite number ≥ 0, got {value!r:.60}")
+    return float(value)
 
 
 def event_fields(told: Told | None, problem: SearchProblem) -> dict[str, Any]:

@@ -18,10 +18,9 @@ from belief.problem import SearchProblem
 from belief.validation import Floats
 from planners.decider import Decider, ProbeSelector, SequentialDecider
 from planners.episode import Episode
-from planners.identification import Identification, identify
 from planners.probing import GivenOrder, RandomOrder, ShapeInformationGain, greedy_order
 from planners.registry import make_decider
-from planners.search import search
+from planners.search import Identification, identify, search
 from planners.stopping import PosteriorThresholds
 
 RANDOM, FIXED, GAIN = "random order", "best fixed order", "information gain"

@@ -17,7 +17,7 @@ from belief.table import Table, Value, interval
 from belief.validation import Floats
 from experiments.recorded.play import FIXED, GAIN, RANDOM, Fold, Found, Named
 from experiments.sensor.scores import accuracy_of_objects
-from planners.identification import Identification
+from planners.search import Identification
 
 _MOSTLY = 0.5  # share of objects that reach the threshold, below which a mean number of touches tells little
 

@@ -111,25 +111,21 @@ def _distinct(problem: SearchTouchProblem) -> tuple[list[Stage], Floats]:
             f"{problem.num_objects} distinct objects of {num_shapes} shapes have {total} hidden states, more than "
             f"{MAX_STATES}; the decider planners.point_based.PointBased plans for fewer states, without bounds"
         )
+    sets = [[sum(1 << shape for shape in gone) for gone in combinations(every, i)] for i in range(problem.num_objects)]
     states = [
-        [(gone, shape) for gone in combinations(every, i) for shape in every if shape not in gone]
-        for i in range(problem.num_objects)
+        np.array([(gone, shape) for gone in some for shape in every if not (gone >> shape) & 1], np.int64).T
+        for some in sets  # of rejected shapes, as bits
     ]
     stages = []
-    for i, here in enumerate(states):
-        shapes = np.array([shape for _, shape in here])
+    for i, (gone, shapes) in enumerate(states):
         is_target = shapes == problem.target
         if i + 1 == problem.num_objects:
-            lost = np.array([problem.target in gone for gone, _ in here]) | is_target
+            lost = is_target | ((gone >> problem.target) & 1).astype(np.bool_)
             stages.append(Stage(shapes, _sign(is_target), _sign(~lost)))
-            continue
-        index = {state: number for number, state in enumerate(states[i + 1])}
-        moves = np.zeros((len(here), len(index)))
-        for row, (gone, shape) in enumerate(here):
-            rejected = tuple(sorted((*gone, shape)))
-            left = [other for other in every if other not in rejected]
-            moves[row, [index[rejected, other] for other in left]] = 1.0 / len(left)
-        stages.append(Stage(shapes, _sign(is_target), np.zeros(len(here)), moves))
+        else:
+            moves = ((gone | (1 << shapes))[:, None] == states[i + 1][0]).astype(np.float64)
+            moves /= moves.sum(axis=1, keepdims=True)
+            stages.append(Stage(shapes, _sign(is_target), np.zeros(len(shapes)), moves))
     return stages, np.full(num_shapes, 1.0 / num_shapes)
 
 

@@ -10,8 +10,8 @@ from belief.synthetic import SyntheticWorld, random_model
 from benchmarks.tabular_model import TabularModel
 from planners import search
 from planners.decider import SequentialDecider
-from planners.identification import identify
 from planners.probing import GivenOrder, RandomOrder, ShapeInformationGain
+from planners.search import identify
 from planners.stopping import PosteriorThresholds
 
 POSES = ("a", "b", "c")

@@ -11,7 +11,7 @@ from scipy.special import softmax
 from benchmarks.upper_bounds.belief_grid import BeliefGrid
 from benchmarks.upper_bounds.object import object_bound
 from benchmarks.upper_bounds.search import search_bound
-from planners.pomdp.upper_bound import upper_bound
+from planners.pomdp.policy import upper_bound
 from planners.solve import SearchTouchProblem, TouchProblem, finite_horizon_value, solve
 
 

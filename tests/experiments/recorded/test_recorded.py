@@ -16,7 +16,7 @@ from experiments.recorded.play import RANDOM, Named
 from experiments.recorded.recorded import Recorded
 from experiments.recorded.report import by_object
 from planners.episode import Episode, Outcome
-from planners.identification import Identification
+from planners.search import Identification
 
 BTS3 = Path(__file__).parents[2] / "fixtures" / "bts3"
 
