@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from activetouch.hypotheses import Floats
 from activetouch.poses import facing, hamilton_product, turn
 from activetouch.solids.solid import on_spiral
-from belief.nested_cells import NestedCells
+from belief.coarse_to_fine import NestedCells
 from belief.validation import require_count
 
 LEVELS = 5

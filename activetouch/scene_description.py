@@ -27,7 +27,7 @@ import numpy as np
 
 from activetouch.errors import WrongScene
 from activetouch.solids.mesh import Mesh
-from belief.identity import source_digest
+from belief.files import source_digest
 
 if TYPE_CHECKING:
     from activetouch.scene import Scene

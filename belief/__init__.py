@@ -15,9 +15,7 @@ if TYPE_CHECKING:
     from belief.errors import ActiveTouchError, ImpossibleObservation, ZeroPriorTarget
     from belief.observation_model.evidence import ObjectEvidence
     from belief.problem import Confirm, Probe, Reject, SearchProblem, Touch, TouchHistory, Unsure
-    from belief.scene_belief import SceneBelief
-    from belief.scene_view import SceneView
-    from belief.tracker import BeliefTracker
+    from belief.scene_belief import BeliefTracker, SceneBelief, SceneView
 
 __all__ = [
     "ActiveTouchError",
@@ -45,9 +43,7 @@ _HOMES = {
     "errors": "ActiveTouchError ImpossibleObservation ZeroPriorTarget",
     "observation_model.evidence": "ObjectEvidence",
     "problem": "Confirm Probe Reject SearchProblem Touch TouchHistory Unsure",
-    "scene_belief": "SceneBelief",
-    "scene_view": "SceneView",
-    "tracker": "BeliefTracker",
+    "scene_belief": "BeliefTracker SceneBelief SceneView",
 }
 
 

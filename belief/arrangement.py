@@ -26,15 +26,14 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
 
 from belief.errors import ImpossibleObservation
-from belief.multisets import Layer, layers, num_multisets
 from belief.validation import Floats, as_real, require_index
 
 MAX_STATES = 2**20
@@ -89,7 +88,7 @@ def _log_marginals(weights: Floats, bag: tuple[int, ...]) -> Floats:
             kept[first] = True
             rows = np.where(blank, kept[:first].sum(), kept.cumsum() - 1)
             return _log_marginals(weights[kept], bag)[rows]
-    elif (listed := _listed_marginals(weights, table)) is not None:
+    elif (listed := _listed_marginals(weights, *table)) is not None:
         with np.errstate(divide="ignore"):
             return np.log(listed)
     return _sum_over_arrangements(weights, bag)
@@ -112,12 +111,11 @@ def prob_shape_absent(log_weights: ArrayLike, counts: Sequence[int] | None, shap
     """
     checked, bag = _checked(log_weights, counts)
     require_index("shape", shape, len(bag))
-    relative = _relative(checked, bag)
-    without = np.where(np.arange(relative.weights.shape[1]) == shape, -np.inf, relative.weights)
+    relative, end, table = _relative(checked, bag)
+    without = np.where(np.arange(len(bag)) == shape, -np.inf, relative)
     with np.errstate(divide="ignore"):
         log_total, log_total_without = (
-            _log_sum(_forward(weights, relative.table)[-1] + relative.end, axis=0)
-            for weights in (relative.weights, without)
+            _log_sum(_forward(weights, table)[-1] + end, axis=0) for weights in (relative, without)
         )
     return min(float(np.exp(log_total_without - log_total)), 1.0)
 
@@ -170,22 +168,15 @@ def _checked(log_weights: ArrayLike, counts: Sequence[int] | None) -> tuple[Floa
     return (weights if min(bag) > 0 else np.where(np.array(bag) > 0, weights, -np.inf)), bag
 
 
-class _Arrangements(NamedTuple):
-    """All arrangements of N objects.
-
-    Attributes:
-        places: index of the weight of object i in arrangement a, in the flat matrix of weights, ``(N, A)``.
-        draws: for every object and shape, the number of ways to draw each arrangement in which the object has the
-            shape, relative to the largest; zero for the other arrangements, ``(N * K, A)``.
-    """
-
-    places: NDArray[np.intp]
-    draws: Floats
-
-
 @lru_cache(maxsize=64)
-def _every_arrangement(counts: tuple[int, ...], num_objects: int) -> _Arrangements | None:
-    """All arrangements of objects from a bag with these counts; None if they are too many for a table."""
+def _every_arrangement(counts: tuple[int, ...], num_objects: int) -> tuple[NDArray[np.intp], Floats] | None:
+    """All A arrangements of objects from a bag with these counts; None if they are too many for a table.
+
+    Returns:
+        The index of the weight of each object in each arrangement, in the flat matrix of weights, ``(N, A)``; and for
+        every object and shape, the number of ways to draw each arrangement in which the object has the shape, relative
+        to the largest, zero for the other arrangements, ``(N * K, A)``.
+    """
     num_shapes, capacity = len(counts), np.array(counts, np.float64)
     shapes, used, draws = np.zeros((0, 1), np.intp), np.zeros((num_shapes, 1)), np.ones(1)
     for _ in range(num_objects):
@@ -201,41 +192,28 @@ def _every_arrangement(counts: tuple[int, ...], num_objects: int) -> _Arrangemen
         return None
     has = shapes[:, None] == np.arange(num_shapes)[:, None]  # (N, K, A)
     places = shapes + num_shapes * np.arange(num_objects)[:, None]
-    return _Arrangements(places, np.where(has, draws, 0.0).reshape(num_objects * num_shapes, -1))
+    return places, np.where(has, draws, 0.0).reshape(num_objects * num_shapes, -1)
 
 
-def _listed_marginals(log_weights: Floats, table: _Arrangements) -> Floats | None:
+def _listed_marginals(log_weights: Floats, places: NDArray[np.intp], draws: Floats) -> Floats | None:
     """Marginals by a sum over all arrangements, ``(N, K)``; None if some underflow, or no arrangement is possible."""
     tops = log_weights.max(axis=1, keepdims=True)
     if not tops.min() > -np.inf:
         return None
     with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-        factors = np.exp(log_weights - tops).ravel()[table.places]
+        factors = np.exp(log_weights - tops).ravel()[places]
         products = factors[0]
         for row in factors[1:]:  # faster than prod
             products *= row
-        totals = (table.draws @ products).reshape(log_weights.shape)
+        totals = (draws @ products).reshape(log_weights.shape)
         total = totals[0].sum()
         if totals.min() < _RELIABLE and not (totals[log_weights > -np.inf] >= _RELIABLE).all():
             return None
         return np.asarray(totals / total) if total < np.inf else None
 
 
-class _Relative(NamedTuple):
-    """Weights relative to the best arrangement.
-
-    Attributes:
-        weights: log-likelihoods minus the prices of object and shape, ``(N, K)``.
-        end: term for the multiset that all objects use up, ``(S,)``.
-        table: the multisets.
-    """
-
-    weights: Floats
-    end: Floats
-    table: list[Layer]
-
-
-def _relative(weights: Floats, bag: tuple[int, ...]) -> _Relative:
+def _relative(weights: Floats, bag: tuple[int, ...]) -> tuple[Floats, Floats, list[Layer]]:
+    """Weights less the prices, ``(N, K)``, the term for what all objects use up, ``(S,)``, and the multisets."""
     num_objects, num_shapes = weights.shape
     num_states(bag, num_objects)  # raises if the sum is too large
     table = layers(bag, num_objects)
@@ -264,7 +242,7 @@ def _relative(weights: Floats, bag: tuple[int, ...]) -> _Relative:
         relative = np.ldexp((scaled - price) - (taken - price[match])[:, None], shift)
         relative = np.where(weights == -np.inf, -np.inf, np.maximum(relative, least))
         end = table[-1].log_draws + np.maximum(np.ldexp(-(price @ left), shift), least)
-    return _Relative(relative, end, table)
+    return relative, end, table
 
 
 def _why_impossible(weights: Floats, bag: tuple[int, ...]) -> str:
@@ -281,15 +259,14 @@ def _why_impossible(weights: Floats, bag: tuple[int, ...]) -> str:
 
 def _sum_over_arrangements(weights: Floats, bag: tuple[int, ...]) -> Floats:
     """Log marginals, ``(N, K)``."""
-    relative = _relative(weights, bag)
+    relative, backward, table = _relative(weights, bag)
     marginals = np.empty_like(weights)
     with np.errstate(divide="ignore"):  # log of an empty sum is -inf
-        forward = _forward(relative.weights, relative.table)
-        backward = relative.end
+        forward = _forward(relative, table)
         for i in reversed(range(len(weights))):
             # Entry (k, u): the first i objects used u, and object i has shape k; (K, S).
-            from_here = _look_up(backward, relative.table[i].bigger)
-            from_here += relative.weights[i][:, None]
+            from_here = _look_up(backward, table[i].bigger)
+            from_here += relative[i][:, None]
             backward = _log_sum(from_here, axis=0)
             from_here += forward[i]
             marginals[i] = _log_sum(from_here, axis=1)
@@ -315,3 +292,80 @@ def _log_sum(logs: Floats, axis: int) -> Floats:
     top[top == -np.inf] = 0.0
     scaled = logs - top
     return np.asarray(np.log(np.exp(scaled, out=scaled).sum(axis=axis)) + top.squeeze(axis))
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """The S multisets of one size, each the number of objects of each shape that were drawn from a bag.
+
+    Attributes:
+        used: objects of each shape, ``(K, S)``.
+        last: largest shape in each, ``(S,)``.
+        smaller: index of the multiset with one object of the shape less, ``(K, S)``; one past the end if it has none.
+        bigger: index of the multiset with one object of the shape more, ``(K, S)``; one past the end if the bag has no
+            more of them.
+        num_bigger: number of multisets in the next layer.
+        log_draws: log of the number of ordered draws of distinguishable objects, ``(S,)``: c (c - 1) … (c - u + 1) for
+            u objects out of c, multiplied over shapes.
+    """
+
+    used: NDArray[np.integer]
+    last: NDArray[np.int32]
+    smaller: NDArray[np.int32]
+    bigger: NDArray[np.int32]
+    num_bigger: int
+    log_draws: Floats
+
+
+def layers(counts: tuple[int, ...], num_objects: int) -> list[Layer]:
+    """The multisets of 0, 1, … ``num_objects`` objects from a bag with these counts.
+
+    >>> [layer.used.T.tolist() for layer in layers((1, 2), 2)]
+    [[[0, 0]], [[1, 0], [0, 1]], [[1, 1], [0, 2]]]
+    """
+    return [_layer(counts, size) for size in range(num_objects + 1)]  # ascending, as each uses the cached one before
+
+
+@lru_cache(maxsize=64)
+def num_multisets(counts: tuple[int, ...], num_objects: int, limit: int) -> int:
+    """Number of multisets of at most ``num_objects`` objects; any number above ``limit`` if there are more.
+
+    >>> num_multisets((1, 2), 2, limit=100)
+    5
+    """
+    by_size = np.ones(1, np.int64)
+    for count in counts:
+        kinds = np.convolve(by_size, np.ones(min(count, num_objects) + 1, np.int64))
+        by_size = np.minimum(kinds[: num_objects + 1], limit + 1)  # further shapes only increase the number
+    return int(by_size.sum())
+
+
+@lru_cache(maxsize=64)
+def _layer(counts: tuple[int, ...], size: int) -> Layer:
+    shapes, capacity = np.arange(len(counts), dtype=np.int32)[:, None], np.array(counts)[:, None]
+    if size == 0:
+        used = np.zeros((len(counts), 1), np.min_scalar_type(max(counts)))
+        last, parent = np.zeros(1, np.int32), np.zeros(1, np.intp)
+        smaller = np.zeros((len(counts), 1), np.int32)
+        log_draws = np.zeros(1)
+    else:
+        before = _layer(counts, size - 1)
+        # Each multiset is made once, from the one without its largest shape.
+        last_shape, parent = np.nonzero((shapes >= before.last) & (before.used < capacity))
+        last = last_shape.astype(np.int32)
+        used = before.used[:, parent]
+        log_draws = before.log_draws[parent] + np.log(capacity[last, 0] - used[last, np.arange(len(last))])
+        used[last, np.arange(len(last))] += 1
+        smaller = np.full(used.shape, before.used.shape[1], np.int32)
+        shape, old = np.nonzero(before.bigger < before.num_bigger)
+        smaller[shape, before.bigger[shape, old]] = old
+    canonical = (shapes >= last) & (used < capacity)
+    num_bigger = int(canonical.sum())
+    bigger = np.full(used.shape, num_bigger, np.int32)
+    bigger[canonical] = np.arange(num_bigger)
+    if size > 0:
+        # Add a shape below the largest: remove the largest, add the shape, add the largest again.
+        other = before.bigger[:, parent]
+        shape, here = np.nonzero((shapes < last) & (other < len(last)))
+        bigger[shape, here] = bigger[last[here], other[shape, here]]
+    return Layer(used, last, smaller, bigger, num_bigger, log_draws)

@@ -171,15 +171,11 @@ def _update_few(prior: list[float], likelihood: list[float]) -> tuple[Floats, Fl
         return None
     if not (total >= _LEAST_TOTAL and -SUM_TOLERANCE <= prior_total - 1.0 <= SUM_TOLERANCE):  # NaN fails both
         return None
-    if -inf in joint and any(map(_overflowed, joint, prior, likelihood)):
-        return None
+    if -inf in joint and any(j == -inf < min(p, score) for j, p, score in zip(joint, prior, likelihood, strict=True)):
+        return None  # overflowed
     log_total = log(total)
     log_evidence: Any = np.float64(log_total - log(prior_total) + best)
     return np.array([score - log_total for score in joint]), log_evidence
-
-
-def _overflowed(joint: float, prior: float, likelihood: float) -> bool:
-    return joint == -inf < min(prior, likelihood)
 
 
 def _update_block(prior: NDArray[np.floating], likelihood: NDArray[np.floating]) -> tuple[Floats, Floats, Any]:

@@ -31,10 +31,39 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.errors import ImpossibleObservation
-from belief.nested_cells import NestedCells
 from belief.validation import Floats, require_count, require_number
 
 Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class NestedCells:
+    """Cells of several levels, from coarse to fine.
+
+    Attributes:
+        shares: prior probability of each cell of each level, ``(N_l,)``. The parts of a cell share its probability.
+    """
+
+    shares: tuple[Floats, ...]
+
+    def __post_init__(self) -> None:
+        for coarse, fine in pairwise(self.shares):
+            if len(coarse) == 0 or len(fine) % len(coarse):
+                raise ValueError(f"{len(fine)} cells are no division of {len(coarse)} cells")
+            if not np.allclose(fine.reshape(len(coarse), -1).sum(axis=1), coarse, atol=1e-9):
+                raise ValueError("the parts of a cell must share its probability")
+        if not self.shares or not np.isclose(self.shares[0].sum(), 1.0) or min(map(np.min, self.shares)) <= 0.0:
+            raise ValueError("the cells of a level must have positive probabilities that sum to 1")
+
+    @cached_property
+    def log_shares(self) -> tuple[Floats, ...]:
+        """Logarithms of the shares."""
+        return tuple(np.log(each) for each in self.shares)
+
+    def parts(self, level: int, parents: Ints) -> Ints:
+        """The parts of cells of level - 1, ``(m, F)``."""
+        number = len(self.shares[level]) // len(self.shares[level - 1])
+        return parents[:, None] * number + np.arange(number)
 
 
 class CellLikelihood(Protocol):
@@ -96,7 +125,10 @@ class Leaves(NamedTuple):
 
 
 class _Families(NamedTuple):
-    """The parts of m split cells: sums of their log likelihoods, and corrections, ``(m, F)``."""
+    """The F parts of each of m split cells: sums of their log likelihoods, and corrections, ``(m, F)``.
+
+    The cells of the coarsest level count as the parts of one cell 0 of each body.
+    """
 
     body: Ints
     parent: Ints
@@ -109,8 +141,10 @@ class _Families(NamedTuple):
     def joined(self, others: _Families) -> _Families:
         return _Families(*(np.concatenate(both) for both in zip(self, others, strict=True)))
 
-    def keys(self, num_parents: int) -> Ints:
-        return self.body * num_parents + self.parent
+    def places(self, rows: Ints) -> tuple[Ints, Ints]:
+        """Body and cell of entries, by their places in the flattened array."""
+        family, part = np.divmod(rows, self.sums.shape[1])
+        return self.body[family], self.parent[family] * self.sums.shape[1] + part
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,9 +170,7 @@ class CoarseToFine:
     drift: float
     touches: tuple[Any, ...]
     correction: Floats
-    _sums: Floats = field(repr=False)
-    _offsets: Floats = field(repr=False)
-    _families: tuple[_Families, ...] = field(repr=False)
+    _families: tuple[_Families, ...] = field(repr=False)  # of each level
 
     @classmethod
     def start(
@@ -159,24 +191,23 @@ class CoarseToFine:
         require_number("scale", scale, 0.0, 1e6)
         require_number("drift", drift, 0.0, 1.0)
         prior = prior - _log_sum(prior)
-        shape = len(prior), len(cells.shares[0])
-        none = tuple(
+        bodies = np.arange(len(prior))
+        coarsest = _Families(bodies, 0 * bodies, *np.zeros((2, len(prior), len(cells.shares[0]))))
+        finer = (
             _Families(*np.zeros((2, 0), np.int64), *np.zeros((2, 0, len(fine) // len(coarse))))
             for coarse, fine in pairwise(cells.shares)
         )
         effort = Effort() if effort is None else effort
-        zeros = np.zeros(len(prior)), np.zeros(shape), np.zeros(shape)
-        return cls(prior, cells, likelihood, effort, scale, drift, (), *zeros, none)
+        return cls(prior, cells, likelihood, effort, scale, drift, (), np.zeros(len(prior)), (coarsest, *finer))
 
     def update(self, touch: Any) -> CoarseToFine:
         """The belief after one more touch, refined as far as the effort says."""
-        found = _checked(self.likelihood.coarsest(touch), self._sums.shape)
-        families = tuple(
-            each._replace(sums=each.sums + self._parts((touch,), level, each.body, each.parent))
-            for level, each in enumerate(self._families, 1)
-        )
-        touches = (*self.touches, touch)
-        belief = replace(self, touches=touches, _sums=self._sums + found, _families=families)
+        coarsest, *finer = self._families
+        found = [_checked(self.likelihood.coarsest(touch), coarsest.sums.shape)]
+        found += [self._parts((touch,), level, each.body, each.parent) for level, each in enumerate(finer, 1)]
+        pairs = zip(self._families, found, strict=True)
+        touches, families = (*self.touches, touch), tuple(each._replace(sums=each.sums + new) for each, new in pairs)
+        belief = replace(self, touches=touches, _families=families)
         if not np.isfinite(belief._log_total):
             raise ImpossibleObservation(f"no body explains touch number {len(touches)} together with those before it")
         return belief._less()._refined()
@@ -215,61 +246,45 @@ class CoarseToFine:
     @cached_property
     def unresolved(self) -> float:
         """Share of the posterior in cells that are not of the finest level."""
-        leaves, finest = self.leaves(), len(self._families)
+        leaves, finest = self.leaves(), len(self._families) - 1
         return float(np.exp(leaves.log_weight[leaves.level < finest] - self._log_total).sum())
 
     @property
     def num_split(self) -> int:
         """Cells whose parts are in memory."""
-        return sum(len(each.body) for each in self._families)
+        return sum(len(each.body) for each in self._families[1:])
 
     def leaves(self, least: float = 0.0) -> Leaves:
         """All cells that are not split, or those with a posterior of ``least`` or more."""
         found = []
         for level, weights in enumerate(self._leaf_weights):
             rows = np.flatnonzero(weights >= self._log_total + np.log(least) if least else weights > -np.inf)
-            body, cell = self._places(level, rows)
-            found.append((np.full(len(rows), level), body, cell, weights.ravel()[rows]))
+            found.append((np.full(len(rows), level), *self._families[level].places(rows), weights.ravel()[rows]))
         return Leaves(*(np.concatenate(part) for part in zip(*found, strict=True)))
-
-    def _places(self, level: int, rows: Ints) -> tuple[Ints, Ints]:
-        """Body and cell of entries of a level, by their places in its flattened array."""
-        if level == 0:
-            return rows // self._sums.shape[1], rows % self._sums.shape[1]
-        family = self._families[level - 1]
-        size = family.sums.shape[1]
-        return family.body[rows // size], family.parent[rows // size] * size + rows % size
-
-    @property
-    def _share(self) -> float:
-        return self.scale / (1.0 + self.drift * max(len(self.touches) - 1, 0))
 
     @cached_property
     def _weights(self) -> list[Floats]:
         """Log weights of all cells in memory, split or not, of each level: ``(K, N_0)``, ``(m_1, F)`` and so on."""
-        logs, share = self.cells.log_shares, self._share
-        prior = self.log_prior + self.correction
-        found = [prior[:, None] + logs[0] + share * self._sums + self._offsets]
-        for level, each in enumerate(self._families, 1):
-            prior_of = prior[each.body][:, None] + logs[level][self.cells.parts(level, each.parent)]
-            found.append(prior_of + share * each.sums + each.offsets)
+        share = self.scale / (1.0 + self.drift * max(len(self.touches) - 1, 0))
+        prior, found = self.log_prior + self.correction, []
+        for log_shares, each in zip(self.cells.log_shares, self._families, strict=True):
+            of_parts = log_shares.reshape(-1, each.sums.shape[1])[each.parent]
+            found.append(prior[each.body][:, None] + of_parts + share * each.sums + each.offsets)
         return found
 
     @cached_property
     def _rows(self) -> list[Ints]:
-        """For each level of parts, where its parents are in the flattened array of the level above."""
-        found, above = [], np.arange(self._sums.size)
-        for level, each in enumerate(self._families, 1):
-            wanted = each.keys(len(self.cells.shares[level - 1]))
-            if level > 1:
-                before = self._families[level - 2]
-                size = before.sums.shape[1]
-                keys = (before.keys(len(self.cells.shares[level - 2]))[:, None] * size + np.arange(size)).ravel()
+        """For each level but the coarsest, where its parents are in the flattened array of the level above."""
+        found = []
+        for level, (above, each) in enumerate(pairwise(self._families)):
+            number = len(self.cells.shares[level])
+            rows = each.body * number + each.parent  # where all cells of all bodies are in order, as in the coarsest
+            if level:
+                body, cell = above.places(np.arange(above.sums.size))
+                keys = body * number + cell
                 order = np.argsort(keys)
-                above = order[np.searchsorted(keys, wanted, sorter=order)]
-                found.append(above)
-            else:
-                found.append(wanted)
+                rows = order[np.searchsorted(keys, rows, sorter=order)]
+            found.append(rows)
         return found
 
     @cached_property
@@ -283,10 +298,10 @@ class CoarseToFine:
     @cached_property
     def _log_bodies(self) -> Floats:
         """Log of prior times evidence of each body, ``(K,)``."""
-        found = _log_sum(self._leaf_weights[0], axis=1)
-        for family, weights in zip(self._families, self._leaf_weights[1:], strict=True):
-            np.logaddexp.at(found, family.body, _log_sum(weights, axis=1))
-        return found
+        found, *finer = (_log_sum(weights, axis=1) for weights in self._leaf_weights)
+        for family, sums in zip(self._families[1:], finer, strict=True):
+            np.logaddexp.at(found, family.body, sums)
+        return np.asarray(found)
 
     @cached_property
     def _log_total(self) -> float:
@@ -295,17 +310,14 @@ class CoarseToFine:
     @cached_property
     def _masses(self) -> list[Floats]:
         """Log weight of each family: of its leaves and of all parts of its split cells, ``(m,)`` for each level."""
-        found: list[Floats] = []
-        below: tuple[Ints, Floats] | None = None
-        for level in range(len(self._families), 0, -1):
+        masses: list[Floats] = []
+        for level in range(len(self._rows), 0, -1):
             weights = self._leaf_weights[level]
-            if below is not None:
+            if masses:
                 weights = weights.copy()
-                weights.ravel()[below[0]] = below[1]
-            masses = _log_sum(weights, axis=1)
-            found.insert(0, masses)
-            below = self._rows[level - 1], masses
-        return found
+                weights.ravel()[self._rows[level]] = masses[0]
+            masses.insert(0, _log_sum(weights, axis=1))
+        return masses
 
     def _less(self) -> CoarseToFine:
         """The belief without parts that have lost the posterior: their cells take their weights."""
@@ -315,18 +327,13 @@ class CoarseToFine:
             least = max(least, np.partition(masses, -self.effort.kept)[-self.effort.kept])
         if not (masses < least).any():
             return self
-        offsets, kept = [self._offsets, *(each.offsets for each in self._families)], []
-        for level, (mass, rows) in enumerate(zip(self._masses, self._rows, strict=True)):
+        families = [each._replace(offsets=each.offsets.copy()) for each in self._families]
+        for each, weights, mass, rows in zip(families, self._weights, self._masses, self._rows, strict=False):
             gone = mass < least
-            above = offsets[level] = offsets[level].copy()
-            correction = mass[gone] - self._weights[level].ravel()[rows[gone]]
-            above.ravel()[rows[gone]] += np.where(np.isfinite(correction), correction, 0.0)
-            kept.append(~gone)
-        families = [
-            each._replace(offsets=part).take(stays)
-            for each, part, stays in zip(self._families, offsets[1:], kept, strict=True)
-        ]
-        return replace(self, _offsets=offsets[0], _families=tuple(families))
+            correction = mass[gone] - weights.ravel()[rows[gone]]
+            each.offsets.ravel()[rows[gone]] += np.where(np.isfinite(correction), correction, 0.0)
+        finer = (each.take(mass >= least) for each, mass in zip(families[1:], self._masses, strict=True))
+        return replace(self, _families=(families[0], *finer))
 
     def _refined(self) -> CoarseToFine:
         """The belief with cells split, the most probable first, until little is left or the effort is spent."""
@@ -356,10 +363,9 @@ class CoarseToFine:
         families = list(self._families)
         for level, rows in enumerate(chosen, 1):
             if len(rows):
-                body, parent = self._places(level - 1, rows)
+                body, parent = self._families[level - 1].places(rows)
                 sums = self._parts(self.touches, level, body, parent)
-                new = _Families(body, parent, sums, np.zeros(sums.shape))
-                families[level - 1] = families[level - 1].joined(new)
+                families[level] = families[level].joined(_Families(body, parent, sums, np.zeros(sums.shape)))
         return replace(self, _families=tuple(families))
 
     def _parts(self, touches: Sequence[Any], level: int, bodies: Ints, parents: Ints) -> Floats:

@@ -2,11 +2,11 @@
 
 Two scores of each touch are compared with those of calibration objects after equally many touches of one object: the
 novelty of its embedding, and its misfit to the earlier touches of the object, relative to objects whose shape was known
-as well before the touch (:mod:`belief.conflict_scores`). The object's own
-earlier scores predict a part of each score, which is subtracted. Bets against the p-values multiply over all touches of
-all objects of a search. A p-value is the rank of a score among those of the calibration objects: that of one touch of a
-new object is at most u with a probability of about u. If all p-values were independent and uniform, the product would
-ever exceed 1/α with probability at most α (Ville 1939; Shafer 2021).
+as well before the touch. The object's own earlier scores predict a part of each score, which is subtracted. Bets
+against the p-values multiply over all touches of all objects of a search. A p-value is the rank of a score among those
+of the calibration objects: that of one touch of a new object is at most u with a probability of about u. If all
+p-values were independent and uniform, the product would ever exceed 1/α with probability at most α (Ville 1939; Shafer
+2021).
 
 They are nearly independent where objects differ moderately, and there alarms are rarer than α. They are dependent where
 some objects are odd in all their touches, because such an object is bet on at every touch, and because all objects are
@@ -29,17 +29,16 @@ Scores of four touches of each of 200 objects, then an object that fits, and one
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
-from dataclasses import fields as dataclass_fields
-from functools import cached_property
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property, lru_cache
 from math import log
 from typing import Any
 
 import numpy as np
+import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
 
-from belief.conflict_scores import Novelty, UsualMisfit
 from belief.files import from_field, to_field
 from belief.frozen import FrozenArrays, frozen
 from belief.validation import Floats
@@ -50,7 +49,6 @@ MOST_TOUCHES = 12
 """Touches of an object that are tested, at most; later ones are not bet on."""
 _FEWEST_OBJECTS = 20
 _FOLDS = 5
-_WIDEST = 1e3  # score
 _RESOLUTION = 1e-6  # relative; scores that differ by less are equal
 _QUANTILES = 40  # in each half of a distribution
 
@@ -58,6 +56,127 @@ _POWERS = np.array([[0.0, 0.8, 0.5, 0.0], [0.0, 0.0, 0.0, 0.4], [0.0, 0.8, 0.5, 
 """Exponents κ of bets (1 - κ) p^-κ: on a high novelty, a low one, and a high misfit. A strategy is a column of the
 first two rows with one of the first three columns of the third."""
 _LOG_KEPT = np.log1p(-_POWERS)
+_LARGEST = 1e30  # number in an embedding
+_LARGEST_SINGLE = float(np.finfo(np.float32).max)
+_LEAST_SHRINKAGE = 1e-6  # few samples can make the estimate zero and the covariance singular
+_LEAST_WIDTH = 1e-2  # of log distances, and of misfits [nats]
+_WIDEST = 1e3  # score
+_MOST_GROUPS = 6
+_IN_A_GROUP = 50  # objects, at least
+_HIGH = 0.8  # quantile; its distance from the median is the width
+
+
+@dataclass(frozen=True, eq=False)
+class Novelty(FrozenArrays):
+    """Log distance to the nearest shape, relative to the distances of this shape's own touches.
+
+    Distances are Mahalanobis distances with one covariance for all shapes. Some shapes look more alike from all sides
+    than others, so the log distance to each shape is standardised by its own touches before the least is taken.
+
+    Attributes:
+        means: of the C shapes in the data, ``(C, D)``.
+        whitening: maps deviations to unit covariance, ``(D, D)``.
+        levels: mean log distance of each shape's own touches, ``(C,)``.
+        widths: their standard deviations, ``(C,)``.
+    """
+
+    means: Floats
+    whitening: Floats
+    levels: Floats
+    widths: Floats
+
+    @classmethod
+    def fit(cls, embeddings: Floats, shapes: ArrayLike) -> Novelty:
+        """Fit to embeddings ``(n, D)`` of touches of known shapes ``(n,)``, rounded to single precision."""
+        limited, truth = np.clip(embeddings, -_LARGEST, _LARGEST), np.asarray(shapes)
+        each, number = np.unique(truth, return_inverse=True)
+        members = np.eye(len(each))[number]  # (n, C)
+        means = (members / members.sum(axis=0)).T @ limited
+        whitening = np.clip(_whitening(limited - means[number], limited), -_LARGEST_SINGLE, _LARGEST_SINGLE)
+        blank = cls(means, whitening, np.zeros(len(each)), np.ones(len(each)))
+        own = [blank.distances(limited[truth == shape])[:, number] for number, shape in enumerate(each)]
+        levels = np.array([some.mean() for some in own])
+        widths = np.maximum([some.std() for some in own], _LEAST_WIDTH)
+        return cls(*map(_single, (means, whitening, levels, widths)))
+
+    def distances(self, embeddings: Floats) -> Floats:
+        """Log of 1 plus the squared distance to each shape, at most 1e3, ``(n, C)`` for embeddings ``(n, D)``."""
+        centre, means = self._white
+        with np.errstate(over="ignore", invalid="ignore"):
+            points = (np.minimum(np.maximum(embeddings, -_LARGEST), _LARGEST) - centre) @ self.whitening
+            away = points[:, None] - means
+            found = np.log1p(np.square(away).sum(axis=2))
+        return np.fmin(found, _WIDEST)  # also in place of NaN
+
+    @cached_property
+    def _white(self) -> tuple[Floats, Floats]:
+        """A point near the data, so that a common offset loses no digits, and the means from there, whitened."""
+        centre = self.means.mean(axis=0)
+        with np.errstate(over="ignore", invalid="ignore"):
+            return centre, (self.means - centre) @ self.whitening
+
+    def score(self, embeddings: Floats) -> Floats:
+        """Novelty of each embedding, ``(n,)`` for ``(n, D)``: about 0 ± 1 for touches of known shapes."""
+        return np.asarray(((self.distances(embeddings) - self.levels) / self.widths).min(axis=1))
+
+
+def _whitening(residuals: Floats, values: Floats) -> Floats:
+    """Whitens residuals ``(n, D)`` from the right, by a covariance shrunk as by Ledoit and Wolf (2004, section 3.3)."""
+    number, size = residuals.shape
+    scale = float(np.abs(residuals).max())
+    # Rounding of means leaves residuals of some units in the last place for constant features.
+    if scale <= 16 * np.finfo(np.float64).eps * float(np.abs(values).max()):
+        return np.eye(size)
+    residuals = residuals / scale
+    covariance = residuals.T @ residuals / number
+    spread = np.trace(covariance) / size
+    distance, shrinkage = np.square(covariance - spread * np.eye(size)).sum(), 1.0
+    if distance > 0.0:
+        # Σ_i |x_i x_iᵀ - S|² = Σ_i |x_i|⁴ - n |S|²
+        error = (np.square(np.square(residuals).sum(axis=1)).sum() / number - np.square(covariance).sum()) / number
+        shrinkage = float(np.clip(error / distance, _LEAST_SHRINKAGE, 1.0))
+    root = scipy.linalg.cholesky((1.0 - shrinkage) * covariance + shrinkage * spread * np.eye(size), lower=True)
+    return np.asarray(scipy.linalg.solve_triangular(root, np.eye(size), lower=True).T / scale)
+
+
+@dataclass(frozen=True, eq=False)
+class UsualMisfit(FrozenArrays):
+    """Median and width of the misfit after equally many touches, in G groups by the certainty of the shape.
+
+    A touch tells more about an object that is little known, and then fits its earlier touches less well. A search goes
+    on with objects that are little known, so their misfits must be compared with those of others like them.
+
+    Attributes:
+        edges: certainties between the groups, increasing, ``(T, G - 1)``.
+        medians: nats, ``(T, G)``.
+        widths: from the median to the 80 % quantile, nats, ``(T, G)``.
+    """
+
+    edges: Floats
+    medians: Floats
+    widths: Floats
+
+    @classmethod
+    def fit(cls, misfits: Floats, certainties: Floats) -> UsualMisfit:
+        """Fit to misfits of T touches of S objects, and the certainty of the shape before each, ``(S, T)`` both."""
+        number, length = misfits.shape
+        groups = min(_MOST_GROUPS, max(1, number // _IN_A_GROUP))
+        limited = np.clip(misfits, -_WIDEST, _WIDEST)
+        edges = np.quantile(certainties, np.arange(1, groups) / groups, axis=0).T.astype(np.float32)
+        medians, widths = np.empty((length, groups)), np.empty((length, groups))
+        for step in range(length):
+            group = edges[step].searchsorted(certainties[:, step], side="right")
+            for one in range(groups):
+                some = limited[group == one, step] if (group == one).any() else limited[:, step]
+                medians[step, one], high = np.quantile(some, [0.5, _HIGH])
+                widths[step, one] = max(high - medians[step, one], _LEAST_WIDTH)
+        return cls(*map(_single, (edges, medians, widths)))
+
+    def standardised(self, step: int, misfit: Floats | float, certainty: Floats | float) -> Floats:
+        """Misfits ``(...)`` after ``step`` touches less the median of their group by certainty, in its widths."""
+        group = self.edges[step].searchsorted(certainty, side="right")
+        limited = np.minimum(np.maximum(misfit, -_WIDEST), _WIDEST)
+        return np.asarray((limited - self.medians[step][group]) / self.widths[step][group])
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,12 +232,13 @@ class ConflictTest(FrozenArrays):
         standardised = [usual.standardised(step, misfits[:, step], before[:, step]) for step in range(length)]
         centred = np.stack([scores - medians, np.stack(standardised, axis=1)])
         correlations = np.array([_correlation(centred[NOVELTY]), _correlation(centred[MISFIT][:, 1:])])
-        found = np.zeros((2, length, len(_ranks(num_objects))))
+        ranks = _ranks(num_objects)
+        found = np.zeros((2, length, len(ranks)))
         for kind in (NOVELTY, MISFIT):
             sums = np.zeros(num_objects)
             for step in range(kind, length):
                 now = centred[kind][:, step]
-                values = np.sort(now - _share(correlations[kind], step - kind) * sums)[_ranks(num_objects) - 1]
+                values = np.sort(now - _share(correlations[kind], step - kind) * sums)[ranks - 1]
                 sums += np.clip(now, values[0], values[-1])
                 found[kind, step] = values
         return cls(Novelty.fit(rows, truth), usual, medians, correlations, _single(found), num_objects)
@@ -128,17 +248,13 @@ class ConflictTest(FrozenArrays):
         """T, of an object that are tested."""
         return len(self.medians)
 
-    @cached_property
-    def _kept_ranks(self) -> NDArray[np.int64]:
-        return _ranks(self.num_objects)
-
     def start(self) -> ObjectConflict:
         """The state before the first touch of an object."""
-        return ObjectConflict(self, 0, frozen(np.zeros(2)), frozen(np.ones(2)), frozen(np.zeros(_NUM_BETS)))
+        return ObjectConflict(self, 0, frozen(np.zeros(2)), frozen(np.ones(2)), frozen(np.zeros(12)))
 
     def p_values(self, kind: int, step: int, score: float) -> tuple[float, float]:
         """Conformal p-values of a score less its prediction: that it is so high, and that it is so low."""
-        values, ranks, number = self.quantiles[kind, step], self._kept_ranks, self.num_objects
+        values, ranks, number = self.quantiles[kind, step], _ranks(self.num_objects), self.num_objects
         margin = _RESOLUTION * (1.0 + abs(score))
         below = int(values.searchsorted(score - margin, side="left"))  # as many stored values are smaller
         above = int(values.searchsorted(score + margin, side="right"))  # index of the first larger one
@@ -148,29 +264,22 @@ class ConflictTest(FrozenArrays):
 
     def to_fields(self) -> dict[str, Any]:
         """All parameters, as JSON types; arrays in single precision, as :meth:`fit` has rounded them."""
-        arrays = {
-            **{field.name: getattr(self.novelty, field.name) for field in dataclass_fields(Novelty)},
-            **{
-                f"misfit_{field.name}": getattr(self.usual_misfit, field.name)
-                for field in dataclass_fields(UsualMisfit)
-            },
-            "medians": self.medians,
-            "quantiles": self.quantiles,
-        }
-        return {
-            "num_objects": self.num_objects,
-            "correlations": self.correlations.tolist(),
-            **{name: to_field(array, "float32") for name, array in arrays.items()},
-        }
+        found = asdict(self)
+        arrays = found["novelty"] | {f"misfit_{name}": array for name, array in found["usual_misfit"].items()}
+        arrays |= {"medians": self.medians, "quantiles": self.quantiles}
+        numbers = {"num_objects": self.num_objects, "correlations": self.correlations.tolist()}
+        return numbers | {name: to_field(array, "float32") for name, array in arrays.items()}
 
     @classmethod
     def from_fields(cls, fields: Mapping[str, Any]) -> ConflictTest:
         """The test of fields from :meth:`to_fields`."""
-        novelty = Novelty(*(from_field(fields[field.name], "float32") for field in dataclass_fields(Novelty)))
-        usual = UsualMisfit(
-            *(from_field(fields[f"misfit_{field.name}"], "float32") for field in dataclass_fields(UsualMisfit))
-        )
-        medians, quantiles = (from_field(fields[name], "float32") for name in ("medians", "quantiles"))
+
+        def read(*names: str) -> Iterator[Floats]:
+            return (from_field(fields[name], "float32") for name in names)
+
+        novelty = Novelty(*read("means", "whitening", "levels", "widths"))
+        usual = UsualMisfit(*read("misfit_edges", "misfit_medians", "misfit_widths"))
+        medians, quantiles = read("medians", "quantiles")
         return cls(novelty, usual, medians, np.array(fields["correlations"]), quantiles, int(fields["num_objects"]))
 
 
@@ -204,7 +313,7 @@ class ObjectConflict:
         if step >= test.num_touches:
             return replace(self, num_touches=step + 1, p_values=frozen(np.ones(2)))
         novelty = float(test.novelty.score(np.asarray(embedding, np.float64)[None])[0])
-        unusual = _limited(novelty, -_WIDEST, _WIDEST) - test.medians.item(step)
+        unusual = min(max(novelty, -_WIDEST), _WIDEST) - test.medians.item(step)
         standardised = float(test.usual_misfit.standardised(step, misfit, certainty))
         logs, sums, p_values = [0.0, 0.0, 0.0], self.sums.tolist(), [1.0, 1.0]
         for kind, centred in ((NOVELTY, unusual), (MISFIT, standardised)):
@@ -216,7 +325,7 @@ class ObjectConflict:
             if kind == NOVELTY:
                 logs[1] = log(low)
             values = test.quantiles[kind, step]
-            sums[kind] += _limited(centred, values.item(0), values.item(-1))
+            sums[kind] += min(max(centred, values.item(0)), values.item(-1))
         log_bets = self.log_bets + _bets(np.array(logs), step)
         return ObjectConflict(test, step + 1, frozen(np.array(sums)), frozen(np.array(p_values)), frozen(log_bets))
 
@@ -244,9 +353,6 @@ def continued_bets(log_bets: ArrayLike, like: ArrayLike | None) -> Floats:
     return frozen(wanted + given)
 
 
-_NUM_BETS = 12
-
-
 def _bets(logs: Floats, step: int) -> Floats:
     """Log of what each strategy multiplies its wealth by, ``(12,)``."""
     each = _LOG_KEPT - _POWERS * logs[:, None]  # (3, 4)
@@ -266,15 +372,12 @@ def _correlation(scores: Floats) -> float:
     return float(np.clip((limited.sum(axis=1).var() / alone - 1.0) / (number - 1), 0.0, 0.9))
 
 
-def _limited(value: float, least: float, most: float) -> float:
-    return min(max(value, least), most)
-
-
 def _share(correlation: float, number: int) -> float:
     """Factor by which the sum of so many earlier scores predicts the next one."""
     return float(correlation / (1.0 + (number - 1) * correlation)) if number > 0 else 0.0
 
 
+@lru_cache
 def _ranks(number: int) -> NDArray[np.int64]:
     """Ranks from 1 to ``number`` that are kept: dense near both ends."""
     half = np.unique(np.geomspace(1, max(1, number // 2), _QUANTILES).round().astype(np.int64))

@@ -1,21 +1,24 @@
-"""Atomic writing of files, bounded reading of regular ones, digests of JSON and of arrays, and arrays as JSON."""
+"""Atomic writing of files, bounded reading of regular ones, arrays as JSON, and digests: of JSON, arrays and source."""
 
 from __future__ import annotations
 
 import base64
 import errno
 import hashlib
+import inspect
 import io
 import json
 import math
 import os
 import re
 import stat
+import sys
 import tempfile
 import zipfile
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import FunctionType
 from typing import Any, Literal, TypeAlias
 from urllib.parse import quote
 
@@ -309,3 +312,33 @@ def from_field(field: Mapping[str, Any], precision: Precision) -> NDArray[np.flo
     shape = tuple(int(n) for n in field["shape"])
     numbers = np.frombuffer(base64.b64decode(field[precision]), np.dtype(precision).newbyteorder("<"))
     return numbers.reshape(shape).astype(np.float64)
+
+
+def source_digest(thing: object) -> str:
+    """SHA-256 of the source files that define the class of an object, with its base classes, or a function.
+
+    Modules that these import are left out, and so is the standard library. Where there is no source file, as in a
+    notebook, the digest is of the source text; where there is none either, it is another one in every process.
+    """
+    kind = thing if isinstance(thing, type | FunctionType) else type(thing)
+    digest = hashlib.sha256(f"{kind.__module__}.{kind.__qualname__}".encode())
+    for part in kind.__mro__ if isinstance(kind, type) else (kind,):
+        if not is_standard(part.__module__):
+            digest.update(hashlib.sha256(_source(part)).digest())
+    return digest.hexdigest()
+
+
+def _source(part: type | FunctionType) -> bytes:
+    try:
+        return Path(str(getattr(sys.modules.get(part.__module__), "__file__", None))).read_bytes()
+    except OSError:
+        pass
+    try:
+        return inspect.getsource(part).encode()
+    except (OSError, TypeError):
+        return f"{id(part)}".encode()
+
+
+def is_standard(name: str) -> bool:
+    """Whether a module belongs to the Python standard library."""
+    return name.partition(".")[0] in sys.stdlib_module_names

@@ -25,8 +25,7 @@ from belief.categorical import Belief
 from belief.naming import Name
 from belief.observation_model.model import ObservationModel
 from belief.problem import Action, Confirm, Reject, SearchProblem, Touch, Unsure
-from belief.scene_belief import SceneBelief
-from belief.scene_view import UNKNOWN
+from belief.scene_belief import UNKNOWN, SceneBelief
 
 
 class Outcome(StrEnum):
@@ -111,7 +110,7 @@ def success_of(outcome: Outcome | None, target: int, arrangement: Sequence[int],
     Args:
         outcome: how the search ended.
         target: index of the shape sought.
-        arrangement: true shape of every object, :data:`belief.scene_view.UNKNOWN` where nobody knows it.
+        arrangement: true shape of every object, :data:`belief.scene_belief.UNKNOWN` where nobody knows it.
         object_index: the last current object.
 
     Returns:

@@ -24,8 +24,8 @@ from activetouch.rendering import Gain, Noise
 from activetouch.sensor_files import MODELS
 from activetouch.world import touch_many
 from belief import SearchProblem, Touch
+from belief.observation_model.outcome_mixture import Views
 from belief.observation_model.rigid_body import RigidBodyModel
-from belief.observation_model.views import Views
 from belief.statistics import wilson_interval
 from belief.synthetic import sample_arrangement
 from benchmarks.choice import spread, with_places

@@ -55,7 +55,7 @@ class BodyRules(Rules):
             features = np.array([[touch.features for touch in info.history]])
             weights = model.log_weights(TouchBatch(poses, features=features), np.float32)[0].astype(np.float64)
         chosen, self.shares = some_hypotheses(weights, BODIES)
-        now = model.outcome_probs(chosen, NUM_OUTCOMES)
+        now = model.outcomes.of(chosen, NUM_OUTCOMES)
         probs = np.concatenate([now.reshape(len(now), -1, now.shape[3]), pouct.later], axis=1)
         number = num_shapes * BODIES
         keys = [(info.object_index, body, missed) for body, missed in product(range(number), (0, 1))]
@@ -92,7 +92,7 @@ class BodyPouct(Pouct):
     def later(self) -> np.ndarray:
         """p(outcome | pose, body) of objects that were not touched, ``(P, K H, M)``."""
         spread = np.linspace(0, self.model.num_hypotheses - 1, BODIES).astype(int)
-        found = self.model.outcome_probs(np.tile(spread, (len(self.model.shape_labels), 1)), NUM_OUTCOMES)
+        found = self.model.outcomes.of(np.tile(spread, (len(self.model.shape_labels), 1)), NUM_OUTCOMES)
         return found.reshape(len(found), -1, found.shape[3])
 
     def rules(self, info: InformationState) -> Rules:

@@ -110,7 +110,7 @@ def revealed_body(problem: SearchProblem, model: ObservationModel, target: int) 
     found = []
     for group in range(_GROUPS):
         chosen = np.tile(bodies[group::_GROUPS], (problem.num_shapes, 1))
-        tables = np.moveaxis(model.outcome_probs(chosen, _REFERENCES), 2, 0).astype(np.float64)  # (H, P, K, M)
+        tables = np.moveaxis(model.outcomes.of(chosen, _REFERENCES), 2, 0).astype(np.float64)  # (H, P, K, M)
         tables /= tables.sum(axis=3, keepdims=True)
         found.append(revealing_touch_bound(_search(problem, target, tables[0]), _TOUCHES_OF_BODY, tables=list(tables)))
     return RevealedBody(float(np.mean(found)), float(np.std(found, ddof=1) / np.sqrt(_GROUPS)))

@@ -22,8 +22,7 @@ from belief.naming import index_of
 from belief.observation_model.evidence import ObjectEvidence
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Confirm, Probe, Reject, SearchProblem, Touch, TouchHistory, Unsure
-from belief.scene_belief import SceneBelief
-from belief.scene_view import SceneView
+from belief.scene_belief import SceneBelief, SceneView
 from belief.validation import require_index
 
 

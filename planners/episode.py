@@ -10,7 +10,7 @@ from belief.categorical import Belief
 from belief.errors import InvalidArgument
 from belief.naming import one_line
 from belief.problem import Action, Confirm, Probe, Reject, SearchProblem, Touch, Unsure
-from belief.scene_view import UNKNOWN
+from belief.scene_belief import UNKNOWN
 from belief.search_progress import Outcome, success_of
 from planners.decider import Decision
 
@@ -44,8 +44,8 @@ class Episode:
     Attributes:
         seed: of the episode.
         target: index of the shape sought.
-        arrangement: true shape of every object, in order of visit; :data:`belief.scene_view.UNKNOWN` (-1) where nobody
-            knows it.
+        arrangement: true shape of every object, in order of visit; :data:`belief.scene_belief.UNKNOWN` (-1) where
+            nobody knows it.
         steps: all decisions, oldest first.
         outcome: how the search ended.
     """

@@ -34,7 +34,7 @@ from belief.journal import Journal
 from belief.naming import Name, index_of
 from belief.observation_model.model import ObservationModel
 from belief.problem import Action, Probe, SearchProblem, Touch
-from belief.scene_view import UNKNOWN, SceneView
+from belief.scene_belief import UNKNOWN, SceneView
 from belief.search_progress import Outcome, SearchProgress
 from belief.seeding import checked_key, deciding_rng
 from planners.abstaining import Abstaining

@@ -122,8 +122,8 @@ class WeighedTouches:
             )
         self.model, self._features, self._num_rounds = joint, bank.features, bank.num_rounds
         num_shapes, number = len(joint.shape_labels), joint.num_hypotheses
-        probs = joint.outcome_probs(np.tile(np.arange(number), (num_shapes, 1)), GAIN_OUTCOMES)  # (P, K, N, M)
-        self._outcomes = np.moveaxis(probs, 0, 2).reshape(num_shapes * number, -1)  # (K N, P M)
+        probs = joint.outcomes.of(np.tile(np.arange(number), (num_shapes, 1)), GAIN_OUTCOMES)  # (P, K, N, M)
+        self.outcomes = np.moveaxis(probs, 0, 2).reshape(num_shapes * number, -1)  # (K N, P M)
         untouched = np.zeros((1, num_shapes, number), np.float32)
         self.untouched: NDArray[np.float16] = self._tables_of(untouched)[0]
         """p(outcome of the first touch | pose, shape), ``(P, K, M)``."""
@@ -163,9 +163,9 @@ class WeighedTouches:
         columns = chosen + number * np.arange(num_shapes)[:, None]
         ends = np.arange(0, chosen.size + 1, chosen.shape[2])
         means = scipy.sparse.csr_array(
-            (shares.astype(np.float32).ravel(), columns.ravel(), ends), shape=(len(ends) - 1, len(self._outcomes))
+            (shares.astype(np.float32).ravel(), columns.ravel(), ends), shape=(len(ends) - 1, len(self.outcomes))
         )
-        found = (means @ self._outcomes).reshape(count, num_shapes, self.model.num_poses, -1)
+        found = (means @ self.outcomes).reshape(count, num_shapes, self.model.num_poses, -1)
         return np.ascontiguousarray(found.swapaxes(1, 2), np.float16)
 
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from activetouch.hypotheses import Bodies
     from activetouch.perception.reader import TactileReader
     from activetouch.scene import Scene
-    from belief.observation_model.views import Views
+    from belief.observation_model.outcome_mixture import Views
 
 _FEW_POSES = 12
 _MOST_IN_SINGLE = 1 << 25  # numbers in the tables of all poses
@@ -77,7 +77,7 @@ class HypothesisTable:
     def groups(self) -> tuple[int, ...]:
         """Group of each pose: those that aim alike; none in scenes of few poses, and where objects do not lie anyhow.
 
-        See :class:`belief.observation_model.views.Views`.
+        See :class:`belief.observation_model.outcome_mixture.Views`.
         """
         turns_with_body = self.scene.hand is not None and self.scene.hand.offset == "kept"
         few = len(self.scene.poses) <= _FEW_POSES or turns_with_body
@@ -97,7 +97,9 @@ class HypothesisTable:
                 f"this observation model takes poses as alike, which holds for more than {_FEW_POSES} poses of objects "
                 f"that lie anyhow, not for {self.scene!r}. Fit one to touches of this scene (activetouch calibrate)"
             )
-        from belief.observation_model.views import Views  # with all observation models, which recording does not need
+        from belief.observation_model.outcome_mixture import (
+            Views,  # with all observation models, which recording does not need
+        )
 
         groups, rotations = np.array(self.groups), list(self.scene.rotations.values())
         rests = self.hypotheses(num_hypotheses).rests

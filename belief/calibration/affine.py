@@ -49,12 +49,11 @@ class AffineCalibration(FrozenArrays, Calibration):
                 raise ValueError(f"{name} must be above zero and finite, got {getattr(self, name)}")
         if self.coefficients is None:
             return
-        matrix = np.array(as_real(self.coefficients, "coefficients"), np.float64)
-        fits = matrix.ndim == 2 and matrix.shape[1] == len(matrix) + 1
-        if not (fits and np.isfinite(matrix).all()):
+        matrix = np.asarray(as_real(self.coefficients, "coefficients"), np.float64)
+        if matrix.ndim != 2 or matrix.shape[1] != len(matrix) + 1 or not np.isfinite(matrix).all():
             raise ValueError(f"coefficients must be (K, K + 1) and finite, got {matrix.shape}: {matrix.tolist()}")
-        matrix.flags.writeable = False
         object.__setattr__(self, "coefficients", matrix)
+        self.freeze()
 
     @classmethod
     def penalty_names(cls) -> tuple[str, ...]:
@@ -62,8 +61,16 @@ class AffineCalibration(FrozenArrays, Calibration):
         return tuple(f.name for f in fields(cls) if f.name not in ("temperature", "coefficients"))
 
     @abstractmethod
+    def penalties(self, num_rows: float, num_shapes: int) -> tuple[float, float, float]:
+        """Penalties on the squares of the diagonal of W - I, of its rest, and of b; infinite: they are zero."""
+
     def penalty(self, num_rows: float, num_shapes: int) -> Floats:
-        """Penalty on the square of each entry of (W - I | b), ``(K, K + 1)``; infinite for entries fixed at zero."""
+        """Penalty on the square of each entry of (W - I | b), ``(K, K + 1)``."""
+        diagonal, off_diagonal, bias = self.penalties(num_rows, num_shapes)
+        penalty = np.full((num_shapes, num_shapes + 1), off_diagonal)
+        np.fill_diagonal(penalty, diagonal)
+        penalty[:, -1] = bias
+        return penalty
 
     def spread(self, num_rows: float) -> float:
         """The share of the probability that is spread evenly over the shapes after the temperature."""
@@ -94,7 +101,7 @@ class AffineCalibration(FrozenArrays, Calibration):
         z, y = labelled_logits(logits, labels)
         total = len(y) if weights is None else float(weights.sum())
         temperature = replace(TemperatureScaling().fit_logits(z, y, weights), floor=self.spread(total))
-        unsolved = replace(self, temperature=temperature, coefficients=self._identity(z.shape[1]))
+        unsolved = replace(self, temperature=temperature, coefficients=None)
         return replace(unsolved, coefficients=unsolved._problem(z, y, weights).solve())
 
     def predict_log_proba(self, logits: ArrayLike) -> Floats:
@@ -137,26 +144,14 @@ class AffineCalibration(FrozenArrays, Calibration):
     def _problem(self, logits: Floats, labels: NDArray[np.intp], weights: Floats | None = None) -> SoftmaxRegression:
         num_rows, num_shapes = logits.shape
         w = np.ones(num_rows) if weights is None else weights
-        centre = self._identity(num_shapes)
+        centre = np.eye(num_shapes, num_shapes + 1)  # changes nothing
         features = np.ones((num_shapes + 1, num_rows))
         features[:-1] = self.temperature.predict_log_proba(logits).T
         return SoftmaxRegression(features, labels, w, self.penalty(float(w.sum()), num_shapes), centre)
 
-    def _identity(self, num_shapes: int) -> Floats:
-        """The map that changes nothing."""
-        return np.eye(num_shapes, num_shapes + 1)
-
     def _check_shapes(self, num_shapes: int) -> None:
         if num_shapes != self.num_shapes:
             raise ValueError(f"fitted for {self.num_shapes} shapes, got logits of {num_shapes}")
-
-
-def structured_penalty(num_shapes: int, diagonal: float, off_diagonal: float, bias: float) -> Floats:
-    """Penalties on (W | b), ``(K, K + 1)``, one for each part."""
-    penalty = np.full((num_shapes, num_shapes + 1), off_diagonal)
-    np.fill_diagonal(penalty, diagonal)
-    penalty[:, -1] = bias
-    return penalty
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -188,10 +183,10 @@ class VectorScaling(AffineCalibration):
         """See :meth:`AffineCalibration.spread`."""
         return 1.0 / (num_rows + 2) ** 2
 
-    def penalty(self, num_rows: float, num_shapes: int) -> Floats:
-        """See :meth:`AffineCalibration.penalty`; W is diagonal."""
+    def penalties(self, num_rows: float, num_shapes: int) -> tuple[float, float, float]:
+        """See :meth:`AffineCalibration.penalties`; W is diagonal."""
         unit = num_shapes / num_rows
-        return structured_penalty(num_shapes, self.diagonal_strength * unit, np.inf, self.bias_strength * unit)
+        return self.diagonal_strength * unit, np.inf, self.bias_strength * unit
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -226,14 +221,10 @@ class DirichletCalibration(AffineCalibration):
     off_diagonal_strength: float = 0.1
     bias_strength: float = 0.1
 
-    def penalty(self, num_rows: float, num_shapes: int) -> Floats:
-        """See :meth:`AffineCalibration.penalty`."""
-        return structured_penalty(
-            num_shapes,
-            self.diagonal_strength / num_rows,
-            self.off_diagonal_strength / max(num_shapes * (num_shapes - 1), 1),
-            self.bias_strength / num_shapes,
-        )
+    def penalties(self, num_rows: float, num_shapes: int) -> tuple[float, float, float]:
+        """See :meth:`AffineCalibration.penalties`."""
+        off_diagonal = self.off_diagonal_strength / max(num_shapes * (num_shapes - 1), 1)
+        return self.diagonal_strength / num_rows, off_diagonal, self.bias_strength / num_shapes
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -268,15 +259,11 @@ class StructuredMatrixScaling(AffineCalibration):
     off_diagonal_strength: float = 1.0
     bias_strength: float = 1.0
 
-    def penalty(self, num_rows: float, num_shapes: int) -> Floats:
-        """See :meth:`AffineCalibration.penalty`."""
+    def penalties(self, num_rows: float, num_shapes: int) -> tuple[float, float, float]:
+        """See :meth:`AffineCalibration.penalties`."""
         unit = num_shapes / num_rows
-        return structured_penalty(
-            num_shapes,
-            self.diagonal_strength * unit,
-            self.off_diagonal_strength * unit * (num_shapes - 1),
-            self.bias_strength * unit,
-        )
+        off_diagonal = self.off_diagonal_strength * unit * (num_shapes - 1)
+        return self.diagonal_strength * unit, off_diagonal, self.bias_strength * unit
 
 
 CALIBRATIONS: dict[str, type[Calibration]] = {

@@ -13,21 +13,26 @@ calibrated model with the same predictions.
     True
 """
 
-from belief.metrics.binned import (
-    classwise_calibration_error,
-    expected_calibration_error,
-    smooth_calibration_error,
-)
 from belief.metrics.calibration_at_stop import CalibrationAtStop, StopScore, calibration_at_stop
-from belief.metrics.reliability import ReliabilityCurve, reliability_curve, reliability_diagram
-from belief.metrics.report import CalibrationError, CalibrationReport, calibration_report, null_quantile
+from belief.metrics.report import (
+    CalibrationError,
+    CalibrationReport,
+    ReliabilityCurve,
+    calibration_report,
+    null_quantile,
+    reliability_curve,
+    reliability_diagram,
+)
 from belief.metrics.scores import (
     ShapeScore,
     accuracy,
     brier_score,
+    classwise_calibration_error,
     confusion_matrix,
+    expected_calibration_error,
     negative_log_likelihood,
     shape_scores,
+    smooth_calibration_error,
 )
 
 __all__ = [

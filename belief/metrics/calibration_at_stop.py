@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from belief.statistics.proportion import clopper_pearson_interval
+from belief.statistics.comparison import clopper_pearson_interval
 from belief.table import Table, Tabular
 from belief.validation import Floats, as_real, checked_outcomes, unmasked
 
@@ -82,38 +82,6 @@ class CalibrationAtStop(Tabular):
             ],
             f"{self.never} more never reach the threshold." if self.never else "",
         )
-
-
-@dataclass(frozen=True, eq=False)
-class Stops:
-    """The T sequences of touches in which one shape became sufficiently probable.
-
-    Attributes:
-        sequences: their indices in increasing order, ``(T,)``.
-        claims: stated confidence: probability of the most probable shape at stopping, ``(T,)``.
-        correct: whether this is the true shape, ``(T,)``.
-        num_touches: number of touches at stopping, ``(T,)``.
-    """
-
-    sequences: NDArray[np.int64]
-    claims: Floats
-    correct: NDArray[np.bool_]
-    num_touches: NDArray[np.int64]
-
-
-def stops(log_probs: Floats, shapes: NDArray[np.int64], confidence: float) -> Stops:
-    """Stops of searches that touch until the most probable shape has at least a given probability.
-
-    Args:
-        log_probs: log posteriors after 1 to n touches, ``(S, n, K)``.
-        shapes: true shapes, ``(S,)``.
-        confidence: this probability, in (1/K, 1).
-    """
-    reached = log_probs.max(axis=2) >= np.log(confidence)
-    sequences = np.flatnonzero(reached.any(axis=1))
-    touch = reached[sequences].argmax(axis=1)
-    last = log_probs[sequences, touch]
-    return Stops(sequences, np.exp(last.max(axis=1)), last.argmax(axis=1) == shapes[sequences], touch + 1)
 
 
 def calibration_at_stop(

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, TypeAlias
+from typing import Any, ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
 import scipy  # whose parts load at first use
@@ -23,8 +23,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import log_softmax, softmax
 
 from belief.errors import InvalidArgument
-from belief.frozen import frozen
 from belief.observation_model.calibration_data import LabelledTouches
+from belief.observation_model.evidence import SummarisedEvidence
 from belief.observation_model.model import ArrayModel, Reads
 from belief.observation_model.outcome_mixture import OutcomeMixture, with_nothing_new
 from belief.observation_model.outcome_table import OutcomeTable
@@ -93,32 +93,25 @@ class ActionKernelModel(ArrayModel):
         self.freeze()
 
     @classmethod
-    def fit(
-        cls,
-        touches: Sequence[Touch],
-        shapes: ArrayLike,
-        object_ids: ArrayLike | None = None,
-        *,
-        sessions: ArrayLike | None = None,
-        shape_labels: Sequence[str] | None = None,
-        num_poses: int | None = None,
-        repeats: int | None = None,
+    def fit_to(
+        cls, data: LabelledTouches, *, sessions: ArrayLike | None = None, repeats: int | None = None
     ) -> ActionKernelModel:
         """Fit the kernel to sequences of touches of objects outside the reader's training set.
 
         Args:
-            touches: with log likelihood ratios as logits.
-            shapes: true shape index of each, ``(n,)``.
-            object_ids: object of each, ``(n,)``; by default every touch is of another object.
+            data: touches with log likelihood ratios as logits.
             sessions: recording session of each, ``(n,)``, any labels that can be sorted: the first touches of an object
                 in its poses come from one session, the second ones from another. By default the sessions of an object
                 and pose are numbered.
-            shape_labels: names of the shapes.
-            num_poses: P.
             repeats: see :class:`ActionKernelModel`.
         """
-        data = LabelledTouches.of(touches, shapes, object_ids, shape_labels, num_poses)
-        kernel = fit_kernel(data, None if sessions is None else _numbered(sessions, len(touches)))
+        numbers = None
+        if sessions is not None:
+            labels = unmasked(sessions, "sessions")
+            if labels.shape != data.poses.shape:
+                raise InvalidArgument(f"need a session for each of {len(data.poses)} touches, got {labels.shape}")
+            numbers = np.unique(labels, return_inverse=True)[1].astype(np.int64)
+        kernel = fit_kernel(data, numbers)
         return cls(data.shape_labels, kernel, data.logits[data.rows_of_poses(_REFERENCES)], repeats)
 
     @property
@@ -140,8 +133,21 @@ class ActionKernelModel(ArrayModel):
 
     def start(self) -> KernelEvidence:
         """See :class:`ArrayModel`."""
-        shape = self.num_poses, len(self.shape_labels)
-        return KernelEvidence(self, np.zeros(self.num_poses), np.zeros(shape))
+        return KernelEvidence(self)
+
+    def statistics_with(self, statistics: _Sums | None, touch: Touch) -> _Sums:
+        """The touches in each pose that count, and the sums of their log likelihood ratios."""
+        batch = self.alone(touch)
+        counts, sums = statistics or _Sums(np.zeros(self.num_poses), np.zeros((self.num_poses, len(self.shape_labels))))
+        if self.repeats is None or counts[touch.pose] < self.repeats:
+            counts, sums = counts.copy(), sums.copy()
+            counts[touch.pose] += 1.0
+            sums[touch.pose] += _limited(batch.require_logits()[0, 0])
+        return _Sums(counts, sums)
+
+    def log_likelihood_of(self, statistics: _Sums) -> Floats:
+        """The weighted sum over poses."""
+        return np.asarray(touch_weights(statistics.counts, self.kernel) @ statistics.sums)
 
     def _log_likelihoods(self, batch: TouchBatch) -> Floats:
         membership = batch.poses[..., None] == np.arange(self.num_poses)  # (S, n, P)
@@ -162,11 +168,8 @@ class ActionKernelModel(ArrayModel):
 
     def to_fields(self) -> dict[str, Any]:
         """See :class:`ArrayModel`."""
-        return {
-            "kernel": self.kernel.tolist(),
-            "references": self.references.tolist(),
-            "repeats": self.repeats,
-        }
+        arrays = {"kernel": self.kernel.tolist(), "references": self.references.tolist()}
+        return {**arrays, "repeats": self.repeats}
 
     @classmethod
     def from_fields(cls, shape_labels: tuple[str, ...], fields: Mapping[str, Any]) -> ActionKernelModel:
@@ -182,15 +185,16 @@ class ActionKernelModel(ArrayModel):
         return np.asarray(ratios / ratios.sum(axis=1, keepdims=True))
 
 
-@dataclass(frozen=True, eq=False)
-class KernelEvidence:
-    """The evidence about one object, see :class:`~belief.observation_model.evidence.ObjectEvidence`.
+class _Sums(NamedTuple):
+    """Touches in each pose that count, ``(P,)``, and the sums of their log likelihood ratios, ``(P, K)``."""
 
-    Attributes:
-        model: weights the touches.
-        counts: touches in each pose that count, ``(P,)``.
-        sums: of their log likelihood ratios, ``(P, K)``.
-        num_touches: all touches.
+    counts: Floats
+    sums: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class KernelEvidence(SummarisedEvidence):
+    """The evidence about one object, which also knows how much the next touch in each pose tells.
 
     >>> model = ActionKernelModel(("cube", "cone"), np.full((2, 2), 0.5), np.zeros((2, 1, 2)))
     >>> twice = model.start().update(Touch(0, np.array([3.0, 0.0]))).update(Touch(1, np.array([3.0, 0.0])))
@@ -199,47 +203,18 @@ class KernelEvidence:
     """
 
     model: ActionKernelModel
-    counts: Floats
-    sums: Floats
-    num_touches: int = 0
-
-    def update(self, touch: Touch) -> KernelEvidence:
-        """See :class:`~belief.observation_model.evidence.ObjectEvidence`."""
-        batch = self.model.alone(touch)
-        counts, sums = self.counts, self.sums
-        if self.model.repeats is None or counts[touch.pose] < self.model.repeats:
-            counts, sums = counts.copy(), sums.copy()
-            counts[touch.pose] += 1.0
-            sums[touch.pose] += _limited(batch.require_logits()[0, 0])
-        return KernelEvidence(self.model, counts, sums, self.num_touches + 1)
-
-    @property
-    def log_bets(self) -> None:
-        """None: the model has no test of whether it knows the world."""
-
-    @cached_property
-    def log_likelihood(self) -> Floats:
-        """See :class:`~belief.observation_model.evidence.ObjectEvidence`."""
-        return frozen(touch_weights(self.counts, self.model.kernel) @ self.sums)
 
     def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> OutcomeMixture:
         """The outcomes of the next touch: those of a first touch with the weight it would have, otherwise nothing new.
 
         "Nothing new" is the last outcome, so that a touch of weight w has w times the information of a first one.
         """
-        weights = 1.0 / (1.0 + self.counts @ self.model.kernel)
+        counts = self.statistics.counts if self.num_touches else np.zeros(self.model.num_poses)
+        weights = 1.0 / (1.0 + counts @ self.model.kernel)
         if self.model.repeats is not None:
-            weights = np.where(self.counts < self.model.repeats, weights, 0.0)
+            weights = np.where(counts < self.model.repeats, weights, 0.0)
         table = self.model.outcome_table(num_outcomes).probs
         return OutcomeMixture(np.ones((table.shape[1], 1)), with_nothing_new(table, weights)[:, :, None])
-
-
-def _numbered(sessions: ArrayLike, num_touches: int) -> NDArray[np.int64]:
-    """Sessions as numbers from 0, in ascending order of their labels."""
-    labels = unmasked(sessions, "sessions")
-    if labels.shape != (num_touches,):
-        raise InvalidArgument(f"need a session for each of {num_touches} touches, got {labels.shape}")
-    return np.unique(labels, return_inverse=True)[1].astype(np.int64)
 
 
 def _limited(ratios: Floats) -> Floats:
@@ -248,11 +223,11 @@ def _limited(ratios: Floats) -> Floats:
 
 def numbered_sessions(objects: Integers, poses: Integers) -> Integers:
     """Running number of each touch among those of its object and pose, ``(n,)``."""
-    numbers = np.zeros(len(objects), np.int64)
-    seen: dict[tuple[int, int], int] = {}
-    for row, key in enumerate(zip(objects.tolist(), poses.tolist(), strict=True)):
-        numbers[row] = seen.get(key, 0)
-        seen[key] = int(numbers[row]) + 1
+    order = np.lexsort((poses, objects))  # stable
+    key = np.stack([objects, poses])[:, order]
+    is_first = np.append(True, (key[:, 1:] != key[:, :-1]).any(axis=0))[: len(order)]
+    rows, numbers = np.arange(len(order)), np.empty(len(order), np.int64)
+    numbers[order] = rows - np.maximum.accumulate(np.where(is_first, rows, 0))
     return numbers
 
 
@@ -266,9 +241,8 @@ def sequences(data: LabelledTouches, sessions: Integers | None, rng: np.random.G
     for number in range(data.num_objects):
         rows = np.flatnonzero(data.objects == number)
         for _ in range(_ORDERS):
-            places = rng.permutation(np.unique(of_touch[rows]))
-            turn = {int(session): place for place, session in enumerate(places.tolist())}
-            turns = np.array([turn[int(session)] for session in of_touch[rows]])
+            known, session = np.unique(of_touch[rows], return_inverse=True)
+            turns = np.argsort(rng.permutation(known))[session]
             key = np.empty(len(rows))
             for pose in np.unique(data.poses[rows]).tolist():
                 here = np.flatnonzero(data.poses[rows] == pose)
@@ -343,9 +317,7 @@ def fit_kernel(data: LabelledTouches, sessions: Integers | None = None) -> Float
     found = sequences(data, sessions, np.random.default_rng(0))
     poses = np.where(found >= 0, data.poses[found], -1)
     has_repeats = any((np.bincount(row[row >= 0], minlength=size) > 1).any() for row in poses)
-    alike = likeness(data, sessions)
-
-    terms = np.stack([np.eye(size), np.ones((size, size)), alike])
+    terms = np.stack([np.eye(size), np.ones((size, size)), likeness(data, sessions)])
 
     def kernel(parameters: Floats) -> Floats:
         found = np.minimum(np.tensordot(parameters, terms, axes=1), 1.0)
@@ -354,13 +326,8 @@ def fit_kernel(data: LabelledTouches, sessions: Integers | None = None) -> Float
         return np.asarray(found)
 
     def loss(parameters: Floats) -> float:
-        losses = sequence_losses(data.logits, data.poses, data.shapes, found, kernel(parameters))
-        return float(np.nanmean(losses))
+        return float(np.nanmean(sequence_losses(data.logits, data.poses, data.shapes, found, kernel(parameters))))
 
-    count = len(terms)
-    starts = [np.full(count, 0.3), np.full(count, 0.02)]
-    results = [
-        scipy.optimize.minimize(loss, start, bounds=[(0.0, 0.999)] * count, method="L-BFGS-B", options={"maxiter": 25})
-        for start in starts
-    ]
+    options: Any = {"bounds": [(0.0, 0.999)] * len(terms), "method": "L-BFGS-B", "options": {"maxiter": 25}}
+    results = [scipy.optimize.minimize(loss, np.full(len(terms), start), **options) for start in (0.3, 0.02)]
     return kernel(min(results, key=lambda result: result.fun).x)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from belief.calibration import TemperatureScaling
 from belief.observation_model.calibration_data import LabelledTouches
@@ -55,26 +55,14 @@ class ConfusionModel(ArrayModel):
         self.freeze()
 
     @classmethod
-    def fit(
-        cls,
-        touches: Sequence[Touch],
-        shapes: ArrayLike,
-        object_ids: ArrayLike | None = None,
-        *,
-        shape_labels: Sequence[str] | None = None,
-        num_poses: int | None = None,
-        smoothing: float = 0.5,
-        pooling: float = 100.0,
-    ) -> ConfusionModel:
-        """Count the outcomes of calibration touches.
+    def fit_to(cls, data: LabelledTouches, *, smoothing: float = 0.5, pooling: float = 100.0) -> ConfusionModel:
+        """Count the outcomes of calibration touches, whatever their objects.
 
         The counts of each pose are shrunk towards the matrix pooled over all poses (Dirichlet prior of ``pooling``
         pseudo-counts, ≥ 0), and the pooled matrix towards a uniform one (``smoothing`` pseudo-counts per outcome, > 0).
-        Other arguments and errors are those of :meth:`LabelledTouches.of`; ``object_ids`` has no effect.
         """
         if not 0.0 < smoothing < np.inf or not 0.0 <= pooling < np.inf:
             raise ValueError(f"smoothing must be > 0, pooling ≥ 0, both finite; got {smoothing} and {pooling}")
-        data = LabelledTouches.of(touches, shapes, object_ids, shape_labels, num_poses)
         calibration = TemperatureScaling().fit_logits(data.logits, data.shapes)
         counts = np.zeros((data.num_poses, data.num_shapes, data.num_shapes))
         np.add.at(counts, (data.poses, data.shapes, data.logits.argmax(axis=1)), 1.0)

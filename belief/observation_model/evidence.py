@@ -65,12 +65,8 @@ class Explains(Protocol):
 
 
 @runtime_checkable
-class Summarises(Protocol):
+class Summarises(Explains, Protocol):
     """An observation model whose likelihood depends on touches through statistics of fixed size."""
-
-    @property
-    def shape_labels(self) -> tuple[str, ...]:
-        """Names of the K shapes."""
 
     def statistics_with(self, statistics: Any, touch: Touch) -> Any:
         """New statistics: the given ones (None before the first touch) with one more touch.
@@ -90,8 +86,9 @@ class _OfIndependentTouches:
     def log_bets(self) -> None:
         """See :class:`ObjectEvidence`: none, as the model has no test."""
 
-    def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> None:
+    def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> Outcomes | None:
         """See :class:`ObjectEvidence`: none, as touches are taken as independent given the shape."""
+        return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,10 +105,9 @@ class SummarisedEvidence(_OfIndependentTouches):
     statistics: Any = None
     num_touches: int = 0
 
-    def update(self, touch: Touch) -> SummarisedEvidence:
+    def update(self, touch: Touch) -> Self:
         """See :class:`ObjectEvidence`; raises ValueError for a touch that does not fit the model."""
-        statistics = self.model.statistics_with(self.statistics, touch)
-        return SummarisedEvidence(self.model, statistics, self.num_touches + 1)
+        return type(self)(self.model, self.model.statistics_with(self.statistics, touch), self.num_touches + 1)
 
     @cached_property
     def log_likelihood(self) -> Floats:

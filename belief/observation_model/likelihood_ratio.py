@@ -9,13 +9,13 @@ objects that were touched repeatedly (decision 0021).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from belief.calibration import CALIBRATIONS, Calibration, StructuredMatrixScaling
 from belief.observation_model.calibration_data import LabelledTouches, object_folds
@@ -90,24 +90,12 @@ class RatioModel(ArrayModel):
         self.freeze()
 
     @classmethod
-    def fit(
-        cls,
-        touches: Sequence[Touch],
-        shapes: ArrayLike,
-        object_ids: ArrayLike | None = None,
-        *,
-        shape_labels: Sequence[str] | None = None,
-        num_poses: int | None = None,
-        calibration: Calibration | None = None,
-        num_folds: int = 5,
-    ) -> RatioModel:
+    def fit_to(cls, data: LabelledTouches, *, calibration: Calibration | None = None, num_folds: int = 5) -> RatioModel:
         """Fit the calibration to all touches, and ρ to cross-fitted posteriors.
 
         ``calibration`` is unfitted, by default structured matrix scaling. ``num_folds`` is the number of folds of whole
-        objects in which ρ is cross-fitted. Other arguments and errors are those of :meth:`LabelledTouches.of`; some
-        objects should be touched several times in one pose.
+        objects in which ρ is cross-fitted.
         """
-        data = LabelledTouches.of(touches, shapes, object_ids, shape_labels, num_poses)
         unfitted = calibration if calibration is not None else StructuredMatrixScaling()
         calibrated = unfitted.fit_logits(data.logits, data.shapes)
         prior = _training_prior(calibrated, data)

@@ -1,19 +1,20 @@
-"""The protocol of observation models, and the base class of the models of this package."""
+"""The protocol of observation models, its check, and the base class of the models of this package."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any, ClassVar, Literal, Protocol, TypeAlias
+from typing import Any, ClassVar, Literal, Protocol, Self, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from belief.errors import InvalidArgument
+from belief.errors import BrokenContract, InvalidArgument
 from belief.files import sealed_json
 from belief.frozen import FrozenArrays
 from belief.naming import checked_names
+from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.evidence import ObjectEvidence, RecomputedEvidence, SummarisedEvidence, Summarises
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Touch
@@ -61,7 +62,7 @@ class ObservationModel(Protocol):
 class ArrayModel(FrozenArrays, ABC):
     """Base class of observation models that compute with arrays.
 
-    A subclass defines :attr:`num_poses`, :meth:`to_fields`, :meth:`from_fields`, and
+    A subclass defines :attr:`num_poses`, :meth:`fit_to`, :meth:`to_fields`, :meth:`from_fields`, and
 
     - ``_log_likelihoods(batch)``: the result of :meth:`log_likelihood_batch` for a valid batch with touches;
     - ``_sample(shape, poses, rng)``: the result of :meth:`sample_batch` for valid arguments;
@@ -88,12 +89,26 @@ class ArrayModel(FrozenArrays, ABC):
     shape_labels: tuple[str, ...]
 
     @classmethod
-    def fit(cls, *args: Any, **options: Any) -> ArrayModel:
-        """A model fitted to touches, their shapes and object ids; also takes ``shape_labels`` and ``num_poses``.
+    def fit(
+        cls,
+        touches: Sequence[Touch],
+        shapes: ArrayLike,
+        object_ids: ArrayLike | None = None,
+        *,
+        shape_labels: Sequence[str] | None = None,
+        num_poses: int | None = None,
+        **options: Any,
+    ) -> Self:
+        """A model fitted to touches of known objects, others than those with which the reader was trained.
 
-        Raises:
-            InvalidArgument: the class has no such function.
+        Arguments and errors are those of :meth:`LabelledTouches.of`. ``options`` are those of the model's
+        :meth:`fit_to`. Most models learn from objects that were touched several times in one pose.
         """
+        return cls.fit_to(LabelledTouches.of(touches, shapes, object_ids, shape_labels, num_poses), **options)
+
+    @classmethod
+    def fit_to(cls, *data: Any, **options: Any) -> Any:
+        """A model fitted to :class:`LabelledTouches`; raises InvalidArgument if the class is not fitted to touches."""
         raise InvalidArgument(f"{cls.__name__} is not fitted to touches; it has no function fit")
 
     @property
@@ -243,3 +258,49 @@ class ArrayModel(FrozenArrays, ABC):
                 f"touch {touch} of sequence {sequence} has pose {batch.poses[sequence, touch]}, the model knows poses "
                 f"0 to {self.num_poses}, exclusive"
             )
+
+
+def check_observation_model(model: ObservationModel, rng: np.random.Generator, num_objects: int = 20) -> None:
+    """Check that an observation model keeps the contract of :class:`ObservationModel`, on touches that it samples.
+
+    The checks are: labels and array shapes; zeros for no touches; no NaN or +inf; equal likelihoods for equal touches;
+    a valid outcome table.
+
+    Args:
+        model: to be checked; it is not changed.
+        rng: draws the touches.
+        num_objects: number of objects of each shape, each touched up to four times.
+
+    Raises:
+        BrokenContract: the first rule that the model violates.
+
+    >>> from belief.synthetic import random_model
+    >>> rng = np.random.default_rng(0)
+    >>> check_observation_model(random_model(rng), rng)
+    """
+    labels = tuple(model.shape_labels)
+    if not labels or len(set(labels)) < len(labels) or not all(isinstance(label, str) for label in labels):
+        raise BrokenContract(f"shape_labels must be one or more different names, got {labels}")
+    nothing = np.asarray(model.log_likelihood([]))
+    if nothing.shape != (len(labels),) or nothing.any():
+        raise BrokenContract(f"log_likelihood([]) must be {len(labels)} zeros, got {nothing}")
+    table = model.outcome_table()
+    num_poses = table.probs.shape[0]
+    if table.probs.shape[1] != len(labels):
+        raise BrokenContract(f"outcome_table() must have {len(labels)} shapes, it is {table.probs.shape}")
+    for shape, label in enumerate(labels):
+        for _ in range(num_objects):
+            poses = rng.integers(num_poses, size=rng.integers(1, 5)).tolist()
+            touches = model.sample(shape, poses, rng)
+            if [touch.pose for touch in touches] != poses:
+                raise BrokenContract(f"sample({label}, poses={poses}) has poses {[touch.pose for touch in touches]}")
+            found = np.asarray(model.log_likelihood(touches))
+            where = f"log_likelihood of touches of {label} in the poses {poses}"
+            if found.shape != (len(labels),):
+                raise BrokenContract(f"{where} must have shape ({len(labels)},), got {found.shape}")
+            if np.isnan(found).any() or np.isposinf(found).any() or np.isneginf(found).all():
+                raise BrokenContract(f"{where} must be a number or -inf for each shape, and not -inf for all: {found}")
+            if np.isneginf(found[shape]):
+                raise BrokenContract(f"{where} is -inf for {label} itself, the shape they were sampled from")
+            if not np.array_equal(found, model.log_likelihood(touches)):
+                raise BrokenContract(f"{where} differs between two calls")

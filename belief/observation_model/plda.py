@@ -11,21 +11,20 @@ A :class:`GaussianModel` has B = V = 0: its touches are independent given the sh
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 import scipy  # whose parts load at first use
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from belief.frozen import FrozenArrays
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import sampled_table
-from belief.problem import Touch
 from belief.touch_batch import TouchBatch
 from belief.validation import Floats, as_real
 
@@ -144,6 +143,7 @@ class PLDAModel(ArrayModel):
     Example:
         Five equal touches of one object in one pose are little more evidence than one:
 
+        >>> from belief import Touch
         >>> rng = np.random.default_rng(0)
         >>> ids = np.arange(1200) // 4                                  # four touches of each object, in one pose
         >>> shapes = ids % 2
@@ -186,28 +186,21 @@ class PLDAModel(ArrayModel):
         self.freeze()
 
     @classmethod
-    def fit(
-        cls,
-        touches: Sequence[Touch],
-        shapes: ArrayLike,
-        object_ids: ArrayLike,
-        *,
-        shape_labels: Sequence[str] | None = None,
-        num_poses: int | None = None,
-    ) -> PLDAModel:
+    def fit_to(cls, data: LabelledTouches) -> Self:
         """Fit means, shrunk towards those of all poses, and covariances, by their moments.
 
-        Arguments and errors are those of :meth:`LabelledTouches.of`; some objects should be touched several times in
-        one pose. Without one, V = W is assumed; with one touch of each object, B = V = W.
+        Where no object was touched twice in a pose, V = W is assumed; with one touch of each object, B = V = W.
         """
-        data = LabelledTouches.of(touches, shapes, object_ids, shape_labels, num_poses)
         embedding = LogitEmbedding.fit(data.batch)
         means, rest = pose_means(embedding(data.batch)[0], data)
+        return cls(data.shape_labels, embedding, means, cls.components_of(rest, data))
+
+    @classmethod
+    def components_of(cls, rest: Floats, data: LabelledTouches) -> Components:
+        """The covariances, from touches less the mean of their shape and pose, ``(n, D)``."""
         if data.num_objects == len(data.poses):
-            components = Components(*[covariance(rest) / 3] * 3)
-        else:
-            components = estimate_components(rest, data)
-        return cls(data.shape_labels, embedding, means, components)
+            return Components(*[covariance(rest) / 3] * 3)
+        return estimate_components(rest, data)
 
     @property
     def num_poses(self) -> int:
@@ -272,6 +265,7 @@ class GaussianModel(PLDAModel):
     """Linear discriminant analysis as a likelihood: a mean for each shape and pose, one covariance, nothing shared.
 
     Example:
+        >>> from belief import Touch
         >>> rng = np.random.default_rng(0)
         >>> shapes = np.arange(600) % 3
         >>> touches = [Touch(0, row) for row in rng.normal(size=(600, 3)) + 2.0 * np.eye(3)[shapes]]
@@ -282,21 +276,10 @@ class GaussianModel(PLDAModel):
     name: ClassVar[str] = "gaussian"
 
     @classmethod
-    def fit(
-        cls,
-        touches: Sequence[Touch],
-        shapes: ArrayLike,
-        object_ids: ArrayLike | None = None,
-        *,
-        shape_labels: Sequence[str] | None = None,
-        num_poses: int | None = None,
-    ) -> GaussianModel:
-        """Fit by maximum likelihood, with means shrunk towards those of all poses; ``object_ids`` has no effect."""
-        data = LabelledTouches.of(touches, shapes, object_ids, shape_labels, num_poses)
-        embedding = LogitEmbedding.fit(data.batch)
-        means, rest = pose_means(embedding(data.batch)[0], data)
+    def components_of(cls, rest: Floats, data: LabelledTouches) -> Components:
+        """The covariance of single touches, by maximum likelihood."""
         own = covariance(rest)
-        return cls(data.shape_labels, embedding, means, Components(0.0 * own, 0.0 * own, own))
+        return Components(0.0 * own, 0.0 * own, own)
 
 
 def estimate_components(rest: Floats, data: LabelledTouches) -> Components:

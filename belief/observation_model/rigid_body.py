@@ -23,13 +23,13 @@ Two shapes, one pose, two hypotheses of each shape; then a touch that fits the f
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from belief.conflict import ConflictTest
@@ -40,17 +40,17 @@ from belief.observation_model.embedded_hypotheses import (
     EmbeddedHypotheses,
     EmbedsByPose,
     FixedHypotheses,
+    ReferenceOutcomes,
     require_table,
 )
 from belief.observation_model.log_weights import log_means
 from belief.observation_model.model import ArrayModel, Embeds, ObservationModel, Reads
+from belief.observation_model.outcome_mixture import Views
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import smoothed, tabulate
-from belief.observation_model.reference_outcomes import ReferenceOutcomes
 from belief.observation_model.repeat_discount import repeat_shares
 from belief.observation_model.rigid_body_evidence import Floats32, RigidBodyEvidence
 from belief.observation_model.rigid_body_fit import fitted
-from belief.observation_model.views import Views
 from belief.problem import Touch
 from belief.touch_batch import TouchBatch
 from belief.validation import Floats, require_count, require_number
@@ -58,7 +58,7 @@ from belief.validation import Floats, require_count, require_number
 _AT_ONCE = 1 << 22  # numbers, of log weights of sequences that are worked on at a time
 _REFERENCES = 256  # touches kept of each pose
 _SHARED_REFERENCES = 512  # touches kept of each group of poses
-_RECOMPUTED = ("_embedded", "_outcomes")  # after pickling
+_RECOMPUTED = ("_embedded", "outcomes")  # after pickling
 _NO_HYPOTHESES = "the model was read from a file and has no hypotheses yet; call with_hypotheses(embed)"
 
 
@@ -77,8 +77,9 @@ class FittedRigidBody(ArrayModel):
         reference_logits: the shape logits of these, ``(G, M, K)``.
         correlation: ρ in [0, 1] of repeats in one pose.
         conflict: test that touches come from the world that the model was fitted to; None without.
-        groups: of the poses that share references (:class:`~belief.observation_model.views.Views`), one number for
-            each pose; empty if every pose has its own.
+        groups: of the poses that share references
+            (:class:`~belief.observation_model.outcome_mixture.Views`), one number for each pose; empty if every pose
+            has its own.
         drift: κ in [0, 1], correlation of the reader's errors about one object in different poses.
 
     Raises:
@@ -192,32 +193,17 @@ class RigidBodyModel(FittedRigidBody):
             require_table(self.hypotheses.table, self._table_shape)
 
     @classmethod
-    def fit(
-        cls,
-        touches: Sequence[Touch],
-        shapes: ArrayLike,
-        object_ids: ArrayLike,
-        *,
-        shape_labels: Sequence[str] | None = None,
-        num_poses: int | None = None,
-        embed: Embeds,
-        num_hypotheses: int = 2048,
-    ) -> RigidBodyModel:
+    def fit_to(cls, data: LabelledTouches, *, embed: Embeds, num_hypotheses: int = 2048) -> RigidBodyModel:
         """Fit temperature, correlation of repeats and conflict test; keep some touches as references.
 
         Args:
-            touches: calibration touches with embeddings as features, of objects that the reader was not trained on.
-            shapes: true shape of each, ``(n,)``.
-            object_ids: which object each belongs to, ``(n,)``.
-            shape_labels: names of the K shapes; ``shape_0`` … by default.
-            num_poses: P; as many as there are in the touches by default.
+            data: touches with embeddings as features, of objects that the reader was not trained on.
             embed: embeds hypotheses.
             num_hypotheses: N, of each shape: the dial of speed against accuracy.
 
         Raises:
             ValueError: the touches bring no embeddings, or do not fit the hypotheses.
         """
-        data = LabelledTouches.of(touches, shapes, object_ids, shape_labels, num_poses)
         if data.batch.features is None:
             raise ValueError("the touches bring no embeddings: Touch(pose, logits, features=reading.embeddings[i])")
         found = np.asarray(data.batch.features[0], np.float64)
@@ -290,16 +276,9 @@ class RigidBodyModel(FittedRigidBody):
             raise ValueError(f"hypotheses must be of {len(self.shape_labels)} shapes, got {len(found)}")
         return found
 
-    def outcome_probs(self, hypotheses: NDArray[np.int64], num_outcomes: int) -> Floats32:
-        """p(reference touch | pose, hypothesis), ``(P, K, H, M)``; see :meth:`ReferenceOutcomes.of`."""
-        return self._outcomes.of(hypotheses, num_outcomes)
-
-    def shared_outcomes(self, num_outcomes: int) -> Floats32:
-        """p(reference touch | shape, hypothesis), ``(G, K, N, M)``; see :meth:`ReferenceOutcomes.shared`."""
-        return self._outcomes.shared(num_outcomes)
-
     @cached_property
-    def _outcomes(self) -> ReferenceOutcomes:
+    def outcomes(self) -> ReferenceOutcomes:
+        """Touches that stand for all, and how probable each is under a hypothesis."""
         return ReferenceOutcomes(self._embedded, self.references, self.reference_logits)
 
     @cached_property
@@ -380,7 +359,7 @@ class RigidBodyModel(FittedRigidBody):
 
     def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
         """See :class:`ArrayModel`: one hypothesis for each object, then references by their ratio under it."""
-        return self._outcomes.sample(shape, poses, rng)
+        return self.outcomes.sample(shape, poses, rng)
 
 
 def joint_model(model: ObservationModel) -> RigidBodyModel | None:

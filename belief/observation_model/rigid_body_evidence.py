@@ -27,9 +27,8 @@ from belief.conflict import MOST_TOUCHES, ObjectConflict, log_conflict
 from belief.frozen import Kind, frozen
 from belief.observation_model.evidence import ObjectEvidence
 from belief.observation_model.log_weights import largest_posterior, log_means, misfit, some_hypotheses
-from belief.observation_model.outcome_mixture import OutcomeMixture
+from belief.observation_model.outcome_mixture import OutcomeMixture, SharedMixture
 from belief.observation_model.repeat_discount import drift_share, effective_touches, new_shares
-from belief.observation_model.views import SharedMixture
 from belief.problem import Touch
 from belief.validation import Floats, require_count
 
@@ -141,9 +140,9 @@ class RigidBodyEvidence:
             views, new = self.model.views, self._new if self.in_pose else None
             if views is None:
                 chosen, weights = some_hypotheses(self.log_weights, num_hypotheses)
-                self._mixtures[key] = OutcomeMixture(weights, self.model.outcome_probs(chosen, num_outcomes), new)
+                self._mixtures[key] = OutcomeMixture(weights, self.model.outcomes.of(chosen, num_outcomes), new)
             else:
-                outcomes = self.model.shared_outcomes(num_outcomes)
+                outcomes = self.model.outcomes.shared(num_outcomes)
                 self._mixtures[key] = SharedMixture(self.log_weights, num_hypotheses, outcomes, views, new)
         return self._mixtures[key]
 

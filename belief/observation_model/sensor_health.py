@@ -46,7 +46,7 @@ from belief.naming import checked_names
 from belief.observation_model.embedded_hypotheses import require_table, scaled
 from belief.observation_model.log_weights import log_means
 from belief.observation_model.model import ArrayModel, Reads
-from belief.observation_model.outcome_mixture import OutcomeMixture
+from belief.observation_model.outcome_mixture import OutcomeMixture, SharedMixture
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.rigid_body import FittedRigidBody, RigidBodyModel
 from belief.observation_model.rigid_body_evidence import (
@@ -57,7 +57,6 @@ from belief.observation_model.rigid_body_evidence import (
     with_touch,
 )
 from belief.observation_model.sensor_worlds import AS_DESCRIBED, SURE, UNKNOWN, EmbedsWorlds, SensorHealth
-from belief.observation_model.views import SharedMixture
 from belief.problem import Touch
 from belief.touch_batch import TouchBatch
 from belief.validation import SUM_TOLERANCE, Floats, renormalised, require_number

@@ -5,10 +5,15 @@ paired bootstrap for two deciders on the same episodes, the cluster bootstrap fo
 errors, and the Pareto front for trade-offs of cost and quality.
 """
 
-from belief.statistics.bootstrap import cluster_bootstrap, paired_bootstrap
-from belief.statistics.mcnemar import McNemar, mcnemar_test
-from belief.statistics.pareto import pareto_front
-from belief.statistics.proportion import clopper_pearson_interval, wilson_interval
+from belief.statistics.comparison import (
+    McNemar,
+    clopper_pearson_interval,
+    cluster_bootstrap,
+    mcnemar_test,
+    paired_bootstrap,
+    pareto_front,
+    wilson_interval,
+)
 
 __all__ = [
     "McNemar",

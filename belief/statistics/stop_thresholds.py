@@ -71,6 +71,20 @@ class CandidateStops:
         if (self.touches < 0).any() or not ((self.probs >= 0.0) & (self.probs <= 1.0)).all():
             raise ValueError("touches must be ≥ 0 and probs in [0, 1]")
 
+    @classmethod
+    def of_posteriors(cls, log_probs: NDArray[np.float64], shapes: NDArray[np.int64]) -> CandidateStops:
+        """Candidates after each touch of S sequences, whose answer is the most probable shape.
+
+        Args:
+            log_probs: log posteriors after 1 to n touches, ``(S, n, K)``.
+            shapes: true shapes, ``(S,)``.
+        """
+        number, length, _ = log_probs.shape
+        searches, touches = np.divmod(np.arange(number * length), length)
+        stated = np.exp(np.minimum(log_probs.max(axis=2), 0.0))
+        is_wrong = log_probs.argmax(axis=2) != shapes[:, None]
+        return cls(searches, touches + 1, stated.ravel(), is_wrong.ravel(), number)
+
     def between(self, first: int, end: int) -> CandidateStops:
         """The candidates of the searches with ``first`` ≤ index < ``end``."""
         low, high = np.searchsorted(self.searches, [first, end])
@@ -127,7 +141,7 @@ class CertifiedThresholds(Tabular):
     def table(self) -> Table:
         """Threshold, and stops that tested it, by number of touches."""
         numbers = range(self.first, self.first + len(self.stops))
-        rows = [
+        rows: list[tuple[str | int, ...]] = [
             (
                 f"≥ {number}" if number == numbers[-1] else str(number),
                 {0.0: "any", math.inf: "never"}.get(least, f"{least:g}"),

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from belief.statistics.proportion import wilson_interval
+from belief.statistics.comparison import wilson_interval
 from experiments.tradeoff.report import TASKS
 
 DOCS = Path(__file__).parent.parent

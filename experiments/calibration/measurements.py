@@ -22,9 +22,9 @@ from belief.metrics import (
     negative_log_likelihood,
     null_quantile,
 )
-from belief.metrics.calibration_at_stop import stops
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.selection import log_posteriors_by_touch
+from belief.statistics.stop_thresholds import CandidateStops
 from belief.table import Table, Value
 from experiments.calibration.sequences import Sequences
 from experiments.reporting.page import Section
@@ -88,9 +88,10 @@ def score_model(
             error = CalibrationError(expected_calibration_error(probs, shapes), chance)
             nll = negative_log_likelihood(probs, shapes)
             fused[kind].append(Fused(number, accuracy(probs, shapes), nll, error))
-        found = stops(log_probs, shapes, confidence)
-        stated = np.minimum(found.claims, 1.0)
-        stopped[kind] = calibration_at_stop(stated, found.correct, found.num_touches) if len(stated) else None
+        found = CandidateStops.of_posteriors(log_probs, shapes)
+        rows = found.stops([confidence])
+        scores = found.probs[rows], ~found.is_wrong[rows], found.touches[rows]
+        stopped[kind] = calibration_at_stop(*scores) if len(rows) else None
     return ModelScores(name, fused, stopped)
 
 

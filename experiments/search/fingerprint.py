@@ -25,8 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from belief.files import require_regular_file
-from belief.identity import is_standard, source_digest
+from belief.files import is_standard, require_regular_file, source_digest
 
 _PLAIN = (type(None), bool, int, float, complex, str, bytes)
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from belief.files import plain_number, require_regular_file
 from belief.statistics import paired_bootstrap, wilson_interval
-from belief.statistics.power import LEVEL, episodes_for_success, holm
+from belief.statistics.comparison import LEVEL, episodes_for_success, holm
 from belief.table import Table, Value
 from experiments.command_line.arguments import BadArgument
 from experiments.reporting.page import Section, write_page

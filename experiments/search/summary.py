@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from belief.metrics import CalibrationAtStop, calibration_at_stop
 from belief.problem import Confirm, SearchProblem
 from belief.statistics import McNemar, mcnemar_test, paired_bootstrap, wilson_interval
-from belief.statistics.power import LEVEL, episodes_for_success, holm
+from belief.statistics.comparison import LEVEL, episodes_for_success, holm
 from experiments.search.play import Seconds
 from planners import Episode, Outcome
 from planners.episode import judged

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from statistics import fmean
 
-from belief.statistics.power import LEVEL, POWER
+from belief.statistics.comparison import LEVEL, POWER
 from experiments.search.summary import ALL, Cell, Difference, Summary
 from planners.one_touch import one_touch_bound
 

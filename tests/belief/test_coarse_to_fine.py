@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
-from belief.coarse_to_fine import CoarseToFine, Effort
+from belief.coarse_to_fine import CoarseToFine, Effort, NestedCells
 from belief.errors import ImpossibleObservation, InvalidArgument
-from belief.nested_cells import NestedCells
 
 BODIES, FINEST = 20, 6 * 4 * 4
 CELLS = NestedCells(tuple(np.full(n, 1 / n) for n in (6, 24, FINEST)))

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from belief.conflict import MOST_TOUCHES, ConflictTest, log_conflict
-from belief.conflict_scores import Novelty, UsualMisfit
+from belief.conflict import MOST_TOUCHES, ConflictTest, Novelty, UsualMisfit, log_conflict
 
 D, THRESHOLD = 5, np.log(1 / 0.02)
 

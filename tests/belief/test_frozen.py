@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 
 from belief import Belief, BeliefTracker, SceneBelief, SearchProblem, Touch
 from belief.calibration import CALIBRATIONS, TemperatureScaling
-from belief.conflict import ConflictTest
-from belief.conflict_scores import Novelty, UsualMisfit
+from belief.conflict import ConflictTest, Novelty, UsualMisfit
 from belief.frozen import FrozenArrays, frozen
 from belief.metrics import reliability_curve
 from belief.observation_model import (
@@ -28,9 +27,8 @@ from belief.observation_model import (
 )
 from belief.observation_model.action_kernel import ActionKernelModel
 from belief.observation_model.calibration_data import LabelledTouches
-from belief.observation_model.outcome_mixture import OutcomeMixture
+from belief.observation_model.outcome_mixture import OutcomeMixture, SharedMixture, Views
 from belief.observation_model.plda import Components, LogitEmbedding
-from belief.observation_model.views import SharedMixture, Views
 from belief.problem import Elsewhere
 from belief.synthetic import random_model
 from belief.touch_batch import TouchBatch

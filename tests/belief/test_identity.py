@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from belief.identity import source_digest
+from belief.files import source_digest
 
 SOURCE = "class Base:\n    edge = 1\n"
 CHILD = "from own_base import Base\n\nclass Child(Base):\n    touches: int = 2\n\ndef work():\n    return 1\n"

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from belief.multisets import layers, num_multisets
+from belief.arrangement import layers, num_multisets
 
 bags = pytest.mark.parametrize("counts", [(1, 1, 1, 1), (3,), (2, 0, 1), (0, 2, 2, 1), (5, 1), (300, 2)])
 

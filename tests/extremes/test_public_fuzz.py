@@ -21,7 +21,6 @@ from belief import (
     bayes,
     calibration,
     metrics,
-    multisets,
     observation_model,
     statistics,
     synthetic,
@@ -44,7 +43,6 @@ MODULES = (
     bayes,
     calibration,
     metrics,
-    multisets,
     observation_model,
     validation,
     selection,
@@ -146,7 +144,7 @@ CALLS = {
     "prob_shape_absent": lambda a: arrangement.prob_shape_absent(a[:3], None, 0),
     "blank_objects": lambda a: arrangement.blank_objects(a, (2, 1, 1)),
     "num_states": lambda a: arrangement.num_states(as_labels(a[0]).tolist(), 2),
-    # batch, bayes, multisets
+    # batch, bayes
     "TouchBatch": lambda a: (
         TouchBatch.of([touches(a)]).logits,
         TouchBatch(np.zeros((1, 4), int), a[None], a[None]).features,
@@ -155,7 +153,7 @@ CALLS = {
     "entropy": bayes.entropy,
     "expected_information_gain": lambda a: bayes.expected_information_gain(a, a[None, :3]),
     "target_information_gain": lambda a: bayes.target_information_gain(a, a[None, :3], 1),
-    "layers": lambda a: len(multisets.layers(tuple(as_labels(a[0]).clip(0).tolist()), 2)),
+    "layers": lambda a: len(arrangement.layers(tuple(as_labels(a[0]).clip(0).tolist()), 2)),
     # calibration
     "DirichletCalibration": about_logits(calibration.DirichletCalibration),
     "StructuredMatrixScaling": about_logits(calibration.StructuredMatrixScaling),

@@ -11,7 +11,7 @@ from belief.calibration import TemperatureScaling
 from belief.errors import CannotWrite, CorruptFile, InvalidArgument, UnknownName
 from belief.journal import read_journal
 from belief.observation_model import ConfusionModel
-from belief.scene_view import UNKNOWN
+from belief.scene_belief import UNKNOWN
 from belief.seeding import touch_rng
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
 from planners import Decision, Outcome, Session, make_decider, search

@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 
 from belief import metrics
 from belief.metrics import shape_scores
-from belief.metrics.binned import bin_index
+from belief.metrics.scores import bin_index
 
 SCORES = {
     "accuracy": metrics.accuracy,

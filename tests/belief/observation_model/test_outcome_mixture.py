@@ -90,7 +90,7 @@ def test_a_hypothesis_is_drawn_as_often_as_its_weight_says(rng):
     weights = np.log(np.tile([0.5, 0.25, *[0.25 / (N - 2)] * (N - 2)], (K, 1)))
     evidence = type(model.start())(model, weights, 1)
     mixture = evidence.outcome_mixture(M, 8)
-    alone = model.outcome_probs(np.zeros((K, 1), int), M)
+    alone = model.outcomes.of(np.zeros((K, 1), int), M)
     same = (mixture.probs == alone).all(axis=(0, 3))  # (K, H)
     assert (same @ np.ones(8) == 4).all()
 

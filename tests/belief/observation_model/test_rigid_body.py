@@ -13,7 +13,7 @@ from scipy.stats import kstest
 
 from belief import Touch
 from belief.observation_model import FittedRigidBody, FixedHypotheses, RigidBodyModel, read_observation_model
-from belief.observation_model.check import check_observation_model
+from belief.observation_model.model import check_observation_model
 from belief.touch_batch import TouchBatch
 
 P, K, N, D = 3, 2, 40, 4
@@ -403,11 +403,11 @@ def test_hypotheses_are_embedded_at_first_use_and_never_again(world, rng):
 @pytest.mark.parametrize("num_kept", [0, 1, P])
 def test_outcomes_are_kept_in_as_many_poses_as_fit_and_computed_in_the_others(world, rng, monkeypatch, num_kept):
     model, chosen = world.model(rng), rng.integers(N, size=(K, 7))
-    expected, bound = model.outcome_probs(chosen, 20), num_kept * K * N * 20
-    monkeypatch.setattr("belief.observation_model.reference_outcomes._MOST_OUTCOMES", bound)
+    expected, bound = model.outcomes.of(chosen, 20), num_kept * K * N * 20
+    monkeypatch.setattr("belief.observation_model.embedded_hypotheses._MOST_OUTCOMES", bound)
     fresh = model.with_hypotheses(FixedHypotheses(model.table))
-    np.testing.assert_allclose(fresh.outcome_probs(chosen, 20), expected, rtol=1e-5)
-    assert sum(kept.size for kept in fresh._outcomes._of_poses.values()) == bound
+    np.testing.assert_allclose(fresh.outcomes.of(chosen, 20), expected, rtol=1e-5)
+    assert sum(kept.size for kept in fresh.outcomes._of_poses.values()) == bound
     assert expected.shape == (P, K, 7, 20)
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from belief import Touch
 from belief.observation_model import FixedHypotheses, RigidBodyModel, read_observation_model
-from belief.observation_model.views import SharedMixture, Views
+from belief.observation_model.outcome_mixture import SharedMixture, Views
 
 P, K, N, D = 14, 3, 12, 5
 
@@ -58,7 +58,7 @@ def touched(model, rng, number):
 
 def test_outcomes_of_chosen_hypotheses_are_those_of_every_pose_by_itself(turned, rng):
     chosen = rng.integers(N, size=(K, 5))
-    shared, alone = (model.outcome_probs(chosen, 20) for model in models(turned, rng))
+    shared, alone = (model.outcomes.of(chosen, 20) for model in models(turned, rng))
     np.testing.assert_allclose(shared, alone, atol=1e-5)
 
 
@@ -112,7 +112,7 @@ def test_one_certain_hypothesis_among_many_poses(turned, rng):
     table = evidence.outcome_mixture(40, 8).table.probs
     assert np.isfinite(table).all()
     body = evidence.diagnostics.most_likely[0]
-    np.testing.assert_allclose(table[5, 0], shared.shared_outcomes(40)[0, 0, (body + 5) % N], atol=1e-5)
+    np.testing.assert_allclose(table[5, 0], shared.outcomes.shared(40)[0, 0, (body + 5) % N], atol=1e-5)
 
 
 def test_a_fitted_model_shares_touches_of_each_group_of_poses(turned, rng):

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from belief.statistics import McNemar, mcnemar_test
-from belief.statistics.power import episodes_for_success, holm
+from belief.statistics.comparison import episodes_for_success, holm
 
 
 def pairs(first_only, second_only, n):

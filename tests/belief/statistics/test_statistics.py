@@ -84,7 +84,7 @@ def test_a_bootstrap_of_blocks_is_that_of_all_at_once(rng, monkeypatch):
         "cluster": lambda: cluster_bootstrap(first, groups, np.random.default_rng(1), num_resamples=101),
     }
     at_once = {name: bootstrap() for name, bootstrap in bootstraps.items()}
-    monkeypatch.setattr("belief.statistics.bootstrap._BLOCK", 120)
+    monkeypatch.setattr("belief.statistics.comparison._BLOCK", 120)
     assert {name: bootstrap() for name, bootstrap in bootstraps.items()} == at_once
 
 

@@ -11,8 +11,8 @@ import pytest
 from activetouch.data.dataset import CollectionPlan, TouchSet
 from belief.calibration import TemperatureScaling
 from belief.metrics import StopScore
-from belief.metrics.calibration_at_stop import stops
 from belief.observation_model import RatioModel
+from belief.statistics.stop_thresholds import CandidateStops
 from belief.touch_batch import TouchBatch
 from experiments.calibration.calibration_report import CalibrationReport, NoRepeats
 from experiments.calibration.measurements import score_model
@@ -87,12 +87,13 @@ def test_a_search_stops_at_the_first_touch_that_is_sure_enough():
             [[0.03, 0.97], [0.5, 0.5], [1.0 - 1e-9, 1e-9]],  # at once, and wrongly
         ]
     )
-    found = stops(np.log(probs), np.array([0, 0, 0]), 0.9499)
-    assert found.sequences.tolist() == [0, 2]
-    assert found.num_touches.tolist() == [2, 1]
-    assert found.claims == pytest.approx([0.95, 0.97])
-    assert found.correct.tolist() == [True, False]
-    assert len(stops(np.log(probs[1:2]), np.array([0]), 0.95).sequences) == 0
+    found = CandidateStops.of_posteriors(np.log(probs), np.array([0, 0, 0]))
+    rows = found.stops([0.9499])
+    assert found.searches[rows].tolist() == [0, 2]
+    assert found.touches[rows].tolist() == [2, 1]
+    assert found.probs[rows] == pytest.approx([0.95, 0.97])
+    assert found.is_wrong[rows].tolist() == [False, True]
+    assert len(CandidateStops.of_posteriors(np.log(probs[1:2]), np.array([0])).stops([0.95])) == 0
 
 
 def world(rng, num_objects, num_rounds, shared=1.0, scale=1.0):

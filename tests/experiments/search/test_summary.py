@@ -9,7 +9,7 @@ from scipy import stats
 
 from belief import Belief, Confirm, Probe, Reject, SearchProblem, Touch, Unsure
 from belief.statistics import clopper_pearson_interval, wilson_interval
-from belief.statistics.power import episodes_for_success
+from belief.statistics.comparison import episodes_for_success
 from belief.table import Table
 from experiments.search.play import Seconds
 from experiments.search.summary import Summary, calibration_of_confirmations, prob_best, summarise
