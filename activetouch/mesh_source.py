@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
 from pathlib import Path
 
 from activetouch.errors import DuplicateShape
 from activetouch.solids.mesh import Mesh
+from activetouch.solids.mesh_file import ENDINGS
 from belief.errors import InvalidArgument
 from belief.files import plain_number
 
@@ -80,7 +81,7 @@ def read_meshes(*sources: Path | str, scale: float | None = None) -> dict[str, M
     Files with the same name, such as ``mug/model.obj`` and ``box/model.obj``, are called like their folders.
 
     Args:
-        sources: each ``[name=]path[@scale]``, see :class:`MeshSource`.
+        sources: each ``[name=]path[@scale]``, see :class:`MeshSource`; a folder stands for all mesh files in it.
         scale: metres per unit of all files that have no scale of their own.
 
     Raises:
@@ -90,7 +91,7 @@ def read_meshes(*sources: Path | str, scale: float | None = None) -> dict[str, M
     for source in sources:
         if not isinstance(source, Path | str):
             raise InvalidArgument(f"meshes are given one by one, read_meshes(*files); got {source!r:.80}")
-    labels, parsed = mesh_labels(*sources), [MeshSource.parse(source) for source in sources]
+    labels, parsed = mesh_labels(*sources), mesh_sources(*sources)
     return {label: source.read(scale) for label, source in zip(labels, parsed, strict=True)}
 
 
@@ -101,7 +102,7 @@ def mesh_labels(*sources: Path | str) -> list[str]:
         DuplicateShape: two meshes have the same name.
         InvalidArgument: see :class:`MeshSource`.
     """
-    parsed = [MeshSource.parse(source) for source in sources]
+    parsed = mesh_sources(*sources)
     num = Counter(source.label for source in parsed)
     labels = [
         source.path.resolve().parent.name if not source.name and num[source.label] > 1 else source.label
@@ -119,3 +120,20 @@ def mesh_labels(*sources: Path | str) -> list[str]:
             f"my_{twice[0]}={parsed[labels.index(twice[0])].path}"
         )
     return labels
+
+
+def mesh_sources(*sources: Path | str) -> list[MeshSource]:
+    """What texts name; in place of a folder, the mesh files in it and in its subfolders.
+
+    Raises:
+        InvalidArgument: a folder has no mesh files, or see :class:`MeshSource`.
+    """
+    found = list[MeshSource]()
+    for source in map(MeshSource.parse, sources):
+        files = [source.path]
+        if source.path.is_dir():
+            files = sorted(path for path in source.path.rglob("*") if path.suffix.lower() in ENDINGS)
+        if not files:
+            raise InvalidArgument(f"there is no mesh file in {source.path}; they end in {', '.join(ENDINGS)}")
+        found += [replace(source, path=path) for path in files]
+    return found

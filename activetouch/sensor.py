@@ -143,7 +143,9 @@ class TactileSensor:
         return cls(scene, reader, model, shift=shift)
 
     @classmethod
-    def shipped(cls, name: str = "gel", scene: Scene | None = None, anyway: bool = False) -> TactileSensor:
+    def shipped(
+        cls, name: str = "gel", scene: Scene | None = None, anyway: bool = False, *, unknown_state: bool = False
+    ) -> TactileSensor:
         """A sensor that comes with the package, in the scene that it was made for or in another. See :meth:`load`.
 
         Args:
@@ -151,6 +153,7 @@ class TactileSensor:
                 sensor that reads shapes only and takes touches as independent given the shape.
             scene: in which to use it.
             anyway: as in :meth:`load`.
+            unknown_state: as in :meth:`load`.
 
         Raises:
             UnknownName: there is no such sensor.
@@ -159,7 +162,8 @@ class TactileSensor:
         if name not in known:
             raise UnknownName("sensor", name, known)
         of_scene = name.removesuffix(INDEPENDENT_SUFFIX)
-        return cls.load(MODELS / name, scene if scene is not None else SCENES[of_scene].scene, anyway)
+        scene = SCENES[of_scene].scene if scene is None else scene
+        return cls.load(MODELS / name, scene, anyway, unknown_state=unknown_state)
 
     @property
     def shape_labels(self) -> tuple[str, ...]:

@@ -52,6 +52,7 @@ PRESENTATIONS: Mapping[str, Presentation] = {
 HandName: TypeAlias = Literal[tuple(HANDS)]  # type: ignore[valid-type]
 FidelityName: TypeAlias = Literal[tuple(FIDELITIES)]  # type: ignore[valid-type]
 PresentationName: TypeAlias = Literal[tuple(PRESENTATIONS)]  # type: ignore[valid-type]
+_LONGEST_NAME = 150
 _LARGEST_INPUT = 64  # image edge of a classifier for a user's scene [pixels]
 _FACTORS = re.compile(r"(?:^|,)(\w+)=([^,=]+?)\.\.([^,=]+)")
 
@@ -129,7 +130,7 @@ def choice_name(choice: SceneChoice) -> str:
     """The name of a scene with its changes, as used in folder names."""
     own = [choice.fidelity, choice.renderer, choice.presentation, choice.poses, "only" if choice.only else None]
     changes = [*own, *mesh_labels(*choice.meshes), *choice.family, choice.hand]
-    return in_file_names("-".join([choice.scene, *(str(change) for change in changes if change)]))
+    return in_file_names("-".join([choice.scene, *(str(change) for change in changes if change)])[:_LONGEST_NAME])
 
 
 def collection_folder(scene: str) -> Path:
@@ -203,7 +204,7 @@ class SceneChoice:
     poses: str | None = None
     """Set of poses: mix (six) or directions26."""
     meshes: tuple[Path, ...] = ()
-    """Mesh files of shapes to add, each [NAME=]PATH[@SCALE], such as mug.obj@0.001 for millimetres."""
+    """Mesh files of shapes to add, or folders, each [NAME=]PATH[@SCALE], such as mug.obj@0.001 for millimetres."""
     only: bool = False
     """Leave out the scene's own shapes; the sizes of the meshes do not vary."""
     family: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()

@@ -31,7 +31,7 @@ from numpy.typing import ArrayLike
 from belief.categorical import Belief
 from belief.errors import CorruptFile, InvalidArgument
 from belief.journal import Journal
-from belief.naming import Name, index_of
+from belief.naming import Name, index_of, one_line
 from belief.observation_model.model import ObservationModel
 from belief.problem import Action, Probe, SearchProblem, Touch
 from belief.scene_belief import UNKNOWN, SceneView
@@ -121,6 +121,10 @@ class Session:
         self._events: list[Told | None] = []  # None: the last one that stands is taken back
         self._steps: list[Step] = []
         self._asked: Decision | None = None
+
+    def __repr__(self) -> str:
+        now = str(self.outcome) if self.outcome is not None else repr(self.belief)
+        return one_line(Session, f"step {self.step}", f"object {self.object_index}", now)
 
     def ask(self) -> Action | None:
         """The next action, the same until it is told that it was carried out; None when the search has ended."""

@@ -17,7 +17,7 @@ from scipy.special import logsumexp
 
 from activetouch.distributions import Uniform
 from activetouch.errors import BadMesh, MeshWarning
-from activetouch.mesh_source import MeshSource, mesh_labels
+from activetouch.mesh_source import mesh_labels, mesh_sources
 from activetouch.named_scenes import SCENES
 from activetouch.perception.cached_arrays import cached
 from activetouch.perception.contacts.close_look import CloseContacts, CloseLook
@@ -29,7 +29,6 @@ from activetouch.rotation_cells import centres, nested
 from activetouch.scene import Scene, WorldObject
 from activetouch.scene_description import SURROUNDINGS, scene_fields
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
-from activetouch.solids.mesh_file import ENDINGS
 from activetouch.solids.solid import Shape
 from belief.coarse_to_fine import CoarseToFine, Effort
 from belief.errors import InvalidArgument
@@ -183,24 +182,24 @@ def read_folder(folder: Path | Sequence[Path | str], scale: float | None = None)
         folder = Path(folder)
         if not folder.is_dir():
             raise FileNotFoundError(f"there is no folder {folder}; relative paths start from {Path.cwd()}")
-        files: Sequence[Path | str] = sorted(p for p in folder.rglob("*") if p.suffix.lower() in ENDINGS)
-        names = [str(p.relative_to(folder).with_suffix("")) for p in map(Path, files)]
+        sources = mesh_sources(folder)
+        names = [str(source.path.relative_to(folder).with_suffix("")) for source in sources]
         stems = [Path(name).name for name in names]
         labels = [stem if stems.count(stem) == 1 else name for stem, name in zip(stems, names, strict=True)]
     else:
-        files, labels = list(folder), mesh_labels(*folder)
+        sources, labels = mesh_sources(*folder), mesh_labels(*folder)
     found: dict[str, Shape] = {}
     refused = []
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always", MeshWarning)
-        for label, file in zip(labels, files, strict=True):
+        for label, source in zip(labels, sources, strict=True):
             try:
-                found[label] = MeshSource.parse(file).read(scale)
+                found[label] = source.read(scale)
             except BadMesh as error:
                 refused.append(str(error))
     if not found:
         reasons = "".join(f"\n- {reason}" for reason in _first(refused, 3))
-        raise InvalidArgument(f"no mesh could be read from {folder}; files end in {', '.join(ENDINGS)}{reasons}")
+        raise InvalidArgument(f"no mesh could be read from {folder}:{reasons}")
     for remark in _first([str(one.message) for one in said], 10):
         warnings.warn(remark, MeshWarning, stacklevel=2)
     return found, refused

@@ -51,9 +51,10 @@ def draw_grasp(title: str, view: NDArray[np.uint8], images: Sequence[NDArray[np.
         axes = scene.subplots()
         axes.imshow(view)
         axes.set_axis_off()
-        for number, (axes, image) in enumerate(
-            zip(np.ravel(grid.subplots(-(-len(images) // 2), 2, squeeze=False)), images, strict=False), 1
-        ):
+        cells = np.ravel(grid.subplots(-(-len(images) // 2), 2, squeeze=False))
+        for axes in cells[len(images) :]:
+            axes.set_axis_off()
+        for number, (axes, image) in enumerate(zip(cells, images, strict=False), 1):
             _show(axes, image)
             axes.set_title(f"finger {number}")
 

@@ -139,7 +139,7 @@ class Conversation:
         return Touch(action.pose if isinstance(action, Probe) else 0, **arrays)
 
     def _undo(self, given: dict[str, Any]) -> dict[str, Any]:
-        if (step := given.get("step", self.session.step)) != self.session.step:
+        if (step := given.get("step")) not in (None, self.session.step):
             raise BadLine(
                 f"the session is at step {self.session.step}, the request at {step!r:.40}; nothing was undone"
             )
@@ -156,7 +156,9 @@ class Conversation:
         session, labels = self.session, self.session.problem.shape_labels
         marginals = session.scene.marginals()
         over = session.outcome is not None
+        health = session.scene.sensor_health
         return {
+            **({} if health is None else {"sensor_health": str(health)}),
             "object": session.object_index,
             "outcome": str(session.outcome) if over else None,
             "success": session.episode.success if over else None,

@@ -86,6 +86,10 @@ def test_names_are_given_or_those_of_the_files_or_of_their_folders(folder):
         patch.chdir(folder)
         meshes = read_meshes(*sources)
         assert read_meshes("mug/model.obj").keys() == {"model"}
+        assert read_meshes("mug", "big=box@1.5").keys() == {"model", "big"}
+        (folder / "empty").mkdir()
+        with pytest.raises(InvalidArgument, match="no mesh file in empty"):
+            read_meshes("empty")
         with pytest.raises(DuplicateShape, match=r"is given twice, .* my_model=mug/model\.obj"):
             read_meshes("mug/model.obj", "mug/model.obj")
         with pytest.raises(DuplicateShape, match=r"must have other names than mug, .* my_mug=\S*mug/model\.obj"):

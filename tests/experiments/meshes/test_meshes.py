@@ -99,7 +99,7 @@ def test_a_folder_is_read_with_what_cannot_be_read_left_out(folder, tmp_path):
     assert "broken" in refused[0]
     for name in "abcde":
         (tmp_path / f"{name}.obj").write_text("v 0 0 0\n")
-    with pytest.raises(InvalidArgument, match=r"(?s)no mesh.*\.ply\n- a.*\n- c.*\n- and 2 more files$"):
+    with pytest.raises(InvalidArgument, match=r"(?s)no mesh.*:\n- a.*\n- c.*\n- and 2 more files$"):
         read_folder(tmp_path)
     (tmp_path / "large.obj").write_text("v 0 0 0\nv 30 0 0\nv 0 30 0\nv 0 0 30\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n")
     with pytest.warns(MeshWarning, match="millimetres"):

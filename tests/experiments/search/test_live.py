@@ -182,9 +182,19 @@ def test_a_misled_robot_is_told_so():
     assert asked(talk, **other)["told"] == "touch"
     assert asked(talk, do="undo", step=3) == {"ok": True, "undone": "touch", "step": 4}
     assert asked(talk, do="state")["beliefs"] == state["beliefs"]
+    assert "sensor_health" not in state
     assert asked(talk, do="hello")["image"] == {"shape": [4, 4], "dtype": "uint8"}
     touch = sensor().read(np.array(told["image"], np.uint8)[None], [0])[0]
     assert asked(talk, do="tell", step=4, features=touch.features.tolist())["ok"]
+
+
+def test_a_sensor_in_an_unknown_state_tells_what_may_be_the_matter(few_hypotheses):
+    inferring = TactileSensor.shipped("coarse", unknown_state=True)
+    session = session_with(inferring, "cone", "random_poses", 7)
+    assert asked(Conversation(session, inferring), do="state")["sensor_health"] == str(session.scene.sensor_health)
+    assert repr(session).startswith("Session(step 0, object 0, Belief(")
+    session.tell(missed=True)
+    assert asked(Conversation(session, inferring), do="undo", step=None)["undone"] == "miss"
 
 
 @pytest.mark.parametrize("target", ["cube", "cone"])

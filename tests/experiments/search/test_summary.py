@@ -221,6 +221,7 @@ def test_the_floor_is_the_mean_over_the_targets_asked_for(rng):
         "x",
         rng,
     )
+    assert "can lie above it" in " ".join(verdict_sentences(comparison))  # the first object was the target, untouched
     assert comparison.no_touch_baseline == 0.5  # confirming any object; that none of three is there has probability 1/8
 
 
