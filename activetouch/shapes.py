@@ -23,12 +23,11 @@ import numpy as np
 import scipy  # whose parts load at first use
 
 from activetouch.errors import BadMesh
-from activetouch.solids.cut import Cut, Union
 from activetouch.solids.family import Family
 from activetouch.solids.mesh import Mesh
 from activetouch.solids.round import Capsule, Cone, Cylinder, Dome, Ellipsoid, Frustum, Sphere, Torus
 from activetouch.solids.solid import Floats, Geom, Shape, corners
-from activetouch.solids.straight import Box, Prism, Wedge
+from activetouch.solids.straight import Box, Cut, Prism, Union, Wedge
 
 __all__ = [
     "EXTENDED_SHAPES",

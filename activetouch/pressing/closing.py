@@ -221,15 +221,8 @@ class Closing(Dynamic):
     meets nothing ends behind the body's centre. The body is in the palm, which slows it down and carries its weight.
 
     Attributes:
-        timestep: of the simulation [s].
-        speed: of a finger, at most [m/s].
-        admittance: velocity per newton of force error [m/s/N].
-        tolerance: largest relative force error in the pause.
-        pause: time during which the forces must stay within the tolerance [s].
-        patience: time after which the grasp fails [s].
-        start: distance of each pad's face from the palm's centre at the start [m]; larger bodies start further away.
-        travel: distance past the body's centre, or the first touch if that is behind it, at which a finger ends [m].
-        traced: whether presses of a single pad record a trace.
+        timestep, speed, admittance, tolerance, pause, patience, start, travel, traced: as of :class:`Dynamic`, of a
+            finger; ``start`` is the distance of each pad's face from the palm's centre.
         turns: whether the body can turn; else the palm holds its orientation, as in a quasistatic grasp.
         damping: force per velocity by which the palm slows the body down [N s/m].
     """

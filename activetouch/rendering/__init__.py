@@ -19,8 +19,13 @@ from activetouch.rendering.faults import (
     StuckTaxels,
     read_out,
 )
-from activetouch.rendering.images import ForcePatchRenderer, GelSightRenderer, PressureRenderer
-from activetouch.rendering.renderer import TactileRenderer, check_renderer
+from activetouch.rendering.renderer import (
+    ForcePatchRenderer,
+    GelSightRenderer,
+    PressureRenderer,
+    TactileRenderer,
+    check_renderer,
+)
 
 RENDERERS: Mapping[str, TactileRenderer] = MappingProxyType(
     {"force_patch": ForcePatchRenderer(), "pressure": PressureRenderer(), "gelsight": GelSightRenderer()}
