@@ -50,14 +50,9 @@ Read: TypeAlias = tuple[RecordedTouches, tuple[str, ...]]
 def _read_tables(
     paths: Sequence[Path], words: Sequence[str], source: str, actions: Sequence[str] = (), **facts: Any
 ) -> RecordedTouches:
-    """The rows of CSV files with the same columns, of which some are words and all others features.
+    """The rows of CSV files with the same columns, of which those of words are known, and all others are features.
 
-    Args:
-        paths: the files.
-        words: names of the columns that are words.
-        source: where the files are.
-        actions: of each file; by default those of a column.
-        facts: further arguments of :func:`touches_of_columns`.
+    The actions of the files are by default those of a column; ``facts`` are further arguments of the touches.
     """
     header: list[str] = []
     columns: dict[str, list[str]] = {name: [] for name in words}

@@ -39,14 +39,10 @@ class NearTwins:
         return f"{self.first} and {self.second} feel nearly alike: a touch tells {self.nats:.2f} nats"
 
 
-def near_twins(setting: MeshSetting, alike: float = ALIKE) -> list[NearTwins]:
+def near_twins(setting: MeshSetting) -> list[NearTwins]:
     """Pairs of bodies of which a touch tells little, the most alike first.
 
     Only pairs whose mean embeddings are near are looked at: four for each body.
-
-    Args:
-        setting: bodies, and reference touches.
-        alike: information of a touch [nats] at which a pair is left out.
     """
     bodies, labels = setting.bodies, setting.bodies.labels
     if len(labels) < 2:
@@ -60,7 +56,7 @@ def near_twins(setting: MeshSetting, alike: float = ALIKE) -> list[NearTwins]:
     pairs = list(dict.fromkeys(map(tuple, both[order][both[order, 0] < both[order, 1]].tolist())))
     compare = _Comparison(setting)
     found = [NearTwins(labels[i], labels[j], min(compare(i, j), compare(j, i))) for i, j in pairs[:_MOST_PAIRS]]
-    return sorted([one for one in found if one.nats < alike], key=lambda one: one.nats)
+    return sorted([one for one in found if one.nats < ALIKE], key=lambda one: one.nats)
 
 
 class _Comparison:

@@ -34,7 +34,7 @@ from belief.coarse_to_fine import CoarseToFine, Effort
 from belief.errors import InvalidArgument
 from belief.files import from_field, require_regular_file, to_field, write_text
 from belief.validation import Floats
-from experiments.parallel import default_jobs, run_tasks
+from experiments.parallel import run_tasks
 from planners.body_information import body_information, sampled_leaves
 
 SIZES = (0.97, 1.03)
@@ -236,11 +236,10 @@ def reader_of(sensor: str | Path) -> Any:
     )
 
 
-def cost_words(number: int, embedding: int, plan: ViewPlan | None = None, jobs: int | None = None) -> str:
+def cost_words(number: int, embedding: int, jobs: int) -> str:
     """What so many bodies cost with embeddings of so many numbers, before anything is computed."""
-    plan = plan or ViewPlan()
-    num_views = plan.directions * plan.rolls
-    seconds = number * num_views * _MILLISECONDS / 1e3 / (default_jobs() if jobs is None else jobs)
+    num_views = ViewPlan().directions * ViewPlan().rolls
+    seconds = number * num_views * _MILLISECONDS / 1e3 / jobs
     size = num_views * embedding
     words = f"{seconds / 60:.0f} min" if seconds > 100 else f"{seconds:.0f} s"
     return (

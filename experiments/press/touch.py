@@ -28,17 +28,7 @@ if TYPE_CHECKING:
 
 
 def press_new_object(scene: Scene, shape: str, pose: str, seed: int) -> tuple[Placement, Contact]:
-    """Placement and contact of one press of a new random object.
-
-    Args:
-        scene: the world.
-        shape: label of the object's shape.
-        pose: label of the pose.
-        seed: of the object's size and orientation and of the press.
-
-    Raises:
-        UnknownName: the scene has no such shape or pose.
-    """
+    """Placement and contact of one press of a new random object; raises UnknownName for its shape or the pose."""
     rng = np.random.default_rng(seed)
     pressed = scene.press(scene.sample_object(shape, rng), pose, rng)
     return pressed.placement, pressed.contact
@@ -82,12 +72,7 @@ def close_hand(
 
 
 def press_all(scene: Scene, seed: int) -> Mapping[tuple[str, str, str], NDArray[np.float64]]:
-    """Images of an object of every shape in every pose by every renderer, by (shape, renderer, pose).
-
-    Args:
-        scene: the world.
-        seed: of the objects and their presses.
-    """
+    """Images of an object of every shape in every pose by every renderer, by (shape, renderer, pose)."""
     images: dict[tuple[str, str, str], NDArray[np.float64]] = {}
     for shape_index, shape in enumerate(track(scene.shape_labels, "pressing")):
         pressed = scene.sample_object(shape_index, keyed_rng([seed, shape_index], is_fixed_length=True))
@@ -177,17 +162,7 @@ class TouchCommand:
 
 
 def write_press(scene: Scene, placement: Placement, contact: Contact, path: Path) -> None:
-    """Write a press as an animation.
-
-    Args:
-        scene: the world.
-        placement: of the object.
-        contact: of the press, with its trace.
-        path: file for the animation.
-
-    Raises:
-        BadArgument: the press has no trace, because nothing moves in it.
-    """
+    """Write a press as an animation; raises BadArgument if it has no trace, because nothing moves in it."""
     from activetouch.pressing.rig import Rig
     from activetouch.view.picture import write_motion
 

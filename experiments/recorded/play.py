@@ -63,13 +63,7 @@ class Found:
 
 
 def prepare(touches: RecordedTouches, split: Split, threshold: float) -> Fold:
-    """Read a split, and fit what its searches need.
-
-    Args:
-        touches: the set, for a task.
-        split: its rows.
-        threshold: probability at which searches stop, for the ranking of fixed orders.
-    """
+    """Read a split, and fit what its searches need; they stop at a probability, by which fixed orders are ranked."""
     reading, test = read(touches, split), split.test
     names, rows = touches.action_names, reading.calibration_rows
     columns = touches.labels[test], touches.objects[test], touches.actions[test], touches.sessions_of(test)
@@ -124,15 +118,7 @@ def best_order(data: LabelledTouches, sessions: NDArray[np.int64], kernel: Float
 
 
 def identify_all(fold: Fold, seed: Sequence[int], threshold: float, max_touches: int, rounds: int) -> list[Named]:
-    """Identify every test object with all deciders.
-
-    Args:
-        fold: the split, whose test touches are played.
-        seed: of all identifications.
-        threshold: probability at which to stop.
-        max_touches: of an object.
-        rounds: identifications of each object, each with another order of sessions.
-    """
+    """Identify every test object with all deciders, in several rounds, each with another order of sessions."""
     bank, found = fold.bank, []
     limit, objects = min(max_touches, bank.repeats * len(bank.action_names)), np.unique(bank.objects).tolist()
     is_one_session = all(len(np.unique(bank.sessions[bank.objects == index])) == 1 for index in objects)
@@ -157,15 +143,8 @@ def find_all(
     """Search for every object of random scenes with all deciders.
 
     The robot knows which labels lie on the table, as in a search among distinct shapes, but not where. There are no
-    searches where the test objects have fewer than N different labels.
-
-    Args:
-        fold: the split, whose test touches are played.
-        deciders: names for :func:`planners.registry.make_decider`, or "best fixed order".
-        seed: of scenes and searches.
-        num_objects: N, all of different labels.
-        num_scenes: scenes, each with one search for each of its objects.
-        max_touches: of one object, for deciders with thresholds.
+    searches where the test objects have fewer than N different labels. A decider is a name for
+    :func:`planners.registry.make_decider`, or "best fixed order".
     """
     present, found = np.unique(fold.bank.labels), list[Found]()
     if len(present) < num_objects:
