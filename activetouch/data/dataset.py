@@ -20,13 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.data.manifest import (
-    SPLITS,
-    CollectionPlan,
-    Manifest,
-    read_manifest,
-    shard_path,
-)
+from activetouch.data.manifest import SPLITS, CollectionPlan, Manifest, read_manifest, shard_path
 from activetouch.errors import LabelMismatch, UnstablePress
 from activetouch.scene import Scene, WorldObject
 from belief.errors import CorruptFile, UnknownName

@@ -79,14 +79,11 @@ def has_array(key: Mapping[str, Any]) -> bool:
 
 def cached_array(key: Mapping[str, Any], make: Callable[[], NDArray[np.float32]]) -> NDArray[np.float32]:
     """An array from the cache, or a new one; in half precision either way. See :func:`cached`."""
-
-    def half() -> NDArray[Any]:
-        return make().astype(np.float16)
-
-    def read(path: Path) -> NDArray[Any]:
-        return read_tensors(path, _KIND)[0][_NAME]
-
-    def write(path: Path, found: NDArray[Any]) -> None:
-        write_tensors(path, {_NAME: found}, {}, _KIND)
-
-    return cached(key, _ARRAY, half, read, write).astype(np.float32)
+    found = cached(
+        key,
+        _ARRAY,
+        make=lambda: make().astype(np.float16),
+        read=lambda path: read_tensors(path, _KIND)[0][_NAME],
+        write=lambda path, array: write_tensors(path, {_NAME: array}, {}, _KIND),
+    )
+    return found.astype(np.float32)

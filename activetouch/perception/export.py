@@ -103,22 +103,12 @@ def fixed_hypotheses(classifier: TouchClassifier, touches: TouchSet) -> Hypothes
     Raises:
         TrainingDiverged: a weight is too large for half precision, or not finite.
     """
-    weights = half_weights(classifier.network.hypotheses)
-    numbers = sorted({int(name.split(".")[0]) for name in weights})
-    layers = tuple(
-        (weights[f"{number}.weight"].astype(np.float32), weights[f"{number}.bias"].astype(np.float32))
-        for number in numbers
-    )
+    parts = [part.astype(np.float32) for part in half_weights(classifier.network.hypotheses).values()]
+    layers = tuple(zip(parts[::2], parts[1::2], strict=True))  # weight and bias of each
     rows = np.linspace(0, len(touches.sizes) - 1, min(len(touches.sizes), _FIXED)).round().astype(int)
     rotations = to_matrices(touches.orientations[rows]).astype(np.float32)
     sizes = np.random.default_rng(0).permutation(touches.sizes)[: len(rows)].astype(np.float32)
-    card = classifier.card
-    return HypothesisEmbedding(
-        card,
-        layers,
-        rotations,
-        sizes,
-    )
+    return HypothesisEmbedding(classifier.card, layers, rotations, sizes)
 
 
 def _in_half_precision(model: ModelProto) -> bytes:

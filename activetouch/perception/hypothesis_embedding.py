@@ -24,6 +24,7 @@ _CACHED = 1 << 15  # numbers of an array that stay in the cache
 _ERFC = tuple(np.float32(c) for c in (1.061405429, -1.453152027, 1.421413741, -0.284496736, 0.254829592))
 _IMAGES = 64  # whose logits are computed at a time
 _LAYER, _ROTATIONS, _SIZES = "hypothesis", "hypotheses.rotations", "hypotheses.sizes"
+_PARTS = ("weight", "bias")
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,12 +63,7 @@ class HypothesisEmbedding:
                 f"got layers {shapes}, {number} sizes and rotations {self.rotations.shape}"
             )
 
-    def embed(
-        self,
-        shapes: NDArray[np.int64],
-        rotations: NDArray[Any],
-        sizes: NDArray[Any],
-    ) -> Floats32:
+    def embed(self, shapes: NDArray[np.int64], rotations: NDArray[Any], sizes: NDArray[Any]) -> Floats32:
         """Embeddings of hypotheses.
 
         Args:
@@ -101,22 +97,19 @@ class HypothesisEmbedding:
 
     def embedded(self, scene: Scene, bodies: Bodies, pose: int) -> Floats32:
         """See :class:`activetouch.perception.contacts.hypotheses.Hypotheses`."""
-        num_shapes, number = len(scene.shapes), len(bodies.rests)
-        shapes = np.repeat(np.arange(num_shapes), number)
-        sizes = np.tile(bodies.sizes, num_shapes)
         rotation = scene.rotations[scene.pose_labels[pose]]
-        rotations = np.tile(to_matrices(turned(rotation, bodies.rests)), (num_shapes, 1, 1))
-        return self.embed(shapes, rotations, sizes).reshape(num_shapes, number, -1)
+        found = self._of_every_shape(to_matrices(turned(rotation, bodies.rests)), bodies.sizes)
+        return found.reshape(len(scene.shapes), len(bodies.rests), -1)
+
+    def _of_every_shape(self, rotations: NDArray[Any], sizes: NDArray[Any]) -> Floats32:
+        """Embeddings of N orientations and sizes, shape after shape, ``(K · N, D)``."""
+        num_shapes, number = len(self.card.shape_labels), len(sizes)
+        shapes = np.repeat(np.arange(num_shapes), number)
+        return self.embed(shapes, np.tile(rotations, (num_shapes, 1, 1)), np.tile(sizes, num_shapes))
 
     @cached_property
     def _fixed(self) -> Floats32:
-        """Embeddings of the fixed hypotheses, shape after shape, ``(K · M, D)``."""
-        num_shapes, number = len(self.card.shape_labels), len(self.sizes)
-        return self.embed(
-            np.repeat(np.arange(num_shapes), number),
-            np.tile(self.rotations, (num_shapes, 1, 1)),
-            np.tile(self.sizes, num_shapes),
-        )
+        return self._of_every_shape(self.rotations, self.sizes)
 
     def shape_logits(self, embeddings: Floats32) -> NDArray[np.float64]:
         """See :class:`activetouch.perception.contacts.hypotheses.Hypotheses`; the mean is over the fixed hypotheses."""
@@ -131,9 +124,8 @@ class HypothesisEmbedding:
     def tensors(self) -> dict[str, NDArray[Any]]:
         """The arrays by name, as a file has them: layers in half precision."""
         found: dict[str, NDArray[Any]] = {_ROTATIONS: self.rotations, _SIZES: self.sizes}
-        for number, (weight, bias) in enumerate(self.layers):
-            found[f"{_LAYER}.{number}.weight"] = weight.astype(np.float16)
-            found[f"{_LAYER}.{number}.bias"] = bias.astype(np.float16)
+        for number, layer in enumerate(self.layers):
+            found |= {f"{_LAYER}.{number}.{name}": p.astype(np.float16) for name, p in zip(_PARTS, layer, strict=True)}
         return found
 
     @classmethod
@@ -145,14 +137,8 @@ class HypothesisEmbedding:
             ValueError: the arrays do not fit each other or the card.
         """
         number = sum(name.startswith(f"{_LAYER}.") for name in tensors) // 2
-        layers = tuple(
-            (
-                tensors[f"{_LAYER}.{layer}.weight"].astype(np.float32),
-                tensors[f"{_LAYER}.{layer}.bias"].astype(np.float32),
-            )
-            for layer in range(number)
-        )
-        return cls(card, layers, tensors[_ROTATIONS], tensors[_SIZES])
+        parts = [[tensors[f"{_LAYER}.{n}.{part}"].astype(np.float32) for n in range(number)] for part in _PARTS]
+        return cls(card, tuple(zip(*parts, strict=True)), tensors[_ROTATIONS], tensors[_SIZES])
 
 
 def _normalised(x: Floats32) -> Floats32:

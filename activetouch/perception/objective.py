@@ -44,7 +44,7 @@ class ShapeObjective:
 
     def batches(self, chance: torch.Generator) -> list[Tensor]:
         """Rows of the training split for each step of an epoch, in random order."""
-        return single_touches(len(self._shapes), self._batch_size, chance)
+        return sorted_batches(torch.randperm(len(self._shapes), generator=chance), self._batch_size)
 
     def loss(
         self, network: TouchNetwork, images: Tensor, rows: Tensor, turns: Tensor, chance: torch.Generator
@@ -101,11 +101,12 @@ class Contrast:
 
     def batches(self, chance: torch.Generator) -> list[Tensor]:
         """As of :class:`ShapeObjective`; touches are drawn anew for every epoch where the recipe has a focus."""
-        shapes, size = self._known.shapes, self._recipe.batch_size
-        if not self._recipe.focus:
-            return single_touches(len(shapes), size, chance)
-        rows = torch.multinomial(self._frequencies[shapes], len(shapes), replacement=True, generator=chance)
-        return _sorted_batches(rows, size)
+        shapes = self._known.shapes
+        if self._recipe.focus:
+            rows = torch.multinomial(self._frequencies[shapes], len(shapes), replacement=True, generator=chance)
+        else:
+            rows = torch.randperm(len(shapes), generator=chance)
+        return sorted_batches(rows, self._recipe.batch_size)
 
     def _in_proportion(self, number: int) -> Tensor:
         """Shapes of hypotheses, each as often as it is drawn and at least once, ``(number,)``."""
@@ -148,12 +149,8 @@ class Contrast:
         return loss / len(found), correct / len(found)
 
 
-def single_touches(number: int, batch_size: int, chance: torch.Generator) -> list[Tensor]:
-    """The rows of a split in random order, in batches; sorted in each, so that images are gathered faster."""
-    return _sorted_batches(torch.randperm(number, generator=chance), batch_size)
-
-
-def _sorted_batches(rows: Tensor, size: int) -> list[Tensor]:
+def sorted_batches(rows: Tensor, size: int) -> list[Tensor]:
+    """Rows in batches, sorted in each, so that images are gathered faster."""
     return [some.sort().values for some in rows.split(size)]
 
 

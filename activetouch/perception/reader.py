@@ -27,8 +27,6 @@ from belief.files import array_digest
 from belief.sealed_tensors import read_tensors, write_tensors
 
 if TYPE_CHECKING:
-    from onnxruntime import InferenceSession
-
     from activetouch.scene import Scene
 
 INPUT, OUTPUTS = "images", ("embedding", "features")
@@ -101,7 +99,7 @@ class TactileReader:
             return np.concatenate([embeddings, grasps.of_travel(stops)], axis=1), features
         images = resized(images, self.card.image_shape)
         parts = [
-            self._session.run(OUTPUTS, {INPUT: np.ascontiguousarray(images[first : first + batch_size])})
+            session_of(self.network).run(OUTPUTS, {INPUT: np.ascontiguousarray(images[first : first + batch_size])})
             for first in range(0, len(images), batch_size)
         ]
         embeddings, features = map(np.concatenate, zip(*parts, strict=True)) if len(parts) > 1 else parts[0]
@@ -169,14 +167,10 @@ class TactileReader:
             raise CorruptFile(f"{path} does not describe a reader: {error}") from error
         return reader
 
-    @cached_property
-    def _session(self) -> InferenceSession:
-        return session_of(self.network)
-
     def _require_graph(self) -> None:
         """Check that the graph reads the card's images, and gives as many numbers as the card says."""
         try:
-            inputs, outputs = self._session.get_inputs(), self._session.get_outputs()
+            inputs, outputs = session_of(self.network).get_inputs(), session_of(self.network).get_outputs()
         except ImportError:
             raise
         except Exception as error:  # the errors of ONNX Runtime have no class in common
@@ -186,10 +180,6 @@ class TactileReader:
         wanted = [(INPUT, self.card.image_shape), (OUTPUTS[0], (width,))]
         if found != wanted or [part.name for part in outputs] != list(OUTPUTS):
             raise ValueError(f"its network is {found}, not {wanted}")
-
-    def __getstate__(self) -> dict[str, Any]:
-        """What another process is sent: all but the session, which each makes for itself."""
-        return {name: value for name, value in vars(self).items() if name != "_session"}
 
 
 def resized(images: NDArray[np.uint8], shape: tuple[int, ...]) -> NDArray[np.uint8]:

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession
 
 
+@lru_cache(maxsize=16)
 def session_of(network: bytes) -> InferenceSession:
-    """A session for an ONNX graph, of one thread, so that processes share the cores and sums keep their order."""
+    """A session for an ONNX graph, of one thread, so that processes share the cores and sums keep their order.
+
+    The last sessions are kept: each process makes its own at the first reading.
+    """
     import onnxruntime
 
     options = onnxruntime.SessionOptions()

@@ -127,12 +127,7 @@ class Train:
 
 
 def train_reader(
-    data: Path,
-    out: Path,
-    recipe: TrainingRecipe,
-    backbone: str,
-    input_size: int,
-    jobs: int = 1,
+    data: Path, out: Path, recipe: TrainingRecipe, backbone: str, input_size: int, jobs: int = 1
 ) -> TactileReader:
     """Train a network on a collection; after an interruption, the same call continues.
 

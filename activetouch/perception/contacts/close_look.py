@@ -160,7 +160,7 @@ class CloseContacts:
             )
             window = self.reader.imaging.wide_window
             maps = predicted_contacts(self.solids[body], turns, (0.0, 0.0), window, sizes[places], np.float32)
-            embedded = self.reader.embed(maps, width, self.code)
+            (embedded,) = self.reader.embed(maps, width, self.code)
             for (touch, place), one in zip(some, embedded, strict=True):
                 touch.exact[keys[place]] = float(one @ touch.embedding)
         return np.array([sum(touch.exact[key] for touch in touches) for key in keys])

@@ -24,8 +24,6 @@ from activetouch.scene_description import scene_fields
 from belief.files import array_digest
 
 if TYPE_CHECKING:
-    from onnxruntime import InferenceSession
-
     from activetouch.hypotheses import Bodies
     from activetouch.scene import Scene
     from activetouch.solids.solid import Shape
@@ -104,7 +102,7 @@ class ContactHypotheses:
             for first in range(0, len(turns), _AT_ONCE):
                 some = slice(first, first + _AT_ONCE)
                 maps = predicted_contacts(solid, turns[some], aim, window, chosen.sizes[some], np.float32)
-                found.append(self.embed_in(maps, cell, codes))
+                found.append(self.embed(maps, cell, codes))
             return np.concatenate(found, axis=1)
 
         def embed_shape(label: str) -> Floats32:
@@ -127,25 +125,18 @@ class ContactHypotheses:
         ]
         return np.stack(found, axis=1)
 
-    def embed(self, maps: Floats32, cell: float, code: Floats32) -> Floats32:
-        """Embeddings of height maps in one world.
+    def embed(self, maps: Floats32, cell: float, codes: Floats32) -> Floats32:
+        """Embeddings of height maps in W states of the sensor, ``(W, H, D)``.
 
         Args:
-            maps: predicted contacts over the window of the sensor, ``(H, W, W)`` [m].
+            maps: predicted contacts over the window of the sensor, ``(H, n, n)`` [m].
             cell: width of the orientations that each stands for [rad].
-            code: of the state of the sensor, ``(1, STATE_SIZE)``.
-
-        Returns:
-            ``(H, D)``.
+            codes: of the states, ``(W, STATE_SIZE)``.
         """
-        return self.embed_in(maps, cell, code)[0]
-
-    def embed_in(self, maps: Floats32, cell: float, codes: Floats32) -> Floats32:
-        """:meth:`embed` in W worlds of the codes ``(W, STATE_SIZE)``: ``(W, H, D)``."""
         contacts = encoded(maps, self.imaging.contact_pixels)
         cells = np.full(len(maps), cell, np.float32)
         given = dict(zip(CONTACTS, (contacts, cells, codes.astype(np.float32)), strict=True))
-        found: Floats32 = self._session.run([EMBEDDING], given)[0]
+        found: Floats32 = session_of(self.network).run([EMBEDDING], given)[0]
         return found
 
     def shape_logits(self, embeddings: Floats32) -> NDArray[np.float64]:
@@ -166,18 +157,8 @@ class ContactHypotheses:
     @cached_property
     def digest(self) -> str:
         """Of all that determines its embeddings."""
-        return (
-            hashlib.sha256(self.network + repr(self.imaging.fields()).encode()).hexdigest()
-            + f" {version('activetouch')}"
-        )
-
-    @cached_property
-    def _session(self) -> InferenceSession:
-        return session_of(self.network)
-
-    def __getstate__(self) -> dict[str, Any]:
-        """What another process is sent: all but the session, which each makes for itself."""
-        return {name: value for name, value in vars(self).items() if name != "_session"}
+        content = hashlib.sha256(self.network + repr(self.imaging.fields()).encode())
+        return f"{content.hexdigest()} {version('activetouch')}"
 
     def tensors(self) -> dict[str, NDArray[Any]]:
         """The arrays by name, as a file has them."""

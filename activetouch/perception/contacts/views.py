@@ -77,7 +77,7 @@ def embedded_views(reader: ContactHypotheses, scene: Scene, solid: Shape, plan: 
             maps = predicted_contacts(solid, quarter[first : first + step], (0.0, 0.0), window, 1.0, np.float32)
             each = maps.reshape(-1, plan.rolls // 4, *maps.shape[1:])
             rolled = np.stack([np.rot90(each, -turns, axes=(2, 3)) for turns in range(4)], axis=1)
-            found.append(reader.embed(np.ascontiguousarray(rolled.reshape(-1, *maps.shape[1:])), plan.width, code))
+            found.append(reader.embed(np.ascontiguousarray(rolled.reshape(-1, *maps.shape[1:])), plan.width, code)[0])
         return np.concatenate(found)
 
     return cached_array(_key(reader, scene, solid, plan), make)
@@ -168,7 +168,7 @@ class BodySet:
 
     def coarsest(self, touch: Felt) -> Floats32:
         """See :class:`belief.coarse_to_fine.CellLikelihood`."""
-        shown = self._shown(0, touch.pose)
+        shown = self.shown(self.levels[0], touch.pose)
         found = np.empty((len(self.table), len(shown)), np.float32)
         for first in range(0, len(found), _BODIES):  # whose embeddings stay in the processor's cache
             some = slice(first, first + _BODIES)
@@ -182,7 +182,7 @@ class BodySet:
         for touch in touches:
             for body in wanted[~touch._known[wanted]].tolist():
                 self.view_scores(body, touch)
-            total += touch._scores[bodies[:, None], self._shown(level, touch.pose)[cells]]
+            total += touch._scores[bodies[:, None], self.shown(self.levels[level], touch.pose)[cells]]
         return total
 
     def view_scores(self, body: int, touch: Felt) -> Floats32:
@@ -205,13 +205,9 @@ class BodySet:
         for place in np.unique(level).tolist():
             some = level == place
             for pose in range(len(self.poses)):
-                shown[pose, some] = self._shown(place, pose)[cells[some]]
+                shown[pose, some] = self.shown(self.levels[place], pose)[cells[some]]
         found = self.table[bodies, shown].astype(np.float32, copy=False)
         return found @ references.T
-
-    def _shown(self, place: int, pose: int) -> NDArray[np.int32]:
-        """The view that each cell of a level shows in a pose."""
-        return self.shown(self.levels[place], pose)
 
     def shown(self, level: int, pose: int) -> NDArray[np.int32]:
         """The view that each cell of :func:`activetouch.rotation_cells.centres` shows in a pose, ``(N,)``."""

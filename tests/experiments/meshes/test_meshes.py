@@ -68,7 +68,7 @@ def test_views_are_the_contacts_of_their_orientations_turned_by_quarters():
     solid = box(0.012, 0.009, 0.02)
     found, code = embedded_views(reader, scene, solid, PLAN), np.zeros((1, 41), np.float32)
     maps = predicted_contacts(solid, PLAN.orientations, (0.0, 0.0), reader.imaging.wide_window, 1.0, np.float32)
-    expected = reader.embed(maps, PLAN.width, code)
+    (expected,) = reader.embed(maps, PLAN.width, code)
     assert np.corrcoef(found.ravel(), expected.ravel())[0, 1] > 0.999
     assert are_embedded(reader, scene, solid, PLAN)
     assert not are_embedded(reader, scene, box(0.012, 0.009, 0.021), PLAN)
