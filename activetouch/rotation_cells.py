@@ -67,15 +67,6 @@ def nested(levels: tuple[int, ...]) -> NestedCells:
     return NestedCells(tuple(shares.reshape(len(_grid(level)[1]), -1).sum(axis=1) for level in levels))
 
 
-def edge(level: int) -> float:
-    """Mean edge of the cells of a level [rad].
-
-    >>> [round(math.degrees(edge(level)), 1) for level in range(4)]
-    [51.6, 25.8, 12.9, 6.5]
-    """
-    return (math.pi**2 * 8 / len(centres(level))) ** (1 / 3)
-
-
 @lru_cache(maxsize=8)
 def views(directions: int, rolls: int) -> Floats:
     """Orientations that show a body from evenly spread sides at even rolls about the approach axis, ``(V, 4)``.

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from enum import Enum
 from functools import cached_property, partial
@@ -76,15 +76,10 @@ def scene_fields(scene: Scene) -> dict[str, Any]:
     ``families``, if there are any.
     """
     names = [field.name for field in fields(scene) if field.name not in ("aims", "hand") or getattr(scene, field.name)]
-    found = {name: _described(scene.solids if name == "shapes" else getattr(scene, name)) for name in names}
+    found = {name: described(scene.solids if name == "shapes" else getattr(scene, name)) for name in names}
     families = getattr(scene, "families", {})
     parts = {f"{label}.{name}": given for label, family in families.items() for name, given in family.parameters}
-    return found | {"robot": None} | ({"families": _described(parts)} if parts else {})
-
-
-def solid_fields(solid: Any) -> Any:
-    """A solid as JSON types, as :func:`scene_fields` describes those of a scene; a mesh by its digest."""
-    return _described(solid)
+    return found | {"robot": None} | ({"families": described(parts)} if parts else {})
 
 
 def scene_differences(
@@ -130,13 +125,14 @@ def require_scene(
     return tuple(map(str, found))
 
 
-def in_words(differences: Iterator[str] | Sequence[str], most: int = 6) -> str:
-    """The first ``most`` differences, joined, and the number of further ones."""
+def in_words(differences: Iterable[str]) -> str:
+    """The first six differences, joined, and the number of further ones."""
     texts = list(differences)
-    return "; ".join(texts[:most]) + (f"; and {len(texts) - most} more" if len(texts) > most else "")
+    return "; ".join(texts[:6]) + (f"; and {len(texts) - 6} more" if len(texts) > 6 else "")
 
 
-def _described(value: Any, depth: int = 0) -> Any:
+def described(value: Any, depth: int = 0) -> Any:
+    """A part of a scene as JSON types, as :func:`scene_fields` has it; a mesh by its digest."""
     if value is None or isinstance(value, bool | int | str):
         return value.value if isinstance(value, Enum) else value
     if isinstance(value, float | np.number | np.bool_):
@@ -153,19 +149,19 @@ def _described(value: Any, depth: int = 0) -> Any:
     if depth > _DEEPEST:
         return repr(value)
     if isinstance(value, Mapping):  # a list, because JSON objects have no order
-        return {"entries": [[str(key), _described(part, depth + 1)] for key, part in value.items()]}
+        return {"entries": [[str(key), described(part, depth + 1)] for key, part in value.items()]}
     if isinstance(value, Sequence | frozenset | set):
         parts = sorted(value) if isinstance(value, frozenset | set) else value
-        return [_described(part, depth + 1) for part in parts]
+        return [described(part, depth + 1) for part in parts]
     return {**_class_of(value), **_state(value, depth)}
 
 
 def _array(value: np.ndarray) -> Any:
     if value.dtype.kind not in "biuf":
-        return _described(value.tolist())
+        return described(value.tolist())
     rounded = np.round(value, _DECIMALS) + 0.0 if value.dtype.kind == "f" else value  # no -0
     if value.size <= _LARGEST:
-        return _described(rounded.tolist())
+        return described(rounded.tolist())
     content = hashlib.sha256(np.ascontiguousarray(rounded.astype(np.float64)).tobytes()).hexdigest()
     return {"class": "array", "shape": list(value.shape), "sha256": content}
 
@@ -182,20 +178,20 @@ def _state(value: Any, depth: int) -> dict[str, Any]:
     if isinstance(value, FunctionType):
         cells = [cell.cell_contents for cell in value.__closure__ or ()]
         parts = {"closure": cells, "defaults": value.__defaults__, "named_defaults": value.__kwdefaults__}
-        return {name: _described(part, depth + 1) for name, part in parts.items() if part}
+        return {name: described(part, depth + 1) for name, part in parts.items() if part}
     if isinstance(value, type):
         return {}
     if isinstance(value, partial):
-        return {name: _described(getattr(value, name), depth + 1) for name in ("func", "args", "keywords")}
+        return {name: described(getattr(value, name), depth + 1) for name in ("func", "args", "keywords")}
     if is_dataclass(value):
-        return {field.name: _described(getattr(value, field.name), depth + 1) for field in fields(value)}
+        return {field.name: described(getattr(value, field.name), depth + 1) for field in fields(value)}
     if "__repr__" in {name for part in type(value).__mro__[:-1] for name in vars(part)}:
         return {"repr": repr(value)}
     cached = {name for part in type(value).__mro__ for name, m in vars(part).items() if isinstance(m, cached_property)}
     given = [part.__dict__.get("__slots__", ()) for part in type(value).__mro__]
     slots = [name for names in given for name in ((names,) if isinstance(names, str) else names)]
     members = {name: getattr(value, name) for name in slots if hasattr(value, name)} | getattr(value, "__dict__", {})
-    return {name: _described(part, depth + 1) for name, part in members.items() if name not in cached}
+    return {name: described(part, depth + 1) for name, part in members.items() if name not in cached}
 
 
 def _differences(made_for: Any, here: Any, path: str) -> Iterator[SceneDifference]:

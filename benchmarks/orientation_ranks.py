@@ -225,7 +225,7 @@ def main(name: str, number: str = "") -> None:
         rounds = Rounds.of(truth, read_touches(sensor.reader, truth, f"reading {split} touches"), model.num_poses)
         each = len(truth.object_ids) // rounds.num_objects
         splits.append(Touched(rounds, truth.rests[::each], truth.sizes[::each]))
-    bodies = hypotheses.hypotheses(model.num_hypotheses)
+    bodies = sensor.scene.hypotheses(model.num_hypotheses)
     tests = rank_tests(model, bodies.rests, bodies.sizes, splits, keyed_rng([0, 4], is_fixed_length=True))
     print(table(tests).text(140))
     passed = sum(test.passes for test in tests)

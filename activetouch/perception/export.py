@@ -10,11 +10,13 @@ from dataclasses import replace
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from onnx import ModelProto, NodeProto, TensorProto, helper, numpy_helper
 from torch import Tensor, nn
 
 from activetouch.data.dataset import TouchSet
-from activetouch.perception.classifier import TouchClassifier, half_weights
+from activetouch.errors import TrainingDiverged
+from activetouch.perception.classifier import TouchClassifier
 from activetouch.perception.hypothesis_embedding import HypothesisEmbedding
 from activetouch.perception.reader import INPUT, OUTPUTS, TactileReader
 from activetouch.poses import to_matrices
@@ -133,3 +135,19 @@ def _in_half_precision(model: ModelProto) -> bytes:
     del graph.node[:], graph.value_info[:]
     graph.node.extend(nodes)
     return model.SerializeToString(deterministic=True)
+
+
+def half_weights(network: nn.Module) -> dict[str, NDArray[np.float16]]:
+    """The weights of a network by name, in half precision.
+
+    Raises:
+        TrainingDiverged: a weight is too large for half precision, or not finite.
+    """
+    tensors = {name: value.half().numpy() for name, value in network.state_dict().items()}
+    for name, value in tensors.items():
+        if not np.isfinite(value).all():
+            raise TrainingDiverged(
+                f"the weights {name} are not finite in half precision. Train again, in another folder, with a lower "
+                "--change.learning-rate"
+            )
+    return tensors

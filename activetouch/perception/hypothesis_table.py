@@ -8,17 +8,16 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import scipy  # whose parts load at first use
 from numpy.typing import NDArray
 
 from activetouch.errors import WrongScene
 from activetouch.orientations import LyingAnyhow
 from activetouch.poses import multiply, turned
+from activetouch.rotation_cells import nearest
 from belief.errors import InvalidArgument
 from belief.frozen import frozen
 
 if TYPE_CHECKING:
-    from activetouch.hypotheses import Bodies
     from activetouch.perception.reader import TactileReader
     from activetouch.scene import Scene
     from belief.observation_model.outcome_mixture import Views
@@ -71,7 +70,7 @@ class HypothesisTable:
     def _embed(self, num_hypotheses: int, pose: int) -> NDArray[np.float32]:
         if self.reader.hypotheses is None:
             raise InvalidArgument("this reader tells shapes only; one that knows orientations is trained with its own")
-        return self.reader.hypotheses.embedded(self.scene, self.hypotheses(num_hypotheses), pose)
+        return self.reader.hypotheses.embedded(self.scene, self.scene.hypotheses(num_hypotheses), pose)
 
     @property
     def groups(self) -> tuple[int, ...]:
@@ -102,15 +101,10 @@ class HypothesisTable:
         )
 
         groups, rotations = np.array(self.groups), list(self.scene.rotations.values())
-        rests = self.hypotheses(num_hypotheses).rests
-        nearest = scipy.spatial.cKDTree(np.concatenate([rests, -rests]))  # a rotation is two quaternions
+        rests = self.scene.hypotheses(num_hypotheses).rests
         first = np.unique(groups, return_index=True)[1][groups]
-        same = []
-        for pose, begin in enumerate(first):
-            back = rotations[begin] * (1.0, -1.0, -1.0, -1.0)
-            same.append(nearest.query(turned(multiply(back, rotations[pose]), rests))[1] % num_hypotheses)
-        return Views(groups, np.stack(same))
-
-    def hypotheses(self, num_hypotheses: int) -> Bodies:
-        """The hypotheses, the same for all shapes."""
-        return self.scene.hypotheses(num_hypotheses)
+        back = [
+            multiply(rotations[begin] * (1.0, -1.0, -1.0, -1.0), each)
+            for begin, each in zip(first, rotations, strict=True)
+        ]
+        return Views(groups, np.stack([nearest(turned(rotation, rests), rests) for rotation in back]))

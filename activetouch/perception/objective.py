@@ -9,8 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from activetouch.data.dataset import TouchSet
-from activetouch.perception.classifier import TouchNetwork
-from activetouch.perception.hypothesis_network import Hypotheses, compose
+from activetouch.perception.classifier import Hypotheses, TouchNetwork, compose
 from activetouch.perception.recipe import TrainingRecipe
 from belief.naming import index_of
 

@@ -18,7 +18,6 @@ from matplotlib.colors import LinearSegmentedColormap
 from numpy.typing import NDArray
 
 from activetouch import TactileSensor
-from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.placement import WorldObject
 from activetouch.solids.solid import Shape
 from activetouch.view.portrait import portraits
@@ -58,7 +57,7 @@ class Bodies:
         model = joint_model(sensor.model)
         if model is None:
             return None
-        rests, sizes, _ = HypothesisTable(sensor.reader, sensor.scene).hypotheses(model.num_hypotheses)
+        rests, sizes, _ = sensor.scene.hypotheses(model.num_hypotheses)
         return cls(sensor.scene.solids, rests, sizes, pixels, draws)
 
     def likeliest(self, evidence: RigidBodyEvidence, probs: Floats, number: int) -> list[tuple[str, float, Floats]]:

@@ -4,11 +4,16 @@ import numpy as np
 import pytest
 
 from activetouch.poses import random_orientation
-from activetouch.rotation_cells import LEVELS, centres, edge, nearest, nested, views
+from activetouch.rotation_cells import LEVELS, centres, nearest, nested, views
 from belief.errors import InvalidArgument
 
 RNG = np.random.default_rng(0)
 ORIENTATIONS = np.array([random_orientation(RNG) for _ in range(4000)])
+
+
+def edge(level):
+    """Mean edge of the cells of a level [rad]."""
+    return (8 * np.pi**2 / len(centres(level))) ** (1 / 3)
 
 
 def angles(left, right):

@@ -3,12 +3,12 @@
 The families are wide on purpose: flat, round and pointed parts, holes and rings, thin plates and long bars, unions of
 parts, from the size of a key to larger than a pad. A body follows from its number alone, so that bodies of numbers that
 a training left out are new to it.
-
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache, lru_cache
 
 import numpy as np
 import scipy  # whose parts load at first use
@@ -29,8 +29,9 @@ _EXTREME = 0.25  # share of bodies that are stretched, to plates and bars
 _LARGEST, _SMALLEST = 0.06, 0.004  # radius of the bounding ball [m]
 
 
+@lru_cache(maxsize=8192)
 def random_body(number: int) -> Surface:
-    """The body of a number.
+    """The body of a number, kept for the next batch that shows it.
 
     Args:
         number: ≥ 0; other numbers give other bodies.
@@ -73,8 +74,7 @@ def _hull(points: Floats) -> Triangles:
 
 
 def _directions(rng: np.random.Generator, number: int) -> Floats:
-    found = rng.normal(size=(number, 3))
-    return found / np.linalg.norm(found, axis=1, keepdims=True)
+    return _on_ball(rng.normal(size=(number, 3)))
 
 
 def _box(rng: np.random.Generator) -> Triangles:
@@ -216,26 +216,23 @@ def _star(rng: np.random.Generator) -> Triangles:
     return np.vstack(ends) * _MM, np.concatenate([side, bottom, top])
 
 
+@cache
 def _ball(level: int = 3) -> Triangles:
     """A unit ball, from an icosahedron whose triangles are halved ``level`` times."""
-    if level not in _BALLS:
-        golden = (1 + 5**0.5) / 2
-        points = np.array([(a, b * golden, 0.0) for a in (-1.0, 1.0) for b in (-1.0, 1.0)])
-        vertices, faces = _hull(np.vstack([points, np.roll(points, 1, axis=1), np.roll(points, 2, axis=1)]))
-        for _ in range(level):
-            middles = (vertices[faces] + vertices[np.roll(faces, -1, axis=1)]).reshape(-1, 3) / 2
-            vertices = np.vstack(
-                [
-                    vertices / np.linalg.norm(vertices, axis=1, keepdims=True),
-                    np.unique(np.round(middles / np.linalg.norm(middles, axis=1, keepdims=True), 9), axis=0),
-                ]
-            )
-            vertices, faces = _hull(vertices / np.linalg.norm(vertices, axis=1, keepdims=True))
-        _BALLS[level] = vertices / np.linalg.norm(vertices, axis=1, keepdims=True), faces
-    return _BALLS[level]
+    golden = (1 + 5**0.5) / 2
+    points = np.array([(a, b * golden, 0.0) for a in (-1.0, 1.0) for b in (-1.0, 1.0)])
+    vertices, faces = _hull(np.vstack([points, np.roll(points, 1, axis=1), np.roll(points, 2, axis=1)]))
+    for _ in range(level):
+        middles = (vertices[faces] + vertices[np.roll(faces, -1, axis=1)]).reshape(-1, 3) / 2
+        vertices = np.vstack([_on_ball(vertices), np.unique(np.round(_on_ball(middles), 9), axis=0)])
+        vertices, faces = _hull(_on_ball(vertices))
+    return _on_ball(vertices), faces
 
 
-_BALLS: dict[int, Triangles] = {}
+def _on_ball(points: Floats) -> Floats:
+    return points / np.linalg.norm(points, axis=1, keepdims=True)
+
+
 _FAMILIES: tuple[Callable[[np.random.Generator], Triangles], ...]
 _WEIGHTS = {
     _box: 5, _prism: 3, _pyramid: 2, _cylinder: 4, _cone: 3, _random_polytope: 3, _ellipsoid: 4, _half_ball: 1,
@@ -260,6 +257,5 @@ def _beside(part: Triangles, first: Triangles, rng: np.random.Generator) -> Tria
 
 def _joined(parts: list[Triangles]) -> Triangles:
     starts = np.cumsum([0, *(len(vertices) for vertices, _ in parts[:-1])])
-    return np.vstack([part[0] for part in parts]), np.vstack(
-        [part[1] + n for part, n in zip(parts, starts, strict=True)]
-    )
+    faces = [part[1] + start for part, start in zip(parts, starts, strict=True)]
+    return np.vstack([part[0] for part in parts]), np.vstack(faces)

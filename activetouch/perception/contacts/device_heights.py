@@ -60,7 +60,7 @@ class DeviceBodies:
         face = torch.arange(len(owner), device=self._device) + (firsts - starts[:-1])[owner]
         points = torch.einsum("fij,fcj->fci", turned[owner], self._corners[face]) + moved[owner][:, None]
         planes = _planes(points)
-        return (_on_graphics_processor if planes.is_cuda else _anywhere)(planes, starts.int(), edge)
+        return greatest(planes, starts.int(), edge)
 
 
 def _planes(points: Tensor) -> Tensor:
@@ -92,22 +92,8 @@ def _planes(points: Tensor) -> Tensor:
     return torch.stack([*numbers, *rows], dim=1)
 
 
-def _anywhere(planes: Tensor, starts: Tensor, edge: int) -> Tensor:
-    """Heights of the greatest of a map's triangles at each pixel; see :func:`_planes`."""
-    along = torch.arange(edge, dtype=torch.float32)
-    row, column = along[:, None], along[None]
-    maps = torch.full((len(starts) - 1, edge, edge), -torch.inf)
-    for number, (first, last) in enumerate(zip(starts[:-1].tolist(), starts[1:].tolist(), strict=True)):
-        part = planes[first:last, :, None, None].unbind(1)
-        inside = torch.ones(last - first, edge, edge, dtype=torch.bool)
-        for a, b, c in (part[:3], part[3:6], part[6:9]):
-            inside &= a * row + b * column + c >= -_SLACK
-        height = torch.minimum(torch.maximum(part[9] * row + part[10] * column + part[11], part[12]), part[13])
-        maps[number] = torch.where(inside, height, -torch.inf).amax(dim=0)
-    return maps
-
-
-def _on_graphics_processor(planes: Tensor, starts: Tensor, edge: int) -> Tensor:
+def greatest(planes: Tensor, starts: Tensor, edge: int) -> Tensor:
+    """Heights of the greatest of a map's triangles at each pixel, on a graphics processor; see :func:`_planes`."""
     maps = torch.empty((len(starts) - 1, edge, edge), device=planes.device)
     grid = (len(maps), -(-(edge**2) // _BLOCK))
     _kernel()[grid](planes, starts, maps, edge, edge**2, _SLACK, _BLOCK, _NUMBERS)
@@ -116,7 +102,7 @@ def _on_graphics_processor(planes: Tensor, starts: Tensor, edge: int) -> Tensor:
 
 @cache
 def _kernel() -> Any:
-    """The same in Triton, which CUDA builds of torch bring along; one program is a block of pixels of a map."""
+    """In Triton, which CUDA builds of torch bring along; one program is a block of pixels of a map."""
     import triton
     import triton.language as tl
 

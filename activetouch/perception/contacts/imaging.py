@@ -121,22 +121,13 @@ class Imaging:
 
     def __post_init__(self) -> None:
         edges = self.taxels, self.pixels, self.samples
-        numbers = (
-            *self.force,
-            *self.sizes,
-            self.gain,
-            self.noise,
-            self.offset,
-            self.coarser,
-            self.noisier,
-            *self.displaced,
-        )
-        is_valid = all(isinstance(edge, int | np.integer) and edge > 0 for edge in edges)
-        is_valid = is_valid and 0 in (self.taxels % self.pixels, self.pixels % self.taxels)
+        ranges = self.force, self.sizes, self.displaced
+        numbers = *sum(ranges, ()), self.gain, self.noise, self.offset, self.coarser, self.noisier
         is_valid = (
-            is_valid
+            all(isinstance(edge, int | np.integer) and edge > 0 for edge in edges)
+            and 0 in (self.taxels % self.pixels, self.pixels % self.taxels)
             and self.samples % self.pixels == 0
-            and len(self.force) == len(self.sizes) == len(self.displaced) == 2
+            and all(len(ends) == 2 for ends in ranges)
         )
         if not (is_valid and np.isfinite(numbers).all() and min(numbers) >= 0.0 and self.force[1] > 0.0):
             raise ValueError(f"numbers out of range, or taxels, pixels and samples that do not divide: {self}")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +23,7 @@ from activetouch.perception.contacts.images import encoded, images
 from activetouch.perception.contacts.imaging import BROKEN, Imaging, SensorState
 from activetouch.poses import hamilton_product, to_matrices
 from activetouch.pressing.height_maps import Window
-from activetouch.solids.raster import Surface, heights
+from activetouch.solids.raster import heights
 from activetouch.solids.solid import Floats
 
 _NOMINAL = 0.45  # share of nuisances that are as they should be
@@ -88,7 +88,7 @@ class Batches:
         rng = np.random.default_rng([self.seed, number, len(self.bodies)])
         imaging, total = self.imaging, self.groups * self.touches
         usual, others = (self.worlds // 2, self.others) if number >= self.late else (1, 0)
-        states = drawn_worlds(rng, self.worlds, imaging, _NOMINAL, usual)
+        states = drawn_worlds(rng, self.worlds, imaging, usual)
         world = np.tile(np.arange(self.worlds), -(-total // self.worlds))[:total]
         narrow, broad = np.log(_CELLS)
         cells = np.exp(rng.uniform(narrow, broad, total))
@@ -120,7 +120,7 @@ class Batches:
             return self._on_device.heights(bodies, axes, places, pixel, window.num_pixels)
         each = zip(chosen, np.split(axes, len(chosen)), np.split(places, len(chosen)), strict=True)
         maps = [
-            heights(kept_body(self.bodies[body]), turned, placed, pixel, window.num_pixels, np.float32)
+            heights(random_body(self.bodies[body]), turned, placed, pixel, window.num_pixels, np.float32)
             for body, turned, placed in each
         ]
         return torch.from_numpy(np.concatenate(maps))
@@ -130,19 +130,8 @@ class Batches:
         return DeviceBodies(Parallel(n_jobs=-1)(delayed(random_body)(number) for number in self.bodies), self.device)
 
 
-@lru_cache(maxsize=8192)
-def kept_body(number: int) -> Surface:
-    """A random body, kept for the next batch that shows it."""
-    return random_body(number)
-
-
-def drawn_worlds(
-    rng: np.random.Generator, number: int, imaging: Imaging, nominal: float = _NOMINAL, usual: int = 1
-) -> SensorState:
-    """Random worlds of a sensor, in which each nuisance is as it should be with probability ``nominal``.
-
-    In the first ``usual`` worlds, all are, because the sensor mostly is.
-    """
+def drawn_worlds(rng: np.random.Generator, number: int, imaging: Imaging, usual: int) -> SensorState:
+    """Random worlds of a sensor; in the first ``usual``, all is as it should be, because the sensor mostly is."""
     limits = imaging.limits
     broken = np.zeros((2, number, BROKEN, BROKEN), np.float32)
     for world in range(number):
@@ -158,7 +147,7 @@ def drawn_worlds(
         strange[name] = np.exp2(rng.uniform(low, high, number))
     strange |= {"shift": rng.uniform(*limits["shift"], (number, 2))}
     strange |= {"dead": broken[0], "stuck": broken[1] * (broken[0] == 0.0)}
-    is_strange = rng.uniform(size=(number, 7)) > nominal
+    is_strange = rng.uniform(size=(number, len(_TOGETHER))) > _NOMINAL
     wide = rng.uniform(size=number) < imaging.coarser
     is_strange &= (~wide | (rng.uniform(size=number) < 0.5))[:, None]  # and often is as it should be otherwise
     wide[:usual] = is_strange[:usual] = False

@@ -23,7 +23,7 @@ from activetouch.poses import turned
 from activetouch.pressing.height_maps import predicted_contacts
 from activetouch.rotation_cells import centres, nearest, nested, views
 from activetouch.scene import Scene
-from activetouch.scene_description import solid_fields
+from activetouch.scene_description import described
 from activetouch.solids.solid import Shape
 from belief.coarse_to_fine import CoarseToFine, Effort, Ints
 from belief.validation import Floats, require_number
@@ -93,7 +93,7 @@ def _key(reader: ContactHypotheses, scene: Scene, solid: Shape, plan: ViewPlan) 
         "reader": reader.digest,
         "state": (np.round(sensor_state(reader.imaging, scene).code(), _DECIMALS) + 0.0).tolist(),
         "views": [plan.directions, plan.rolls, plan.width],
-        "body": solid_fields(solid),
+        "body": described(solid),
     }
 
 

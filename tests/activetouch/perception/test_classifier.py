@@ -9,7 +9,8 @@ import torch
 from activetouch.errors import TrainingDiverged
 from activetouch.perception.backbones import BACKBONES
 from activetouch.perception.card import ClassifierCard
-from activetouch.perception.classifier import TouchClassifier, TouchNetwork, half_weights
+from activetouch.perception.classifier import TouchClassifier, TouchNetwork
+from activetouch.perception.export import half_weights
 
 pytestmark = pytest.mark.torch
 IMAGES = np.random.default_rng(0).integers(0, 255, (3, 64, 64)).astype(np.uint8)

@@ -9,10 +9,9 @@ import torch
 from activetouch.distributions import Uniform
 from activetouch.hypotheses import quaternions, sizes
 from activetouch.perception.card import ClassifierCard
-from activetouch.perception.classifier import TouchClassifier, TouchNetwork
+from activetouch.perception.classifier import Hypotheses, HypothesisNetwork, TouchClassifier, TouchNetwork
 from activetouch.perception.export import export_reader
 from activetouch.perception.hypothesis_embedding import HypothesisEmbedding
-from activetouch.perception.hypothesis_network import Hypotheses, HypothesisNetwork
 from activetouch.perception.reader import TactileReader
 from activetouch.poses import to_matrices
 

@@ -10,9 +10,8 @@ from activetouch import Quasistatic, Scene
 from activetouch.data.dataset import TouchSet
 from activetouch.perception.augmentation import augment
 from activetouch.perception.card import ClassifierCard
-from activetouch.perception.classifier import TouchClassifier, TouchNetwork
+from activetouch.perception.classifier import Hypotheses, TouchClassifier, TouchNetwork
 from activetouch.perception.export import export_reader, fixed_hypotheses
-from activetouch.perception.hypothesis_network import Hypotheses
 from activetouch.perception.objective import Contrast, turned
 from activetouch.perception.recipe import RECIPES
 from activetouch.perception.training import Trainer
