@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 import scipy  # whose parts load at first use
@@ -30,14 +30,12 @@ from numpy.typing import ArrayLike, NDArray
 from activetouch.distributions import Distribution, Uniform
 from activetouch.errors import WrongScene
 from activetouch.hypotheses import quantiles
+from activetouch.placement import Placement
 from activetouch.poses import Quaternion, multiply, require_unit, to_matrix, turn
 from belief.errors import InvalidArgument, UnknownName
 from belief.frozen import frozen
 from belief.naming import few
 from belief.validation import require_choice, require_number
-
-if TYPE_CHECKING:
-    from activetouch.placement import Placement
 
 _UNBALANCED = 0.02  # of the forces of all fingers together
 _SAME_PLACE = 1e-3  # rad

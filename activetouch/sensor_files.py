@@ -4,21 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from activetouch.errors import LabelMismatch, NoIndependentModel, WrongScene
 from activetouch.hand import require_no_hand
 from activetouch.perception.card import read_card
 from activetouch.perception.contacts.imaging import Imaging
 from activetouch.perception.contacts.sensor_state import differs_from_training, fields_read
+from activetouch.scene import Scene
 from activetouch.scene_description import OBJECTS, require_scene, scene_fields
 from belief.errors import CorruptFile, InvalidArgument
 from belief.files import require_regular_file
+from belief.observation_model.model import ArrayModel
 from belief.observation_model.registry import read_observation_model, read_origin
-
-if TYPE_CHECKING:
-    from activetouch.scene import Scene
-    from belief.observation_model.model import ArrayModel
 
 MODELS = Path(__file__).parent / "models"
 ANY_OBJECT_FILE = "any_object.safetensors"  # a reader that knows the sensor, for objects that the other does not know

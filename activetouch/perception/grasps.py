@@ -4,25 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.hypotheses import kronecker, quantiles
+from activetouch.hand import Hand
+from activetouch.hypotheses import Bodies, kronecker, quantiles
 from activetouch.perception.cached_arrays import cached_array
-from activetouch.perception.contacts.hypotheses import cell_of, mean_ratios, num_hypotheses, taking_turns
+from activetouch.perception.contacts.hypotheses import Hypotheses, cell_of, mean_ratios, num_hypotheses, taking_turns
+from activetouch.perception.hypothesis_embedding import Floats32
 from activetouch.poses import to_matrix, turned
 from activetouch.pressing.height_maps import Window, predicted_contacts
+from activetouch.scene import Scene
 from activetouch.scene_description import scene_fields
 from belief.files import array_digest
-
-if TYPE_CHECKING:
-    from activetouch.hand import Hand
-    from activetouch.hypotheses import Bodies
-    from activetouch.perception.contacts.hypotheses import Hypotheses
-    from activetouch.perception.hypothesis_embedding import Floats32
-    from activetouch.scene import Scene
 
 _STEP = 0.8191725133961645  # of a sequence that is spread independently of sizes and members
 _PIXELS = 16  # along the edge of the pad, where travel is predicted

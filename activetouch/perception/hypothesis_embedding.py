@@ -6,17 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from activetouch.hypotheses import Bodies
 from activetouch.perception.card import PRODUCTS, ClassifierCard
 from activetouch.poses import to_matrices, turned
-
-if TYPE_CHECKING:
-    from activetouch.hypotheses import Bodies
-    from activetouch.scene import Scene
+from activetouch.scene import Scene
 
 Floats32 = NDArray[np.float32]
 _AT_ONCE = 4096  # hypotheses

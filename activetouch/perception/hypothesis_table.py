@@ -5,22 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.errors import WrongScene
 from activetouch.orientations import LyingAnyhow
+from activetouch.perception.reader import TactileReader
 from activetouch.poses import multiply, turned
 from activetouch.rotation_cells import nearest
+from activetouch.scene import Scene
 from belief.errors import InvalidArgument
 from belief.frozen import frozen
-
-if TYPE_CHECKING:
-    from activetouch.perception.reader import TactileReader
-    from activetouch.scene import Scene
-    from belief.observation_model.outcome_mixture import Views
+from belief.observation_model.outcome_mixture import Views
 
 _FEW_POSES = 12
 _MOST_IN_SINGLE = 1 << 25  # numbers in the tables of all poses
@@ -96,10 +94,6 @@ class HypothesisTable:
                 f"this observation model takes poses as alike, which holds for more than {_FEW_POSES} poses of objects "
                 f"that lie anyhow, not for {self.scene!r}. Fit one to touches of this scene (activetouch calibrate)"
             )
-        from belief.observation_model.outcome_mixture import (
-            Views,  # with all observation models, which recording does not need
-        )
-
         groups, rotations = np.array(self.groups), list(self.scene.rotations.values())
         rests = self.scene.hypotheses(num_hypotheses).rests
         first = np.unique(groups, return_index=True)[1][groups]

@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,18 +19,16 @@ from activetouch.perception.cached_arrays import cached
 from activetouch.perception.contacts.hypotheses import num_hypotheses
 from activetouch.perception.grasps import GraspHypotheses
 from activetouch.perception.hypothesis_table import HypothesisTable
+from activetouch.perception.reader import TactileReader
+from activetouch.scene import Scene
 from activetouch.scene_description import SURROUNDINGS, scene_fields
 from belief.errors import CorruptFile
 from belief.files import require_regular_file, write_text
+from belief.observation_model.model import ArrayModel
 from belief.observation_model.registry import read_observation_model, read_origin
 from belief.observation_model.rigid_body import FittedRigidBody, RigidBodyModel
 from belief.problem import Touch
 from belief.touch_batch import TouchBatch
-
-if TYPE_CHECKING:
-    from activetouch.perception.reader import TactileReader
-    from activetouch.scene import Scene
-    from belief.observation_model.model import ArrayModel
 
 _TOUCHES = 1200  # simulated, in all
 _LEAST, _MOST = 12, 48  # objects of each shape

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,12 +22,10 @@ from activetouch.perception.contacts.hypotheses import ContactHypotheses, Hypoth
 from activetouch.perception.grasps import GraspHypotheses
 from activetouch.perception.hypothesis_embedding import Floats32, HypothesisEmbedding
 from activetouch.perception.sessions import session_of
+from activetouch.scene import Scene
 from belief.errors import CorruptFile
 from belief.files import array_digest
 from belief.sealed_tensors import read_tensors, write_tensors
-
-if TYPE_CHECKING:
-    from activetouch.scene import Scene
 
 INPUT, OUTPUTS = "images", ("embedding", "features")
 """What the graph of a reader calls its input and its outputs."""

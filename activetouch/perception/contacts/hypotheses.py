@@ -8,26 +8,23 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from activetouch.hypotheses import Bodies
 from activetouch.perception.cached_arrays import cached_array
 from activetouch.perception.contacts.imaging import Floats32, Imaging, encoded
 from activetouch.perception.contacts.sensor_state import sensor_state
 from activetouch.perception.sessions import session_of
 from activetouch.poses import turned
 from activetouch.pressing.height_maps import predicted_contacts
+from activetouch.scene import Scene
 from activetouch.scene_description import scene_fields
+from activetouch.solids.solid import Shape
 from belief.files import array_digest
-
-if TYPE_CHECKING:
-    from activetouch.hypotheses import Bodies
-    from activetouch.scene import Scene
-    from activetouch.solids.solid import Shape
-
 
 CONTACTS = ("contacts", "cells", "code")
 """What the graph of contacts calls its inputs."""

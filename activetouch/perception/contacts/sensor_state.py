@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -30,10 +30,8 @@ from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.press import Quasistatic
 from activetouch.rendering import Blur, DeadTaxels, Gain, Hysteresis, Noise, PressureRenderer, Shift, StuckTaxels
 from activetouch.rendering.faults import faults_of
+from activetouch.scene import Scene
 from activetouch.scene_description import OBJECTS
-
-if TYPE_CHECKING:
-    from activetouch.scene import Scene
 
 _KNOWN = (Blur, DeadTaxels, Gain, Hysteresis, Noise, Shift, StuckTaxels)
 _OF_FAULTS = {"noise", "blur", "shift", "hysteresis"}
