@@ -28,10 +28,7 @@ EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 
 def require_extra(extra: str) -> None:
-    """Check that an extra is installed, before any work.
-
-    Args:
-        extra: a key of :data:`EXTRAS`.
+    """Check that an extra, a key of :data:`EXTRAS`, is installed, before any work.
 
     Raises:
         MissingPackage: one of its modules is missing; the message says how to install it.

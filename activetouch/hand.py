@@ -152,19 +152,11 @@ class Hand:
         return self.rotations[:, :, 0]
 
     def net_force(self, forces: ArrayLike) -> NDArray[np.float64]:
-        """The sum of the fingers' forces in the palm's frame, ``(3,)`` [N]: that which the palm has to hold.
-
-        Args:
-            forces: of the fingers, ``(m,)`` [N]; 0 for a finger that misses.
-        """
+        """The sum in the palm's frame, ``(3,)`` [N], of the fingers' forces ``(m,)`` [N]: what the palm has to hold."""
         return np.asarray(np.asarray(forces, float) @ self.axes)
 
     def across(self, place: ArrayLike) -> NDArray[np.float64]:
-        """A place in the palm, as each finger has it beside its axis: along its y and z, ``(m, 2)`` [m].
-
-        Args:
-            place: along the palm's axes, ``(3,)`` [m].
-        """
+        """A place along the palm's axes, ``(3,)`` [m], as each finger has it along its y and z, ``(m, 2)`` [m]."""
         return np.stack([(rotation.T @ np.asarray(place, float))[1:] for rotation in self.rotations])
 
     def places(self, offset: Distribution, reach: float) -> NDArray[np.float64]:

@@ -36,13 +36,17 @@ class Presentation(Protocol):
 
 
 class LyingAnyhow:
-    """The part of a presentation that puts an object on its guide in a uniformly random orientation."""
+    """A presentation that puts an object on its guide in a uniformly random orientation, from where poses turn it."""
 
     isotropic: ClassVar[bool] = True
 
     def rest(self, rng: np.random.Generator) -> Quaternion:
         """See :class:`Presentation`."""
         return random_orientation(rng)
+
+    def shown(self, rest: Quaternion, pose: Quaternion, rng: np.random.Generator) -> Quaternion:
+        """See :class:`Presentation`."""
+        return multiply(pose, rest)
 
     def rests(self, num: int) -> NDArray[np.float64]:
         """See :class:`Presentation`."""
@@ -52,10 +56,6 @@ class LyingAnyhow:
 @dataclass(frozen=True)
 class Tumbled(LyingAnyhow):
     """Unknown, uniformly random, and kept for the whole episode; poses turn the object from there."""
-
-    def shown(self, rest: Quaternion, pose: Quaternion, rng: np.random.Generator) -> Quaternion:
-        """See :class:`Presentation`."""
-        return multiply(pose, rest)
 
 
 @dataclass(frozen=True)

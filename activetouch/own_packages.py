@@ -15,9 +15,6 @@ class NameInTheWay(ImportError):
 def require_own_packages(*names: str) -> None:
     """Check that packages are those of this installation.
 
-    Args:
-        names: the packages to check.
-
     Raises:
         NameInTheWay: a folder or file of the user's comes first.
     """

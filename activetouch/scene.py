@@ -18,7 +18,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -131,19 +131,12 @@ class Scene:
 
     def __eq__(self, other: object) -> bool:
         """Whether all parts are equal, with shapes and poses in the same order."""
-        if not isinstance(other, Scene):
-            return NotImplemented
-        mine, theirs = self.rotations, other.rotations
-        return (
-            list(self.shapes.items()) == list(other.shapes.items())
-            and list(mine) == list(theirs)
-            and all(np.array_equal(mine[label], theirs[label]) for label in mine)  # arrays have no truth value
-            and all(
-                getattr(self, part.name) == getattr(other, part.name)
-                for part in fields(self)
-                if part.name not in ("shapes", "poses")
-            )
-        )
+        return self._parts() == other._parts() if isinstance(other, Scene) else NotImplemented
+
+    def _parts(self) -> list[Any]:
+        poses = [(label, np.asarray(rotation).tolist()) for label, rotation in self.rotations.items()]
+        others = [getattr(self, part.name) for part in fields(self) if part.name not in ("shapes", "poses")]
+        return [list(self.shapes.items()), poses, *others]
 
     @property
     def solids(self) -> Mapping[str, Shape]:

@@ -57,11 +57,7 @@ class FittedModel(NamedTuple):
 
 
 def fitted_model(folder: Path, independent: bool = False) -> FittedModel:
-    """The observation model in a folder, and what it was fitted to.
-
-    Args:
-        folder: of the sensor.
-        independent: see :func:`observation_file`.
+    """The observation model in a folder, see :func:`observation_file`, and what it was fitted to.
 
     Raises:
         CorruptFile: it is damaged, was changed since, or is missing.
@@ -87,25 +83,10 @@ def fitted_model(folder: Path, independent: bool = False) -> FittedModel:
     return FittedModel(model, scene, recorded)
 
 
-class SensorFiles(NamedTuple):
-    """What a sensor is made of in a scene, found without loading its network.
-
-    Attributes:
-        reader: file of the reader.
-        fitted: the observation model; None where it is to be made for the scene.
-        shift: differences of the scene from the sensor's own, in words: known shifts, and with ``anyway`` all others
-            too; none for the sensor's own scene.
-    """
-
-    reader: Path
-    fitted: FittedModel | None
-    shift: tuple[str, ...]
-
-
 def files_for(
     folder: Path, scene: Scene, anyway: bool = False, independent: bool = False, unknown_state: bool = False
-) -> SensorFiles:
-    """The files of the sensor in a folder for a scene, and how the scene differs from theirs.
+) -> tuple[Path, FittedModel | None, tuple[str, ...]]:
+    """What a sensor is made of in a scene, found without loading its network.
 
     Args:
         folder: of readers and observation models.
@@ -113,6 +94,10 @@ def files_for(
         anyway: whether to use them whatever the differences are, as long as the network can read the images at all.
         independent: whether the model that takes touches as independent given the shape is to be used.
         unknown_state: see :func:`reader_file`.
+
+    Returns:
+        The file of the reader; the observation model, or None where it is to be made for the scene; and the differences
+        of the scene from the sensor's own, in words: known shifts, and with ``anyway`` all others too.
 
     Raises:
         CorruptFile: one of the files is damaged or missing.
@@ -141,7 +126,7 @@ def files_for(
         require_model(fitted.model, scene)
     found = [require_scene(f"{what} in {folder}", own, here, anyway) for what, own in made_for]
     card.require_images(scene.image_shape)
-    return SensorFiles(path, fitted, tuple(dict.fromkeys(sum(found, ()))))
+    return path, fitted, tuple(dict.fromkeys(sum(found, ())))
 
 
 def reader_file(folder: Path, scene: Scene, independent: bool = False, unknown_state: bool = False) -> Path:

@@ -27,11 +27,7 @@ _KEYS = {"quaternion", "aim"}
 
 @dataclass(frozen=True, eq=False)
 class SensorReader:
-    """Reads images for sessions of a sensor (:class:`planners.session_log.ImageReader`).
-
-    Attributes:
-        sensor: of a scene.
-    """
+    """Reads images for sessions of a sensor of a scene (:class:`planners.session_log.ImageReader`)."""
 
     sensor: TactileSensor
 
@@ -59,9 +55,6 @@ class SensorReader:
 
         It is 0 where the image could be one of no contact: 98 of 100 of these are. A weak contact that only the sum of
         all taxels tells counts as one taxel.
-
-        Args:
-            image: ``(H, W)`` or ``(H, W, 3)``.
         """
         nothing, limit, limit_of_sum = self._blank
         if (hand := self.sensor.scene.hand) is not None:
@@ -117,11 +110,7 @@ class SensorReader:
 
 @dataclass(frozen=True, eq=False)
 class RecordedRowReader:
-    """Reads rows of features for sessions of a sensor of recorded touches.
-
-    Attributes:
-        sensor: that was trained on recordings.
-    """
+    """Reads rows of features for sessions of a sensor of recorded touches."""
 
     sensor: RecordedSensor
 

@@ -46,10 +46,6 @@ def write_tensors(
 def read_tensors(path: Path, kind: str = STATE) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     """The arrays and fields from :func:`write_tensors`.
 
-    Args:
-        path: of the file.
-        kind: name and version of the format.
-
     Raises:
         CorruptFile: the file is missing, truncated, of another kind, or was changed after it was written.
     """
@@ -63,10 +59,6 @@ def read_tensors(path: Path, kind: str = STATE) -> tuple[dict[str, NDArray[Any]]
 
 def read_fields(path: Path, kind: str = STATE) -> dict[str, Any]:
     """The fields alone, from the header: their digest is checked, that of the arrays is not.
-
-    Args:
-        path: of the file.
-        kind: name and version of the format.
 
     Raises:
         CorruptFile: the file is missing, truncated, of another kind, or its header was changed.

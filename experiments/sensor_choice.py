@@ -73,11 +73,7 @@ def require_policies(decider: str, targets: Sequence[str], scene: str, sensor: P
 
 
 def independent_sensor(scene: str) -> Path:
-    """Folder of the shipped sensor of a scene that reads shapes only; where there is none, of its usual sensor.
-
-    Args:
-        scene: name of the scene.
-    """
+    """Folder of the shipped sensor of a scene that reads shapes only; where there is none, of its usual sensor."""
     usual = sensor_folder(None, scene)
     own = usual.with_name(f"{usual.name}{INDEPENDENT_SUFFIX}")
     return own if own.is_dir() else usual

@@ -170,14 +170,18 @@ def read_split(folder: Path, split: str) -> TouchSet:
             "command or program that began it"
         )
     per_object = manifest.touches_per_object
-    total = shards[-1][1].stop * per_object
-    columns = {name: np.empty((total, *_WIDTHS.get(name, ())), dtype) for name, dtype in _NUMBERS.items()}
-    columns["images"] = np.empty((total, *manifest.image_shape), np.uint8)
+    columns = {name: np.empty(*kind) for name, kind in _columns(manifest, shards[-1][1].stop * per_object).items()}
     for shard, objects in shards:
         touches = read_shard(folder, manifest, split, shard, objects)
         for name, column in columns.items():
             column[objects.start * per_object : objects.stop * per_object] = getattr(touches, name)
     return TouchSet(**columns)
+
+
+def _columns(manifest: Manifest, number: int) -> dict[str, tuple[tuple[int, ...], np.dtype[Any]]]:
+    """Shape and type of the columns of so many touches, by name."""
+    images = (number, *manifest.image_shape), np.dtype(np.uint8)
+    return {"images": images, **{name: ((number, *_WIDTHS.get(name, ())), kind) for name, kind in _NUMBERS.items()}}
 
 
 def read_shard(folder: Path, manifest: Manifest, split: str, shard: int, objects: range) -> TouchSet:
@@ -189,8 +193,7 @@ def read_shard(folder: Path, manifest: Manifest, split: str, shard: int, objects
     """
     path, per_object = shard_path(folder, split, shard), manifest.touches_per_object
     number, remedy = len(objects) * per_object, "Delete it and record it again, with the command that began it"
-    planned = {"images": ((number, *manifest.image_shape), np.dtype(np.uint8))}
-    planned |= {name: ((number, *_WIDTHS.get(name, ())), dtype) for name, dtype in _NUMBERS.items()}
+    planned = _columns(manifest, number)
     size = sum(math.prod(shape) * dtype.itemsize for shape, dtype in planned.values())
     try:
         found = read_npz(require_regular_file(path).read_bytes(), size + _HEADERS)

@@ -95,26 +95,11 @@ class Manifest:
         """The manifest of a collection that this machine would begin now."""
         import mujoco
 
-        return cls(
-            plan,
-            scene_fields(scene),
-            None if choice is None else json.loads(json.dumps(choice)),
-            scene.shape_labels,
-            scene.pose_labels,
-            scene.symmetry,
-            scene.image_shape,
-            {
-                "activetouch": version("activetouch"),
-                "mujoco": mujoco.__version__,
-                "numpy": np.__version__,
-                "python": platform.python_version(),
-            },
-        )
-
-    @property
-    def mujoco_version(self) -> str:
-        """MuJoCo that recorded it."""
-        return self.versions["mujoco"]
+        versions = {"activetouch": version("activetouch"), "mujoco": mujoco.__version__}
+        versions |= {"numpy": np.__version__, "python": platform.python_version()}
+        words = None if choice is None else json.loads(json.dumps(choice))
+        labels = scene.shape_labels, scene.pose_labels
+        return cls(plan, scene_fields(scene), words, *labels, scene.symmetry, scene.image_shape, versions)
 
     def shards(self) -> Iterator[tuple[str, int, range]]:
         """The shards it consists of: (split, shard number, object numbers)."""
@@ -133,7 +118,7 @@ class Manifest:
     @property
     def decisive(self) -> dict[str, Any]:
         """All that decides which touches are recorded, by name."""
-        known = {**asdict(self), "MuJoCo": self.mujoco_version}
+        known = {**asdict(self), "MuJoCo": self.versions["mujoco"]}
         return {name: known[name] for name in _DECISIVE}
 
     def to_json(self) -> str:
@@ -187,11 +172,6 @@ def write_manifest(
         if create_text(folder / "manifest.json", wanted.to_json()):
             return wanted
     first = read_manifest(folder)
-    _require_same(folder, first, wanted)
-    return first
-
-
-def _require_same(folder: Path, first: Manifest, wanted: Manifest) -> None:
     mine, asked = first.decisive, wanted.decisive
     if differing := [key for key in _DECISIVE if mine[key] != asked[key]]:
         key = differing[0]
@@ -203,6 +183,7 @@ def _require_same(folder: Path, first: Manifest, wanted: Manifest) -> None:
             f"{folder} holds a collection with other {', '.join(differing)} ({key}: {difference}). Choose another "
             "folder, or delete this one to record it anew."
         )
+    return first
 
 
 def _parse(found: Mapping[str, Any], path: Path) -> Manifest:
@@ -220,7 +201,7 @@ def _parse(found: Mapping[str, Any], path: Path) -> Manifest:
         if not (
             type(found["format"]) is int
             and isinstance(manifest.scene, Mapping)
-            and isinstance(manifest.mujoco_version, str)
+            and isinstance(manifest.versions["mujoco"], str)
             and all(isinstance(label, str) for label in labels)
         ):
             raise TypeError("a field is of another type")

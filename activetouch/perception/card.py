@@ -17,10 +17,6 @@ from belief.sealed_tensors import read_fields
 
 READER = "activetouch-reader-1"
 """The kind of file that a sensor has, with a network for ONNX Runtime."""
-HYPOTHESIS_NETWORK = "residual"
-"""The network that embeds hypotheses, as files name it; those of earlier versions had another (decision 0063)."""
-CONTACT_NETWORK = "contacts"
-"""The network of readers of any object, which embeds hypotheses by their predicted contacts."""
 PRODUCTS = np.triu_indices(9)
 """The pairs of entries of a rotation matrix whose products a network of hypotheses reads, two arrays."""
 
@@ -127,8 +123,15 @@ class ClassifierCard:
     def fields(self) -> dict[str, Any]:
         """Its fields, as a file has them; a card that knows orientations names its network of hypotheses too."""
         found = {name: value for name, value in asdict(self).items() if name != "imaging" or value is not None}
-        network = HYPOTHESIS_NETWORK if self.imaging is None else CONTACT_NETWORK
-        return found | ({"hypothesis_network": network} if self.knows_orientations else {})
+        return found | ({"hypothesis_network": self._hypothesis_network} if self.knows_orientations else {})
+
+    @property
+    def _hypothesis_network(self) -> str:
+        """The network that embeds hypotheses, as files name it; those of earlier versions had another (decision 0063).
+
+        Readers of any object embed hypotheses by their predicted contacts.
+        """
+        return "residual" if self.imaging is None else "contacts"
 
 
 def card_from(fields: Mapping[str, Any], path: Path) -> ClassifierCard:
@@ -150,8 +153,8 @@ def card_from(fields: Mapping[str, Any], path: Path) -> ClassifierCard:
                 raise TypeError(f"{name} is {value!r}")
     except (KeyError, TypeError, ValueError) as error:
         raise CorruptFile(f"{path} does not describe a classifier: {error!r}") from error
-    wanted = HYPOTHESIS_NETWORK if card.imaging is None else CONTACT_NETWORK
-    if card.knows_orientations and (network := fields.get("hypothesis_network")) != wanted:
+    network, wanted = fields.get("hypothesis_network"), card._hypothesis_network
+    if card.knows_orientations and network != wanted:
         raise CorruptFile(
             f"the network of hypotheses in {path} is {network!r}, and only {wanted!r} can be read (readers of earlier "
             "versions have another); train it again"

@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from torch.utils.data import DataLoader, IterableDataset
+from torch.utils.data import DataLoader
 
 from activetouch.errors import ImpossibleRecipe
 from activetouch.perception.card import ClassifierCard
 from activetouch.perception.contacts.hypotheses import CONTACTS, EMBEDDING, ContactHypotheses
 from activetouch.perception.contacts.imaging import FEW_PIXELS, STATE_SIZE, Imaging
 from activetouch.perception.contacts.network import ContactNetwork, ContactReader, ImageNetwork, losses
-from activetouch.perception.contacts.touches import Batch, Batches
+from activetouch.perception.contacts.touches import Batches
 from activetouch.perception.export import exported
 from activetouch.perception.learner import Learner, falling
 from activetouch.perception.reader import INPUT, OUTPUTS, TactileReader
@@ -76,12 +76,7 @@ class ContactRecipe:
 
     @classmethod
     def of(cls, imaging: Imaging, **changes: Any) -> ContactRecipe:
-        """The recipe for a sensor: images of few pixels need fewer convolutions, and more bodies in a batch.
-
-        Args:
-            imaging: of the sensor.
-            changes: fields that differ.
-        """
+        """The recipe for a sensor: images of few pixels need fewer convolutions, and more bodies in a batch."""
         few: dict[str, Any] = {"widths": (16, 32, 64), "groups": 64} if imaging.pixels <= FEW_PIXELS else {}
         return cls(**few | changes)
 
@@ -89,21 +84,6 @@ class ContactRecipe:
         """Learning rate of a step: linear rise, then a cosine to almost zero."""
         rise = min(1.0, (step + 1) / self.warmup)
         return self.learning_rate * rise * (falling(min(1.0, step / self.steps)) + 0.003)
-
-
-class _Stream(IterableDataset[Batch]):
-    """The batches of a training from a step on, made in other processes."""
-
-    def __init__(self, batches: Batches, first: int) -> None:
-        self.batches, self.first = batches, first
-
-    def __iter__(self) -> Iterator[Batch]:
-        worker = torch.utils.data.get_worker_info()
-        number, every = (0, 1) if worker is None else (worker.id, worker.num_workers)
-        step = self.first + number
-        while True:
-            yield self.batches(step)
-            step += every
 
 
 class ContactTrainer:
@@ -139,20 +119,19 @@ class ContactTrainer:
             Batches, imaging, groups=recipe.groups, touches=recipe.touches, worlds=recipe.worlds, device=device
         )
         bodies, late = range(HELD_OUT, HELD_OUT + recipe.bodies), recipe.late * recipe.steps
-        stream = _Stream(drawn(bodies, seed=recipe.seed, late=late, others=recipe.others), self.step)
-        workers = workers if device == "cpu" else 0
+        batches = drawn(bodies, seed=recipe.seed, late=late, others=recipe.others)
+        workers, steps = workers if device == "cpu" else 0, range(self.step, recipe.steps)
         ahead = 4 if workers else None
-        self._stream = iter(DataLoader(stream, batch_size=None, num_workers=workers, prefetch_factor=ahead))
+        self._batches = iter(DataLoader(batches, None, sampler=steps, num_workers=workers, prefetch_factor=ahead))
         held_out = drawn(range(HELD_OUT), seed=recipe.seed + 1)
-        self._checks = [held_out(number) for number in range(CHECKS)]
+        self._checks = [held_out[number] for number in range(CHECKS)]
         self._bf16 = recipe.bf16 and imaging.pixels >= _SMALLEST_IN_HALF
         self._started, self._sums = time.monotonic(), torch.zeros(3, device=device)
 
     def run(self, learned: Callable[[int], None] = lambda step: None) -> Iterator[dict[str, float]]:
         """Train to the end of the recipe; a report, which is also logged, every hundred steps.
 
-        Args:
-            learned: called after every step with the number of steps.
+        ``learned`` is called after every step with the number of steps.
         """
         recipe = self.recipe
         while self.step < recipe.steps:
@@ -167,7 +146,7 @@ class ContactTrainer:
                 self._save()
 
     def _learn(self) -> None:
-        contrast, entropy, accuracy = losses(self.network, next(self._stream), self.recipe.groups, self._bf16)
+        contrast, entropy, accuracy = losses(self.network, next(self._batches), self.recipe.groups, self._bf16)
         self._learner.gradient(contrast + entropy)
         self._learner.step(self.recipe.rate(self.step))
         self._sums += torch.stack([contrast.detach(), entropy.detach(), accuracy])
@@ -191,10 +170,9 @@ class ContactTrainer:
         arrays, fields = read_tensors(self._state)
         own, theirs = json.loads(json.dumps(asdict(self.recipe))), dict(fields["recipe"])
         theirs["steps"] = own["steps"]  # more or fewer may follow
-        differing = [
-            f"{name} {theirs.get(name)} (not {value})" for name, value in own.items() if theirs.get(name) != value
-        ]
-        if differing:
+        if differing := [
+            f"{name} {theirs.get(name)} (not {own[name]})" for name in own if theirs.get(name) != own[name]
+        ]:
             raise ImpossibleRecipe(
                 f"{self._state} is of a training with {', '.join(differing)}; give its numbers, or another folder"
             )

@@ -98,10 +98,6 @@ def fixed_hypotheses(classifier: TouchClassifier, touches: TouchSet) -> Hypothes
     The fixed hypotheses are those of training touches, evenly spread: they follow the scene's own distribution of
     orientations and sizes, whatever it is.
 
-    Args:
-        classifier: a network whose card has an embedding.
-        touches: that it was trained on.
-
     Raises:
         TrainingDiverged: a weight is too large for half precision, or not finite.
     """

@@ -95,10 +95,9 @@ class GraspHypotheses:
         return np.concatenate(found, axis=2)
 
     def of_travel(self, stops: NDArray[np.float64]) -> Floats32:
-        """What is appended to the embeddings of N grasps: of where their fingers stop, ``(N, m + 1)`` or ``(N, 0)``.
+        """What is appended to the embeddings of N grasps, ``(N, m + 1)``, for their stops ``(N, m)`` [m].
 
-        Args:
-            stops: from the middle of the palm [m], ``(N, m)``; ``(N, 0)`` where the hand reads no travel.
+        Where the hand reads no travel, both are ``(N, 0)``.
         """
         if self.hand.travel is None:
             return np.zeros((len(stops), 0), np.float32)

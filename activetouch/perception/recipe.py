@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
+from math import inf
 from types import MappingProxyType
 from typing import Literal
 
@@ -65,20 +66,20 @@ class TrainingRecipe:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if min(self.epochs, self.batch_size) < 1 or (self.patience is not None and self.patience < 1):
-            raise ImpossibleRecipe(f"epochs, batch_size and patience must be at least 1, got {self}")
-        if self.optimizer not in ("adamw", "muon"):
-            raise ImpossibleRecipe(f'optimizer must be "adamw" or "muon", got {self}')
-        if not (0.0 < self.learning_rate < float("inf") and 0.0 <= self.weight_decay < float("inf")):
-            raise ImpossibleRecipe(f"learning_rate must be positive, weight_decay ≥ 0, both finite; got {self}")
-        if not (0.0 <= self.warmup < self.epochs and 0.0 <= self.rotation <= 180.0):
-            raise ImpossibleRecipe(f"warmup must end before the epochs do, rotation be in [0°, 180°]; got {self}")
-        if self.focus and not self.embedding:
-            raise ImpossibleRecipe(f"focus is for learning by contrast, got {self}")
-        if not (0.0 <= self.gain <= 1.0 and 0.0 <= self.dead <= 1.0 and 0.0 <= self.noise < float("inf")):
-            raise ImpossibleRecipe(f"gain and dead must be in [0, 1], noise finite and ≥ 0; got {self}")
-        if self.embedding < 0 or self.negatives < 1 or not 0.0 <= self.cell <= 180.0:
-            raise ImpossibleRecipe(f"embedding must be ≥ 0, negatives ≥ 1, cell in [0°, 180°]; got {self}")
+        numbers = self.epochs, self.batch_size, 1 if self.patience is None else self.patience
+        for rule, holds in {
+            "epochs, batch_size and patience must be at least 1": min(numbers) >= 1,
+            'optimizer must be "adamw" or "muon"': self.optimizer in ("adamw", "muon"),
+            "learning_rate must be positive and finite": 0.0 < self.learning_rate < inf,
+            "weight_decay and noise must be finite and ≥ 0": 0.0 <= self.weight_decay < inf and 0.0 <= self.noise < inf,
+            "warmup must end before the epochs do": 0.0 <= self.warmup < self.epochs,
+            "rotation and cell must be in [0°, 180°]": 0.0 <= self.rotation <= 180.0 and 0.0 <= self.cell <= 180.0,
+            "gain and dead must be in [0, 1]": 0.0 <= self.gain <= 1.0 and 0.0 <= self.dead <= 1.0,
+            "embedding must be ≥ 0, negatives ≥ 1": self.embedding >= 0 and self.negatives >= 1,
+            "focus is for learning by contrast": not self.focus or self.embedding,
+        }.items():
+            if not holds:
+                raise ImpossibleRecipe(f"{rule}, got {self}")
 
     @property
     def words(self) -> str:

@@ -31,11 +31,7 @@ _LARGEST, _SMALLEST = 0.06, 0.004  # radius of the bounding ball [m]
 
 @lru_cache(maxsize=8192)
 def random_body(number: int) -> Surface:
-    """The body of a number, kept for the next batch that shows it.
-
-    Args:
-        number: ≥ 0; other numbers give other bodies.
-    """
+    """The body of a number ≥ 0, kept for the next batch that shows it."""
     rng = np.random.default_rng([number, 0xB0D1])
     parts = [_part(rng)]
     if rng.uniform() > _ALONE:

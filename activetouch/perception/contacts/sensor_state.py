@@ -46,9 +46,6 @@ _TAXEL, _PART = 1.1, 0.3  # by which an image may be blurred or shifted: in taxe
 def imaging_of(scene: Scene) -> Imaging:
     """What the images of a scene are made of.
 
-    Args:
-        scene: with a pressure renderer.
-
     Raises:
         WrongScene: its images are not of pressure.
     """

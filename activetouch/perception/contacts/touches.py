@@ -16,6 +16,7 @@ import torch
 from joblib import Parallel, delayed
 from numpy.typing import NDArray
 from torch import Tensor
+from torch.utils.data import Dataset
 
 from activetouch.perception.contacts.bodies import random_body
 from activetouch.perception.contacts.device_heights import DeviceBodies
@@ -57,7 +58,7 @@ class Batch(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Batches:
+class Batches(Dataset[Batch]):
     """An endless stream of batches; batch i follows from the seed and i alone.
 
     Attributes:
@@ -83,8 +84,7 @@ class Batches:
     seed: int = 0
     device: str = "cpu"
 
-    def __call__(self, number: int) -> Batch:
-        """Batch ``number``."""
+    def __getitem__(self, number: int) -> Batch:
         rng = np.random.default_rng([self.seed, number, len(self.bodies)])
         imaging, total = self.imaging, self.groups * self.touches
         usual, others = (self.worlds // 2, self.others) if number >= self.late else (1, 0)

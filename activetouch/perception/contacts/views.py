@@ -151,11 +151,7 @@ class BodySet:
         return cls(tuple(solids), table, plan, np.array(list(scene.rotations.values())), **others)
 
     def start(self, log_prior: Floats | None = None) -> CoarseToFine:
-        """The belief before the first touch.
-
-        Args:
-            log_prior: of the bodies, ``(K,)``; all equal by default.
-        """
+        """The belief before the first touch, from a log prior of the bodies, ``(K,)``; all are equal by default."""
         prior = np.zeros(len(self.labels)) if log_prior is None else log_prior
         return CoarseToFine.start(prior, nested(self.levels), self, self.effort, self.scale, self.drift)
 

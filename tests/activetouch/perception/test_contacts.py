@@ -129,7 +129,7 @@ def test_late_batches_have_more_hypotheses_and_the_usual_sensor():
     from activetouch.perception.contacts.touches import Batches
 
     batches = Batches(replace(IMAGING, samples=32), range(6), groups=2, touches=4, worlds=4, late=1, others=5)
-    early, late, again = batches(0), batches(1), batches(1)
+    early, late, again = batches[0], batches[1], batches[1]
     assert len(early.images) == len(early.contacts) == len(late.images) == 8
     assert len(late.contacts) == len(late.cells) == 8 + 2 * 5
     assert not late.codes[:2].any()
