@@ -34,7 +34,16 @@ def as_real(values: ArrayLike, name: str) -> NDArray[np.floating]:
 
 def warn_of_probs(values: NDArray[np.floating], name: str, instead: str) -> None:
     """A UserWarning, three callers up, about logarithms ``(..., K)`` that look like probabilities."""
-    if _may_be_probs(values):
+    if values.ndim == 0 or values.size == 0 or values.shape[-1] < 2:
+        return
+    near = SUM_TOLERANCE if values.itemsize < 4 else _NEAR_ONE
+    rows = values.reshape(-1, values.shape[-1])
+    with np.errstate(over="ignore", invalid="ignore"):
+        look_like = all(
+            some.min() >= 0.0 and np.abs(some.sum(axis=1, dtype=np.float64) - 1.0).max() <= near
+            for some in (rows[:1], rows)  # one row usually tells
+        )
+    if look_like:
         warnings.warn(f"{name} has no negative number and sums to one, as probabilities do; {instead}", stacklevel=4)
 
 
@@ -60,19 +69,6 @@ def as_logs(name: str, logs: ArrayLike | None, keyword: str, plain: ArrayLike | 
     require(np.isfinite(values) & (values >= 0.0), np.atleast_1d(values), keyword, "NaN, infinity or a negative number")
     with np.errstate(divide="ignore"):
         return np.asarray(np.log(values))
-
-
-def _may_be_probs(values: NDArray[np.floating]) -> bool:
-    """Whether all rows ``(..., K)`` of at least two numbers are non-negative and sum to one."""
-    if values.ndim == 0 or values.size == 0 or values.shape[-1] < 2:
-        return False
-    near = SUM_TOLERANCE if values.itemsize < 4 else _NEAR_ONE
-    rows = values.reshape(-1, values.shape[-1])
-    with np.errstate(over="ignore", invalid="ignore"):
-        return all(
-            bool(some.min() >= 0.0 and np.abs(some.sum(axis=1, dtype=np.float64) - 1.0).max() <= near)
-            for some in (rows[:1], rows)  # one row usually tells
-        )
 
 
 def unmasked(values: ArrayLike, name: str) -> NDArray[Any]:

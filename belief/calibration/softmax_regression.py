@@ -11,7 +11,6 @@ the steps come from conjugate gradients with Hessian-vector products.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,19 +83,10 @@ class SoftmaxRegression:
         # Preconditioner: inverse of the penalties plus an upper bound on the curvature of each coefficient.
         squares = np.square(self.features) @ self.weights / self.weights.sum()
         diagonal = (2.0 * self.penalty + squares / len(self.centre))[free]
-        operator, scale = (
-            scipy.sparse.linalg.LinearOperator((gradient.size, gradient.size), matvec=product, dtype=np.float64)
-            for product in (self._curvature(coefficients, free), lambda vector: vector / diagonal)
-        )
-        tolerance = min(0.1, float(np.sqrt(np.abs(gradient).max())))  # gives superlinear convergence
-        step, _ = scipy.sparse.linalg.cg(operator, -gradient, rtol=tolerance, atol=1e-12, M=scale)
-        return np.asarray(step)
-
-    def _curvature(self, coefficients: Floats, free: NDArray[np.bool_]) -> Callable[[Floats], Floats]:
-        """The function that multiplies the Hessian at these coefficients with a vector of the free ones."""
         total, ridge = self.weights.sum(), 2.0 * self.penalty[free]
 
-        def product(vector: Floats) -> Floats:
+        def curvature(vector: Floats) -> Floats:
+            """The product of the Hessian at these coefficients with a vector of the free ones."""
             direction, bent = np.zeros(self.centre.shape), np.zeros(self.centre.shape)
             direction[free] = vector.ravel()
             for first in range(0, len(self.labels), _BLOCK):
@@ -106,7 +96,13 @@ class SoftmaxRegression:
                 bent += (self.weights[first : first + _BLOCK] * probs * (moved - (probs * moved).sum(axis=0))) @ x.T
             return np.asarray(bent[free] / total + ridge * vector.ravel())
 
-        return product
+        operator, scale = (
+            scipy.sparse.linalg.LinearOperator((gradient.size, gradient.size), matvec=product, dtype=np.float64)
+            for product in (curvature, lambda vector: vector / diagonal)
+        )
+        tolerance = min(0.1, float(np.sqrt(np.abs(gradient).max())))  # gives superlinear convergence
+        step, _ = scipy.sparse.linalg.cg(operator, -gradient, rtol=tolerance, atol=1e-12, M=scale)
+        return np.asarray(step)
 
     def _derivatives(self, coefficients: Floats, curvature: bool) -> tuple[float, Floats, Floats]:
         """Objective, gradient and Hessian (empty without ``curvature``) in the free coefficients."""

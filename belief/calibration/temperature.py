@@ -134,8 +134,8 @@ def _fit(gaps: Floats, labels: NDArray[np.intp], weights: Floats, unit: float) -
     scale = -float(gaps.min())
     if scale == 0.0:
         return TemperatureScaling(1.0, "uninformative")
-    label_gap = _mean(gaps[labels, np.arange(num_rows)], weights)
-    flat_slope = _mean(gaps.mean(axis=0), weights) - label_gap  # at β = 0
+    label_gap = float(np.average(gaps[labels, np.arange(num_rows)], weights=weights))
+    flat_slope = float(np.average(gaps.mean(axis=0), weights=weights)) - label_gap  # at β = 0
     if flat_slope >= -_ROUNDING * scale:
         status: Status = "uninformative" if flat_slope <= _ROUNDING * scale else "anti_informative"
         return TemperatureScaling(_representable(scale * _EXTREME * unit), status)
@@ -145,13 +145,9 @@ def _fit(gaps: Floats, labels: NDArray[np.intp], weights: Floats, unit: float) -
     if num_rows > 2 * _ENOUGH:
         some = slice(None, None, num_rows // _ENOUGH)
         part = np.ascontiguousarray(gaps[:, some])
-        part_gap = _mean(part[labels[some], np.arange(part.shape[1])], weights[some])
-        beta = _best_beta(part, weights[some], part_gap, beta)
+        part_gap = np.average(part[labels[some], np.arange(part.shape[1])], weights=weights[some])
+        beta = _best_beta(part, weights[some], float(part_gap), beta)
     return TemperatureScaling(_representable(unit / _best_beta(gaps, weights, label_gap, beta)), "ok")
-
-
-def _mean(values: Floats, weights: Floats) -> float:
-    return float((values * weights).sum() / weights.sum())
 
 
 def _best_beta(gaps: Floats, weights: Floats, label_gap: float, beta: float) -> float:

@@ -46,8 +46,7 @@ class OutcomeMixture(FrozenArrays):
     Attributes:
         weights: p(hypothesis | shape, touches so far), ``(K, H)``; rows sum to one.
         probs: p(outcome | pose, shape, hypothesis) of first touches, ``(P, K, H, M)``; the last axis sums to one.
-        new: how much the next touch in each pose tells, as a fraction of a first touch in it, ``(P,)``; None for all.
-            The last outcome is then that it tells nothing new.
+        new: see :class:`Outcomes`.
 
     A shape has two equally probable hypotheses, and each determines the outcome. A repeat gives the same outcome:
 
@@ -222,8 +221,7 @@ class SharedMixture(FrozenArrays):
         num_hypotheses: H, at most, of each shape; see :func:`~belief.observation_model.log_weights.some_hypotheses`.
         outcomes: p(outcome | shape, hypothesis) in the first pose of each group, ``(G, K, N, M)``.
         views: of the poses.
-        new: how much the next touch in each pose tells, as a fraction of a first touch in it, ``(P,)``; None for all.
-            The last outcome is then that it tells nothing new.
+        new: see :class:`Outcomes`.
     """
 
     log_weights: Floats

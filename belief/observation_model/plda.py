@@ -66,11 +66,6 @@ class LogitEmbedding(FrozenArrays):
         most = min(_MOST_UNITS * unit, _LARGEST)
         return cls(np.maximum(away.min(axis=0), -most), np.minimum(away.max(axis=0), most), unit)
 
-    @property
-    def num_components(self) -> int:
-        """D = K - 1."""
-        return len(self.lowest) - 1
-
     def __call__(self, batch: TouchBatch) -> Floats:
         """Vectors of touches, ``(S, n, D)``."""
         clipped = np.minimum(np.maximum(_centred(batch.require_logits()), self.lowest), self.highest)
@@ -166,7 +161,7 @@ class PLDAModel(ArrayModel):
 
     def __post_init__(self) -> None:
         self.to_floats("means")
-        expected = (len(self.shape_labels), self.embedding.num_components)
+        expected = (len(self.shape_labels), len(self.embedding.lowest) - 1)
         if self.means.ndim != 3 or self.means.shape[1:] != expected or len(self.means) == 0:
             raise ValueError(f"means must be (P, {expected[0]}, {expected[1]}), got {self.means.shape}")
         parts = []
