@@ -45,19 +45,14 @@ def fitted(model: JointModel, data: LabelledTouches) -> tuple[JointModel, Confli
         model: at temperature 1.
         data: touches with embeddings as features.
     """
-    model = model.at(_fitted_temperature(model, data))
+    length = min(model.num_poses, MOST_TOUCHES)
+    model = model.at(_best_temperature(model, *_in_different_poses(model, data, length, length, _AT_LEAST)))
     drift = 0.0
     if model.num_poses > MOST_TOUCHES:
         temperature, drift = _fitted_drift(model, data)
         model = model.at(temperature)
     model = model.at(model.temperature, _fitted_correlation(model, data), drift)
     return model, _fitted_conflict_test(model, data)
-
-
-def _fitted_temperature(model: JointModel, data: LabelledTouches) -> float:
-    """The temperature with the lowest mean NLL of the shape after one touch of an object, two, … up to P or 12."""
-    length = min(model.num_poses, MOST_TOUCHES)
-    return _best_temperature(model, *_in_different_poses(model, data, length, length, _AT_LEAST))
 
 
 def _fitted_drift(model: JointModel, data: LabelledTouches) -> tuple[float, float]:
@@ -113,7 +108,7 @@ def _in_different_poses(
 
 
 def _best_temperature(model: JointModel, touches: TouchBatch, truth: NDArray[np.int64]) -> float:
-    """The most probable temperature, by the NLL of the shape after each touch of sequences of S objects."""
+    """The most probable temperature, by the NLL of the shape after one touch of each of S objects, two, and so on."""
     expected, model = np.log(model.temperature), model.at(1.0)
     size = max(1, _that_fit(model, touches.num_touches))
     blocks = [slice(first, first + size) for first in range(0, len(truth), size)]
