@@ -22,7 +22,8 @@ from planners.registry import DECIDERS
 
 _DECIDERS_HELP = (
     f"Deciders, with settings as in 'information_gain(confirm=0.97)', module:attribute, sb3:model.zip of "
-    f"Stable-Baselines3, or policy:module:attribute, a function from observation to action: {', '.join(DECIDERS)}."
+    f"Stable-Baselines3, or policy:module:attribute, a function from observation to action: {', '.join(DECIDERS)}. "
+    "The others are compared with the first."
 )
 
 
@@ -53,11 +54,12 @@ class Compare:
     certificate: Path | None = None
     """File from activetouch certify: its decider also plays stopping by it."""
     out: Path | None = None
-    """Folder of the run; by default runs/compare for the scene gel, runs/compare-SCENE for any other."""
+    """Folder of the run; by default runs/compare for the scene gel, runs/compare-SCENE for any other. Another
+    comparison in it replaces the report; searches of other deciders are kept."""
     jobs: Jobs = field(default_factory=default_jobs)
     """Number of processes; the results do not depend on it."""
     results: tuple[Path, ...] = ()
-    """Play nothing; compare these: CSV files with seed, task, success (and length), or LeRobot's eval_info.json."""
+    """Play nothing; compare these: run folders, CSV files with seed, task, success (and length), or LeRobot's JSON."""
     control: tuple[Path, ...] = ()
     """With --results: file of the same episodes without what is tested, to subtract; one for all, or one for each."""
     config: Path | None = None

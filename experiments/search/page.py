@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from experiments.reporting.page import Section, data_uri, write_page
-from experiments.scene_choice import command
 from experiments.search.figures import pictures
 from experiments.search.play import Searches
 from experiments.search.replay_figures import action_words, replay
@@ -62,8 +61,8 @@ def write_page_of(run: RunFolder, comparison: Summary, searches: Searches, verdi
         verdict=[*shift_sentences(searches.sensor.shift), *verdict],
         stories=stories,
         run=run.read_run(),
-        again=command("compare", config=folder / "run.json"),
-        replay=command("replay", folder=folder, decider="NAME", target="SHAPE", number="N", out="search.png"),
+        again=run.command("compare", config=folder / "run.json"),
+        replay=run.command("replay", folder=folder, decider="NAME", target="SHAPE", number="N", out="search.png"),
         before=["One search, touch by touch"] * bool(stories),
         also=["How this was made"],
         seed=searches.seed,

@@ -11,7 +11,6 @@ from belief.errors import ActiveTouchError
 from belief.files import atomic_path, require_writable_file
 from experiments.command_line.arguments import CountOrNone, Ending, check_arguments
 from experiments.command_line.trust import Trust
-from experiments.scene_choice import command
 from experiments.search.run import RunFolder, read_episode
 from experiments.search.setting import Setting
 from planners import Episode
@@ -68,7 +67,7 @@ class Replay:
         if numbers := [json.loads(line)["seed"][-1] for line in held.get(wanted, ())]:
             if self.number in numbers:
                 return read_episode(held[wanted][numbers.index(self.number)], labels)
-            more = command("compare", config=self.folder / "run.json", episodes=self.number + 1)
+            more = RunFolder(self.folder).command("compare", config=self.folder / "run.json", episodes=self.number + 1)
             raise NoSuchEpisode(
                 f"--number {self.number}: {self.folder} holds {len(numbers)} searches of {self.decider} for "
                 f"{self.target}, numbers {numbers[0]} to {numbers[-1]}. For more searches, run:\n{more}"

@@ -1,4 +1,4 @@
-"""Compare recorded outcomes of anybody's episodes: files with seed, task and success, and no scene.
+"""Compare recorded outcomes of anybody's episodes: files with seed, task and success, and no scene; or finished runs.
 
 Episodes of the same task and seed are pairs. A control is the same episodes without what is tested, such as without a
 perturbation: a policy that fails without it, too, is not broken by it, so what counts is the policy minus its control.
@@ -11,6 +11,7 @@ import io
 import itertools
 import json
 import math
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -26,6 +27,7 @@ from belief.statistics.comparison import LEVEL, episodes_for_success, holm
 from belief.table import Table, Value
 from experiments.command_line.arguments import BadArgument
 from experiments.reporting.page import Section, write_page
+from experiments.search.run import RunFolder, read_episode
 from experiments.search.summary import ALL, Difference, MeanInterval, differences
 from experiments.search.verdict import success_sentence
 
@@ -152,12 +154,13 @@ class ResultsComparison:
 def compare_results(
     files: Sequence[Path], reference: str | None = None, control: Sequence[Path] = (), seed: int = 0
 ) -> ResultsComparison:
-    """Read and compare CSV files with the columns :data:`NEEDED`, or ``eval_info.json`` of LeRobot.
+    """Read and compare CSV files with the columns :data:`NEEDED`, ``eval_info.json`` of LeRobot, or runs.
 
-    A file is called by its name without ending, or by its folder and name if several are called alike.
+    A file is called by its name without ending, or by its folder and name if several are called alike. A run is as many
+    policies as it has deciders, called as there; its seeds are the keys of its searches, and its tasks the targets.
 
     Args:
-        files: one for each policy; an ending of ``.json`` means a file of LeRobot.
+        files: one for each policy, or the folder of a run of ``compare``; an ending of ``.json`` means LeRobot's.
         reference: name of the policy that the others are compared with; the first by default.
         control: the same episodes without what is tested: none, one file for all policies, or one for each.
         seed: of the bootstraps.
@@ -165,11 +168,14 @@ def compare_results(
     Raises:
         BadArgument: a file cannot be read, lacks a column, or states an episode twice; no episode is in all files;
             names repeat; or the number of controls does not fit.
+        FileNotFoundError: a folder holds no finished run.
     """
-    paths = [*files, *control]
-    alike = Counter(path.stem for path in paths)
-    every = [path.stem if alike[path.stem] == 1 else str(path.with_suffix("")) for path in paths]
-    names, controls = every[: len(files)], every[len(files) :]
+    read = [(path, *column) for path in (*files, *control) for column in _columns(path)]
+    alike = Counter(name for _, name, *_ in read)
+    places = [str(path.with_suffix("") if name == path.stem else path / name) for path, name, *_ in read]
+    every = [name if alike[name] == 1 else place for place, (_, name, *_) in zip(places, read, strict=True)]
+    number = sum(path in files for path, *_ in read)
+    names, controls = every[:number], every[number:]
     if not names:
         raise BadArgument("--results must name one file or more; --control alone has nothing to be subtracted from")
     if len({*every}) < len(every):
@@ -178,10 +184,9 @@ def compare_results(
         raise BadArgument(f"--reference must be one of {', '.join(names)}, got {reference!r}")
     if len(controls) not in (0, 1, len(names)):
         raise BadArgument(f"--control takes one file for all, or one for each of {len(names)}; got {len(controls)}")
-    read = [_read(path) for path in paths]
-    found = dict(zip(every, (episodes for episodes, _ in read), strict=True))
-    numbered = [name for name, (_, is_numbered) in zip(every, read, strict=True) if is_numbered]
-    keys = [key for key in read[0][0] if all(key in one for one in found.values())]
+    found = dict(zip(every, (episodes for *_, episodes, _ in read), strict=True))
+    numbered = [name for name, (*_, is_numbered) in zip(every, read, strict=True) if is_numbered]
+    keys = [key for key in found[names[0]] if all(key in one for one in found.values())]
     if not keys:
         told = "; ".join(f"{name}: {next(iter(one))}" for name, one in found.items())
         raise BadArgument(f"no episode of the same task and seed is in all files. The first of each is {told}")
@@ -251,18 +256,42 @@ def _pairs_table(title: str, pairs: Mapping[Key, Difference], name: str) -> Tabl
     )
 
 
-def _read(path: Path) -> tuple[dict[Key, tuple[bool, float]], bool]:
-    """Success and length of the episodes of a file, and whether it states no seeds; a length not stated is NaN."""
+def _columns(path: Path) -> Iterator[tuple[str, dict[Key, tuple[bool, float]], bool]]:
+    """Name, episodes and whether they are numbered, of a file or of each decider of a run."""
+    if not path.exists():
+        raise BadArgument(f"there is no file {path}")
+    if path.is_dir() or path.suffix == ".jsonl":
+        for name, rows in _of_run(path if path.is_dir() else path.parent).items():
+            yield name, _episodes(path, rows), False
+        return
     try:
         text = require_regular_file(path, BadArgument).read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise BadArgument(f"{path} cannot be read as text: {error}") from error
+    found: Iterable[_Row]
+    found, is_numbered = _of_lerobot(path, text) if path.suffix.lower() == ".json" else (_rows(path, text), False)
+    yield path.stem, _episodes(path, found), is_numbered
+
+
+def _of_run(folder: Path) -> dict[str, list[_Row]]:
+    """Rows as of CSV by decider, of the latest comparison in a run folder."""
+    run = RunFolder(folder)
+    labels = tuple(name for name, _ in run.read_run()["identity"]["scene"]["shapes"]["entries"])
+    found: dict[str, list[_Row]] = {}
+    for (decider, target), lines in run.latest(labels).items():
+        for one in (read_episode(line, labels) for line in lines):
+            row = {"task": target, "seed": str(one.seed), "success": str(one.success), "length": str(one.num_touches)}
+            found.setdefault(decider, []).append((f"{decider}, episode {one.seed}", row))
+    return found
+
+
+def _episodes(path: Path, rows: Iterable[_Row]) -> dict[Key, tuple[bool, float]]:
+    """Success and length of the episodes of a file; a length not stated is NaN."""
     found: dict[Key, tuple[bool, float]] = {}
-    rows: Iterable[_Row]
-    rows, is_numbered = _of_lerobot(path, text) if path.suffix.lower() == ".json" else (_rows(path, text), False)
     try:
         for place, row in rows:
-            key = row["task"], row["seed"].removesuffix(".0")  # a table program may have made seeds floats
+            seed = row["seed"].removesuffix(".0")  # a table program may have made seeds floats
+            key = row["task"], re.sub(r"[\s,]+", ", ", seed.strip("()[] "))  # and a list or an array of a key
             if not key[1]:
                 raise BadArgument(f"{path}, {place}: the seed is missing")
             if key[0] == ALL:
@@ -276,7 +305,7 @@ def _read(path: Path) -> tuple[dict[Key, tuple[bool, float]], bool]:
         raise BadArgument(f"{path} is not CSV: {error}") from error
     if not found:
         raise BadArgument(f"{path} holds no episodes")
-    return found, is_numbered
+    return found
 
 
 def _of_lerobot(path: Path, text: str) -> tuple[Iterable[_Row], bool]:

@@ -34,6 +34,7 @@ from belief.files import (
     unsealed_json,
     write_text,
 )
+from experiments.command_line.trust import Trust
 from experiments.parallel import Shared, Task, run_tasks
 from experiments.scene_choice import command
 from experiments.search.fingerprint import commit_of_code, digest_of, fingerprint
@@ -123,6 +124,13 @@ class RunFolder:
             ) from error
         return run
 
+    def command(self, name: str, **options: object) -> str:
+        """A command line about this run, with ``--trust`` where ``run.json`` names code."""
+        given, trust = self.read_run()["arguments"], Trust(self.path or Path())
+        choice = (given.get("setting") or {}).get("choice", {})
+        names = [*given.get("deciders", ()), choice.get("scene"), choice.get("renderer")]
+        return command(name, *(() if all(trust.allows(str(one)) for one in names) else ("--trust",)), **options)
+
     def batches(self, cell: Cell) -> dict[str, dict[int, Batch]]:
         """The intact batches of a cell, by key and number, oldest first; of several, the one with most episodes."""
         if cell not in self._known:
@@ -180,7 +188,7 @@ class RunFolder:
         """
         assert self.path is not None, "only a folder has a file of episodes"
         if not (file := self.path / "episodes.jsonl").exists():
-            again = command("compare", config=self.path / "run.json")
+            again = self.command("compare", config=self.path / "run.json")
             raise FileNotFoundError(f"{self.path} holds no finished comparison; finish it with:\n{again}")
         found = dict[Cell, list[str]]()
         for line in require_regular_file(file).read_text(encoding="utf-8").splitlines(keepends=True):

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from belief.table import Table, Value
 from experiments.search.summary import ALL, Summary
-from experiments.search.verdict import ENOUGH
+from experiments.search.verdict import ENOUGH, is_calibrated
 
 _MOST_ROWS = 40  # a longer table has no rows of single targets
 
@@ -90,8 +90,8 @@ def _stated_confidence(comparison: Summary) -> Table:
             rows.append((name, 0, None, None, None, "never confirmed"))
             continue
         s = found.overall
-        judged = "yes" if s.is_consistent else ("overconfident" if s.mean_stated > s.high else "underconfident")
-        rows.append((name, s.count, 1.0 - s.mean_stated, 1.0 - s.share_right, (1.0 - s.high, 1.0 - s.low), judged))
+        errors = 1.0 - s.mean_stated, 1.0 - s.share_right, (1.0 - s.high, 1.0 - s.low)
+        rows.append((name, s.count, *errors, is_calibrated(s)))
     return Table(
         "Stated and observed error of confirmations",
         [

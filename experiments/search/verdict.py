@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from statistics import fmean
 
+from belief.metrics.calibration_at_stop import StopScore
 from belief.statistics.comparison import LEVEL, POWER
 from experiments.search.summary import ALL, Cell, Difference, Summary
 from planners.one_touch import one_touch_bound
@@ -122,7 +123,8 @@ def _needed(difference: Difference, num_targets: int | None) -> str:
             return f"they differ in fewer than {100 * most:.2g} % of all searches (95 % confidence)"
         return "they succeed equally often, so the number of searches needed cannot be estimated"
     more = needed - pairs.num_episodes
-    option = "" if num_targets is None else f" (--episodes {_round(math.ceil(needed / num_targets))})"
+    each = "" if num_targets == 1 else " for each target"
+    option = "" if num_targets is None else f" (in all --episodes {_round(math.ceil(needed / num_targets))}{each})"
     return (
         f"if the true difference is the observed {abs(pairs.difference):.2g}, about {_round(more)} more searches would "
         f"show it with a probability of {POWER:g}{option}"
@@ -143,23 +145,28 @@ def _touches(name: str, difference: Difference, comparison: Summary) -> str:
     return f"{name} takes {abs(mean):.2f} touches {more} than {comparison.reference} [{low:+.2f}, {high:+.2f}]."
 
 
+def is_calibrated(score: StopScore) -> str:
+    """Whether stated confidence and success agree: yes, too few (confirmations), overconfident or underconfident."""
+    if score.is_consistent:
+        return "yes" if score.count >= ENOUGH else "too few"
+    return "overconfident" if score.mean_stated > score.high else "underconfident"
+
+
 def _calibration(comparison: Summary) -> list[str]:
     """Sentences on the agreement of stated confidence and fraction correct, for each decider."""
     scores = {name: found.overall for name, found in comparison.calibration.items() if found is not None}
-    kept = [name for name, score in scores.items() if score.is_consistent]
+    words = {name: is_calibrated(score) for name, score in scores.items()}
     sentences = []
-    if kept:
-        counts = _and([str(scores[name].count) for name in kept])
-        sentences.append(
-            f"The stated confidence of {_and(kept)} when confirming agrees with what is right: it is within the 95 % "
-            f"interval of {counts} confirmations{', in this order' if len(kept) > 1 else ''}."
-        )
+    if kept := [name for name, word in words.items() if word == "yes"]:
+        sentences.append(f"No disagreement between stated confidence and success was found for {_and(kept)}.")
+    if few := [f"{name} ({scores[name].count})" for name, word in words.items() if word == "too few"]:
+        sentences.append(f"There are too few confirmations to judge the stated confidence of {_and(few)}.")
     for name, score in scores.items():
         if not score.is_consistent:
-            word = "overconfident" if score.mean_stated > score.high else "underconfident"
+            stated = _share(score.mean_stated)
             sentences.append(
-                f"{name} is {word} when confirming: its mean stated confidence is {_share(score.mean_stated)}, and it "
-                f"is right in {_share(score.share_right)} [{_share(score.low)}, {_share(score.high)}]."
+                f"{name} is {words[name]} when confirming: its mean stated confidence is {stated}, and it is right in "
+                f"{_share(score.share_right)} [{_share(score.low)}, {_share(score.high)}]."
             )
     return sentences
 

@@ -1,5 +1,6 @@
 """Files of results are paired by task and seed, and what is wrong with a file is said."""
 
+import csv
 import json
 import sys
 
@@ -9,6 +10,7 @@ import pytest
 from belief.statistics import mcnemar_test, wilson_interval
 from experiments.cli import main
 from experiments.command_line.arguments import BadArgument
+from experiments.search.comparison import compare
 from experiments.search.results import compare_results
 
 HEADER = "seed,task,success,length"
@@ -141,3 +143,41 @@ def test_the_command_prints_and_reports_without_a_scene(tmp_path, monkeypatch, c
     assert "b succeeds significantly less often than a" in page
     assert (tmp_path / "runs/results/tables/differences.csv").exists()
     assert (tmp_path / "runs/results/tables/over_control.csv").exists()
+
+
+@pytest.mark.mujoco
+def test_episodes_of_the_environment_are_paired_with_the_searches_of_a_run(tmp_path, monkeypatch, capsys):
+    """An agent that repeats the actions of a decider succeeds where it does, with as many touches."""
+    import gymnasium
+
+    monkeypatch.chdir(tmp_path)
+    played = compare("coarse", ["information_gain", "random_confirm"], episodes=3, targets="cone", seed=5, out="run")
+    env = gymnasium.make("activetouch:activetouch/ObjectSearch-v0", scene="coarse", target="cone")
+    rows = []
+    for episode in played.of("information_gain"):
+        env.reset(options={"seed": (key := episode.seed)})
+        for step in episode.steps:
+            action = step.decision.action
+            *_, info = env.step(getattr(action, "pose", env.unwrapped.confirm + (type(action).__name__ == "Reject")))
+        rows.append([np.array(key) if key[2] else list(key), "cone", info["is_success"], info["num_touches"]])
+    with (tmp_path / "mine.csv").open("w") as file:
+        csv.writer(file).writerows([HEADER.split(","), *rows])
+    monkeypatch.setattr(sys, "argv", ["activetouch", "compare", "--results", "run", "mine.csv"])
+    main()
+    assert "3 episodes are in all files, of 1 task." in capsys.readouterr().out
+    found = compare_results([tmp_path / "run" / "episodes.jsonl", tmp_path / "mine.csv"])
+    assert list(found.success) == ["information_gain", "random_confirm", "mine"]
+    assert found.success["mine"].tolist() == [e.success for e in played.of("information_gain")]
+    assert found.length["mine"].tolist() == found.length["information_gain"].tolist()
+    assert not any(found.left_out.values())
+    for folder in ("run", "run again"):
+        compare("coarse", "random_confirm", episodes=2, targets="cone", seed=5, out=folder)
+    both = compare_results([tmp_path / "run", tmp_path / "run again"])
+    assert list(both.success) == [str(tmp_path / name / "random_confirm") for name in ("run", "run again")]
+
+
+def test_what_is_no_file_and_no_run_is_said(tmp_path):
+    with pytest.raises(BadArgument, match=r"there is no file .*none\.csv"):
+        compare_results([tmp_path / "none.csv"])
+    with pytest.raises(FileNotFoundError, match="holds no run; start one with"):
+        compare_results([tmp_path])

@@ -100,3 +100,19 @@ def test_a_full_disk_loses_nothing_and_says_what_to_do(tmp_path, monkeypatch):
         with pytest.raises(CannotWrite, match="make room"):
             folder.add(CELL, "k", 1, batch(1))
     assert RunFolder(tmp_path).held(CELL, "k")[0] == batch(0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "word"),
+    [
+        ({}, ""),
+        ({"deciders": ["information_gain(given='shape')", "sb3:cone.zip"]}, "--trust "),
+        ({"setting": {"choice": {"scene": "mine:scene", "renderer": None}}}, "--trust "),
+    ],
+)
+def test_the_command_that_repeats_a_run_trusts_the_code_that_the_run_names(tmp_path, changes, word):
+    folder = RunFolder(tmp_path / "run")
+    folder.start({"seed": 0}, ARGUMENTS | changes)
+    assert folder.command("compare", config="run.json") == f"activetouch compare {word}--config run.json"
+    with pytest.raises(FileNotFoundError, match=f"finish it with:\nactivetouch compare {word}--config"):
+        folder.latest(("cone",))

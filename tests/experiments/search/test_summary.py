@@ -128,7 +128,9 @@ def test_a_clear_result_is_called_settled(rng):
     assert "of 60 episodes, 0 succeed only with bad and 60 only with good (p < 0.001)" in told
     assert "bad succeeds significantly less" in told
     assert "bad is overconfident when confirming: its mean stated confidence is 0.500, and it is right in 0.000" in told
-    assert "The stated confidence of good when confirming agrees with what is right" in told
+    assert "No disagreement between stated confidence and success was found for good." in told
+    told = verdict_sentences(compared({"x": [search("tc", claim=0.99)]}, rng))
+    assert told[-1] == "There are too few confirmations to judge the stated confidence of x (1)."
 
 
 @pytest.mark.parametrize("number", [1, 2, 19])
@@ -148,7 +150,7 @@ def test_an_open_result_says_how_many_searches_would_settle_it(rng):
     told = " ".join(verdict_sentences(compared({"x": x, "y": y}, rng)))
     assert "of 100 episodes, 3 succeed only with y and 1 only with x (p = 0.38)" in told
     # ψ = .04 and δ = .02 need (1.96 · .2 + .8416 · √(.04 - .0004))² / .0004 = 783 in all, so 683 more.
-    assert "about 690 more searches would show it with a probability of 0.8 (--episodes 790)" in told
+    assert "about 690 more searches would show it with a probability of 0.8 (in all --episodes 790)" in told
     assert any(word in told for word in ("probably", "possibly", "certainly"))
 
 
