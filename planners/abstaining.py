@@ -23,7 +23,7 @@ import numpy as np
 
 from belief.errors import BrokenContract, InvalidArgument
 from belief.problem import Confirm, Probe, Reject, Unsure
-from planners.decider import Decider, Decision, InformationState, checked_decision, num_touches
+from planners.decider import Decider, Decision, InformationState, are_touches_used, checked_decision
 
 CONFLICT, ANSWER = "log_conflict", "answer_prob"
 """Scores of decisions: the statistic of the conflict test, and the stated probability that an answer is right."""
@@ -90,7 +90,7 @@ class Abstaining:
         wanted = checked_decision(self.decider.decide(info, rng), self.decider, info.problem)
         scores = {**wanted.scores, CONFLICT: conflict}
         if isinstance(wanted.action, Probe):
-            is_over = num_touches(info) >= info.problem.touch_limit
+            is_over = are_touches_used(info)
             return _unsure("is_cut_off", scores) if is_over else Decision(wanted.action, scores)
         prob = answer_prob(wanted.action, info)
         if prob is None:

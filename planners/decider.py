@@ -123,6 +123,12 @@ def require_fit(table: OutcomeTable, problem: SearchProblem) -> None:
         )
 
 
+def pose_scores(name: str, problem: SearchProblem, values: NDArray[np.floating]) -> dict[str, float]:
+    """Scores of a decision: ``values (P,)`` by name and label of the pose, without those of -inf."""
+    pairs = zip(problem.pose_labels, values.tolist(), strict=True)
+    return {f"{name}_{label}": value for label, value in pairs if value != -np.inf}
+
+
 def touch_share(problem: SearchProblem) -> int:
     """The share of one object in the touch limit of a search, at least one touch.
 

@@ -31,7 +31,7 @@ from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Confirm, Probe, Reject, SearchProblem
 from belief.validation import Floats
 from planners.continuation_value import belief_with_missed, shapes_ahead
-from planners.decider import Decision, InformationState, are_touches_used, require_fit
+from planners.decider import Decision, InformationState, are_touches_used, pose_scores, require_fit
 from planners.pomdp.problem import require_rounds
 from planners.pomdp.stages import StagedProblem, stages_by_missed
 from planners.probing import HYPOTHESES, OUTCOMES
@@ -120,9 +120,7 @@ class PointBased:
             probes = policy.probe_values(number, belief, touches, self.repeats.weights(info.uses))
         else:
             probes = policy.probe_values(number, belief, touches, np.ones(num_poses), mixture.table.probs)
-        scores |= {
-            f"value_{label}": float(q) for label, q in zip(problem.pose_labels, probes, strict=True) if q > -np.inf
-        }
+        scores |= pose_scores("value", problem, probes)
         if probes.max() <= max(confirm, reject):
             return Decision(stop.action, scores)
         return Decision(Probe(int(probes.argmax())), scores)

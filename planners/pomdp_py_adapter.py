@@ -37,6 +37,7 @@ from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Action, Confirm, Probe, Reject, SearchProblem
 from planners.continuation_value import belief_with_missed, shapes_ahead
 from planners.decider import Decision, InformationState, are_touches_used, require_fit, touch_share
+from planners.episode import ACTION_NAMES
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # of an escape in its documentation, each time that it is compiled
@@ -188,12 +189,11 @@ class Pouct:
             planner.plan(agent)
         nodes = {rules.actions[theirs]: agent.tree[theirs] for theirs in agent.tree.children}
         values = {action: float(node.value) for action, node in nodes.items() if node.num_visits}
-        labels = info.problem.pose_labels
-        names = [
-            labels[action.pose] if isinstance(action, Probe) else type(action).__name__.lower() for action in values
-        ]
-        scores = {f"value_{name}": value for name, value in zip(names, values.values(), strict=True)}
-        return Decision(max(values, key=values.__getitem__), {"target_prob": info.target_prob, **scores})
+        scores, labels = {"target_prob": info.target_prob}, info.problem.pose_labels
+        for action, value in values.items():
+            name = labels[action.pose] if isinstance(action, Probe) else ACTION_NAMES[type(action)]
+            scores[f"value_{name}"] = value
+        return Decision(max(values, key=values.__getitem__), scores)
 
     def rules(self, info: InformationState) -> Rules:
         """The search as the tree sees it from an information state."""

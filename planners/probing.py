@@ -18,7 +18,7 @@ from belief.observation_model.outcome_mixture import information, target_shares
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Probe
 from belief.validation import Floats, require_count
-from planners.decider import Decision, InformationState, require_fit
+from planners.decider import Decision, InformationState, pose_scores, require_fit
 from planners.repeats import LEAST_USED, RepeatDiscount
 
 OUTCOMES = 128
@@ -178,9 +178,8 @@ def _best(
     best = np.flatnonzero(values >= values.max() - (0.0 if tie_breaker is None else _ALIKE))
     if tie_breaker is not None:
         best = tie_breaker.permutation(best)
-    labels = info.problem.pose_labels
-    scores = {f"gain_{label}": float(gain) for label, gain in zip(labels, gains * weights, strict=True)}
-    return Decision(Probe(int(best[uses[best].argmin()])), {"target_prob": info.target_prob, **scores})
+    scores = {"target_prob": info.target_prob, **pose_scores("gain", info.problem, gains * weights)}
+    return Decision(Probe(int(best[uses[best].argmin()])), scores)
 
 
 ORDER_FILE = "order.json"

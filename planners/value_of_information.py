@@ -31,7 +31,7 @@ from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Confirm, Probe, Reject, SearchProblem
 from belief.validation import Floats, require_count
 from planners.continuation_value import ContinuationValue
-from planners.decider import Decision, InformationState, are_touches_used, require_fit, touch_share
+from planners.decider import Decision, InformationState, are_touches_used, pose_scores, require_fit, touch_share
 from planners.repeats import LEAST_USED, RepeatDiscount
 
 _TIE = 1e-12  # differences below this are rounding
@@ -56,9 +56,6 @@ class ValueOfInformation:
 
     Raises:
         InvalidArgument: ``depth`` or ``max_touches`` is out of range.
-
-    In this example each of two poses shows one of the two bits that distinguish four shapes. A single touch has no
-    value, so with depth 1 the decider rejects at once.
     """
 
     table: OutcomeTable
@@ -79,15 +76,8 @@ class ValueOfInformation:
         payoffs = self.payoffs(info)
         confirm, reject = (payoffs @ info.belief.probs).tolist()
         probes = self.probe_values(info, payoffs)
-        labels = info.problem.pose_labels
-        scores = {
-            "target_prob": info.target_prob,
-            "value_confirm": confirm,
-            "value_reject": reject,
-            **{
-                f"value_{label}": value for label, value in zip(labels, probes.tolist(), strict=True) if value > -np.inf
-            },
-        }
+        scores = {"target_prob": info.target_prob, "value_confirm": confirm, "value_reject": reject}
+        scores |= pose_scores("value", info.problem, probes)
         limit = touch_share(info.problem) if self.max_touches is None else self.max_touches
         may_touch = len(info.history) < limit and not are_touches_used(info)
         if may_touch and probes.max() > max(confirm, reject) + _TIE:
