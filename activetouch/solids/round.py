@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from activetouch.solids.solid import Floats, Geom, Ints, between, clip, entered, require_lengths, ring
+from activetouch.solids.solid import Floats, Geom, Ints, Primitive, between, clip, entered, require_lengths, ring
 from belief.validation import require_count
 
 _ALONG = 1e-10  # relative difference of slopes below which a ray counts as parallel to a line on the side of a cone
@@ -90,24 +90,17 @@ class Frustum:
 
 
 @dataclass(frozen=True)
-class Cylinder:
+class Cylinder(Primitive):
     """Circular cylinder about its z axis: ``radius`` and ``half_length`` [m]."""
 
+    _kind = "cylinder"
     radius: float
     half_length: float
-
-    def __post_init__(self) -> None:
-        require_lengths(self, self.radius, self.half_length)
 
     @property
     def bounding_radius(self) -> float:
         """See :class:`Shape`."""
         return float(np.hypot(self.radius, self.half_length))
-
-    @property
-    def geom(self) -> Geom:
-        """See :class:`Shape`."""
-        return Geom("cylinder", (self.radius, self.half_length, 0.0))
 
     def entry_distance(self, origins: Floats, direction: Floats) -> Floats:
         """See :class:`Shape`."""
@@ -143,23 +136,16 @@ class Cone:
 
 
 @dataclass(frozen=True)
-class Sphere:
+class Sphere(Primitive):
     """Ball of the given ``radius`` [m]."""
 
+    _kind = "sphere"
     radius: float
-
-    def __post_init__(self) -> None:
-        require_lengths(self, self.radius)
 
     @property
     def bounding_radius(self) -> float:
         """See :class:`Shape`."""
         return self.radius
-
-    @property
-    def geom(self) -> Geom:
-        """See :class:`Shape`."""
-        return Geom("sphere", (self.radius, 0.0, 0.0))
 
     def entry_distance(self, origins: Floats, direction: Floats) -> Floats:
         """See :class:`Shape`."""
@@ -168,23 +154,16 @@ class Sphere:
 
 
 @dataclass(frozen=True)
-class Ellipsoid:
+class Ellipsoid(Primitive):
     """Ellipsoid with the given half-axes [m] along its own axes."""
 
+    _kind = "ellipsoid"
     half_axes: tuple[float, float, float]
-
-    def __post_init__(self) -> None:
-        require_lengths(self, *self.half_axes)
 
     @property
     def bounding_radius(self) -> float:
         """See :class:`Shape`."""
         return max(self.half_axes)
-
-    @property
-    def geom(self) -> Geom:
-        """See :class:`Shape`."""
-        return Geom("ellipsoid", self.half_axes)
 
     def entry_distance(self, origins: Floats, direction: Floats) -> Floats:
         """See :class:`Shape`."""
@@ -195,24 +174,17 @@ class Ellipsoid:
 
 
 @dataclass(frozen=True)
-class Capsule:
+class Capsule(Primitive):
     """Cylinder about its z axis with a half ball at both ends: ``radius``, ``half_length`` of the cylinder [m]."""
 
+    _kind = "capsule"
     radius: float
     half_length: float
-
-    def __post_init__(self) -> None:
-        require_lengths(self, self.radius, self.half_length)
 
     @property
     def bounding_radius(self) -> float:
         """See :class:`Shape`."""
         return self.radius + self.half_length
-
-    @property
-    def geom(self) -> Geom:
-        """See :class:`Shape`."""
-        return Geom("capsule", (self.radius, self.half_length, 0.0))
 
     def entry_distance(self, origins: Floats, direction: Floats) -> Floats:
         """See :class:`Shape`; the capsule is the union of a cylinder and two balls."""

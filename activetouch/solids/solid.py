@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal, Protocol
+from dataclasses import astuple, dataclass
+from typing import Any, ClassVar, Literal, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,6 +73,28 @@ def require_lengths(solid: object, *lengths: float) -> None:
     """
     if not (np.isfinite(lengths).all() and min(lengths) > 0.0):
         raise ValueError(f"a solid needs finite lengths above zero, got {solid}")
+
+
+class Sized:
+    """Base of solids whose fields are all above zero, most of them lengths [m]."""
+
+    def __post_init__(self) -> None:
+        require_lengths(self, *self._sizes)
+
+    @property
+    def _sizes(self) -> tuple[float, ...]:
+        return tuple(np.hstack(astuple(cast(Any, self))).tolist())
+
+
+class Primitive(Sized):
+    """Base of solids that MuJoCo has: their fields are its sizes of the geom ``_kind``."""
+
+    _kind: ClassVar[str]
+
+    @property
+    def geom(self) -> Geom:
+        """See :class:`Shape`."""
+        return Geom(self._kind, (*self._sizes, 0.0, 0.0)[:3])
 
 
 def entered(enter: Floats, leave: Floats) -> Floats:

@@ -11,11 +11,11 @@ import scipy  # whose parts load at first use
 
 from activetouch.solids.mesh import Mesh
 from activetouch.solids.round import Torus
-from activetouch.solids.solid import Floats, Geom, Shape, between, clip, corners, entered, require_lengths, ring
+from activetouch.solids.solid import Floats, Geom, Primitive, Shape, Sized, between, clip, corners, entered, ring
 from belief.validation import require_count
 
 
-class FlatFaced(ABC):
+class FlatFaced(Sized, ABC):
     """The convex hull of its corners."""
 
     @property
@@ -61,13 +61,11 @@ def crossings(normals: Floats, offsets: Floats, origins: Floats, direction: Floa
 
 
 @dataclass(frozen=True)
-class Box(FlatFaced):
+class Box(Primitive, FlatFaced):
     """Cuboid with the given half-extents [m] along its own axes."""
 
+    _kind = "box"
     half_extents: tuple[float, float, float]
-
-    def __post_init__(self) -> None:
-        require_lengths(self, *self.half_extents)
 
     @property
     def corners(self) -> Floats:
@@ -88,11 +86,6 @@ class Box(FlatFaced):
             np.minimum(leave, leaves, out=leave)
         return entered(enter, leave)
 
-    @property
-    def geom(self) -> Geom:
-        """See :class:`Shape`."""
-        return Geom("box", self.half_extents)
-
 
 @dataclass(frozen=True)
 class Wedge(FlatFaced):
@@ -107,9 +100,6 @@ class Wedge(FlatFaced):
     length: float
     height: float
     half_width: float
-
-    def __post_init__(self) -> None:
-        require_lengths(self, self.length, self.height, self.half_width)
 
     @property
     def corners(self) -> Floats:
@@ -128,7 +118,7 @@ class Prism(FlatFaced):
 
     def __post_init__(self) -> None:
         require_count("num_sides", self.num_sides, 3)
-        require_lengths(self, self.radius, self.half_length)
+        super().__post_init__()
 
     @property
     def corners(self) -> Floats:
