@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import scipy  # whose parts load at first use
@@ -54,37 +56,32 @@ def near_twins(setting: MeshSetting) -> list[NearTwins]:
     both = np.sort(np.stack([rows, near.ravel()], axis=1), axis=1)
     order = np.argsort(distance, axis=None, kind="stable")
     pairs = list(dict.fromkeys(map(tuple, both[order][both[order, 0] < both[order, 1]].tolist())))
-    compare = _Comparison(setting)
+    compare = _comparison(setting)
     found = [NearTwins(labels[i], labels[j], min(compare(i, j), compare(j, i))) for i, j in pairs[:_MOST_PAIRS]]
     return sorted([one for one in found if one.nats < ALIKE], key=lambda one: one.nats)
 
 
-class _Comparison:
+def _comparison(setting: MeshSetting) -> Callable[[int, int], float]:
     """How much a touch of one body tells against another, in the relative orientation in which it tells least."""
+    bodies, references, constants = setting.bodies, setting.references[:_SUBSET], setting.constants[:_SUBSET]
+    orientations = bodies.plan.orientations
+    sides = np.arange(0, len(orientations), max(1, len(orientations) // _SIDES))[:_SIDES]
+    quarters = np.roll(scipy.spatial.transform.Rotation.create_group("O").as_quat(), 1, axis=1)  # files share axes
+    seen, turns = orientations[sides].T[:, :, None], np.concatenate([quarters, centres(_LEVEL)]).T[:, None]
+    turned = np.stack(hamilton_product(seen, turns), axis=-1).reshape(-1, 4)
+    shown = nearest(turned, orientations).reshape(len(sides), -1)
 
-    def __init__(self, setting: MeshSetting) -> None:
-        self.bodies, self.references = setting.bodies, setting.references[:_SUBSET]
-        self.constants = setting.constants[:_SUBSET]
-        orientations = self.bodies.plan.orientations
-        self.sides = np.arange(0, len(orientations), max(1, len(orientations) // _SIDES))[:_SIDES]
-        quarters = np.roll(scipy.spatial.transform.Rotation.create_group("O").as_quat(), 1, axis=1)  # files share axes
-        seen, turns = orientations[self.sides].T[:, :, None], np.concatenate([quarters, centres(_LEVEL)]).T[:, None]
-        shown = np.stack(hamilton_product(seen, turns), axis=-1).reshape(-1, 4)
-        self.shown = nearest(shown, orientations).reshape(len(self.sides), -1)
-        self.kept: dict[int, Floats] = {}
-
-    def __call__(self, body: int, other: int) -> float:
-        mine, its = self._log_probs(body)[self.sides], self._log_probs(other)
-        probs = np.exp(mine)
-        divergence = (probs * mine).sum(axis=1)[:, None] - probs @ its.T
-        return max(
-            0.0, float(np.take_along_axis(divergence, self.shown, axis=1).mean(axis=0).min())
-        )  # but for rounding
-
-    def _log_probs(self, body: int) -> Floats:
+    @cache
+    def log_probs(body: int) -> Floats:
         """Log probabilities of the reference touches in every view, ``(V, M)``."""
-        if body not in self.kept:
-            scores = self.bodies.table[body].astype(np.float32) @ self.references.T - self.constants
-            scores *= np.float32(self.bodies.scale)
-            self.kept[body] = scores - scipy.special.logsumexp(scores, axis=1, keepdims=True)
-        return self.kept[body]
+        scores = bodies.table[body].astype(np.float32) @ references.T - constants
+        scores *= np.float32(bodies.scale)
+        return np.asarray(scores - scipy.special.logsumexp(scores, axis=1, keepdims=True))
+
+    def told(body: int, other: int) -> float:
+        mine = log_probs(body)[sides]
+        probs = np.exp(mine)
+        divergence = (probs * mine).sum(axis=1)[:, None] - probs @ log_probs(other).T
+        return max(0.0, float(np.take_along_axis(divergence, shown, axis=1).mean(axis=0).min()))  # but for rounding
+
+    return told
