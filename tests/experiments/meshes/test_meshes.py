@@ -178,7 +178,7 @@ def test_a_closer_look_finds_how_an_object_lies_and_what_it_is_among_bodies_that
     for touch in belief.touches:
         turn, window = turned(POSES[touch.pose], rest[None]), setting.reader.hypotheses.imaging.wide_window
         maps = predicted_contacts(list(solids.values())[1], turn, (0.0, 0.0), window, obj.scale, np.float32)
-        embedded = setting.reader.hypotheses.embed(maps, look.widths[-1], np.zeros((1, 41), np.float32))
+        (embedded,) = setting.reader.hypotheses.embed(maps, look.widths[-1], np.zeros((1, 41), np.float32))
         exact += float(embedded[0] @ touch.embedding)
     share = look.scale / (1.0 + look.drift * 5)
     assert found[1] > share * exact - np.log(len(centres(4)) * 3) - 5.0
