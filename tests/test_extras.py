@@ -86,6 +86,12 @@ def test_a_command_that_needs_an_extra_names_it_before_any_work(python, tmp_path
     assert not (tmp_path / "runs").exists()
 
 
+@pytest.mark.parametrize("module", ["object_test", "object_search", "batched_episodes", "sb3"])
+def test_an_environment_names_the_extra_that_it_needs(python, module):
+    done = python("-c", f"import activetouch.envs.{module}")
+    assert f"MissingPackage: gymnasium is not installed: pip install '{ROOT}[rl]'" in done.stderr
+
+
 def test_every_module_of_an_extra_is_required_by_it_and_by_nothing_else():
     distributions = {"sklearn": "scikit-learn"} | {
         module: module.replace("_", "-") for module in ("stable_baselines3", "sb3_contrib", "pomdp_py")

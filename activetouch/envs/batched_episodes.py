@@ -8,10 +8,6 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from gymnasium import spaces
-from gymnasium.error import ResetNeeded
-from gymnasium.vector import AutoresetMode, VectorEnv
-from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from activetouch.envs.bank_evidence import BankEvidence, JointEvidence, evidence_of
@@ -19,6 +15,7 @@ from activetouch.envs.object_search import BadAction, BadOption
 from activetouch.envs.touch_bank import TouchBank
 from activetouch.envs.touch_source import ObjectPriors, TargetProb
 from activetouch.errors import LabelMismatch
+from activetouch.extras import missing_package
 from activetouch.sensor_files import INDEPENDENT_SUFFIX, MODELS, fitted_model
 from belief.bayes import update
 from belief.composition import Composition
@@ -35,6 +32,14 @@ from belief.policy_state import (
     frame_probs,
 )
 from belief.problem import SearchProblem
+
+try:
+    from gymnasium import spaces
+    from gymnasium.error import ResetNeeded
+    from gymnasium.vector import AutoresetMode, VectorEnv
+    from gymnasium.vector.utils import batch_space
+except ModuleNotFoundError as error:
+    raise missing_package(["gymnasium"], "rl") from error
 
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]

@@ -6,16 +6,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, ClassVar
 
-import gymnasium
 import numpy as np
-from gymnasium import spaces
 from numpy.typing import NDArray
 
 from activetouch.envs.drawing import Window, draw
 from activetouch.envs.touch_source import EpisodeWorld, LiveTouches, Touches
+from activetouch.extras import missing_package
 from activetouch.hand import Hand
 from activetouch.named_scenes import SCENES, NamedScene
 from activetouch.sensor import TactileSensor
+from activetouch.sensor_files import INDEPENDENT_SUFFIX
 from belief.categorical import Belief
 from belief.composition import Composition
 from belief.errors import ActiveTouchError, InvalidArgument, UnknownName
@@ -26,6 +26,12 @@ from belief.scene_belief import SceneBelief
 from belief.search_progress import Outcome, SearchProgress, success_of
 from belief.seeding import arrangement_rng, checked_key, touch_rng
 from belief.synthetic import sample_arrangement
+
+try:
+    import gymnasium
+    from gymnasium import spaces
+except ModuleNotFoundError as error:
+    raise missing_package(["gymnasium"], "rl") from error
 
 State = NDArray[np.float32]
 STATES = ("paper", "posterior", "gains")
@@ -292,10 +298,12 @@ def live_or_given(touches: Touches | None, scene: str, hand: Hand | str | None) 
     """The given touches, or live touches of the scene's shipped sensor, or live grasps of a hand in the scene.
 
     Raises:
-        UnknownName: there is no such sensor or hand.
+        UnknownName: there is no such scene, no sensor for it, or no such hand.
         InvalidArgument: touches are given and a hand, too.
     """
     if touches is None:
+        if scene.removesuffix(INDEPENDENT_SUFFIX) not in SCENES:
+            raise UnknownName("scene", scene, [*SCENES])
         named = SCENES.get(scene, NamedScene())
         return LiveTouches(TactileSensor.shipped(scene, None if hand is None else named.scene.with_hand(hand)))
     if hand is not None:

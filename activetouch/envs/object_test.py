@@ -56,8 +56,8 @@ class ObjectTestEnv(ObjectSearchEnv):
     - `target`, with `target=None`: label of the target shape.
 
     Args:
-        scene: a named scene, with its shipped sensor.
-        target: label of the target shape; or None to draw it at reset, uniformly: one policy for all targets.
+        scene: a named scene, with its shipped sensor; "gel" by default.
+        target: label of the target shape, "cone" by default; or None to draw it at reset, uniformly.
         touch_cost: λ.
         touch_limit: T_max.
         target_prob: prior of the target (decision 0030); or a range such as ``(0.05, 0.95)``, from which every episode

@@ -7,11 +7,16 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from stable_baselines3.common.vec_env import VecEnv
 
 from activetouch.envs.batched_episodes import BankEpisodes
 from activetouch.envs.object_search import BadOption
+from activetouch.extras import missing_package
 from belief.seeding import checked_key, keyed_rng
+
+try:
+    from stable_baselines3.common.vec_env import VecEnv
+except ModuleNotFoundError as error:
+    raise missing_package(["stable_baselines3"], "rl") from error
 
 
 class BankVecEnv(VecEnv):

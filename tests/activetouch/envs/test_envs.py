@@ -296,7 +296,7 @@ def test_every_way_to_restart_episodes_and_the_wrappers_that_need_the_next_step_
 def test_what_cannot_be_is_refused_by_name(sampled):
     with pytest.raises(UnknownName, match="cone"):
         ObjectTestEnv(touches=sampled, target="cone")
-    with pytest.raises(UnknownName, match="unknown sensor 'gell'"):
+    with pytest.raises(UnknownName, match=r"unknown scene 'gell'\. Did you mean 'gel'"):
         ObjectTestEnv(scene="gell")
     with pytest.raises(UnknownName, match="render mode"):
         ObjectTestEnv(touches=sampled, target="shape_0", render_mode="ansi")
