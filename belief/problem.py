@@ -218,7 +218,7 @@ class SearchProblem:
         if self.composition is Composition.DISTINCT and self.num_objects > self.num_shapes:
             raise InvalidArgument(
                 f"{self.num_objects} objects cannot all differ in shape when there are only {self.num_shapes} "
-                f"shapes ({', '.join(self.shape_labels)}); use {self.num_shapes}, or the composition 'independent'"
+                f"shapes ({', '.join(self.shape_labels)}); use at most that many or composition 'independent'"
             )
         if not (isinstance(self.touch_cost, Real) and np.isfinite(float(self.touch_cost)) and self.touch_cost >= 0.0):
             raise ValueError(f"touch_cost must be finite and ≥ 0, got {self.touch_cost}")
