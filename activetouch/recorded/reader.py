@@ -11,11 +11,9 @@ the shares. What correlations are fitted to is calibrated by other sessions (dec
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from functools import partial
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -105,17 +103,14 @@ class LinearDiscriminants:
         return np.asarray(-0.5 * size * np.log1p((np.maximum(squares, 0.0) + outside[:, None]) / size))
 
 
-Make: TypeAlias = Callable[[], LinearDiscriminants]
-KINDS: Mapping[str, Make] = MappingProxyType(
+KINDS: Mapping[str, LinearDiscriminants] = MappingProxyType(
     {
-        f"{'heavy-tailed' if is_heavy else 'linear'} discriminants, shrinkage {s}": partial(
-            LinearDiscriminants, s, is_heavy
-        )
+        f"{'heavy-tailed' if is_heavy else 'linear'} discriminants, shrinkage {s}": LinearDiscriminants(s, is_heavy)
         for is_heavy in (False, True)
         for s in (0.1, 0.3, 0.6)
     }
 )
-"""The classifiers to choose from: functions that make an unfitted one, by name."""
+"""The classifiers to choose from, not fitted, by name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,13 +129,13 @@ class Fitted:
     num_labels: int
 
     @classmethod
-    def of(cls, make: Make, features: Floats, labels: Integers, num_labels: int) -> Fitted:
+    def of(cls, kind: LinearDiscriminants, features: Floats, labels: Integers, num_labels: int) -> Fitted:
         """Scale the features and fit a classifier."""
         known, number = np.unique(labels, return_inverse=True)
         means = np.array([features[number == k].mean(axis=0) for k in range(len(known))])
         scale = np.sqrt(((features - means[number]) ** 2).mean(axis=0)) + _LEAST_SPREAD * features.std(axis=0)
         centre, scale = features.mean(axis=0), np.where(scale > 0.0, scale, 1.0)
-        return cls(centre, scale, make().fit((features - centre) / scale, labels), num_labels)
+        return cls(centre, scale, replace(kind).fit((features - centre) / scale, labels), num_labels)
 
     def logits(self, features: Floats) -> Floats:
         """Scores ``(n, K)`` of features ``(n, F)``; the lowest of its row for labels that the training lacked."""
@@ -252,7 +247,7 @@ def read(touches: RecordedTouches, split: Split) -> Reading:
     held, chosen = np.zeros((len(x), num_labels)), list[str]()
     for action in range(num_actions):
         here = np.flatnonzero(a == action)
-        tried = {name: _held_out(make, x[here], y[here], split.inner[here], num_labels) for name, make in KINDS.items()}
+        tried = {name: _held_out(kind, x[here], y[here], split.inner[here], num_labels) for name, kind in KINDS.items()}
         losses = {name: _loss(logits, y[here]) for name, logits in tried.items()}
         chosen.append(min(losses, key=lambda name: losses[name]))
         held[here] = tried[chosen[-1]]
@@ -307,13 +302,15 @@ def _logits(classifiers: tuple[Fitted, ...], features: Floats, actions: Integers
     return found
 
 
-def _held_out(make: Make, features: Floats, labels: Integers, folds: Integers, num_labels: int) -> Floats:
+def _held_out(
+    kind: LinearDiscriminants, features: Floats, labels: Integers, folds: Integers, num_labels: int
+) -> Floats:
     """Logits of touches by classifiers that learned from the other folds, ``(n, K)``."""
     found = np.zeros((len(features), num_labels))
     for fold in np.unique(folds).tolist():
         held = folds == fold
         if len(np.unique(labels[~held])) > 1:
-            found[held] = Fitted.of(make, features[~held], labels[~held], num_labels).logits(features[held])
+            found[held] = Fitted.of(kind, features[~held], labels[~held], num_labels).logits(features[held])
     return found
 
 
