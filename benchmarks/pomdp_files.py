@@ -3,7 +3,7 @@
 Run: python benchmarks/pomdp_files.py --scene coarse --target cone --objects 1 --discount 0.999 --out cone.pomdp
 
 A file holds the discount, states, actions, observations, the start, and full tables T(s' | a, s), O(o | a, s') and
-R(s, a), with exact numbers. The states are those of :mod:`planners.pomdp.stages` and a terminal one with reward zero.
+R(s, a), with exact numbers. The states are those of :mod:`planners.pomdp.problem` and a terminal one with reward zero.
 Searches have discount 1; SARSOP and others need less, such as 0.999. The value that our solver finds is printed.
 """
 
@@ -17,7 +17,7 @@ import numpy as np
 
 from activetouch import TactileSensor
 from belief.composition import Composition
-from planners.pomdp.stages import staged
+from planners.pomdp.problem import staged
 from planners.solve import SearchTouchProblem, TouchProblem, solve
 
 MOST = 4_000_000  # numbers in a file

@@ -1,7 +1,7 @@
 """The planner to compare with: follows a solved policy of the search at hand on the exact belief.
 
 The policy is solved once for every search problem and target, on the outcome table (:func:`planners.solve.solve`). Its
-hidden state is the smallest exact one (:mod:`planners.pomdp.stages`), but for bags and for many distinct objects the
+hidden state is the smallest exact one (:mod:`planners.pomdp.problem`), but for bags and for many distinct objects the
 shape and whether a target was rejected before (:func:`stages_by_target`). At run time the belief is exact: it
 comes from the observation model, not from discretised outcomes.
 
@@ -32,8 +32,7 @@ from belief.problem import Confirm, Probe, Reject, SearchProblem
 from belief.validation import Floats
 from planners.continuation_value import belief_with_missed, shapes_ahead
 from planners.decider import Decision, InformationState, are_touches_used, pose_scores, require_fit
-from planners.pomdp.problem import require_rounds
-from planners.pomdp.stages import StagedProblem, stages_by_missed
+from planners.pomdp.problem import StagedProblem, require_rounds, stages_by_missed
 from planners.probing import HYPOTHESES, OUTCOMES
 from planners.repeats import LEAST_USED, RepeatDiscount, weights_in_turn
 from planners.solve import SearchPolicy, SearchTouchProblem, solve

@@ -21,9 +21,8 @@ from numpy.typing import NDArray
 from belief.errors import InvalidArgument
 from belief.validation import Floats, as_real, require_count
 from planners.pomdp.policy import SearchPolicy, TouchPolicy
-from planners.pomdp.problem import SearchTouchProblem, TouchProblem, require_rounds
+from planners.pomdp.problem import SearchTouchProblem, StagedProblem, TouchProblem, require_rounds, staged
 from planners.pomdp.solver import point_based_value_iteration, repeat_aware_vectors
-from planners.pomdp.stages import StagedProblem, staged
 
 __all__ = [
     "SearchPolicy",

@@ -24,9 +24,8 @@ import numpy as np
 
 from belief import Composition
 from belief.validation import Floats
-from planners.pomdp.problem import SearchTouchProblem
+from planners.pomdp.problem import SearchTouchProblem, staged
 from planners.pomdp.solver import point_based_value_iteration, sample_beliefs
-from planners.pomdp.stages import staged
 
 from .belief_grid import BeliefGrid
 from .object import look_ahead

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from belief.validation import Floats
-from planners.pomdp.problem import TouchProblem
+from planners.pomdp.problem import Stage, StagedProblem, TouchProblem, staged
 from planners.pomdp.solver import point_based_value_iteration, sample_beliefs
-from planners.pomdp.stages import Stage, StagedProblem, staged
 
 from .belief_grid import BeliefGrid
 from .touch_costs import TouchCosts

@@ -13,9 +13,8 @@ from belief.categorical import Belief
 from belief.composition import Composition
 from belief.errors import InvalidArgument
 from belief.validation import Floats, normalise_probs, require_index
-from planners.pomdp.problem import SearchTouchProblem, TouchProblem
+from planners.pomdp.problem import SearchTouchProblem, StagedProblem, TouchProblem, stage_belief, staged
 from planners.pomdp.solver import AlphaVectors
-from planners.pomdp.stages import StagedProblem, stage_belief, staged
 
 _MOST_BRANCHES = 2_000_000  # of the exact look-ahead, which decide how many touches it has
 _MOST_TOUCHES = 20
@@ -93,7 +92,7 @@ class SearchPolicy:
     Attributes:
         problem: the problem that was solved.
         vectors: alpha vectors by object and by number of touches, over the hidden states of
-            :mod:`planners.pomdp.stages`.
+            :mod:`planners.pomdp.problem`.
     """
 
     problem: SearchTouchProblem | StagedProblem
@@ -115,7 +114,7 @@ class SearchPolicy:
         return by_touches[min(num_touches, len(by_touches) - 1)]
 
     def belief(self, object_index: int, log_likelihoods: Floats) -> Floats:
-        """Belief about the hidden state at an object; see :func:`planners.pomdp.stages.stage_belief`."""
+        """Belief about the hidden state at an object; see :func:`planners.pomdp.problem.stage_belief`."""
         return stage_belief(self.search, log_likelihoods, object_index)
 
     def probe_values(

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.special import softmax
 
 from planners.pomdp.policy import upper_bound
-from planners.pomdp.stages import stage_belief, staged
+from planners.pomdp.problem import stage_belief, staged
 from planners.solve import SearchTouchProblem, TouchProblem, finite_horizon_value, solve
 
 NINE_OF_TEN = np.array([[[0.9, 0.1], [0.1, 0.9]]])
