@@ -51,9 +51,6 @@ def plain_warnings() -> Iterator[None]:
 def _replace(error: UnicodeError) -> tuple[str, int]:
     """ASCII replacement of the characters that cannot be encoded."""
     assert isinstance(error, UnicodeEncodeError), "registered for writing only"
-    return "".join(map(_plain, error.object[error.start : error.end])), error.end
-
-
-def _plain(character: str) -> str:
-    alike = unicodedata.normalize("NFKD", character).encode("ascii", "ignore").decode()
-    return _PLAIN.get(character) or alike or "?"
+    characters = error.object[error.start : error.end]
+    alike = [unicodedata.normalize("NFKD", one).encode("ascii", "ignore").decode() for one in characters]
+    return "".join(_PLAIN.get(one) or like or "?" for one, like in zip(characters, alike, strict=True)), error.end

@@ -40,7 +40,20 @@ class RobustnessReport:
 
     def tables(self) -> list[Table]:
         """The table of the searches, and that of the conditions that do not apply, if there are some."""
-        found = [self._searches()]
+        rows = self.numbers["conditions"]
+        first = next(iter(rows.values()))
+        headings = ["condition", "success", "wrong", ("touches", ".2f"), ("stated", ".3f"), ("right", ".3f")]
+        cells: list[list[Value]] = []
+        for name, row in rows.items():
+            ends = row["touches"], row["stated"], row["achieved"]
+            cells.append([name, interval(row["success"], *row["interval"]), interval(*row["wrong"]), *ends])
+        gaps = {name: row["stated"] - row["achieved"] for name, row in rows.items() if row["stated"] is not None}
+        notes = ["Stated and right: where an object is confirmed."]
+        if gaps:
+            widest = max(gaps, key=lambda name: abs(gaps[name]))
+            notes.append(f"Largest gap: {gaps[widest]:+.3f} ({widest}).")
+        title = f"{self.numbers['scene']}: {first['number']} live searches by information gain in each condition"
+        found = [Table(title, headings, cells, " ".join(notes))]
         if left_out := self.numbers["left_out"]:
             found.append(Table("left out", ("condition", ("because", "")), list(left_out.items())))
         return found
@@ -60,22 +73,6 @@ class RobustnessReport:
         write_text(folder / "robustness.md", f"{self}\n")
         title = f"Changed worlds: the sensor of the scene “{self.numbers['scene']}”"
         write_page(folder / "report.html", title, [Section("Searches", tables=self.tables())])
-
-    def _searches(self) -> Table:
-        rows = self.numbers["conditions"]
-        first = next(iter(rows.values()))
-        headings = ["condition", "success", "wrong", ("touches", ".2f"), ("stated", ".3f"), ("right", ".3f")]
-        cells: list[list[Value]] = []
-        for name, row in rows.items():
-            ends = row["touches"], row["stated"], row["achieved"]
-            cells.append([name, interval(row["success"], *row["interval"]), interval(*row["wrong"]), *ends])
-        gaps = {name: row["stated"] - row["achieved"] for name, row in rows.items() if row["stated"] is not None}
-        notes = ["Stated and right: where an object is confirmed."]
-        if gaps:
-            widest = max(gaps, key=lambda name: abs(gaps[name]))
-            notes.append(f"Largest gap: {gaps[widest]:+.3f} ({widest}).")
-        title = f"{self.numbers['scene']}: {first['number']} live searches by information gain in each condition"
-        return Table(title, headings, cells, " ".join(notes))
 
 
 def robustness(

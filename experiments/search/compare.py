@@ -83,11 +83,9 @@ class Compare:
         try:
             given: dict[str, Any] = dict(unsealed_json(file.read_text(encoding="utf-8"))["arguments"])
             setting = Setting.from_dict(given["setting"], Trust(path, everything=True))  # run() checks what it names
-            searches = {name: given[name] for name in ("reference", "episodes", "seed")}
-            deciders, targets = tuple(given["deciders"]), tuple(given["targets"])
+            searches = (tuple(given["deciders"]), given["reference"], tuple(given["targets"]), given["episodes"])
             signed = None if (name := given.get("certificate")) is None else Path(name)
-            found = cls(deciders, targets=targets, setting=setting, out=file.parent, config=path, **searches)
-            found = replace(found, certificate=signed)
+            found = cls(*searches, given["seed"], setting, signed, file.parent, config=path)
             require_types(found)
             return found
         except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
@@ -108,7 +106,11 @@ class Compare:
             FileNamesCode: a file names code, and ``trust`` is not set.
         """
         if self.results or self.control:
-            self._compare_results()
+            from experiments.search.results import compare_results
+
+            found = compare_results(self.results, self.reference, self.control, self.seed)
+            page = found.save(Path("runs/results") if self.out is None else self.out)
+            _say([replace(table, note="") for table in found.tables() if table.rows], found.verdict(), page)
             return
         if self.config is not None:
             asked, recorded = self._names(), Compare.from_config(self.config)._names()
@@ -116,14 +118,6 @@ class Compare:
         comparison = self.play()
         page = comparison.save(self.folder)
         _say([comparison], comparison.verdict(), page)
-
-    def _compare_results(self) -> None:
-        """Compare files of results; nothing is played."""
-        from experiments.search.results import compare_results
-
-        found = compare_results(self.results, self.reference, self.control, self.seed)
-        page = found.save(Path("runs/results") if self.out is None else self.out)
-        _say([replace(table, note="") for table in found.tables() if table.rows], found.verdict(), page)
 
     def play(self) -> Comparison:
         """Play the missing searches and return the comparison, without a report.

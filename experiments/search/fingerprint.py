@@ -146,21 +146,19 @@ class _Description:
             return [type(value).__name__, [self.of(one) for one in value]]
         if isinstance(value, set | frozenset):
             return ["set", sorted(json.dumps(self.of(one)) for one in value)]
-        is_code = inspect.isroutine(value) or isinstance(value, type) or hasattr(value, "__wrapped__")
-        return self._callable(value) if is_code else self._object(value)
-
-    def _callable(self, value: Any) -> Any:
         if isinstance(value, type):
             return ["class", self._code(value)]
         if isinstance(value, MethodType):
             return ["method", self.of(value.__self__), value.__name__]
-        function = inspect.unwrap(value)
-        cells = [cell.cell_contents for cell in getattr(function, "__closure__", None) or ()]
-        return ["function", self._code(function), *map(self.of, cells)]
-
-    def _object(self, value: Any) -> Any:
         if isinstance(value, functools.partial):
             return ["partial", *map(self.of, (value.func, value.args, value.keywords))]
+        if inspect.isroutine(value) or hasattr(value, "__wrapped__"):
+            function = inspect.unwrap(value)
+            cells = [cell.cell_contents for cell in getattr(function, "__closure__", None) or ()]
+            return ["function", self._code(function), *map(self.of, cells)]
+        return self._object(value)
+
+    def _object(self, value: Any) -> Any:
         described: list[Any] = [self._code(type(value))]
         if callable(files := getattr(value, "files", None)) and self._target is not None:
             described.append([[path.name, _content(path)] for path in files(self._target)])

@@ -29,12 +29,13 @@ def search_with(
     target: Name,
     decider: str | Decider,
     seed: int | Sequence[int],
-    num_objects: int | None = None,
-    composition: Composition | Counts | str | None = None,
-    touch_cost: float = 0.02,
+    *rules: Any,
 ) -> Episode:
-    """Search for a target among objects of the sensor's scene; see :meth:`activetouch.TactileSensor.search`."""
-    problem = problem_of(sensor, num_objects, composition, touch_cost)
+    """Search for a target among objects of the sensor's scene; see :meth:`activetouch.TactileSensor.search`.
+
+    ``rules`` are as of :func:`problem_of`.
+    """
+    problem = problem_of(sensor, *rules)
     shape, key, chosen = _played(sensor, problem, target, decider, seed)
     return search(make_world(problem, sensor, key), chosen, problem, shape, sensor.model, key)
 

@@ -24,7 +24,8 @@ def comparison_tables(comparison: Summary) -> list[Table]:
 
 def results_table(comparison: Summary) -> Table:
     """Results of every decider for every target, and for all of them."""
-    rows = []
+    rows, unsure = [], comparison.problem.unsure_reward
+    unsure_words = "" if unsure is None else f"{unsure:g} for “I do not know”, "
     for decider in comparison.deciders:
         for target in [*comparison.targets, ALL]:
             cell = comparison.cells[decider, target]
@@ -46,8 +47,8 @@ def results_table(comparison: Summary) -> Table:
         "Wilson intervals. Wrong: the decider confirmed an object of another shape. None: it rejected every object "
         "although the target was there. Cut off: the search reached the touch limit. "
         + ("Unsure: it answered “I do not know”. " if comparison.is_selective else "")
-        + f"Return: +1 for success, {_unsure_reward(comparison)}−1 otherwise, minus {comparison.problem.touch_cost:g} "
-        "per touch. P(best): fraction of bootstrap resamples of the episodes in which the mean return is the highest.",
+        + f"Return: +1 for success, {unsure_words}−1 otherwise, minus {comparison.problem.touch_cost:g} per touch. "
+        "P(best): fraction of bootstrap resamples of the episodes in which the mean return is the highest.",
         "results",
     )
 
@@ -76,11 +77,6 @@ def _differences(comparison: Summary) -> Table:
         + (" A search that ends with “I do not know” does not succeed." if comparison.is_selective else ""),
         "differences",
     )
-
-
-def _unsure_reward(comparison: Summary) -> str:
-    reward = comparison.problem.unsure_reward
-    return "" if reward is None else f"{reward:g} for “I do not know”, "
 
 
 def _stated_confidence(comparison: Summary) -> Table:

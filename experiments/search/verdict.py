@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from statistics import fmean
 
 from belief.metrics.calibration_at_stop import StopScore
@@ -32,17 +31,6 @@ def is_small(comparison: Summary) -> bool:
 def by_return(comparison: Summary) -> list[str]:
     """All deciders, the highest mean return first."""
     return sorted(comparison.deciders, key=lambda name: -comparison.cells[name, ALL].reward)
-
-
-def tie_sentence(names: Sequence[str], comparison: Summary) -> str:
-    """A tie in words; empty where one decider is certainly the best."""
-    if len(names) < 2:
-        return ""
-    shares = ", ".join(f"that of {name} in {100 * comparison.prob_best[name]:.0f} %" for name in names)
-    return (
-        f"This is a tie of {len(names)}: no return is certainly the highest. In bootstrap resamples of the episodes, "
-        f"the highest return is {shares}."
-    )
 
 
 def verdict_sentences(comparison: Summary) -> list[str]:
@@ -75,7 +63,11 @@ def _best(comparison: Summary) -> str:
     if is_small(comparison):
         return f"{highest} To call a decider the best takes at least {ENOUGH} searches."
     if len(equals) > 1:
-        return f"{tie_sentence(equals, comparison)} {highest}"
+        shares = ", ".join(f"that of {name} in {100 * comparison.prob_best[name]:.0f} %" for name in equals)
+        return (
+            f"This is a tie of {len(equals)}: no return is certainly the highest. In bootstrap resamples of the "
+            f"episodes, the highest return is {shares}. {highest}"
+        )
     sure = comparison.prob_best[names[0]]
     if sure > 0.999:
         return f"{said} Its return is almost certainly the highest of the {len(names)}."
