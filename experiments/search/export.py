@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from belief.files import require_writable, write_text
-from experiments.command_line.arguments import BadArgument, check_arguments
+from experiments.command_line.arguments import BadArgument
 from experiments.search.comparison import Comparison
 from experiments.search.tables import comparison_tables
 
@@ -38,7 +38,6 @@ class Export:
         Raises:
             BadArgument: An argument is invalid.
         """
-        check_arguments(self)
         comparison = Comparison.load(self.folder, trust=self.trust)
         for path in write_figures(comparison, self.out, self.format, self.style):
             print(f"wrote {path}")

@@ -14,7 +14,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
@@ -23,12 +23,12 @@ from numpy.typing import NDArray
 
 from belief.files import plain_number, require_regular_file
 from belief.statistics import paired_bootstrap, wilson_interval
-from belief.statistics.comparison import LEVEL, episodes_for_success, holm
+from belief.statistics.comparison import LEVEL
 from belief.table import Table, Value
 from experiments.command_line.arguments import BadArgument
 from experiments.reporting.page import Section, write_page
 from experiments.search.run import RunFolder, read_episode
-from experiments.search.summary import ALL, Difference, MeanInterval, differences
+from experiments.search.summary import ALL, Difference, MeanInterval, corrected, difference
 from experiments.search.verdict import success_sentence
 
 NEEDED = ("seed", "task", "success")
@@ -223,14 +223,10 @@ def _pairs(
     """By (policy, task), each policy minus another; all tasks together are one question, each of them another."""
     found = {}
     for (name, other), (task, rows) in itertools.product(others.items(), groups.items()):
-        right, steps = ({one: of[one][rows] for one in (name, other)} for of in (success, length))
-        found[name, task] = differences(right, steps, None, other, rng)[name]
+        right, steps = ((of[name][rows], of[other][rows]) for of in (success, length))
+        found[name, task] = difference(right, steps, None, rng)
     for together in (True, False):
-        some = {key: one for key, one in found.items() if (key[1] == ALL) is together}
-        corrected = holm([one.mcnemar.mid_p_value for one in some.values()])
-        for (key, one), p_value in zip(some.items(), corrected, strict=True):
-            needed = episodes_for_success(one.mcnemar, LEVEL / len(some))
-            found[key] = replace(one, p_value=p_value, episodes_for_success=needed)
+        found |= corrected({key: one for key, one in found.items() if (key[1] == ALL) is together})
     return found
 
 

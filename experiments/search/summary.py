@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Self, TypeAlias
+from dataclasses import dataclass, replace
+from typing import Any, Self, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +18,8 @@ from planners import Episode, Outcome
 from planners.episode import judged
 
 _RESAMPLES, _ROWS = 2000, 200  # bootstrap resamples, and how many are drawn at once
+K = TypeVar("K")
+Pair: TypeAlias = tuple[ArrayLike, ArrayLike]
 MeanInterval: TypeAlias = tuple[float, float, float]
 """A mean and its 95 % bootstrap interval."""
 
@@ -44,37 +46,29 @@ class Difference:
     episodes_for_success: int | None
 
 
-def differences(
-    success: Mapping[str, ArrayLike],
-    touches: Mapping[str, ArrayLike],
-    reward: Mapping[str, ArrayLike] | None,
-    reference: str,
-    rng: np.random.Generator,
-) -> dict[str, Difference]:
-    """Paired differences of all other deciders to the reference, on the same N episodes in the same order.
+def difference(success: Pair, touches: Pair, reward: Pair | None, rng: np.random.Generator) -> Difference:
+    """The difference of two deciders on the same N episodes, its p-value not yet corrected.
 
-    Values by decider are ``(N,)``; touches that are not known are NaN, rewards None.
+    Pairs are values of both, ``(N,)`` each; touches that are not known are NaN, rewards None.
     """
 
-    def pair(values: Mapping[str, ArrayLike] | None, name: str) -> MeanInterval | None:
-        if values is None or not np.isfinite(np.array([values[name], values[reference]], float)).all():
-            return None
-        return paired_bootstrap(values[name], values[reference], rng)
+    def interval(pair: Pair | None) -> MeanInterval | None:
+        is_known = pair is not None and np.isfinite(np.array(pair, float)).all()
+        return paired_bootstrap(*pair, rng) if pair is not None and is_known else None
 
-    others = [name for name in success if name != reference]
-    tests = {name: mcnemar_test(success[name], success[reference]) for name in others}
-    level = LEVEL / max(len(others), 1)  # what Holm's correction asks of the smallest p-value
-    corrected = holm([test.mid_p_value for test in tests.values()])
+    test = mcnemar_test(*success)
+    return Difference(
+        paired_bootstrap(*success, rng), interval(touches), interval(reward), test, test.mid_p_value, None
+    )
+
+
+def corrected(found: Mapping[K, Difference]) -> dict[K, Difference]:
+    """Differences of which any may be significant: p-values are corrected, and the episodes needed are for these."""
+    level = LEVEL / max(len(found), 1)  # what Holm's correction asks of the smallest p-value
+    p_values = holm([one.mcnemar.mid_p_value for one in found.values()])
     return {
-        name: Difference(
-            paired_bootstrap(success[name], success[reference], rng),
-            pair(touches, name),
-            pair(reward, name),
-            tests[name],
-            p_value,
-            episodes_for_success(tests[name], level),
-        )
-        for name, p_value in zip(others, corrected, strict=True)
+        key: replace(one, p_value=p_value, episodes_for_success=episodes_for_success(one.mcnemar, level))
+        for (key, one), p_value in zip(found.items(), p_values, strict=True)
     }
 
 
@@ -250,11 +244,15 @@ class Summary:
         for decider, some in together.items():
             spent = sum((seconds[key] for key in episodes if key[0] == decider), Seconds())
             cells[decider, ALL] = summarise(some, spent, problem)
+        beside = {}
+        for name in (name for name in together if name != reference):
+            success, touched, reward = ((of[name], of[reference]) for of in (successes, touches, returns))
+            beside[name] = difference(success, touched, reward, rng)
         return cls(
             problem=problem,
             episodes=episodes,
             cells=cells,
-            differences=differences(successes, touches, returns, reference, rng),
+            differences=corrected(beside),
             calibration={name: calibration_of_confirmations(some) for name, some in together.items()},
             prob_best=prob_best(returns, rng),
             reference=reference,
