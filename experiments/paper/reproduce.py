@@ -138,14 +138,7 @@ def reproduce(
 ) -> Reproduction:
     """Make tables of the paper; trainings and searches are kept in a folder and continued.
 
-    Args:
-        parts: tables to make.
-        folder: folder of trainings and searches.
-        settings: number of images, and how Table 1 is trained.
-        sensor: folder of Table 2's sensor with its policies; the shipped one by default.
-        episodes: searches per target of Table 2.
-        seed: seed of splits, intervals and searches.
-        jobs: number of processes, and of threads for training.
+    ``settings`` are the number of images, and how Table 1 is trained; the others are as of :class:`Reproduce`.
     """
     scene = SCENES["paper"].scene
     first, second = None, None

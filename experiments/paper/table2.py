@@ -35,15 +35,9 @@ PAPER: Mapping[str, Mapping[str, float]] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Column:
-    """Results of one decider.
+    """Results of one decider in a scene: successes by target, of ``trials`` each; mean touches per search.
 
-    Attributes:
-        scene: name of the scene.
-        decider: name of the decider.
-        successes: number of successful searches by target.
-        trials: searches per target.
-        touches: mean number of touches per search.
-        no_touch_baseline: highest success rate without a touch, mean over the targets.
+    ``no_touch_baseline`` is the highest success rate without a touch, mean over the targets.
     """
 
     scene: str

@@ -220,9 +220,7 @@ class Certify:
     def certificate(self, named: NamedScene | None = None, own_sensor: TactileSensor | None = None) -> Certificate:
         """Play the calibration searches; write the certificate if there is a file; raises as :func:`certify`.
 
-        Args:
-            named: a scene object in place of the setting's scene.
-            own_sensor: a sensor object in place of the setting's sensor.
+        ``named`` and ``own_sensor`` are a scene and a sensor object in place of those of the setting.
         """
         check_arguments(self)
         if not isinstance(self.decider, str):

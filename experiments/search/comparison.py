@@ -81,7 +81,7 @@ class Comparison(Summary, Tabular):
         Raises:
             UnknownName: there is no such figure.
         """
-        from experiments.search.figures import FIGURES  # loads matplotlib
+        from experiments.search.page import FIGURES  # loads matplotlib
 
         if name not in FIGURES:
             raise UnknownName("figure", name, list(FIGURES))

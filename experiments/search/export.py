@@ -63,7 +63,7 @@ def write_figures(comparison: Comparison, folder: Path, kind: str = "pdf", style
     from matplotlib import rc_params_from_file
 
     from experiments.reporting.style import figure
-    from experiments.search.figures import pictures
+    from experiments.search.page import pictures
 
     require_writable(folder)
     found, own = list[Path](), matplotlib.style.library.get(style or "")

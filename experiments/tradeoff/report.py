@@ -88,11 +88,8 @@ class Configuration:
 def sweep(scenes: Sequence[str], sensors: Mapping[str, Sequence[str]]) -> list[Configuration]:
     """Configurations that differ from a scene's default in one property, without duplicates, the defaults first.
 
-    Those of another sensor are played by two deciders, because the best decider depends on the sensor.
-
-    Args:
-        scenes: to measure.
-        sensors: folders of further sensors, by scene.
+    Those of another sensor are played by two deciders, because the best decider depends on the sensor. ``sensors`` are
+    folders of further ones, by scene.
     """
     found = []
     for scene in (scene for scene in SHARES if scene in scenes):

@@ -102,12 +102,8 @@ def measure_all(
 ) -> list[Measured]:
     """Play the searches of configurations; those of one sensor, press and touch cost in one comparison.
 
-    Args:
-        configurations: such as those of :func:`experiments.tradeoff.report.sweep`.
-        episodes: searches per target of ``gel``; other scenes have fewer, see :data:`SHARES`.
-        seed: of the searches.
-        folder: of the comparisons; finished searches in it are read.
-        jobs: number of processes.
+    ``episodes`` are searches per target of ``gel``; other scenes have fewer, see :data:`SHARES`. Finished searches in
+    the folder are read.
     """
     from experiments.search.comparison import compared, prepared
     from experiments.search.setting import Setting

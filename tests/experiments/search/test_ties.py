@@ -5,7 +5,7 @@ import pytest
 
 from belief import SearchProblem
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
-from experiments.search.figures import pictures
+from experiments.search.page import pictures
 from experiments.search.play import Seconds
 from experiments.search.summary import Summary
 from experiments.search.verdict import tied, verdict_sentences
