@@ -13,7 +13,6 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,22 +36,6 @@ class TouchTime:
         return TouchTime(
             self.physics + other.physics, self.network + other.network, self.pressed_again + other.pressed_again
         )
-
-
-class PendingTouch(Protocol):
-    """A touch that an episode waits for."""
-
-    @property
-    def world(self) -> TouchWorld:
-        """Whose current object to touch."""
-
-    @property
-    def pose(self) -> int:
-        """In which pose."""
-
-    @property
-    def rng(self) -> np.random.Generator:
-        """Generator of offset, force and sensor faults."""
 
 
 class TouchWorld:
@@ -124,12 +107,14 @@ class TouchWorld:
         self._current = 0
 
 
-def touch_many(sensor: TactileSensor, pending: Sequence[PendingTouch]) -> tuple[list[Touch], TouchTime]:
+def touch_many(
+    sensor: TactileSensor, pending: Sequence[tuple[TouchWorld, int, np.random.Generator]]
+) -> tuple[list[Touch], TouchTime]:
     """Press the current object of many worlds, then read all images in one pass of the network.
 
     Args:
         sensor: reads the images.
-        pending: the touches to make.
+        pending: of each touch, the world, the pose, and the generator of offset, force and sensor faults.
 
     Returns:
         The touches, in the order of ``pending``, and the time they took.
@@ -137,8 +122,8 @@ def touch_many(sensor: TactileSensor, pending: Sequence[PendingTouch]) -> tuple[
     Raises:
         UnstablePress: a press did not settle in any attempt.
     """
-    pressed = [touch.world.press(touch.pose, touch.rng) for touch in pending]
+    pressed = [world.press(pose, rng) for world, pose, rng in pending]
     images, times = zip(*pressed, strict=True)
     started = time.perf_counter()
-    touches = sensor.read(np.stack(images), [touch.pose for touch in pending])
+    touches = sensor.read(np.stack(images), [pose for _, pose, _ in pending])
     return touches, sum(times, TouchTime(network=time.perf_counter() - started))

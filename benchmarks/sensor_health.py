@@ -149,7 +149,8 @@ def embed(folder: Path, scene: Scene, pose: int) -> None:
     reader = TactileReader.load(folder / ANY_OBJECT_FILE).bound_to(scene)
     HypothesisTable(reader, scene).in_pose(num_hypotheses(scene), pose)
     imaging = reader.hypotheses.imaging
-    EmbeddedWorlds(reader.hypotheses, scene, changed_worlds(imaging, sensor_state(imaging, scene))).in_pose(pose)
+    _, states = changed_worlds(imaging, sensor_state(imaging, scene))
+    EmbeddedWorlds(reader.hypotheses, scene, states).in_pose(pose)
 
 
 def changed(name: str, world: str) -> Scene:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeAlias, TypeVar
+from typing import Generic, NamedTuple, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -47,8 +47,7 @@ class World(Protocol):
 WorldT = TypeVar("WorldT", bound=World)
 
 
-@dataclass(frozen=True, eq=False)
-class TouchRequest(Generic[WorldT]):
+class TouchRequest(NamedTuple, Generic[WorldT]):
     """A touch for which an episode waits.
 
     Attributes:

@@ -6,8 +6,8 @@ object was trained with all of them, and reads in each.
 
 >>> from activetouch import SCENES
 >>> from activetouch.perception.contacts.sensor_state import imaging_of
->>> worlds = changed_worlds(imaging_of(SCENES["gel"].scene), SensorState.nominal(1))
->>> worlds.labels[:2], len(worlds.labels) == len(worlds.states.noise)
+>>> labels, states = changed_worlds(imaging_of(SCENES["gel"].scene), SensorState.nominal(1))
+>>> labels[:2], len(labels) == len(states.noise)
 (('noise × 1.6', 'noise × 2.5'), True)
 """
 
@@ -16,7 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,20 +41,8 @@ _SHIFTS = 0.035, 0.075, 0.15, 0.25  # parts of the edge of the image
 _SHARES = 0.012, 0.03, 0.06, 0.11, 0.2  # of all taxels
 
 
-class Worlds(NamedTuple):
-    """States of a sensor.
-
-    Attributes:
-        labels: in words.
-        states: of the sensor, arrays of as many.
-    """
-
-    labels: tuple[str, ...]
-    states: SensorState
-
-
-def changed_worlds(imaging: Imaging, usual: SensorState) -> Worlds:
-    """What may be wrong with a sensor, within what its reader was trained with.
+def changed_worlds(imaging: Imaging, usual: SensorState) -> tuple[tuple[str, ...], SensorState]:
+    """What may be wrong with a sensor, within what its reader was trained with: in words, and arrays of as many states.
 
     Args:
         imaging: of the reader's own scene.
@@ -81,7 +69,7 @@ def changed_worlds(imaging: Imaging, usual: SensorState) -> Worlds:
     for name, share in product(("stuck", "dead"), _SHARES):
         found.append((f"{share:.1%} of the taxels {name}", {name: np.full((BROKEN, BROKEN), share)}))
     states = [_with(imaging, usual, changed) for _, changed in found]
-    return Worlds(tuple(label for label, _ in found), SensorState(*map(np.concatenate, zip(*states, strict=True))))
+    return tuple(label for label, _ in found), SensorState(*map(np.concatenate, zip(*states, strict=True)))
 
 
 def _with(imaging: Imaging, usual: SensorState, changed: dict[str, Any]) -> SensorState:
@@ -106,13 +94,13 @@ class EmbeddedWorlds:
     Attributes:
         reader: embeds them.
         scene: whose objects and poses they are.
-        worlds: states of the sensor.
+        states: of the sensor, in each of the worlds.
         number: hypotheses of each shape.
     """
 
     reader: ContactHypotheses
     scene: Scene
-    worlds: Worlds
+    states: SensorState
     number: int = HYPOTHESES
 
     def in_pose(self, pose: int) -> NDArray[np.float16]:
@@ -126,7 +114,7 @@ class EmbeddedWorlds:
 
     def _embedded(self, key: int | tuple[float, ...], scene: Scene, pose: int) -> NDArray[np.float16]:
         if key not in self._kept:
-            found = self.reader.embedded_in(scene, self._bodies, pose, self.worlds.states.code())
+            found = self.reader.embedded_in(scene, self._bodies, pose, self.states.code())
             self._kept[key] = frozen(found.astype(np.float16))
         return self._kept[key]
 
@@ -161,6 +149,5 @@ def sensor_health(model: ArrayModel, reader: TactileReader, scene: Scene) -> Sen
         raise InvalidArgument(
             "the state of a sensor is inferred with a reader of any object, its joint model, and no hand"
         )
-    worlds = changed_worlds(hypotheses.imaging, sensor_state(hypotheses.imaging, scene))
-    embedded = EmbeddedWorlds(hypotheses, scene, worlds)
-    return SensorHealthModel(described, embedded, worlds.labels, spread_prior(len(worlds.labels)))
+    labels, states = changed_worlds(hypotheses.imaging, sensor_state(hypotheses.imaging, scene))
+    return SensorHealthModel(described, EmbeddedWorlds(hypotheses, scene, states), labels, spread_prior(len(labels)))

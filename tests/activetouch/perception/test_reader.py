@@ -60,15 +60,14 @@ def test_every_named_scene_has_a_sensor_that_reads_fresh_objects_of_it(name):
 
 @pytest.mark.mujoco
 def test_touching_together_gives_what_touching_alone_gives(sensor):
-    class Request:
-        def __init__(self, number):
-            self.world = TouchWorld.sample(sensor, (number,), np.random.default_rng(number))
-            self.pose, self.rng = number, np.random.default_rng([9, number])
+    def request(number):
+        world = TouchWorld.sample(sensor, (number,), np.random.default_rng(number))
+        return world, number, np.random.default_rng([9, number])
 
-    together, _ = touch_many(sensor, [Request(number) for number in range(4)])
+    together, _ = touch_many(sensor, [request(number) for number in range(4)])
     for number, touch in enumerate(together):
-        request = Request(number)
-        alone = request.world.touch(request.pose, request.rng)
+        world, pose, rng = request(number)
+        alone = world.touch(pose, rng)
         np.testing.assert_allclose(touch.logits, alone.logits, atol=1e-3)
         assert touch.pose == alone.pose == number
 
