@@ -88,11 +88,7 @@ class LogUniform(_Range):
 
 
 def require_distribution(name: str, given: object) -> None:
-    """Check that something is a distribution.
-
-    Args:
-        name: of what it is, for the message.
-        given: the distribution.
+    """Check that something is a distribution; the message calls it by the name.
 
     Raises:
         InvalidArgument: it cannot be sampled.

@@ -153,7 +153,7 @@ def predict_contacts(reader: TactileReader, scene: Scene, num_hypotheses: int, j
 
 
 def _predict(shared: Shared[HypothesisTable], num_hypotheses: int, pose: int) -> None:
-    shared.value(num_hypotheses, (pose,))
+    shared.value.in_pose(num_hypotheses, pose)
 
 
 def shift_sentences(shift: tuple[str, ...]) -> list[str]:

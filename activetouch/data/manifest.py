@@ -131,10 +131,7 @@ class NoCollection(CorruptFile):
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """What a folder of touches says about itself.
-
-    Args:
-        folder: of the collection, or the file of its manifest.
+    """What the folder of a collection, or the file of its manifest, says about it.
 
     Raises:
         NoCollection: there is no manifest.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -36,15 +35,9 @@ class HypothesisTable:
     reader: TactileReader
     scene: Scene
 
-    def __call__(self, num_hypotheses: int, poses: Sequence[int] | None = None) -> NDArray[np.float32]:
-        """Embedded hypotheses ``(P, K, N, D)``, N of each shape, the same orientations and sizes for all shapes.
-
-        Args:
-            num_hypotheses: N.
-            poses: indices of the poses; all by default.
-        """
-        asked = range(len(self.scene.poses)) if poses is None else poses
-        return np.stack([self._embed(num_hypotheses, pose) for pose in asked])
+    def __call__(self, num_hypotheses: int) -> NDArray[np.float32]:
+        """Embedded hypotheses ``(P, K, N, D)``, N of each shape, the same orientations and sizes for all shapes."""
+        return np.stack([self._embed(num_hypotheses, pose) for pose in range(len(self.scene.poses))])
 
     def in_pose(self, num_hypotheses: int, pose: int) -> NDArray[np.floating]:
         """Embedded hypotheses in one pose, by its index, ``(K, N, D)``, read-only and kept for the next call.

@@ -181,11 +181,7 @@ class TactileReader:
 
 
 def resized(images: NDArray[np.uint8], shape: tuple[int, ...]) -> NDArray[np.uint8]:
-    """Images averaged down, or repeated up, to a shape.
-
-    Args:
-        images: uint8, ``(N, H, W)`` or ``(N, H, W, 3)``.
-        shape: of an image.
+    """Images, uint8 ``(N, H, W)`` or ``(N, H, W, 3)``, averaged down, or repeated up, to images of a shape.
 
     Raises:
         ValueError: an image is stretched, or one edge is no multiple of the other.

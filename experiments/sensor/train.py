@@ -157,22 +157,17 @@ def train_reader(
     recipe = in_safe_precision(recipe, input_size)
     torch.set_num_threads(jobs)
     train, calibration = (_split(data, name, input_size) for name in ("train", "calibration"))
-    labels = (manifest.shape_labels, manifest.pose_labels)
-    card = replace(
-        card_for(train, backbone, input_size, *labels, recipe.embedding),
-        scene=manifest.scene,
-        mujoco_version=manifest.versions["mujoco"],
-        training=f"{recipe.words}; {len(train.images)} images",
-    )
+    card = card_for(train, backbone, input_size, manifest.shape_labels, manifest.pose_labels, recipe.embedding)
+    words = f"{recipe.words}; {len(train.images)} images"
+    card = replace(card, scene=manifest.scene, mujoco_version=manifest.versions["mujoco"], training=words)
     classifier = new_classifier(card, recipe.seed)
     print(f"{backbone} at {input_size} pixels, {classifier.card.training}")
     taxels = (manifest.image_shape[0] // train.images.shape[1]) ** 2
     trainer = Trainer(classifier, recipe, train, calibration, out / STATE_FILE, manifest.symmetry, taxels)
     run_to_the_end(trainer)
     classifier = trainer.finish()
-    reader = export_reader(
-        classifier, manifest.image_shape, fixed_hypotheses(classifier, train) if recipe.embedding else None
-    )
+    hypotheses = fixed_hypotheses(classifier, train) if recipe.embedding else None
+    reader = export_reader(classifier, manifest.image_shape, hypotheses)
     reader.save(out / READER_FILE)
     kept = trainer.best_epoch if recipe.patience is not None else trainer.epochs_done
     print(f"kept epoch {kept}, wrote {out / READER_FILE}")

@@ -51,7 +51,7 @@ def test_one_finger_is_read_as_a_touch_to_the_last_bit(path):
     alone, held = (TactileReader.load(path).bound_to(one) for one in (COARSE, scene))
     image = grasped(COARSE).image[None]
     assert np.array_equal(alone.run(image)[0], held.run(image)[0])
-    assert np.array_equal(HypothesisTable(alone, COARSE)(8, [2]), HypothesisTable(held, scene)(8, [2]))
+    assert np.array_equal(HypothesisTable(alone, COARSE).in_pose(8, 2), HypothesisTable(held, scene).in_pose(8, 2))
 
 
 @pytest.mark.parametrize("name", ["one_finger", "parallel", "three_finger"])  # whose forces are equal
@@ -67,9 +67,9 @@ def test_a_grasp_shows_what_single_pads_feel_there(name):
 def test_the_score_of_a_grasp_is_the_sum_of_its_fingers(path):
     scene, image = COARSE.with_hand("three_finger"), grasped(COARSE.with_hand("three_finger")).image
     reader, alone = TactileReader.load(path).bound_to(scene), TactileReader.load(path)
-    scores = HypothesisTable(reader, scene)(6, [1])[0] @ reader.run(image[None])[0][0]
+    scores = HypothesisTable(reader, scene).in_pose(6, 1) @ reader.run(image[None])[0][0]
     expected = sum(
-        HypothesisTable(alone, one)(6, [1])[0] @ alone.run(part[None])[0][0]
+        HypothesisTable(alone, one).in_pose(6, 1) @ alone.run(part[None])[0][0]
         for one, part in zip(scene.fingers, np.split(image, 3, axis=1), strict=True)
     )
     assert scores == pytest.approx(expected, rel=1e-3, abs=1e-3)

@@ -183,12 +183,7 @@ def taking_turns(hypotheses: Hypotheses, scene: Scene, number: int) -> Floats32:
 
 
 def mean_ratios(embeddings: Floats32, hypotheses: Floats32) -> NDArray[np.float64]:
-    """Log of the mean ratio of images under the hypotheses of each shape, ``(n, K)``.
-
-    Args:
-        embeddings: of images, ``(n, D)``.
-        hypotheses: embedded, ``(K, N, D)``.
-    """
+    """Log of the mean ratio, ``(n, K)``, of images ``(n, D)`` under embedded hypotheses of shapes, ``(K, N, D)``."""
     num_shapes, number, width = hypotheses.shape
     fixed = hypotheses.reshape(-1, width).T
     found = np.empty((len(embeddings), num_shapes))
