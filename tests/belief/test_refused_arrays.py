@@ -31,7 +31,7 @@ NO_NUMBERS = {
 }
 OF_NUMBERS = {
     **{f"fit {name}": (lambda a, kind=kind: kind().fit(a, TRUTH)) for name, kind in CALIBRATIONS.items()},
-    **{f"predict {name}": (lambda a, kind=kind: kind().predict_proba(a)) for name, kind in CALIBRATIONS.items()},
+    **{f"predict {name}": (lambda a, kind=kind: kind().predict_log_proba(a)) for name, kind in CALIBRATIONS.items()},
     "PerPose": lambda a: PerPose().fit(a, TRUTH, np.zeros(4, int)),
     "accuracy": lambda a: metrics.accuracy(a, TRUTH),
     "brier_score": lambda a: metrics.brier_score(a, TRUTH),
