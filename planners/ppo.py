@@ -169,10 +169,6 @@ class PPODecider:
             return Decision(Probe(best), why)
         return Decision(Confirm() if best == num_poses else Reject(), why)
 
-    def prepare(self, info: InformationState) -> None:
-        """Load the policy for a search; raises BadPolicy if it was trained for other shapes or poses."""
-        self._policy(info)
-
     def choose(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.ProbeSelector`."""
         poses = self.scores(info, self._policy(info))[: info.problem.num_poses]

@@ -126,10 +126,7 @@ def told(where: str) -> Iterator[None]:
 
 
 def prepare(searches: Searches, decider: Decider, target: int) -> None:
-    """Let a decider that reads files or calls a function, one with a method ``prepare``, load what it needs.
-
-    It raises what keeps such a decider from playing, before anything is played.
-    """
+    """Let a decider with a method ``prepare`` load what it needs, or raise what keeps it from playing."""
     if callable(ready := getattr(getattr(decider, "decider", decider), "prepare", None)):
         scene = SceneBelief(searches.problem, searches.sensor.model)
         ready(InformationState.of(searches.problem, target, scene, 0))
