@@ -10,6 +10,7 @@ import re
 import subprocess
 import sys
 from contextlib import closing
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,7 @@ SMALLER = {
     "collect": {"--plan.train": 8, "--plan.calibration": 8, "--plan.test": 4},
     "train": {"--steps": 2, "--change.epochs": 1, "--device": "cpu"},
     "train-ppo": {"--steps": 256, "--recipes": "paper posterior", "--targets": "cube"},
-    "reproduce": {"--input-size": 8, "--episodes": 2},
+    "reproduce": {"--input-size": 32, "--episodes": 2},
     "identify": {"--objects": 2},
     "find": {"--searches": 2},
     "robustness": {"--searches": 1},
@@ -46,6 +47,9 @@ ELSEWHERE = {
     "activetouch touch --scene gel --hand allegro": "needs the folder of the Menagerie",
     "python -m benchmarks.unsure_robots": "a benchmark of an hour",
 }
+if find_spec("ap_gym") is None:
+    APGYM = ('python -c "import ap_gym', "python apgym_player.py", "activetouch compare --results in_turn.csv")
+    ELSEWHERE |= dict.fromkeys(APGYM, "needs the extra apgym")
 
 
 def commands(page: str) -> list[str]:
