@@ -1,11 +1,14 @@
 """``TactileSensor.search``: one search with a sensor, and nothing else to wire."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
 import activetouch
-from activetouch import TactileSensor
+from activetouch import SHAPES, TactileSensor
+from activetouch.distributions import Constant
+from activetouch.errors import LabelMismatch
 from belief.errors import InvalidArgument, UnknownName
 from planners import Episode, make_decider
 
@@ -43,3 +46,20 @@ def test_wrong_arguments_are_named():
         sensor.search("cube", "information_gian")
     with pytest.raises(InvalidArgument, match="seed"):
         sensor.search("cube", seed=-1)
+
+
+def test_a_sensor_searches_among_other_objects_of_exact_size_without_training(few_hypotheses, tmp_path):
+    corners = "".join(f"v {x} {y} {z}\n" for x in (0, 20) for y in (0, 30) for z in (0, 8))
+    faces = "f 1 2 4 3\nf 5 7 8 6\nf 1 5 6 2\nf 3 4 8 7\nf 1 3 7 5\nf 2 6 8 4\n"
+    (tmp_path / "block.obj").write_text(corners + faces)
+    gel = TactileSensor.shipped("gel")
+    sensor = gel.with_objects({"ball": SHAPES["sphere"], "plate": f"{tmp_path}/block.obj@0.001"})
+    assert sensor.shape_labels == ("ball", "plate")
+    assert sensor.scene.variation.size == Constant(1.0)
+    assert sensor.search("plate", num_objects=2, seed=7).success
+    with pytest.raises(InvalidArgument, match="nothing to tell apart"):
+        gel.with_objects({"ball": SHAPES["sphere"]})
+    with pytest.raises(LabelMismatch, match="reader"):
+        TactileSensor.shipped("keyed").with_objects({"ball": SHAPES["sphere"], "cube": SHAPES["cube"]})
+    with pytest.raises(InvalidArgument, match="put together from parts"):
+        replace(gel, folder=None).with_objects({})
