@@ -24,7 +24,7 @@ Part = Literal["table1", "table2"]
 
 DEVIATIONS = (
     "The paper gives no numbers for its force patches, windows, batch size or rotations. Ours are in "
-    "activetouch/rendering/force_patch.py, experiments/paper/table1.py and activetouch/perception/recipe.py.",
+    "activetouch/rendering/renderer.py, experiments/paper/table1.py and activetouch/perception/recipe.py.",
     "The paper starts from ImageNet weights, we from random weights.",
     "Objects differ in size by ±10 %, so that a split by object is possible. Each press has a new orientation.",
     "Table 2 does not use the classifier of Table 1 but the scene's own, trained on six poses of tumbled objects and "
