@@ -66,23 +66,17 @@ class HypothesisNetwork(nn.ModuleList):
 
     def forward(self, hypotheses: Hypotheses) -> Tensor:
         """Embeddings ``(H, D)``."""
-        card, rotations = self.card, rotation_matrices(hypotheses.orientations).flatten(1)
+        card, rows = self.card, matrix_rows(hypotheses.orientations.unbind(1))
+        rotations = torch.stack([entry for row in rows for entry in row], dim=1)
         kinds = nn.functional.one_hot(hypotheses.shapes, len(card.shape_labels)).float()
         log_sizes = (hypotheses.sizes.log() - card.log_size_mean) / card.log_size_std
-        columns = [kinds, rotations, log_sizes[:, None]]
         left, right = map(torch.from_numpy, PRODUCTS)
-        columns.append(rotations[:, left] * rotations[:, right])
+        columns = [kinds, rotations, log_sizes[:, None], rotations[:, left] * rotations[:, right]]
         first, *middle, last = self
         hidden = nn.functional.gelu(first(torch.cat(columns, dim=1).float()))
         for layer in middle:
             hidden = hidden + nn.functional.gelu(layer(nn.functional.layer_norm(hidden, hidden.shape[1:])))
         return last(hidden)
-
-
-def rotation_matrices(quaternions: Tensor) -> Tensor:
-    """Rotation matrices ``(H, 3, 3)`` of unit quaternions ``wxyz``."""
-    rows = matrix_rows(quaternions.unbind(1))
-    return torch.stack([entry for row in rows for entry in row], dim=1).reshape(-1, 3, 3)
 
 
 def compose(left: Tensor, right: Tensor) -> Tensor:

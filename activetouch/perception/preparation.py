@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -48,17 +49,9 @@ def prepared(reader: TactileReader, scene: Scene, seed: int = 0) -> ArrayModel:
     """
     described = {name: value for name, value in scene_fields(scene).items() if name not in SURROUNDINGS}
     made_by = [reader.digest, reader.card.imaging, version("activetouch")]
-    key = {
-        "reader": made_by,
-        "scene": described,
-        "hypotheses": hypotheses_of(reader, scene),
-        "touches": _TOUCHES,
-        "seed": seed,
-    }
-
-    def make() -> tuple[ArrayModel, str]:
-        return _fitted(reader, scene, np.random.default_rng([seed, 0xF17]))
-
+    key = {"reader": made_by, "scene": described, "hypotheses": hypotheses_of(reader, scene)}
+    key |= {"touches": _TOUCHES, "seed": seed}
+    make = partial(_fitted, reader, scene, np.random.default_rng([seed, 0xF17]))
     model, alike = cached(key, ".json", make, _read, _write)
     if alike:
         warnings.warn(alike, AlikeShapes, stacklevel=3)

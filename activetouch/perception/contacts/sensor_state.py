@@ -130,8 +130,9 @@ def fields_read(imaging: Imaging, own: Mapping[str, Any], scene: Scene, here: Ma
     beyond |= {name for name, (low, _) in limits if name != "noise" and np.min(state[name]) < low - _ROUNDED}
     if isinstance(scene.press_model, Dynamic | Quasistatic):
         same.append("press_model")
-    are_known = all(isinstance(fault, _KNOWN) for fault in scene.faults) and _are_full(scene)
-    if are_known and _is_as_broken(imaging, scene) and not beyond & _OF_FAULTS:
+    are_known = all(isinstance(fault, _KNOWN) for fault in scene.faults)
+    are_full = all(fault.level == 1.0 for fault in faults_of(StuckTaxels, scene.faults))
+    if are_known and are_full and _is_as_broken(imaging, scene) and not beyond & _OF_FAULTS:
         same.append("faults")
     taxels = scene.image_shape[0]
     widest = imaging.pixels // 2 if imaging.coarser else imaging.taxels
@@ -148,10 +149,6 @@ def fields_read(imaging: Imaging, own: Mapping[str, Any], scene: Scene, here: Ma
     if is_latent or max(np.abs(scene.variation.offset.support)) <= imaging.offset * (1 + 1e-9):
         free.append("offset")
     return found | {"variation": {**own["variation"], **{name: here["variation"][name] for name in free}}}
-
-
-def _are_full(scene: Scene) -> bool:
-    return all(fault.level == 1.0 for fault in faults_of(StuckTaxels, scene.faults))
 
 
 def _is_as_broken(imaging: Imaging, scene: Scene) -> bool:
