@@ -45,6 +45,7 @@ ELSEWHERE = {
     "activetouch recorded --data cy101": "needs recordings that are fetched by hand",
     "activetouch recorded --data sdh2": "needs recordings that are fetched by hand",
     "activetouch touch --scene gel --hand allegro": "needs the folder of the Menagerie",
+    "activetouch reproduce --parts table1": "trains for half an hour; the tests train on less",
     "python -m benchmarks.unsure_robots": "a benchmark of an hour",
 }
 if find_spec("ap_gym") is None:
