@@ -30,17 +30,14 @@ THEMES = {
 def point(stored: dict[str, Any]) -> Any:
     """What the figure of the trade-off reads of a configuration's results."""
     told = stored["configuration"]
-    number = told["num_hypotheses"] or (-told["touch_cost"] if stored["varied"] == "touch cost λ" else None)
-    configuration = SimpleNamespace(
-        scene=told["network"]["scene"], varied=stored["varied"], decider=told["decider"], number=number
-    )
+    own = {name: told[name] for name in ("scene", "decider")} | {name: stored[name] for name in ("varied", "number")}
     names = ("ms_per_search", "success", "interval")
-    return SimpleNamespace(configuration=configuration, **{name: stored[name] for name in names})
+    return SimpleNamespace(configuration=SimpleNamespace(**own), **{name: stored[name] for name in names})
 
 
 def main() -> None:
     """Write docs/tradeoff/tradeoff.svg, docs/reproduction/figure3.svg, and docs/robustness/drift.svg, also dark."""
-    points = [point(stored) for stored in _record("tradeoff/tradeoff")["points"]]
+    points = [point(stored) for stored in _record("tradeoff/searches_0")["points"]]
     front_picture(points).write(DOCS / "tradeoff")
     (DOCS / "tradeoff" / "tradeoff.png").unlink()
     confusion = _record("reproduction/table1")["splits"]["by image"]["held out"]["confusion"]

@@ -11,10 +11,12 @@ import csv
 import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
-from belief.statistics.comparison import wilson_interval
+from belief.statistics.comparison import pareto_front, wilson_interval
+from belief.table import interval
 from experiments.tradeoff.report import TASKS
 
 DOCS = Path(__file__).parent.parent
@@ -152,11 +154,19 @@ def calibration(page: str) -> str:
 
 def tradeoff(page: str) -> str:
     """The page with its Pareto fronts, and its tables of hypotheses and of networks."""
-    searched = list(_searched())
+    first, second = (_record(f"tradeoff/searches_{seed}")["points"] for seed in (0, 1))
+    again = {point["name"]: point for point in second}
     for task, scenes in TASKS.items():
-        front = [cells for cells in searched if cells[0].startswith(scenes) and float(cells[-1]) >= _SHOWN]
-        page = _with_rows(page, f"**{task}**", [_row(*cells) for cells in front])
-    page = _with_rows(page, "## How many hypotheses", list(_live_hypotheses(searched)))
+        points = [point for point in first if point["configuration"]["scene"] in scenes]
+        front = compress(points, pareto_front(*([p[axis] for p in points] for axis in ("ms_per_search", "success"))))
+        rows = []
+        for point in sorted(front, key=lambda point: point["ms_per_search"]):
+            right = (interval(some["success"], *some["interval"]) for some in (point, again[point["name"]]))
+            times = (f"{point[part]:.2f}" for part in ("physics", "network", "decision"))
+            numbers = f"{point['touches']:.2f}", f"{point['reward']:.3f}", f"{point['ms_per_search']:.1f}"
+            rows.append(_row(point["name"], point["searches"], *right, *numbers, *times))
+        page = _with_rows(page, f"**{task}**", rows)
+    page = _with_rows(page, "## How many hypotheses", list(_live_hypotheses(list(_searched()))))
     rows = []
     for entry in _record("tradeoff/networks")["entries"]:
         if (entry["hypotheses"], entry["precision"]) == (2048, "float32"):
@@ -220,7 +230,6 @@ PAGES = {
 }
 
 
-_SHOWN = 0.25  # least probability of being on the front
 _TARGETS = ("sphere", "cube", "cylinder", "cone")
 _PAPER_MANUAL = ("1.00", "1.00", "0.05", "0.08", "0.532", "", "")
 _PAPER_PPO = ("0.46", "0.13", "0.15", "0.20", "0.235", "", "")

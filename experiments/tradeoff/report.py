@@ -243,7 +243,12 @@ class TradeoffReport:
         Table("", _COLUMNS, [row for table in tables for row in table.rows]).write_csv(folder / "tradeoff.csv")
         write_text(folder / "tradeoff.md", f"{self}\n")
         points = [
-            {**asdict(p), "name": p.configuration.name, "varied": p.configuration.varied, "success": p.success}
+            {
+                **{name: value for name, value in asdict(p).items() if name != "successes"},
+                **{name: getattr(p.configuration, name) for name in ("name", "varied", "number")},
+                **{name: getattr(p, name) for name in ("success", "interval", "ms_per_search")},
+                "searches": len(p.successes),
+            }
             for p in self.points
         ]
         write_text(folder / "tradeoff.json", json.dumps({"points": points, "answers": recommended}, indent=1) + "\n")
