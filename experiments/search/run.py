@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -127,9 +128,9 @@ class RunFolder:
     def command(self, name: str, **options: object) -> str:
         """A command line about this run, with ``--trust`` where ``run.json`` names code."""
         given, trust = self.read_run()["arguments"], Trust(self.path or Path())
-        choice = (given.get("setting") or {}).get("choice", {})
-        names = [*given.get("deciders", ()), choice.get("scene"), choice.get("renderer")]
-        return command(name, *(() if all(trust.allows(str(one)) for one in names) else ("--trust",)), **options)
+        names = re.findall(r'"([^"]*)"', json.dumps(given.get("deciders")))  # a file may hold other types
+        names += re.findall(r'"(?:scene|renderer)": "([^"]*)"', json.dumps(given.get("setting")))
+        return command(name, *(() if all(map(trust.allows, names)) else ("--trust",)), **options)
 
     def batches(self, cell: Cell) -> dict[str, dict[int, Batch]]:
         """The intact batches of a cell, by key and number, oldest first; of several, the one with most episodes."""
