@@ -21,6 +21,8 @@ from belief.files import require_regular_file, sealed_json, unsealed_json, write
 from belief.observation_model.model import ObservationModel
 from belief.problem import Confirm, Probe, Touch, Unsure
 from belief.statistics.exchangeability import log_e_values
+from belief.statistics.stop_thresholds import CertifiedThresholds
+from belief.table import Table, Tabular
 from belief.touch_fit import touch_fit
 from belief.validation import require_count
 from planners.decider import Decider, Decision, InformationState, are_touches_used, checked_decision
@@ -119,7 +121,7 @@ def fit_of_search(target: int, steps: Sequence[Step], model: ObservationModel) -
 
 
 @dataclass(frozen=True)
-class Certificate:
+class Certificate(Tabular):
     """Thresholds for the stops of one decider with one sensor in one world, and what they were made from.
 
     With probability ``confidence`` over the calibration searches, P(wrong | confirmed after k touches) ≤ ``risk`` for
@@ -155,20 +157,12 @@ class Certificate:
     usual: tuple[Fit, ...] = field(default=(), repr=False)
     since: tuple[Fit, ...] = field(default=(), repr=False)
 
-    def __str__(self) -> str:
-        """The certificate as a table, with what it promises."""
-        lines = [
-            f"{self.decider}: P(wrong | confirmed after k touches) ≤ {self.risk:g} for every k, with confidence "
-            f"{self.confidence:g}, from {self.num_searches} searches",
-            f"{'touches':>9s}{'confirm at':>12s}{'stops':>8s}{'wrong':>8s}",
-        ]
-        for touches, threshold in enumerate(self.thresholds):
-            name = f"≥ {touches}" if touches == len(self.thresholds) - 1 else str(touches)
-            limit = f"{threshold:.6f}" if math.isfinite(threshold) else "never"
-            lines.append(f"{name:>9s}{limit:>12s}{self.stops[touches]:8d}{self.wrong[touches]:8d}")
-        if self.is_withdrawn:
-            lines.append(self._withdrawal)
-        return "\n".join(lines)
+    def table(self) -> Table:
+        """The thresholds by number of touches, and what is promised."""
+        rate = f"P(wrong | confirmed after k touches) ≤ {self.risk:g} for every k"
+        title = f"{self.decider}: {rate}, with confidence {self.confidence:g}, from {self.num_searches} searches"
+        counted = CertifiedThresholds(self.thresholds, self.stops, self.wrong).table()
+        return replace(counted, title=title, note=self._withdrawal if self.is_withdrawn else "")
 
     @cached_property
     def log_alarms(self) -> NDArray[np.float64]:
