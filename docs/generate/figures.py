@@ -5,7 +5,6 @@ Run: python docs/generate/figures.py
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,13 +12,12 @@ from typing import Any
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from tables import DRAWN, health_of
+from tables import DRAWN, _record, health_of
 
 from experiments.paper.table2 import Column, draw_figure3
 from experiments.tradeoff.report import front_picture
 
 DOCS = Path(__file__).parent.parent
-RECORDS = DOCS.parent / "records"
 THEMES = {
     "drift": ("#ffffff", "#1f2328", "#8c959f", "#c0540a", "#1a7f5a"),
     "drift_dark": ("#0d1117", "#e6edf3", "#6e7681", "#f0883e", "#3fb98f"),
@@ -86,10 +84,6 @@ def draw_drift(path: Path, paper: str, ink: str, faint: str, bad: str, good: str
         drawn.legend(handles, labels, loc="outside upper center", ncols=4, frameon=False)
         path.parent.mkdir(exist_ok=True)
         drawn.savefig(path, facecolor=paper, metadata={"Date": None})
-
-
-def _record(name: str) -> Any:
-    return json.loads((RECORDS / f"{name}.json").read_text())
 
 
 if __name__ == "__main__":

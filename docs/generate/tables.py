@@ -11,13 +11,12 @@ import csv
 import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from itertools import compress
 from pathlib import Path
 from typing import Any
 
 from belief.statistics.comparison import pareto_front, wilson_interval
 from belief.table import interval
-from experiments.tradeoff.report import TASKS
+from experiments.tradeoff.report import SHARES
 
 DOCS = Path(__file__).parent.parent
 RECORDS = DOCS.parent / "records"
@@ -153,19 +152,20 @@ def calibration(page: str) -> str:
 
 
 def tradeoff(page: str) -> str:
-    """The page with its Pareto fronts, and its tables of hypotheses and of networks."""
+    """The page with all configurations by scene, * on the Pareto front, and its tables of hypotheses and networks."""
     first, second = (_record(f"tradeoff/searches_{seed}")["points"] for seed in (0, 1))
     again = {point["name"]: point for point in second}
-    for task, scenes in TASKS.items():
-        points = [point for point in first if point["configuration"]["scene"] in scenes]
-        front = compress(points, pareto_front(*([p[axis] for p in points] for axis in ("ms_per_search", "success"))))
+    for scene in SHARES:
+        points = [point for point in first if point["configuration"]["scene"] == scene]
+        is_best = pareto_front(*([p[axis] for p in points] for axis in ("ms_per_search", "success")))
         rows = []
-        for point in sorted(front, key=lambda point: point["ms_per_search"]):
+        for place in sorted(range(len(points)), key=lambda place: points[place]["ms_per_search"]):
+            point = points[place]
             right = (interval(some["success"], *some["interval"]) for some in (point, again[point["name"]]))
             times = (f"{point[part]:.2f}" for part in ("physics", "network", "decision"))
             numbers = f"{point['touches']:.2f}", f"{point['reward']:.3f}", f"{point['ms_per_search']:.1f}"
-            rows.append(_row(point["name"], point["searches"], *right, *numbers, *times))
-        page = _with_rows(page, f"**{task}**", rows)
+            rows.append(_row(point["name"] + " *" * bool(is_best[place]), *right, *numbers, *times))
+        page = _with_rows(page, f"**{scene}**", rows)
     page = _with_rows(page, "## How many hypotheses", list(_live_hypotheses(list(_searched()))))
     rows = []
     for entry in _record("tradeoff/networks")["entries"]:
@@ -305,7 +305,10 @@ def _by_score(results: Mapping[int, Any], numbers: tuple[int, ...]) -> list[str]
 
 
 def _record(name: str) -> Any:
-    return json.loads((RECORDS / f"{name}.json").read_text())
+    """The JSON file of a record; where it has none, the one at the end of what was printed."""
+    file = RECORDS / f"{name}.json"
+    printed = file.with_suffix(".txt").read_text() if not file.exists() else ""
+    return json.loads(printed.partition(".json:\n\n")[2] or file.read_text())
 
 
 def _row(*cells: str) -> str:
