@@ -162,7 +162,7 @@ class Certificate(Tabular):
         rate = f"P(wrong | confirmed after k touches) ≤ {self.risk:g} for every k"
         title = f"{self.decider}: {rate}, with confidence {self.confidence:g}, from {self.num_searches} searches"
         counted = CertifiedThresholds(self.thresholds, self.stops, self.wrong).table()
-        return replace(counted, title=title, note=self._withdrawal if self.is_withdrawn else "")
+        return replace(counted, title=title, note=self._withdrawal if self.is_withdrawn else counted.note)
 
     @cached_property
     def log_alarms(self) -> NDArray[np.float64]:

@@ -149,7 +149,8 @@ class CertifiedThresholds(Tabular):
             )
             for number, least, *counts in zip(numbers, self.thresholds, self.stops, self.wrong, strict=True)
         ]
-        return Table("", ["touches", "stop from", ("stops", "d"), ("wrong", "d")], rows, self.note)
+        note = self.note or "The last row pools so many touches and more. Stops are of the half that tests."
+        return Table("", ["touches", "stop from", ("stops", "d"), ("wrong", "d")], rows, note)
 
 
 def certified_thresholds(candidates: CandidateStops, risk: float, confidence: float = 0.9) -> CertifiedThresholds:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,6 +24,7 @@ from belief.metrics import (
 )
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.selection import log_posteriors_by_touch
+from belief.statistics import cluster_bootstrap
 from belief.statistics.stop_thresholds import CandidateStops
 from belief.table import Table, Value
 from experiments.calibration.sequences import Sequences
@@ -90,8 +91,14 @@ def score_model(
             fused[kind].append(Fused(number, accuracy(probs, shapes), nll, error))
         found = CandidateStops.of_posteriors(log_probs, shapes)
         rows = found.stops([confidence])
-        scores = found.probs[rows], ~found.is_wrong[rows], found.touches[rows]
-        stopped[kind] = calibration_at_stop(*scores) if len(rows) else None
+        stopped[kind] = None
+        if len(rows):
+            scores = found.probs[rows], ~found.is_wrong[rows], found.touches[rows]
+            score = calibration_at_stop(*scores)
+            objects = of_kind.object_ids[found.searches[rows]]  # several sequences of one object err alike
+            _, low, high = cluster_bootstrap(scores[1].astype(float), objects, rng)
+            whole = replace(score.overall, low=min(low, score.overall.low), high=max(high, score.overall.high))
+            stopped[kind] = replace(score, overall=whole)
     return ModelScores(name, fused, stopped)
 
 
@@ -240,7 +247,7 @@ def _stops(found: Measurements) -> Section:
     sentence = (
         f"A search that touches until a shape has a posterior of {found.confidence:g} stops where favourable noise and "
         "the model's confidence in it are greatest. The stated confidence must be right after few touches and after "
-        "many, not only on average."
+        "many, not only on average. The interval is the wider of Clopper and Pearson's and of a bootstrap over objects."
     )
     return Section("Stopping", [sentence], tables)
 

@@ -206,14 +206,14 @@ class Certify:
     setting: tyro.conf.OmitArgPrefixes[Setting] = field(default_factory=Setting)
     """Sensor and rules of all searches."""
     out: Path | None = None
-    """File to write; by default certificate-DECIDER-RISK.json in the folder of the sensor."""
+    """File to write; by default certificate-DECIDER-RISK.json in the working folder."""
     jobs: Jobs = field(default_factory=default_jobs)
     """Number of processes; the result does not depend on it."""
 
     def run(self) -> None:
         """Play the calibration searches, print the certificate and write it; raises as :func:`certify`."""
         name = f"certificate-{in_file_name(self.decider, '-')}-{self.risk:g}.json"
-        out = self.setting.sensor_folder / name if self.out is None else self.out
+        out = Path(name) if self.out is None else self.out
         print(replace(self, out=out).certificate())
         print(f"certificate: {out}")
 

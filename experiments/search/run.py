@@ -214,7 +214,7 @@ class RunFolder:
 def differing(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
     """In which parts of the second identity, or of a part of one, the first differs, in words; empty for none."""
     in_words = {
-        "problem": "search (shapes, --num-objects, --touch-cost, --abstain)",
+        "problem": "search (shapes, --num-objects, --touch-cost, --abstain, --certificate)",
         "scene": "scene (shapes, hand, presses)",
         "sensor_sha256": "sensor",
     }

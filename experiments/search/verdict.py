@@ -62,6 +62,11 @@ def _best(comparison: Summary) -> str:
     highest = said.replace("is best: it", "has the highest return in the mean: it")
     if is_small(comparison):
         return f"{highest} To call a decider the best takes at least {ENOUGH} searches."
+    returns = [found.reward for found in comparison.differences.values()]
+    if len(equals) == len(names) and all(found == (0.0, 0.0, 0.0) for found in returns):
+        return (
+            f"No difference: the return is {best.reward:.3f} for each of {_and(names)}, and the same in every search."
+        )
     if len(equals) > 1:
         shares = ", ".join(f"that of {name} in {100 * comparison.prob_best[name]:.0f} %" for name in equals)
         return (
@@ -138,9 +143,9 @@ def _touches(name: str, difference: Difference, comparison: Summary) -> str:
 
 
 def is_calibrated(score: StopScore) -> str:
-    """Whether stated confidence and success agree: yes, too few (confirmations), overconfident or underconfident."""
+    """Whether stated confidence and success agree: no disagreement, too few, overconfident or underconfident."""
     if score.is_consistent:
-        return "yes" if score.count >= ENOUGH else "too few"
+        return "no disagreement" if score.count >= ENOUGH else "too few"
     return "overconfident" if score.mean_stated > score.high else "underconfident"
 
 
@@ -149,7 +154,7 @@ def _calibration(comparison: Summary) -> list[str]:
     scores = {name: found.overall for name, found in comparison.calibration.items() if found is not None}
     words = {name: is_calibrated(score) for name, score in scores.items()}
     sentences = []
-    if kept := [name for name, word in words.items() if word == "yes"]:
+    if kept := [name for name, word in words.items() if word == "no disagreement"]:
         sentences.append(f"No disagreement between stated confidence and success was found for {_and(kept)}.")
     if few := [f"{name} ({scores[name].count})" for name, word in words.items() if word == "too few"]:
         sentences.append(f"There are too few confirmations to judge the stated confidence of {_and(few)}.")

@@ -199,7 +199,7 @@ def test_every_table_has_the_numbers_of_the_comparison(rng):
     )
     assert (d.success[0], d.touches[0]) == (pytest.approx(-18 / 22), pytest.approx(1.0 - 41 / 22))
     low, high = clopper_pearson_interval(18, 20)
-    stated = ("x", 20, pytest.approx(0.03), pytest.approx(0.1), (1.0 - high, 1.0 - low), "yes")
+    stated = ("x", 20, pytest.approx(0.03), pytest.approx(0.1), (1.0 - high, 1.0 - low), "no disagreement")
     assert told["stated_confidence"].rows == [stated, ("y", 0, None, None, None, "never confirmed")]
     assert told["times"].rows == [(name, 10, *map(pytest.approx, (10.0, 20.0, 30.0, 60.0))) for name in "xy"]
     boasts = compared({"x": [wrong] * 22}, rng)
