@@ -101,6 +101,8 @@ def run_tasks(tasks: Sequence[Task[T]], jobs: int | None, description: str) -> I
     from threadpoolctl import threadpool_limits
 
     jobs = default_jobs() if jobs is None else jobs
+    if not tasks:
+        return
     with threadpool_limits(1), progress_bar() as progress:
         bar = progress.add_task(description, total=len(tasks))
         with closing((task() for task in tasks) if jobs == 1 else _in_parallel(tasks, jobs)) as results:

@@ -12,6 +12,7 @@ or followed by the target, one-hot. Loading such a file runs code from it, so lo
 
 from __future__ import annotations
 
+import inspect
 import json
 import pickle
 import zipfile
@@ -99,6 +100,13 @@ class FunctionPolicy:
 
     def prepare(self, info: InformationState) -> None:
         """Call the function once, so that it loads what it needs; raises as :meth:`decide`."""
+        if callable(self.act) and not self.remembers:
+            try:
+                inspect.signature(self.act).bind(None)
+            except TypeError as error:
+                raise BrokenContract(f"a policy is called with one observation; {self.act!r:.80}: {error}") from error
+            except ValueError:
+                pass  # compiled functions tell no signature
         self.decide(info, np.random.default_rng(0))
 
     def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:

@@ -198,9 +198,15 @@ class ObjectSearchEnv(gymnasium.Env[State, int]):
         Searches of ``activetouch compare`` have the keys (seed, target index, number).
 
         Raises:
-            BadOption: an option is unknown, or the seed is no key.
+            BadOption: an option is unknown, the seed is no key, or it is the key of a search for another target.
         """
         key = key_of(options)
+        if self.problem.num_objects > 1 and key is not None and len(key) == 3 and key[1] != self.target:
+            labels = self.problem.shape_labels
+            raise BadOption(
+                f"the key {key} is of a search for shape {key[1]}, and this environment searches for shape "
+                f"{self.target}, the {labels[self.target]}: make it with the other target, of {', '.join(labels)}"
+            )
         super().reset(seed=seed)
         self._key = key if key is not None else (int(self.np_random.integers(2**32)),)
         rng = arrangement_rng(self._key)

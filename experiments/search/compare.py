@@ -110,7 +110,8 @@ class Compare:
 
             found = compare_results(self.results, self.reference, self.control, self.seed)
             page = found.save(Path("runs/results") if self.out is None else self.out)
-            _say([replace(table, note="") for table in found.tables() if table.rows], found.verdict(), page)
+            whole = [replace(table, note="", rows=found.of_all_tasks(table.rows)) for table in found.tables()]
+            _say([table for table in whole if table.rows], found.verdict(), page)
             return
         if self.config is not None:
             asked, recorded = self._names(), Compare.from_config(self.config)._names()

@@ -21,7 +21,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from belief.files import plain_number, require_regular_file
+from belief.files import plain_number, require_regular_file, write_text
 from belief.statistics import paired_bootstrap, wilson_interval
 from belief.statistics.comparison import LEVEL
 from belief.table import Table, Value
@@ -137,8 +137,13 @@ class ResultsComparison:
             ),
         ]
 
+    @staticmethod
+    def of_all_tasks(rows: Sequence[Sequence[Value]]) -> Sequence[Sequence[Value]]:
+        """Those rows of a table that are of all tasks together; all rows if there is one task."""
+        return [row for row in rows if row[1] == ALL] or rows
+
     def save(self, folder: Path) -> Path:
-        """Write ``report.html`` and the tables as CSV; return the path of the page.
+        """Write ``report.html`` and the tables as CSV and LaTeX; return the path of the page.
 
         Raises:
             CannotWrite: the disk is full, or the folder is not writable.
@@ -146,6 +151,7 @@ class ResultsComparison:
         tables = [table for table in self.tables() if table.rows]
         for table in tables:
             table.write_csv(folder / "tables" / f"{table.name}.csv")
+            write_text(folder / "tables" / f"{table.name}.tex", f"{table.latex()}\n")
         sections = [Section("Verdict", self.verdict()), Section("Tables", (), tables)]
         write_page(folder / "report.html", f"Results of {', '.join(self.success)}", sections)
         return folder / "report.html"
