@@ -296,7 +296,7 @@ class Session:
 
         Raises:
             CorruptFile: it is no log of a session, or was changed after it was written.
-            OtherModel: it was made with another model or reader.
+            OtherModel: it was made with another model, reader or certificate.
             CannotWrite: it cannot be written, or another process has it open.
         """
         path = Path(path).resolve()
@@ -307,6 +307,8 @@ class Session:
             settings = ("arrangement", "abstain", "log_bets", "least_force", "least_area")
             given = {name: header[name] for name in settings}
             session = cls(problem, decider, target, model, seed, reader=reader, **given)
+            if header.get("thresholds", []) != session._header()["thresholds"]:
+                raise OtherModel("the session began with another certificate, or without one; give the same again")
             events, truth = events_from(lines, session.problem, reader)
             session._restore(events)
             session.arrangement = session.arrangement if truth is None else session._shapes(truth)
@@ -375,7 +377,9 @@ class Session:
         return [None if shape == UNKNOWN else self.problem.shape_labels[shape] for shape in shapes]
 
     def _header(self) -> dict[str, Any]:
-        listener = self._listener
+        listener, decider = self._listener, self._decider
+        if isinstance(decider, Abstaining):
+            decider = decider.decider
         return {
             "schema": SCHEMA,
             "time": time.time(),
@@ -384,6 +388,7 @@ class Session:
             "seed": list(self.seed),
             "arrangement": self._named(self.arrangement),
             "abstain": self._abstains,
+            "thresholds": [least if least < np.inf else None for least in getattr(decider, "thresholds", ())],
             "log_bets": np.asarray(self._log_bets, np.float64).tolist(),
             "least_force": listener.least_force,
             "least_area": listener.least_area,

@@ -7,6 +7,7 @@ from belief.errors import InvalidArgument
 from experiments.command_line.arguments import BadArgument
 from experiments.search.certify import Certify, TooFewSearches
 from planners.certified import Certificate, NotCertified
+from planners.session_log import OtherModel
 
 
 @pytest.fixture(scope="module")
@@ -46,6 +47,18 @@ def test_a_session_stops_by_the_certificate_and_refuses_another_search(made):
             sensor.session("cone", certificate=made[1], **arguments)
     with pytest.raises(InvalidArgument, match="leave out abstain"):
         sensor.session("cone", certificate=made[1], abstain=True)
+
+
+def test_a_session_goes_on_with_the_certificate_that_it_began_with_and_no_other(made, tmp_path):
+    sensor, log = TactileSensor.shipped("coarse"), tmp_path / "q.jsonl"
+    sensor.session("cone", log=log, certificate=made[0]).close()
+    with pytest.raises(OtherModel, match="another certificate, or without one"):
+        sensor.session("cone", log=log)
+    sensor.session("cone", log=log, certificate=made[0]).close()
+    plain = tmp_path / "plain.jsonl"
+    sensor.session("cone", log=plain).close()
+    with pytest.raises(OtherModel, match="another certificate, or without one"):
+        sensor.session("cone", log=plain, certificate=made[0])
 
 
 def test_searches_that_do_not_look_like_those_of_the_certificate_withdraw_it(made, tmp_path):
