@@ -155,11 +155,12 @@ class TactileSensor:
         scene = SCENES[of_scene].scene if scene is None else scene
         return cls.load(MODELS / name, scene, anyway, unknown_state=unknown_state)
 
-    def with_objects(self, objects: Mapping[str, Shape | Path | str]) -> TactileSensor:
+    def with_objects(self, objects: Mapping[str, Shape | Path | str] | Sequence[Path | str] | Path) -> TactileSensor:
         """The sensor among other objects, whose contacts its reader of any object predicts; nothing is trained.
 
         Args:
-            objects: solids or meshes, or mesh files ``path[@scale]``, by label. Their sizes do not vary.
+            objects: solids or meshes, or mesh files ``path[@scale]``, by label; or what
+                :func:`~activetouch.mesh_source.read_meshes` takes. Their sizes do not vary.
 
         Raises:
             InvalidArgument: fewer than two objects, or the sensor is not from a folder.
@@ -168,8 +169,9 @@ class TactileSensor:
         """
         if self.folder is None:
             raise InvalidArgument("a sensor that was put together from parts has no reader of other objects: load one")
-        shapes = dict(objects)
-        for label, source in objects.items():
+        given = [objects] if isinstance(objects, Path | str) else objects
+        shapes = dict(given if isinstance(given, Mapping) else read_meshes(*given))
+        for label, source in list(shapes.items()):
             if isinstance(source, Path | str):
                 shapes |= read_meshes(f"{label}={source}")
         variation = replace(self.scene.variation, size=Constant(1.0))

@@ -145,13 +145,15 @@ def reader_file(folder: Path, scene: Scene, independent: bool = False, unknown_s
 
     Raises:
         CorruptFile: a file is damaged.
-        InvalidArgument: the sensor has no reader of any object, but its state is to be inferred.
+        InvalidArgument: the state is to be inferred, and the sensor has no reader of any object, or the scene a hand.
         NoIndependentModel: only the reader of any object reads this scene, and touches are to be taken as independent.
         WrongScene: the sensor is of recorded touches.
     """
     require_simulated(folder)
     own, other = folder / READER_FILE, folder / ANY_OBJECT_FILE
     if unknown_state:
+        if scene.hand is not None:
+            raise InvalidArgument("no state of the sensor is inferred with a hand; leave out --unknown-state or --hand")
         found = other if other.exists() else own
         if read_card(found).imaging is None:
             raise InvalidArgument(f"{folder} has no reader of any object, which alone knows states of the sensor")

@@ -33,7 +33,7 @@ from activetouch.solids.family import numbers_of
 from belief.errors import InvalidArgument
 from belief.naming import index_of
 from belief.references import BadReference, build, find
-from experiments.command_line.arguments import require_types
+from experiments.command_line.arguments import one_of, require_types
 from experiments.command_line.trust import Trust
 
 FIDELITIES: Mapping[str, Press] = {
@@ -195,11 +195,11 @@ class SceneChoice:
 
     scene: str = "gel"
     """paper, coarse, gel, hard, many or keyed; or module:attribute of your own."""
-    fidelity: FidelityName | None = None
+    fidelity: Annotated[FidelityName | None, one_of(FIDELITIES)] = None
     """Press model."""
     renderer: str | None = None
     """force_patch, pressure or gelsight, or module:attribute of your own."""
-    presentation: PresentationName | None = None
+    presentation: Annotated[PresentationName | None, one_of(PRESENTATIONS)] = None
     """Distribution of object orientations."""
     poses: str | None = None
     """Set of poses: mix (six) or directions26."""
@@ -209,7 +209,7 @@ class SceneChoice:
     """Leave out the scene's own shapes; the sizes of the meshes do not vary."""
     family: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """Factors on the sizes of all objects, size=0.9..1.1, or on a shape's proportions, cylinder:half_length=0.5..2."""
-    hand: HandName | None = None
+    hand: Annotated[HandName | None, one_of(HANDS)] = None
     """Hand whose pads close on the object, quasistatically: a grasp counts as one touch."""
 
     @cached_property

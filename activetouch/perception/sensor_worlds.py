@@ -146,8 +146,6 @@ def sensor_health(model: ArrayModel, reader: TactileReader, scene: Scene) -> Sen
     """
     described, hypotheses = joint_model(model), reader.hypotheses
     if described is None or not isinstance(hypotheses, ContactHypotheses):
-        raise InvalidArgument(
-            "the state of a sensor is inferred with a reader of any object, its joint model, and no hand"
-        )
+        raise InvalidArgument("the state of a sensor is inferred with a reader of any object and its joint model")
     labels, states = changed_worlds(hypotheses.imaging, sensor_state(hypotheses.imaging, scene))
     return SensorHealthModel(described, EmbeddedWorlds(hypotheses, scene, states), labels, spread_prior(len(labels)))

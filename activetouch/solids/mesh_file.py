@@ -319,7 +319,7 @@ def _scale(path: Path, vertices: Floats, given: float | None) -> tuple[float, tu
     size = " × ".join(f"{length:.3g}" for length in extent)
     return 0.001, (
         f"read in millimetres ({size} mm), because an object of {extent.max():.3g} m is too large for a pad; write "
-        f"{path.name}@0.001 to say so",
+        f"{path.name}@0.001, or @0.001 behind its folder, to say so",
     )
 
 

@@ -1,7 +1,7 @@
 """Worlds of a sensor: who embeds hypotheses in them, their prior, and what a session knows about them.
 
 >>> print(SensorHealth(("as described", "soft", "unknown"), np.log([0.8, 0.15, 0.05]), np.zeros(3), 0))
-as described 0.80, soft 0.15
+as described 0.80; soft 0.15
 """
 
 from __future__ import annotations
@@ -145,4 +145,4 @@ class SensorHealth:
         probs = self.probs
         order = np.argsort(-probs, kind="stable")[:4]
         number = 1 + int(np.searchsorted(np.cumsum(probs[order])[:-1], 0.95))
-        return ", ".join(f"{self.labels[i]} {probs[i]:.2f}" for i in order[:number])
+        return "; ".join(f"{self.labels[i]} {probs[i]:.2f}" for i in order[:number])

@@ -6,7 +6,7 @@ Every command calls :func:`check_arguments` before it starts work.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields, is_dataclass
 from operator import le, lt
 from pathlib import Path
@@ -149,6 +149,15 @@ def arguments(command: Any, prefix: str = "--") -> Iterator[tuple[str, Any, Any]
             yield from arguments(value, prefix if unnamed else f"{flag}.")
         else:
             yield flag, value, kind
+
+
+def one_of(names: Iterable[str]) -> tyro.constructors.PrimitiveConstructorSpec[str | None]:
+    """How an argument with the default None is read that takes one of some names; None is not offered as one."""
+    known = tuple(names)
+    metavar = f"{{{','.join(known)}}}"
+    return tyro.constructors.PrimitiveConstructorSpec(
+        1, metavar, lambda words: words[0], lambda value: value in (None, *known), lambda value: [str(value)], known
+    )
 
 
 def _metadata(annotation: Any) -> Iterator[Any]:

@@ -14,11 +14,10 @@ from scipy.special import logsumexp, softmax
 from belief.claims import ends_claims
 from belief.coarse_to_fine import CoarseToFine
 from belief.errors import InvalidArgument
-from belief.naming import index_of
 from belief.validation import Floats, require_count
 from experiments.command_line.arguments import Count
 from experiments.meshes.near_twins import near_twins
-from experiments.meshes.result import Bodies, MeshOptions, MeshResult, solids_of
+from experiments.meshes.result import Bodies, MeshOptions, MeshResult, body_index, solids_of
 from experiments.meshes.setting import MeshSetting, Possible
 from experiments.parallel import Shared, run_tasks
 
@@ -137,7 +136,7 @@ def find(
         InvalidArgument: there are not more bodies than objects, or no mesh can be read.
     """
     solids = solids_of(bodies, scale)
-    sought = index_of("body", tuple(solids), target if target in solids else str(Path(target).with_suffix("")))
+    sought = body_index(solids, target)
     num_objects = min(4, len(solids) - 1) if num_objects is None else num_objects
     require_count("num_objects", num_objects)
     if len(solids) <= num_objects:
@@ -222,5 +221,6 @@ class Find(MeshOptions):
     @ends_claims
     def run(self) -> None:
         """Read, make views, search, report."""
-        found = find(self.read(), self.target, num_objects=self.objects, num_searches=self.searches, **self.common)
+        solids = self.read(self.target)
+        found = find(solids, self.target, num_objects=self.objects, num_searches=self.searches, **self.common)
         self.report(found)

@@ -12,11 +12,10 @@ import numpy as np
 
 from activetouch.scene import WorldObject
 from belief.claims import ends_claims
-from belief.naming import index_of
 from belief.validation import Floats
 from experiments.command_line.arguments import Count
 from experiments.meshes.near_twins import near_twins
-from experiments.meshes.result import Bodies, MeshOptions, MeshResult, solids_of
+from experiments.meshes.result import Bodies, MeshOptions, MeshResult, body_index, solids_of
 from experiments.meshes.setting import MeshSetting, Possible
 from experiments.parallel import Shared, run_tasks
 
@@ -161,7 +160,7 @@ def identify(
         InvalidArgument: no mesh can be read, or the sensor has no reader of any object.
     """
     solids = solids_of(bodies, scale)
-    chosen = None if body is None else index_of("body", tuple(solids), body)
+    chosen = None if body is None else body_index(solids, body)
     made = MeshSetting.of(solids, jobs=jobs, **setting)
     truths = np.random.default_rng([seed, 5]).permutation(np.arange(num_objects) % len(solids)).tolist()
     shared = Shared(made)
@@ -204,7 +203,6 @@ class Identify(MeshOptions):
     @ends_claims
     def run(self) -> None:
         """Read, make views, name, report."""
-        found = identify(
-            self.read(), body=self.body, num_objects=self.objects, max_touches=self.max_touches, **self.common
-        )
+        solids, told = self.read(self.body), self.common | {"max_touches": self.max_touches}
+        found = identify(solids, body=self.body, num_objects=self.objects, **told)
         self.report(found)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -15,13 +15,14 @@ import tyro
 from activetouch.solids.solid import Shape
 from belief.claims import claim_folder
 from belief.errors import InvalidArgument
+from belief.naming import index_of
 from belief.statistics import wilson_interval
 from belief.table import Table, Tabular
 from belief.validation import Floats
 from experiments.command_line.arguments import Jobs, Positive, Seed, Share, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.meshes.near_twins import NearTwins
-from experiments.meshes.setting import MeshSetting, Possible, cost_words, read_folder, reader_of
+from experiments.meshes.setting import MeshSetting, Possible, cost_words, labelled_sources, read_folder, reader_of
 from experiments.parallel import default_jobs
 from experiments.reporting.page import Section, write_page
 
@@ -133,7 +134,7 @@ class MeshOptions:
     """Bodies, sensor, and how they are touched."""
 
     folder: Annotated[Path, tyro.conf.Positional]
-    """Folder of mesh files, of what the objects may be; subfolders too."""
+    """Folder of mesh files, [@SCALE], of what the objects may be; subfolders too."""
     threshold: Share = 0.95
     """Probability of the answer at which to stop."""
     scale: Positive | None = None
@@ -147,15 +148,21 @@ class MeshOptions:
     out: Path
     """Folder for the report."""
 
-    def read(self) -> dict[str, Shape]:
+    def read(self, body: str | None) -> dict[str, Shape]:
         """Check the options and read the meshes; say what they cost, and what is left out.
 
+        Args:
+            body: its name, which must be known.
+
         Raises:
+            UnknownName: there is no such body.
             BadArgument: an option is invalid.
             CannotWrite: the folder of the report cannot be written, or another process writes there.
             InvalidArgument: no mesh can be read, or the sensor has no reader of any object.
         """
         check_arguments(self)
+        if body is not None:
+            body_index(labelled_sources(self.folder), body)
         claim_folder(self.out)
         solids, refused = read_folder(self.folder, self.scale)
         console = plain_console()
@@ -179,6 +186,12 @@ class MeshOptions:
         print(found.table())
         replaced = ", in place of an earlier report" * (self.out / "report.html").exists()
         print(f"wrote {found.save(self.out)}{replaced}")
+
+
+def body_index(labels: Iterable[str], name: str) -> int:
+    """Index of the body with a label, or of a file with that label; raises UnknownName."""
+    known = tuple(labels)
+    return index_of("body", known, name if name in known else str(Path(name).with_suffix("")))
 
 
 def solids_of(bodies: Bodies, scale: float | None) -> dict[str, Shape]:

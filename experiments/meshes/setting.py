@@ -17,7 +17,7 @@ from scipy.special import logsumexp
 
 from activetouch.distributions import Uniform
 from activetouch.errors import BadMesh, MeshWarning
-from activetouch.mesh_source import mesh_labels, mesh_sources
+from activetouch.mesh_source import MeshSource, mesh_labels, mesh_sources
 from activetouch.named_scenes import SCENES
 from activetouch.perception.cached_arrays import cached
 from activetouch.perception.contacts.close_look import CloseContacts, CloseLook
@@ -164,11 +164,25 @@ class MeshSetting:
         return tuple(found)
 
 
+def labelled_sources(folder: Path | Sequence[Path | str]) -> dict[str, MeshSource]:
+    """The mesh files of :func:`read_folder` by label, before they are read; raises as it does."""
+    if not isinstance(folder, Path | str):
+        return dict(zip(mesh_labels(*folder), mesh_sources(*folder), strict=True))
+    root = MeshSource.parse(folder).path
+    if not root.is_dir():
+        raise FileNotFoundError(f"there is no folder {root}; relative paths start from {Path.cwd()}")
+    sources = mesh_sources(folder)
+    names = [str(source.path.relative_to(root).with_suffix("")) for source in sources]
+    stems = [Path(name).name for name in names]
+    labels = [stem if stems.count(stem) == 1 else name for stem, name in zip(stems, names, strict=True)]
+    return dict(zip(labels, sources, strict=True))
+
+
 def read_folder(folder: Path | Sequence[Path | str], scale: float | None = None) -> tuple[dict[str, Shape], list[str]]:
     """The meshes of a folder and its subfolders, by label, and why others were left out.
 
     Args:
-        folder: the folder, or mesh files one by one, as :func:`activetouch.read_meshes` takes them.
+        folder: ``path[@scale]`` of the folder, or mesh files one by one, as :func:`activetouch.read_meshes` takes them.
         scale: metres per unit of files without a scale of their own.
 
     Raises:
@@ -178,21 +192,11 @@ def read_folder(folder: Path | Sequence[Path | str], scale: float | None = None)
     Warns:
         MeshWarning: see :meth:`Mesh.from_file`; of the first ten files that there is something to say of.
     """
-    if isinstance(folder, Path | str):
-        folder = Path(folder)
-        if not folder.is_dir():
-            raise FileNotFoundError(f"there is no folder {folder}; relative paths start from {Path.cwd()}")
-        sources = mesh_sources(folder)
-        names = [str(source.path.relative_to(folder).with_suffix("")) for source in sources]
-        stems = [Path(name).name for name in names]
-        labels = [stem if stems.count(stem) == 1 else name for stem, name in zip(stems, names, strict=True)]
-    else:
-        sources, labels = mesh_sources(*folder), mesh_labels(*folder)
     found: dict[str, Shape] = {}
     refused = []
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always", MeshWarning)
-        for label, source in zip(labels, sources, strict=True):
+        for label, source in labelled_sources(folder).items():
             try:
                 found[label] = source.read(scale)
             except BadMesh as error:

@@ -227,6 +227,11 @@ class Certify:
             raise BadArgument(
                 f"a certificate is for a decider by name, such as 'information_gain', got {self.decider!r:.80}"
             )
+        if self.searches < (least := least_searches(self.risk, self.confidence)):
+            raise TooFewSearches(
+                f"at least {least} calibration searches are needed for a risk of {self.risk:g} with confidence "
+                f"{self.confidence:g}, got {self.searches}: play more --searches, or accept more --risk"
+            )
         if self.setting.abstain is not None:
             raise BadArgument("a certificate says itself when a decider is unsure: leave out --abstain")
         run = prepared(
@@ -244,8 +249,7 @@ class Certify:
             raise TooFewSearches(
                 f"{self.searches} searches certify no stop of {self.decider} at a risk of {self.risk:g} with "
                 f"confidence {self.confidence:g}: {wrong[0]} of its {stops[0]} confirmations are wrong, and at least "
-                f"{least_searches(self.risk, self.confidence)} without an error are needed; play more --searches, or "
-                "accept more --risk"
+                f"{least} searches without an error are needed; play more --searches, or accept more --risk"
             )
         certificate = Certificate(
             *(self.decider, self.risk, self.confidence, self.searches),

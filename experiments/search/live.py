@@ -18,6 +18,7 @@ from experiments.scene_choice import SceneChoice
 from experiments.search.live_protocol import Conversation, converse
 from experiments.search.one_search import session_with
 from experiments.sensor_choice import open_sensor, sensor_folder
+from planners.session_log import OtherModel
 
 
 @dataclass(frozen=True)
@@ -69,19 +70,16 @@ class Live:
         check_arguments(self)
         sensor = self._open()
         log = self.log if self.log is not None else Path(f"runs/live/{time.strftime('%Y-%m-%d-%H%M%S')}.jsonl")
-        session = session_with(
-            sensor,
-            self.target,
-            self.decider,
-            self.seed,
-            self.objects,
-            self.composition,
-            self.touch_cost,
-            log,
-            abstain=not self.never_unsure,
-            least_force=self.least_force,
-            least_area=self.least_area,
-        )
+        rules = self.objects, self.composition, self.touch_cost
+        try:
+            session = session_with(
+                *(sensor, self.target, self.decider, self.seed, *rules, log),
+                abstain=not self.never_unsure,
+                least_force=self.least_force,
+                least_area=self.least_area,
+            )
+        except OtherModel as error:
+            raise OtherModel(f"{error} (was it begun with --unknown-state, another hand, or other meshes?)") from None
         print(f"log: {log}" + f", goes on at step {session.step}" * bool(session.step), file=sys.stderr)
         try:
             converse(Conversation(session, sensor), sys.stdin.buffer, sys.stdout.buffer)

@@ -57,6 +57,11 @@ def test_a_sensor_searches_among_other_objects_of_exact_size_without_training(fe
     assert sensor.shape_labels == ("ball", "plate")
     assert sensor.scene.variation.size == Constant(1.0)
     assert sensor.search("plate", num_objects=2, seed=7).success
+    (tmp_path / "slab.obj").write_text(corners.replace(" 30 ", " 12 ") + faces)
+    for files in (f"{tmp_path}@0.001", [f"{tmp_path}/block.obj@0.001", f"{tmp_path}/slab.obj@0.001"]):
+        assert gel.with_objects(files).shape_labels == ("block", "slab")
+    with pytest.raises(InvalidArgument, match="one by one"):
+        gel.with_objects([SHAPES["sphere"], SHAPES["cube"]])
     with pytest.raises(InvalidArgument, match="nothing to tell apart"):
         gel.with_objects({"ball": SHAPES["sphere"]})
     with pytest.raises(LabelMismatch, match="reader"):

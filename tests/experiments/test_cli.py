@@ -63,6 +63,15 @@ def test_the_help_of_a_command_fits_and_has_every_option_and_no_empty_default(na
     assert {f"--{field.replace('_', '-')}" for field in seen} <= shown
 
 
+@pytest.mark.parametrize("option", ["--hand", "--fidelity", "--presentation"])
+def test_a_name_that_is_none_of_the_choices_is_answered_with_the_choices_alone(option, capsys):
+    with pytest.raises(SystemExit):
+        cli._parsed(["live", "--target", "cone", option, "five_finger"])
+    told = capsys.readouterr()
+    assert "Expected one of" in told.out + told.err
+    assert "None" not in told.out + told.err
+
+
 def test_open_shows_the_page_that_was_written_or_says_where_it_is(monkeypatch, tmp_path, capsys):
     opened = []
     monkeypatch.setattr("webbrowser.open", lambda page: opened.append(page) or len(opened) < 2)

@@ -76,6 +76,8 @@ def test_a_stuck_taxel_is_found_and_named(few_worlds):
 def test_a_sensor_without_a_reader_of_any_object_says_so():
     with pytest.raises(InvalidArgument, match="no reader of any object"):
         TactileSensor.load(MODELS / "paper", SCENES["paper"].scene, unknown_state=True)
+    with pytest.raises(InvalidArgument, match="leave out --unknown-state or --hand"):
+        TactileSensor.shipped("coarse", SCENES["coarse"].scene.with_hand("three_finger"), unknown_state=True)
 
 
 def test_another_process_is_sent_no_tables_and_has_the_same(few_worlds):

@@ -18,8 +18,8 @@ from activetouch.shapes import Box, Mesh
 from belief.coarse_to_fine import Effort
 from belief.errors import InvalidArgument, UnknownName
 from experiments.cli import REGISTRY
-from experiments.meshes.find import find
-from experiments.meshes.identify import identify, name_object
+from experiments.meshes.find import Find, find
+from experiments.meshes.identify import Identify, identify, name_object
 from experiments.meshes.near_twins import near_twins
 from experiments.meshes.setting import MeshSetting, cost_words, read_folder, reader_of, scene_of
 
@@ -153,6 +153,17 @@ def test_what_cannot_be_sought_is_refused(folder):
         MeshSetting.of({"cube": Box((0.01, 0.01, 0.01))}, sensor="paper")
     with pytest.raises(InvalidArgument, match="no bodies"):
         MeshSetting.of({})
+
+
+def test_a_folder_has_a_scale_and_names_are_checked_before_files_are_read(folder, tmp_path, capsys):
+    plain, scaled = read_folder(folder, 1.0)[0], read_folder(f"{folder}@0.5")[0]
+    assert list(plain) == list(scaled)
+    for label, mesh in plain.items():
+        np.testing.assert_allclose(np.ptp(scaled[label].vertices, axis=0), np.ptp(mesh.vertices, axis=0) / 2)
+    for command in (Find(folder=folder, target="cub", out=tmp_path), Identify(folder=folder, body="cub", out=tmp_path)):
+        with pytest.raises(UnknownName, match="Did you mean 'cube'"):
+            command.run()
+    assert capsys.readouterr().out == ""
 
 
 def test_a_given_order_is_followed(setting):

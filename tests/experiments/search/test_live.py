@@ -5,6 +5,7 @@ import json
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from belief.errors import InvalidArgument
 from belief.observation_model import RigidBodyModel
 from belief.seeding import arrangement_rng, touch_rng
 from belief.synthetic import sample_arrangement
+from experiments.search.live import Live
 from experiments.search.live_protocol import MOST_BYTES, Conversation, converse, requests
 from experiments.search.one_search import problem_of, session_with
 
@@ -283,4 +285,6 @@ def test_a_log_of_another_search_is_refused_with_what_differs(tmp_path):
             session_with(sensor(), **{"target": "cone", "decider": "fixed_poses", "seed": 7, "log": log, **changed})
     with pytest.raises(InvalidArgument, match="5 objects cannot all differ"):
         session_with(sensor(), "cone", "fixed_poses", 7, 5)
+    with pytest.raises(InvalidArgument, match=r"another model .* \(was it begun with --unknown-state"):
+        Live(target="cone", sensor=Path("paper"), decider="fixed_poses", seed=7, log=log).run()
     session_with(sensor(), "cone", "fixed_poses", 7, log=log).close()
