@@ -183,6 +183,10 @@ def draw_search(
             bottom.set_xlabel(f"→ {action_words(following.step.decision.action, problem)}", fontweight="bold")
             if bodies is not None:
                 _bodies(list(grid[1:-1, column]), frame, bodies, labels[frame.shape])
+        if not touched:
+            for axes in grid[:, 0]:
+                axes.set_axis_off()
+            grid[0, 0].set_title("no touch")
         for axes, words in zip(grid[1:-1, 0], ("likeliest", "next"), strict=False):
             axes.set_ylabel(f"{words} body,\nas believed")
         if shown:

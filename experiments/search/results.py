@@ -158,7 +158,7 @@ class ResultsComparison:
 
 
 def compare_results(
-    files: Sequence[Path], reference: str | None = None, control: Sequence[Path] = (), seed: int = 0
+    files: Sequence[Path | str], reference: str | None = None, control: Sequence[Path | str] = (), seed: int = 0
 ) -> ResultsComparison:
     """Read and compare CSV files with the columns :data:`NEEDED`, ``eval_info.json`` of LeRobot, or runs.
 
@@ -176,11 +176,12 @@ def compare_results(
             names repeat; or the number of controls does not fit.
         FileNotFoundError: a folder holds no finished run.
     """
-    read = [(path, *column) for path in (*files, *control) for column in _columns(path)]
+    paths = [Path(file) for file in files]
+    read = [(path, *column) for path in (*paths, *map(Path, control)) for column in _columns(path)]
     alike = Counter(name for _, name, *_ in read)
     places = [str(path.with_suffix("") if name == path.stem else path / name) for path, name, *_ in read]
     every = [name if alike[name] == 1 else place for place, (_, name, *_) in zip(places, read, strict=True)]
-    number = sum(path in files for path, *_ in read)
+    number = sum(path in paths for path, *_ in read)
     names, controls = every[:number], every[number:]
     if not names:
         raise BadArgument("--results must name one file or more; --control alone has nothing to be subtracted from")

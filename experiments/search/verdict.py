@@ -106,6 +106,8 @@ def success_sentence(name: str, reference: str, difference: Difference, num_targ
     )
     if difference.p_value < LEVEL:
         more = "more" if pairs.difference > 0 else "less"
+        if pairs.num_episodes < ENOUGH:
+            return f"{name} succeeds {more} often than {reference}, in too few episodes to rely on: {either}"
         return f"{name} succeeds significantly {more} often than {reference}: {either}"
     needed = _needed(difference, num_targets)
     return f"{name} and {reference} do not differ significantly in success: {either}; {needed}"
