@@ -161,9 +161,9 @@ class MeshOptions:
             InvalidArgument: no mesh can be read, or the sensor has no reader of any object.
         """
         check_arguments(self)
+        claim_folder(self.out)
         if body is not None:
             body_index(labelled_sources(self.folder), body)
-        claim_folder(self.out)
         solids, refused = read_folder(self.folder, self.scale)
         console = plain_console()
         console.print(cost_words(len(solids), reader_of(self.sensor).card.embedding, jobs=self.jobs))
