@@ -8,15 +8,20 @@ from __future__ import annotations
 
 import os
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from activetouch.errors import DuplicateShape
 from activetouch.solids.mesh import Mesh
 from activetouch.solids.mesh_file import ENDINGS
 from belief.errors import InvalidArgument
 from belief.files import plain_number
+
+if TYPE_CHECKING:
+    from activetouch.solids.solid import Shape
 
 _SEPARATORS = {"/", os.sep}
 
@@ -93,6 +98,27 @@ def read_meshes(*sources: Path | str, scale: float | None = None) -> dict[str, M
             raise InvalidArgument(f"meshes are given one by one, read_meshes(*files); got {source!r:.80}")
     labels, parsed = mesh_labels(*sources), mesh_sources(*sources)
     return {label: source.read(scale) for label, source in zip(labels, parsed, strict=True)}
+
+
+def read_objects(objects: Mapping[str, Shape | Path | str] | Sequence[Path | str] | Path) -> dict[str, Shape]:
+    """Shapes by label: as given, with mesh files read, or the meshes that :func:`read_meshes` reads.
+
+    Raises:
+        InvalidArgument: neither shapes or files by label, nor files; or a label that is no text.
+        DuplicateShape, FileNotFoundError, BadMesh: see :func:`read_meshes`.
+    """
+    given = [objects] if isinstance(objects, Path | str) else objects
+    if isinstance(given, Mapping):
+        if unnamed := [label for label in given if not isinstance(label, str) or not label]:
+            raise InvalidArgument(f"labels of objects must be texts, got {unnamed[0]!r:.80}")
+        files = (Path, str)
+        return {
+            label: replace(MeshSource.parse(one), name=label).read() if isinstance(one, files) else one
+            for label, one in given.items()
+        }
+    if not isinstance(given, Sequence):
+        raise InvalidArgument(f"objects are shapes or mesh files by label, or mesh files; got {objects!r:.80}")
+    return dict(read_meshes(*given))
 
 
 def mesh_labels(*sources: Path | str) -> list[str]:

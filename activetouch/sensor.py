@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from activetouch.distributions import Constant
 from activetouch.errors import LabelMismatch, SceneShift, WrongScene
-from activetouch.mesh_source import read_meshes
+from activetouch.mesh_source import read_objects
 from activetouch.named_scenes import SCENES
 from activetouch.own_packages import require_own_packages
 from activetouch.perception.hypothesis_table import HypothesisTable
@@ -38,6 +38,7 @@ from belief.files import write_text
 from belief.naming import Name, few, index_of, one_line
 from belief.observation_model.action_kernel import ActionKernelModel
 from belief.observation_model.model import ArrayModel
+from belief.observation_model.sensor_health import SensorHealthModel
 from belief.problem import Touch
 
 if TYPE_CHECKING:
@@ -169,13 +170,10 @@ class TactileSensor:
         """
         if self.folder is None:
             raise InvalidArgument("a sensor that was put together from parts has no reader of other objects: load one")
-        given = [objects] if isinstance(objects, Path | str) else objects
-        shapes = dict(given if isinstance(given, Mapping) else read_meshes(*given))
-        for label, source in list(shapes.items()):
-            if isinstance(source, Path | str):
-                shapes |= read_meshes(f"{label}={source}")
         variation = replace(self.scene.variation, size=Constant(1.0))
-        return self.load(self.folder, replace(self.scene, shapes=shapes, variation=variation))
+        scene = replace(self.scene, shapes=read_objects(objects), variation=variation)
+        is_inferred = isinstance(self.model, SensorHealthModel)
+        return replace(self.load(self.folder, scene, unknown_state=is_inferred), with_logits=self.with_logits)
 
     @property
     def shape_labels(self) -> tuple[str, ...]:

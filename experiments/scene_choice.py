@@ -7,6 +7,7 @@ A name is a key of a registry, a name that an installed package registers (entry
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import re
 import shlex
 from collections.abc import Mapping, Sequence
@@ -52,7 +53,7 @@ PRESENTATIONS: Mapping[str, Presentation] = {
 HandName: TypeAlias = Literal[tuple(HANDS)]  # type: ignore[valid-type]
 FidelityName: TypeAlias = Literal[tuple(FIDELITIES)]  # type: ignore[valid-type]
 PresentationName: TypeAlias = Literal[tuple(PRESENTATIONS)]  # type: ignore[valid-type]
-_LONGEST_NAME = 150
+_LONGEST_NAME = 150  # of a folder [bytes]; longer ones end in a digest
 _LARGEST_INPUT = 64  # image edge of a classifier for a user's scene [pixels]
 _FACTORS = re.compile(r"(?:^|,)(\w+)=([^,=]+?)\.\.([^,=]+)")
 
@@ -130,7 +131,11 @@ def choice_name(choice: SceneChoice) -> str:
     """The name of a scene with its changes, as used in folder names."""
     own = [choice.fidelity, choice.renderer, choice.presentation, choice.poses, "only" if choice.only else None]
     changes = [*own, *mesh_labels(*choice.meshes), *choice.family, choice.hand]
-    return in_file_names("-".join([choice.scene, *(str(change) for change in changes if change)])[:_LONGEST_NAME])
+    name = in_file_names("-".join([choice.scene, *(str(change) for change in changes if change)]))
+    if len(name.encode()) <= _LONGEST_NAME:
+        return name
+    start = name.encode()[: _LONGEST_NAME - 9].decode(errors="ignore")
+    return f"{start}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
 
 
 def collection_folder(scene: str) -> Path:

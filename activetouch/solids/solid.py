@@ -76,9 +76,14 @@ def require_lengths(solid: object, *lengths: float) -> None:
 
 
 class Sized:
-    """Base of solids whose fields are all above zero, most of them lengths [m]."""
+    """Base of solids whose fields are all above zero, most of them lengths [m]: numbers, or three of them."""
 
     def __post_init__(self) -> None:
+        for name, kind in type(self).__annotations__.items():
+            if "tuple" in str(kind) and np.shape(getattr(self, name)) != (3,):
+                raise ValueError(
+                    f"{name} of a {type(self).__name__} must be three lengths, got {getattr(self, name)!r}"
+                )
         require_lengths(self, *self._sizes)
 
     @property

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias
 import numpy as np
 import tyro
 
+from activetouch.solids.mesh_file import ENDINGS
 from activetouch.solids.solid import Shape
 from belief.claims import claim_folder
 from belief.errors import InvalidArgument
@@ -191,7 +192,8 @@ class MeshOptions:
 def body_index(labels: Iterable[str], name: str) -> int:
     """Index of the body with a label, or of a file with that label; raises UnknownName."""
     known = tuple(labels)
-    return index_of("body", known, name if name in known else str(Path(name).with_suffix("")))
+    is_file = name not in known and Path(name).suffix.lower() in ENDINGS
+    return index_of("body", known, str(Path(name).with_suffix("")) if is_file else name)
 
 
 def solids_of(bodies: Bodies, scale: float | None) -> dict[str, Shape]:

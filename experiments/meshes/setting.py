@@ -203,9 +203,13 @@ def read_folder(folder: Path | Sequence[Path | str], scale: float | None = None)
                 refused.append(str(error))
     if not found:
         reasons = "".join(f"\n- {reason}" for reason in _first(refused, 3))
-        raise InvalidArgument(f"no mesh could be read from {folder}:{reasons}")
-    for remark in _first([str(one.message) for one in said], 10):
+        raise InvalidArgument(f"no mesh could be read from {folder}{':' if reasons else ''}{reasons}")
+    of_meshes = [str(one.message) for one in said if issubclass(one.category, MeshWarning)]
+    for remark in _first(of_meshes, 10):
         warnings.warn(remark, MeshWarning, stacklevel=2)
+    for one in said:
+        if not issubclass(one.category, MeshWarning):
+            warnings.warn_explicit(one.message, one.category, one.filename, one.lineno)
     return found, refused
 
 

@@ -186,15 +186,21 @@ class RunFolder:
 
         Raises:
             FileNotFoundError: no comparison is finished.
+            CorruptFile: the file of episodes is damaged, or has none.
         """
         assert self.path is not None, "only a folder has a file of episodes"
         if not (file := self.path / "episodes.jsonl").exists():
             again = self.command("compare", config=self.path / "run.json")
             raise FileNotFoundError(f"{self.path} holds no finished comparison; finish it with:\n{again}")
         found = dict[Cell, list[str]]()
-        for line in require_regular_file(file).read_text(encoding="utf-8").splitlines(keepends=True):
-            fields = json.loads(line)
-            found.setdefault((fields["decider"], labels[fields["target"]]), []).append(line)
+        for number, line in enumerate(require_regular_file(file).read_text(encoding="utf-8").splitlines(keepends=True)):
+            try:
+                fields = json.loads(line)
+                found.setdefault((fields["decider"], labels[fields["target"]]), []).append(line)
+            except (ValueError, LookupError, TypeError) as error:
+                raise CorruptFile(f"{file}, line {number + 1}: not an episode of this run: {error!r}") from error
+        if not found:
+            raise CorruptFile(f"{file} has no episodes")
         return found
 
     def seconds(self, cell: Cell, lines: Sequence[str]) -> Seconds:

@@ -104,5 +104,6 @@ def test_the_figures_of_the_documentation_are_those_of_its_table():
     page = (Path(__file__).parents[3] / "docs" / "tradeoff.md").read_text()
     assert len(numbers["points"]) >= 40
     assert {p["configuration"]["scene"] for p in numbers["points"]} == set(SHARES)
+    assert any("Command: activetouch compare --scene gel" in line for line in numbers["answers"])
     for line in numbers["answers"]:
         assert line.partition("Command: ")[2] in page  # nothing where no configuration qualifies
