@@ -32,8 +32,8 @@ def as_real(values: ArrayLike, name: str) -> NDArray[np.floating]:
         return array.astype(np.float64)
 
 
-def warn_of_probs(values: NDArray[np.floating], name: str, instead: str) -> None:
-    """A UserWarning, three callers up, about logarithms ``(..., K)`` that look like probabilities."""
+def warn_of_probs(values: NDArray[np.floating], name: str, instead: str, callers: int = 3) -> None:
+    """A UserWarning, so many callers up, about logarithms ``(..., K)`` that look like probabilities."""
     if values.ndim == 0 or values.size == 0 or values.shape[-1] < 2:
         return
     near = SUM_TOLERANCE if values.itemsize < 4 else _NEAR_ONE
@@ -44,7 +44,9 @@ def warn_of_probs(values: NDArray[np.floating], name: str, instead: str) -> None
             for some in (rows[:1], rows)  # one row usually tells
         )
     if look_like:
-        warnings.warn(f"{name} has no negative number and sums to one, as probabilities do; {instead}", stacklevel=4)
+        warnings.warn(
+            f"{name} has no negative number and sums to one, as probabilities do; {instead}", stacklevel=1 + callers
+        )
 
 
 def as_logs(name: str, logs: ArrayLike | None, keyword: str, plain: ArrayLike | None) -> Floats:
@@ -202,8 +204,10 @@ def labelled_logits(logits: ArrayLike, labels: ArrayLike) -> tuple[Floats, NDArr
     shape, num_labels = np.shape(logits), np.shape(labels)
     if len(shape) != 2 or 0 in shape or num_labels != shape[:1]:
         raise ValueError(f"need logits (n, K) and labels (n,) with n ≥ 1, got {shape} and {num_labels}")
-    if shape[1] == 1 and np.any(np.asarray(labels) == 1):
-        raise ValueError("logits have one column, and labels are 0 and 1: logits_from_probs makes two of a sigmoid's")
+    if shape[1] == 1 and set(np.unique(labels).tolist()) == {0, 1}:
+        raise InvalidArgument(
+            "logits have one column, and labels are 0 and 1: logits_from_probs makes two of a sigmoid's"
+        )
     return finite_logits(logits), checked_indices("labels", labels, shape[1])
 
 

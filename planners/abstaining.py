@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import isnan, log
+from typing import Any
 
 import numpy as np
 
@@ -77,6 +78,11 @@ class Abstaining:
             raise InvalidArgument(f"promise must be a probability in [0, 1], got {self.promise!r}")
         if not self.suspicion > 1.0:
             raise InvalidArgument(f"suspicion must be an e-value above 1, got {self.suspicion!r}")
+
+    @property
+    def stop_rule(self) -> Any:
+        """That of the decider that is followed, where it has one."""
+        return getattr(self.decider, "stop_rule", None)
 
     def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.Decider`."""

@@ -73,6 +73,12 @@ class Certified:
             raise InvalidArgument(f"thresholds must be one or more numbers ≥ 0, got {self.thresholds!r}")
         require_count("max_touches", self.max_touches)
 
+    @property
+    def stop_rule(self) -> dict[str, Any]:
+        """What ends its searches, as JSON types, which the log of a session keeps."""
+        limits = [float(limit) if math.isfinite(limit) else None for limit in self.thresholds]
+        return {"thresholds": limits, "max_touches": self.max_touches}
+
     def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.Decider`."""
         if info.problem.unsure_reward is None:

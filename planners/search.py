@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from belief.composition import Composition
-from belief.errors import InvalidArgument
+from belief.errors import BrokenContract, InvalidArgument
 from belief.naming import Name, index_of
 from belief.observation_model.model import ObservationModel
 from belief.problem import Probe, SearchProblem, Touch, Unsure
@@ -128,7 +128,7 @@ def search_lockstep(
         sessions.append(session)
     active = list(range(len(worlds)))
     while active:
-        pending = {index: next_touch(sessions[index], worlds[index]) for index in active}
+        pending = {index: _next_request(sessions[index], worlds[index]) for index in active}
         requests = {index: request for index, request in pending.items() if request is not None}
         if touch_many is None:
             touches: Sequence[Touch] = [request.world.touch(request.pose, request.rng) for request in requests.values()]
@@ -140,7 +140,7 @@ def search_lockstep(
     return [session.episode for session in sessions]
 
 
-def next_touch(session: Session, world: WorldT) -> TouchRequest[WorldT] | None:
+def _next_request(session: Session, world: WorldT) -> TouchRequest[WorldT] | None:
     """The touch that a session asks for, once it was told of all other actions; None when the search has ended."""
     while (action := session.ask()) is not None:
         if isinstance(action, Probe):
@@ -220,6 +220,7 @@ def identify(
 
     Raises:
         InvalidArgument: the threshold is out of its range.
+        BrokenContract: the selector chose another action than a touch.
 
     >>> from belief.synthetic import SyntheticWorld, random_model
     >>> from planners.probing import GivenOrder
@@ -235,12 +236,14 @@ def identify(
     decider = SequentialDecider(_Certain(threshold, max_touches), selector)
     session = Session(problem, decider, 0, model, seed, abstain=False)
     world.reset()
-    while (request := next_touch(session, world)) is not None:
+    while (request := _next_request(session, world)) is not None:
         session.tell(world.touch(request.pose, request.rng))
     log_probs = session.belief.log_probs
     best = int(log_probs.argmax())
     stated = float(np.exp(log_probs[best]))
     touched = tuple(step.touch.pose for step in session.steps if step.touch is not None)
+    if stated < threshold and len(touched) < max_touches:
+        raise BrokenContract(f"a selector must choose poses, and {selector!r:.80} ended the search")
     return Identification(world.arrangement[0], best, stated, touched, stated >= threshold)
 
 

@@ -307,7 +307,7 @@ class Session:
             settings = ("arrangement", "abstain", "log_bets", "least_force", "least_area")
             given = {name: header[name] for name in settings}
             session = cls(problem, decider, target, model, seed, reader=reader, **given)
-            if header.get("thresholds", []) != session._header()["thresholds"]:
+            if header.get("stop_rule", rule := session._header()["stop_rule"]) != rule:  # older logs have none
                 raise OtherModel("the session began with another certificate, or without one; give the same again")
             events, truth = events_from(lines, session.problem, reader)
             session._restore(events)
@@ -377,9 +377,7 @@ class Session:
         return [None if shape == UNKNOWN else self.problem.shape_labels[shape] for shape in shapes]
 
     def _header(self) -> dict[str, Any]:
-        listener, decider = self._listener, self._decider
-        if isinstance(decider, Abstaining):
-            decider = decider.decider
+        listener = self._listener
         return {
             "schema": SCHEMA,
             "time": time.time(),
@@ -388,7 +386,7 @@ class Session:
             "seed": list(self.seed),
             "arrangement": self._named(self.arrangement),
             "abstain": self._abstains,
-            "thresholds": [least if least < np.inf else None for least in getattr(decider, "thresholds", ())],
+            "stop_rule": getattr(self._decider, "stop_rule", None),
             "log_bets": np.asarray(self._log_bets, np.float64).tolist(),
             "least_force": listener.least_force,
             "least_area": listener.least_area,

@@ -323,5 +323,6 @@ def _choose(probs: NDArray[np.float64], rng: np.random.Generator) -> Ints:
     return (rng.random((len(probs), 1)) >= up_to / up_to[:, -1:]).sum(axis=1)
 
 
-recorded_tests = BankEpisodes.shipped
-"""What ``gymnasium.make_vec("activetouch/ObjectTestBank-v0")`` calls."""
+def recorded_tests(num_envs: int = 1, **settings: Any) -> BankEpisodes:
+    """What ``gymnasium.make_vec("activetouch/ObjectTestBank-v0")`` calls; see :meth:`BankEpisodes.shipped`."""
+    return BankEpisodes.shipped(num_envs=num_envs, **settings)

@@ -195,7 +195,8 @@ class ObjectSearchEnv(gymnasium.Env[State, int]):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[State, dict[str, Any]]:
         """Start an episode; ``options={"seed": (0, 3, 17)}`` reproduces the episode with that key.
 
-        Searches of ``activetouch compare`` have the keys (seed, target index, number).
+        Searches of ``activetouch compare`` have the keys (seed, target index, number), so in a search among several
+        objects the second of three numbers must be the index of the target.
 
         Raises:
             BadOption: an option is unknown, the seed is no key, or it is the key of a search for another target.
@@ -203,9 +204,10 @@ class ObjectSearchEnv(gymnasium.Env[State, int]):
         key = key_of(options)
         if self.problem.num_objects > 1 and key is not None and len(key) == 3 and key[1] != self.target:
             labels = self.problem.shape_labels
+            sought = f"the {labels[key[1]]}" if key[1] < len(labels) else f"shape {key[1]} of {len(labels)}"
             raise BadOption(
-                f"the key {key} is of a search for shape {key[1]}, and this environment searches for shape "
-                f"{self.target}, the {labels[self.target]}: make it with the other target, of {', '.join(labels)}"
+                f"the key {key} is of a search for {sought}, and this environment searches for the "
+                f"{labels[self.target]}, which has the number {self.target}"
             )
         super().reset(seed=seed)
         self._key = key if key is not None else (int(self.np_random.integers(2**32)),)
@@ -308,8 +310,8 @@ def live_or_given(touches: Touches | None, scene: str, hand: Hand | str | None) 
         InvalidArgument: touches are given and a hand, too.
     """
     if touches is None:
-        if scene.removesuffix(INDEPENDENT_SUFFIX) not in SCENES:
-            raise UnknownName("scene", scene, [*SCENES])
+        if not isinstance(scene, str) or scene.removesuffix(INDEPENDENT_SUFFIX) not in SCENES:
+            raise UnknownName("scene", str(scene), [*SCENES])
         named = SCENES.get(scene, NamedScene())
         return LiveTouches(TactileSensor.shipped(scene, None if hand is None else named.scene.with_hand(hand)))
     if hand is not None:

@@ -84,13 +84,13 @@ class Calibration(ABC):
     def predict_proba(self, logits: ArrayLike) -> Floats:
         """Calibrated probabilities, ``(..., K)``; arguments and errors are those of :meth:`predict_log_proba`.
 
-        A calibration that is not fitted gives the softmax, with a UserWarning.
+        A calibration that is not fitted changes nothing but what its settings say, with a UserWarning.
         """
         log_probs = self.predict_log_proba(logits)
         if self.status == "unfitted":
-            written = f"calibration = {type(self).__name__}().fit(logits, labels)"
+            written = "calibration = calibration.fit(logits, labels)"
             warnings.warn(
-                f"nothing was fitted, so this is the softmax; fit returns a new object: {written}", stacklevel=2
+                f"this {type(self).__name__} is not fitted; fit returns a new object: {written}", stacklevel=2
             )
         with np.errstate(under="ignore"):
             return np.exp(log_probs)

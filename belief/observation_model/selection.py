@@ -224,7 +224,7 @@ def fit_observation_model(
         >>> choice.name == min(choice.losses, key=choice.losses.get), choice.model.shape_labels
         (True, ('mug', 'ball'))
     """
-    batch, y = _batch(logits, labels, groups, poses)
+    batch, y = _batch(logits, labels, groups, poses, 3)
     return choose_observation_model(
         batch.sequence(0),
         y,
@@ -332,7 +332,7 @@ def _candidates(
     model: ArrayModel, logits: ArrayLike, labels: ArrayLike, groups: ArrayLike, poses: ArrayLike | None
 ) -> CandidateStops:
     """What is stated after each touch of every object, under a uniform prior."""
-    batch, y = _batch(logits, labels, groups, poses)
+    batch, y = _batch(logits, labels, groups, poses, 4)
     every = [
         CandidateStops.of_posteriors(log_posteriors_by_touch(model, some), y[rows[:, 0]])
         for some, rows in grouped(batch, groups)
@@ -346,11 +346,11 @@ def _candidates(
 
 
 def _batch(
-    logits: ArrayLike, labels: ArrayLike, groups: ArrayLike, poses: ArrayLike | None
+    logits: ArrayLike, labels: ArrayLike, groups: ArrayLike, poses: ArrayLike | None, callers: int
 ) -> tuple[TouchBatch, NDArray[np.int64]]:
     """All touches as one sequence, and their labels."""
     z, y = labelled_logits(logits, labels)
-    warn_of_probs(z, "logits", "give belief.calibration.logits_from_probs of them")
+    warn_of_probs(z, "logits", "give belief.calibration.logits_from_probs of them", callers)
     ids = unmasked(groups, "groups")
     p = np.zeros(len(y), np.int64) if poses is None else unmasked(poses, "poses")
     for name, values in (("groups", ids), ("poses", p)):

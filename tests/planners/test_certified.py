@@ -6,10 +6,12 @@ import pytest
 
 from belief import Confirm, Probe, SearchProblem, Unsure
 from belief.errors import CorruptFile, InvalidArgument
+from belief.journal import Journal, read_journal
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
-from planners import SequentialDecider, search
+from planners import SequentialDecider, Session, search
 from planners.certified import NEVER, WANTED, Certificate, Certified, NotCertified
 from planners.probing import FixedOrder
+from planners.session_log import OtherModel
 from planners.stopping import PosteriorThresholds
 
 MODEL = random_model(np.random.default_rng(3), sharpness=3.0)
@@ -93,3 +95,19 @@ def test_a_certificate_holds_for_what_it_was_made_for_alone():
     ):
         with pytest.raises(NotCertified, match=told):
             CERTIFICATE.wrap(EAGER, WORLD | change)
+
+
+def test_the_log_of_a_session_keeps_the_rule_that_ends_it_and_older_logs_have_none(tmp_path):
+    limits, log = (np.inf, np.float32(0.9)), tmp_path / "log.jsonl"
+    begun = Session(PROBLEM, Certified(EAGER, limits, 4), 0, MODEL, abstain=False)
+    begun.save(log)
+    begun.close()
+    for other in (Certified(EAGER, limits, 2), Certified(EAGER, (0.9,), 4), EAGER):
+        with pytest.raises(OtherModel, match="another certificate, or without one"):
+            Session.load(log, model=MODEL, decider=other)
+    Session.load(log, model=MODEL, decider=Certified(EAGER, limits, 4)).close()
+    header = {
+        name: value for name, value in read_journal(log)[0].items() if name not in ("line", "sha256", "stop_rule")
+    }
+    Journal.create(tmp_path / "older.jsonl", [header]).close()
+    Session.load(tmp_path / "older.jsonl", model=MODEL, decider=Certified(EAGER, limits, 4)).close()

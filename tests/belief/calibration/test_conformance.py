@@ -35,7 +35,7 @@ def test_before_the_fit_it_is_the_plain_softmax(name, rng):
     calibration = CALIBRATIONS[name]()
     assert calibration.status == "unfitted"
     np.testing.assert_allclose(calibration.predict_log_proba(logits), log_softmax(logits, axis=1), atol=1e-14)
-    with pytest.warns(UserWarning, match=f"fit returns a new object: calibration = {type(calibration).__name__}"):
+    with pytest.warns(UserWarning, match=f"{type(calibration).__name__} is not fitted; fit returns a new object"):
         np.testing.assert_allclose(calibration.predict_proba(logits).sum(axis=1), 1.0)
 
 
