@@ -319,7 +319,7 @@ def certified_stops(
         ────────────────────────────────
         1            never      0      0
         ≥ 2           0.65    200     12
-        The last row pools so many touches and more. Stops are of the half that tests.
+        Last row: so many touches and more, together. Stops: of the half that tests.
     """
     candidates = _candidates(model, logits, labels, groups, poses)
     place = np.random.default_rng(0).permutation(candidates.num_searches)  # an order that says nothing about them

@@ -149,7 +149,7 @@ class CertifiedThresholds(Tabular):
             )
             for number, least, *counts in zip(numbers, self.thresholds, self.stops, self.wrong, strict=True)
         ]
-        note = self.note or "The last row pools so many touches and more. Stops are of the half that tests."
+        note = self.note or "Last row: so many touches and more, together. Stops: of the half that tests."
         if not np.isfinite(self.thresholds).any():
             note = self.note or "Nothing is promised."
         return Table("", ["touches", "stop from", ("stops", "d"), ("wrong", "d")], rows, note)

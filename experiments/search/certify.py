@@ -180,7 +180,7 @@ def certify(
 class Certify:
     """Bound the error of confirmed objects at every number of touches, by simulated calibration searches.
 
-    Writes a certificate beside the sensor, by which compare --certificate and sessions stop.
+    Writes a certificate, by which compare --certificate and sessions stop.
 
     For example:
 

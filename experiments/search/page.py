@@ -171,20 +171,22 @@ def shown_searches(comparison: Summary) -> list[tuple[str, Episode]]:
     """The same search by two deciders that touch, where they differ most: in success, else in touches.
 
     The first is the reference if it touches, the other the best of the rest by return. With a single decider that
-    touches: its longest failure, or its longest search if it never fails.
+    touches, or two that differ in no search: the longest failure, or the longest search if none fails.
     """
     names = [name for name in by_return(comparison) if any(episode.num_touches for episode in comparison.of(name))]
     if not names:
         return []
     first = comparison.reference if comparison.reference in names else names[0]
     rest = [name for name in names if name != first]
-    if not rest:
-        return [(first, max(comparison.of(first), key=lambda episode: (not episode.success, episode.num_touches)))]
-    pairs = list(zip(comparison.of(first), comparison.of(rest[0]), strict=True))
-    one, other = max(
-        pairs, key=lambda two: (two[0].success != two[1].success, abs(two[0].num_touches - two[1].num_touches))
-    )
-    return [(first, one), (rest[0], other)]
+
+    def differing(two: tuple[Episode, Episode]) -> tuple[bool, int]:
+        return two[0].success != two[1].success, abs(two[0].num_touches - two[1].num_touches)
+
+    if rest:
+        one, other = max(zip(comparison.of(first), comparison.of(rest[0]), strict=True), key=differing)
+        if any(differing((one, other))):
+            return [(first, one), (rest[0], other)]
+    return [(first, max(comparison.of(first), key=lambda episode: (not episode.success, episode.num_touches)))]
 
 
 def _story(searches: Searches, decider: str, episode: Episode) -> dict[str, Any]:
