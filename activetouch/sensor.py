@@ -264,9 +264,8 @@ class TactileSensor:
             log: file for all that is told, each on disk before the next question; if it exists, its search goes on.
             settings: of :class:`planners.Session`: ``arrangement``, ``abstain``, ``log_bets``, ``least_force`` and
                 ``least_area``; a log that exists has its own. Where it may abstain, an image that could be one of no
-                contact is a miss. Or ``certificate`` of :func:`activetouch.certify`, or its file, which then says where
-                an object is confirmed, and whether the decider may abstain; NotCertified if it was made for another
-                search.
+                contact is a miss. ``certificate`` of :func:`activetouch.certify`, or its file, says where an object is
+                confirmed, without such misses; NotCertified if it was made for another search.
 
         Returns:
             The :class:`planners.Session`.

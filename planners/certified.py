@@ -199,8 +199,10 @@ class Certificate(Tabular):
             InvalidArgument: the search has not ended, or sought another target.
         """
         target = session.problem.shape_labels[session.target]
-        if session.outcome is None or target not in self.made_for["targets"]:
-            raise InvalidArgument(f"the certificate counts ended searches for its targets, got one for {target}")
+        if session.outcome is None:
+            raise InvalidArgument("the certificate counts ended searches, and this one has not ended")
+        if target not in self.made_for["targets"]:
+            raise InvalidArgument(f"the certificate counts searches for its targets, got one for {target}")
         return replace(self, since=(*self.since, fit_of_search(session.target, session.steps, session.model)))
 
     def wrap(self, decider: Decider, made_for: Mapping[str, Any]) -> Certified:

@@ -55,20 +55,19 @@ def session_with(
     """A session of a sensor; see :meth:`activetouch.TactileSensor.session`.
 
     Raises:
-        InvalidArgument: the log is of another search; or ``abstain`` is given beside a certificate.
+        InvalidArgument: the log is of another search.
         NotCertified: the certificate was made for something else.
     """
     problem = problem_of(sensor, num_objects, composition, touch_cost)
     shape, key, chosen = _played(sensor, problem, target, decider, seed)
     if certificate is not None:
-        if settings.get("abstain") is not None:
-            raise InvalidArgument("the certificate says whether the decider may abstain: leave out abstain=")
-        settings["abstain"], problem = False, with_unsure(problem)
+        problem = with_unsure(problem)
         chosen = _certified(sensor, problem, problem.shape_labels[shape], decider, opened(certificate))
     reader = session_reader(sensor)
     is_abstaining = settings.get("abstain")
     is_abstaining = settings.get("arrangement") is None if is_abstaining is None else is_abstaining
-    if is_abstaining and isinstance(reader, SensorReader) and settings.get("least_area") is None:
+    is_free = certificate is None and settings.get("least_area") is None  # misses are not among what is certified
+    if is_abstaining and isinstance(reader, SensorReader) and is_free:
         settings["least_area"] = 0.0  # an image that could be one of no contact is none
     begun = Session(problem, chosen, shape, sensor.model, key, reader=reader, **settings)
     if log is None:

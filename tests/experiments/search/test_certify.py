@@ -3,9 +3,11 @@ import pytest
 
 import activetouch
 from activetouch import TactileSensor
+from belief import Probe
 from belief.errors import InvalidArgument
 from experiments.command_line.arguments import BadArgument
 from experiments.search.certify import Certify, TooFewSearches
+from planners import Outcome
 from planners.certified import Certificate, NotCertified
 from planners.session_log import OtherModel
 
@@ -45,8 +47,6 @@ def test_a_session_stops_by_the_certificate_and_refuses_another_search(made):
     for arguments in ({"decider": "threshold"}, {"num_objects": 3}, {"touch_cost": 0.1}):
         with pytest.raises(NotCertified, match=r"the certificate (is for|does not hold here)"):
             sensor.session("cone", certificate=made[1], **arguments)
-    with pytest.raises(InvalidArgument, match="leave out abstain"):
-        sensor.session("cone", certificate=made[1], abstain=True)
 
 
 def test_a_session_goes_on_with_the_certificate_that_it_began_with_and_no_other(made, tmp_path):
@@ -91,3 +91,15 @@ def test_what_cannot_be_certified_is_refused(tmp_path):
     assert not (tmp_path / "a.json").exists()
     with pytest.raises(BadArgument, match="--risk"):
         activetouch.certify("coarse", risk=0.0)
+
+
+def test_a_certified_session_is_unsure_of_a_dead_sensor_unless_it_may_not(made):
+    sensor = TactileSensor.shipped("coarse")
+    outcomes = {}
+    for abstain in (None, False):
+        session = sensor.session("cone", seed=3, certificate=made[0], abstain=abstain)
+        while session.ask() is not None:
+            session.tell(image=np.full((4, 4), 255, np.uint8) if isinstance(session.ask(), Probe) else None)
+        outcomes[abstain] = session.outcome
+    assert outcomes[None] is Outcome.UNSURE
+    assert outcomes[False] is not Outcome.UNSURE
