@@ -268,4 +268,7 @@ def _differing(mine: Any, other: Any) -> str:
     if isinstance(mine, Mapping) and isinstance(other, Mapping):
         names = [name for name in dict.fromkeys([*mine, *other]) if mine.get(name) != other.get(name)]
         return f"other {', '.join(names)}"
-    return f"{mine!s:.90}, not {other!s:.90}"
+    one, two = str(mine), str(other)
+    place = next((place for place, (a, b) in enumerate(zip(one, two, strict=False)) if a != b), 0)
+    start = max(place - 30, 0)  # long texts are alike up to there
+    return f"{one[start:]:.90}, not {two[start:]:.90}"

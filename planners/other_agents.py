@@ -192,7 +192,6 @@ class SB3Policy:
         path, *more = self.files(info.problem.shape_labels[info.target])
         model = _model(path, written(path))
         change = _normalization(more[0], written(more[0])) if more else None
-        self._require_training(model, path)
         num_shapes, num_poses = info.problem.num_shapes, info.problem.num_poses
         states = [state for state in _LEAST if self.state in ("", state)]
         sizes = {state: state_size(state, num_shapes, num_poses) for state in states}
@@ -201,6 +200,7 @@ class SB3Policy:
         for state, size in sizes.items():
             for sees_target in (False, True):
                 if (shape, least, actions) == ((size + sees_target * num_shapes,), _LEAST[state], num_poses + 2):
+                    self._require_training(model, path)
                     return model, state, sees_target, change
         raise BadPolicy(
             f"{path} reads an observation of shape {shape} from {least:g} on and chooses among {actions} actions; a "
