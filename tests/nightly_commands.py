@@ -15,12 +15,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.spatial import ConvexHull
+import trimesh
 
 from activetouch import TactileSensor
+from tests.test_docs_commands import PAGES, ROOT, shell_lines
 
-ROOT = Path(__file__).parent.parent
-PAGES = ["README.md", *sorted(path.relative_to(ROOT).as_posix() for path in ROOT.glob("docs/*.md"))]
 SMALLER = {
     "compare": {"--episodes": 4},
     "certify": {"--searches": 200},
@@ -54,10 +53,9 @@ if find_spec("ap_gym") is None:
 
 
 def commands(page: str) -> list[str]:
-    """Lines of the shell blocks of a page, continued lines joined, without comments."""
-    blocks = re.findall(r"```sh\n(.*?)```", (ROOT / page).read_text(), flags=re.S)
-    lines = [line for block in blocks for line in block.replace("\\\n", " ").splitlines()]
-    return [line for line in (re.sub(r"\s+# .*", "", line).strip() for line in lines) if line]
+    """Lines of the shell blocks of a page, without comments."""
+    lines = (re.sub(r"\s+# .*", "", line).strip() for line in shell_lines((ROOT / page).read_text()))
+    return [line for line in lines if line]
 
 
 def smaller(line: str) -> str:
@@ -72,26 +70,6 @@ def smaller(line: str) -> str:
     return line
 
 
-def _write_mesh(path: Path, corners: np.ndarray) -> None:
-    """Write the convex hull of the corners (n, 3) as an OBJ file, or an STL file by its ending."""
-    hull = ConvexHull(corners)
-    faces = [
-        face if np.dot(np.cross(*(corners[face[1:]] - corners[face[0]])), outwards) > 0 else face[::-1]
-        for face, outwards in zip(hull.simplices, hull.equations[:, :3], strict=True)
-    ]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    if path.suffix == ".obj":
-        lines = ["v {:.6f} {:.6f} {:.6f}".format(*corner) for corner in corners]
-        lines += ["f {} {} {}".format(*(np.array(face) + 1)) for face in faces]
-    else:
-        lines = ["solid mesh"]
-        for face in faces:
-            vertices = ["vertex {:.6f} {:.6f} {:.6f}".format(*corners[corner]) for corner in face]
-            lines += ["facet normal 0 0 0", "outer loop", *vertices, "endloop", "endfacet"]
-        lines.append("endsolid mesh")
-    path.write_text("\n".join(lines) + "\n")
-
-
 def _prepare(folder: Path) -> None:
     """Write into the folder what pages take for granted: a clone, meshes, results, a policy, a style, logs, touches."""
     for path in ROOT.iterdir():
@@ -102,11 +80,11 @@ def _prepare(folder: Path) -> None:
     wedge, tower = box.copy(), box * [1.0, 1.0, 1.2]
     wedge[wedge[:, 2] > 0, 0] *= 0.2
     tower[tower[:, 2] > 0, :2] *= 0.4
-    for name, corners in [("mug.obj", 1000 * box), ("bracket.stl", wedge), ("cup.stl", tower)]:
-        _write_mesh(folder / name, corners)
-    _write_mesh(folder / "scans/17/model.obj", tower)
-    for name, corners in [("mug.obj", box), ("bracket.stl", wedge), ("cup.obj", tower)]:
-        _write_mesh(folder / "scans" / name, corners)
+    (folder / "scans/17").mkdir(parents=True)
+    own = {"mug.obj": 1000 * box, "bracket.stl": wedge, "cup.stl": tower}
+    scans = {"17/model.obj": tower, "mug.obj": box, "bracket.stl": wedge, "cup.obj": tower}
+    for name, corners in {**own, **{f"scans/{name}": corners for name, corners in scans.items()}}.items():
+        trimesh.PointCloud(corners).convex_hull.export(folder / name)
     for number, name in enumerate(["mine.csv", "theirs.csv", "mine_clean.csv", "theirs_clean.csv"]):
         rows = [f"{seed},cone,{int((seed + number) % (number + 2) > 0)}" for seed in range(20)]
         (folder / name).write_text("\n".join(["seed,task,success", *rows]) + "\n")

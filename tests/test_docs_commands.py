@@ -12,10 +12,15 @@ ROOT = Path(__file__).parent.parent
 PAGES = ["README.md", "CONTRIBUTING.md", *sorted(path.relative_to(ROOT).as_posix() for path in ROOT.glob("docs/*.md"))]
 
 
+def shell_lines(text):
+    """Lines of shell blocks, continued ones joined."""
+    blocks = re.findall(r"```sh\n(.*?)```", text, flags=re.S)
+    return [line for block in blocks for line in block.replace("\\\n", " ").splitlines()]
+
+
 def command_lines(text):
     """Command lines of shell blocks, and those in single backticks that leave nothing open."""
-    blocks = re.findall(r"```sh\n(.*?)```", text, flags=re.S)
-    lines = [line for block in blocks for line in block.replace("\\\n", " ").splitlines()]
+    lines = shell_lines(text)
     prose = re.sub(r"```.*?```", "", text, flags=re.S)
     lines += [
         " ".join(code.split()) for code in re.findall(r"`([^`]+)`", prose) if "…" not in code and "..." not in code

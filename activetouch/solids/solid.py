@@ -76,14 +76,9 @@ def require_lengths(solid: object, *lengths: float) -> None:
 
 
 class Sized:
-    """Base of solids whose fields are all above zero, most of them lengths [m]: numbers, or three of them."""
+    """Base of solids whose fields are all above zero, most of them lengths [m]."""
 
     def __post_init__(self) -> None:
-        for name, kind in type(self).__annotations__.items():
-            if "tuple" in str(kind) and np.shape(getattr(self, name)) != (3,):
-                raise ValueError(
-                    f"{name} of a {type(self).__name__} must be three lengths, got {getattr(self, name)!r}"
-                )
         require_lengths(self, *self._sizes)
 
     @property
@@ -91,10 +86,18 @@ class Sized:
         return tuple(np.hstack(astuple(cast(Any, self))).tolist())
 
 
+_NUM_SIZES = {"sphere": 1, "cylinder": 2, "capsule": 2, "box": 3, "ellipsoid": 3}
+
+
 class Primitive(Sized):
     """Base of solids that MuJoCo has: their fields are its sizes of the geom ``_kind``."""
 
     _kind: ClassVar[str]
+
+    def __post_init__(self) -> None:
+        if len(self._sizes) != _NUM_SIZES[self._kind]:
+            raise ValueError(f"a {self._kind} must have {_NUM_SIZES[self._kind]} lengths, got {self}")
+        super().__post_init__()
 
     @property
     def geom(self) -> Geom:

@@ -149,10 +149,9 @@ class CertifiedThresholds(Tabular):
             )
             for number, least, *counts in zip(numbers, self.thresholds, self.stops, self.wrong, strict=True)
         ]
-        note = self.note or "Last row: so many touches and more, together. Stops: of the half that tests."
-        if not np.isfinite(self.thresholds).any():
-            note = self.note or "Nothing is promised."
-        return Table("", ["touches", "stop from", ("stops", "d"), ("wrong", "d")], rows, note)
+        usual = "Last row: so many touches and more, together. Stops: of the half that tests."
+        usual = usual if np.isfinite(self.thresholds).any() else "Nothing is promised."
+        return Table("", ["touches", "stop from", ("stops", "d"), ("wrong", "d")], rows, self.note or usual)
 
 
 def certified_thresholds(candidates: CandidateStops, risk: float, confidence: float = 0.9) -> CertifiedThresholds:

@@ -12,7 +12,7 @@ from typing import Any
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from tables import DRAWN, _record, health_of
+from tables import DRAWN, health_of, read_record
 
 from experiments.paper.table2 import Column, draw_figure3
 from experiments.tradeoff.report import front_picture
@@ -35,13 +35,13 @@ def point(stored: dict[str, Any]) -> Any:
 
 def main() -> None:
     """Write docs/tradeoff/tradeoff.svg, docs/reproduction/figure3.svg, and docs/robustness/drift.svg, also dark."""
-    points = [point(stored) for stored in _record("tradeoff/searches_0")["points"]]
+    points = [point(stored) for stored in read_record("tradeoff/searches_0")["points"]]
     front_picture(points).write(DOCS / "tradeoff")
     (DOCS / "tradeoff" / "tradeoff.png").unlink()
-    confusion = _record("reproduction/table1")["splits"]["by image"]["held out"]["confusion"]
+    confusion = read_record("reproduction/table1")["splits"]["by image"]["held out"]["confusion"]
     columns = [
         Column(**{name: value for name, value in stored.items() if name != "oracle"})
-        for stored in _record("reproduction/table2")
+        for stored in read_record("reproduction/table2")
     ]
     draw_figure3(confusion, columns, DOCS / "reproduction" / "figure3.svg")
     for name, colours in THEMES.items():

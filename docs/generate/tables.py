@@ -55,7 +55,7 @@ _PROMISED = 0.93  # accuracy of stops below which a number is bold
 
 def robustness(page: str) -> str:
     """The page with its tables of all scenes, and that of searches among unknown objects."""
-    records = {scene: _record(f"robustness/{scene}") for scene in SHIFTED}
+    records = {scene: read_record(f"robustness/{scene}") for scene in SHIFTED}
     conditions = list(dict.fromkeys(name for record in records.values() for name in record["conditions"]))
     for beginning, cell in (("## What is stated", _stops), ('## "I do not know"', _answers)):
         rows = [
@@ -95,7 +95,7 @@ def perception(page: str) -> str:
     """The page with its tables of several touches of one body, hypotheses and networks."""
     rows = []
     for scene in TOUCHED:
-        record = _record(f"perception/several-touches-{scene}")
+        record = read_record(f"perception/several-touches-{scene}")
         independent, joint = (entry["results"] for entry in record["entries"])
         for one, other in zip(independent, joint, strict=True):
             if (number := one["touches"]) <= _MANY_TOUCHES:
@@ -112,7 +112,7 @@ def perception(page: str) -> str:
             f"{entry['megabytes']:.1f}",
             _grouped(entry["parameters"]),
         )
-        for entry in _record("perception/frontier")["entries"]
+        for entry in read_record("perception/frontier")["entries"]
         if entry["runtime"] in ("torch", "ONNX Runtime")
     ]
     return _with_rows(page, "## What it costs", networks)
@@ -125,7 +125,7 @@ def results(page: str) -> str:
     """The page with its table of accuracy after one to three touches."""
     rows = []
     for scene in TOUCHED:
-        models = [entry["results"] for entry in _record(f"perception/several-touches-{scene}")["entries"]]
+        models = [entry["results"] for entry in read_record(f"perception/several-touches-{scene}")["entries"]]
         independent, joint = ({found["touches"]: found for found in model} for model in models)
         later = (f"{independent[n]['accuracy']:.3f}, {_right(joint[n], '**')}" for n in (2, 3))
         rows.append(_row(f"`{scene}`", _right(joint[1]), *later))
@@ -153,7 +153,7 @@ def calibration(page: str) -> str:
 
 def tradeoff(page: str) -> str:
     """The page with all configurations by scene, * on the Pareto front, and its tables of hypotheses and networks."""
-    first, second = (_record(f"tradeoff/searches_{seed}")["points"] for seed in (0, 1))
+    first, second = (read_record(f"tradeoff/searches_{seed}")["points"] for seed in (0, 1))
     again = {point["name"]: point for point in second}
     for scene in SHARES:
         points = [point for point in first if point["configuration"]["scene"] == scene]
@@ -168,7 +168,7 @@ def tradeoff(page: str) -> str:
         page = _with_rows(page, f"**{scene}**", rows)
     page = _with_rows(page, "## How many hypotheses", list(_live_hypotheses(list(_searched()))))
     rows = []
-    for entry in _record("tradeoff/networks")["entries"]:
+    for entry in read_record("tradeoff/networks")["entries"]:
         if (entry["hypotheses"], entry["precision"]) == (2048, "float32"):
             found = {result["touches"]: result for result in entry["results"]}
             times = (f"{entry[name]:.2f}" for name in ("read_milliseconds", "update_milliseconds"))
@@ -180,7 +180,7 @@ def reproduction(page: str) -> str:
     """The page with the paper's Tables 1 and 2 beside ours."""
     page = _with_rows(page, "## Table 1: the classifier", _table1(""))
     rows = [_row("paper: Manual", *_PAPER_MANUAL), _row("paper: PPO", *_PAPER_PPO)]
-    for found in _record("reproduction/table2"):
+    for found in read_record("reproduction/table2"):
         trials, right = found["trials"], found["successes"]
         by_target = ("{:.2f} [{:.2f}, {:.2f}]".format(*_rate(right[shape], trials)) for shape in _TARGETS)
         whole = "{:.3f} [{:.3f}, {:.3f}]".format(*_rate(sum(right.values()), trials * len(right)))
@@ -193,7 +193,7 @@ def real_touch(page: str) -> str:
     """The page with its table of touches until an object is named."""
     rows = []
     for name, splits in NAMED.items():
-        found = _record(f"real_touch/{name}")["tables"]["identification"]
+        found = read_record(f"real_touch/{name}")["tables"]["identification"]
         for split, words in splits.items():
             by_decider = {decider: cells for some, decider, *cells in found if some == split}
             chance, fixed, gain, plan = (by_decider[name] for name in _ORDERS)
@@ -237,7 +237,7 @@ _PAPER_PPO = ("0.46", "0.13", "0.15", "0.20", "0.235", "", "")
 
 def _table1(mark: str) -> list[str]:
     """Rows of the paper's Table 1 beside ours, with the accuracies between marks."""
-    record = _record("reproduction/table1")
+    record = read_record("reproduction/table1")
     columns = [record["splits"][split][read] for split in ("by image", "by object") for read in _READ]
     rows = [
         _row(shape, *(_precision(found) for found in (record["paper"][shape], *(c["shapes"][shape] for c in columns))))
@@ -263,7 +263,7 @@ def _rate(successes: int, trials: int) -> tuple[float, float, float]:
 def _hypotheses(cells: Callable[[Mapping[int, Any]], Iterable[str]]) -> list[str]:
     """A row for every number of hypotheses: cells of the results by number of touches, then time and memory."""
     rows = []
-    for entry in _record("perception/hypotheses-coarse")["entries"]:
+    for entry in read_record("perception/hypotheses-coarse")["entries"]:
         if entry["hypotheses"]:
             found = cells({result["touches"]: result for result in entry["results"]})
             cost = f"{entry['update_milliseconds']:.2f}", f"{entry['megabytes']:.1f}"
@@ -304,7 +304,7 @@ def _by_score(results: Mapping[int, Any], numbers: tuple[int, ...]) -> list[str]
     return [f"{results[n][score]:.3f}" for score in ("accuracy", "nll") for n in numbers]
 
 
-def _record(name: str) -> Any:
+def read_record(name: str) -> Any:
     """The JSON file of a record; where it has none, the one at the end of what was printed."""
     file = RECORDS / f"{name}.json"
     printed = file.with_suffix(".txt").read_text() if not file.exists() else ""

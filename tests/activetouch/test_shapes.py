@@ -248,6 +248,12 @@ def test_every_length_of_a_solid_is_finite_and_above_zero(solid, length):
                 replace(solid, **{part.name: value})
 
 
+@pytest.mark.parametrize("make", [lambda: Box(0.02), lambda: Box((0.01, 0.02)), lambda: Ellipsoid(0.02)])
+def test_a_box_and_an_ellipsoid_have_three_lengths(make):
+    with pytest.raises(ValueError, match="must have 3 lengths"):
+        make()
+
+
 @every_shape
 def test_a_shape_is_a_value(name, rng):
     shape = EXTENDED_SHAPES[name]
