@@ -11,7 +11,7 @@ p-values were independent and uniform, the product would ever exceed 1/α with p
 They are nearly independent where objects differ moderately, and there alarms are rarer than α. They are dependent where
 some objects are odd in all their touches, because such an object is bet on at every touch, and because all objects are
 compared with the same calibration objects. Then the rate may exceed α: for α = 0.02, it is 0.047 with 3 % odd objects
-and 1200 calibration objects (``python benchmarks/false_alarms.py``, decision 0039).
+and 1200 calibration objects (decision 0039).
 
 Scores of four touches of each of 200 objects, then an object that fits, and one that does not:
 

@@ -45,7 +45,6 @@ ELSEWHERE = {
     "activetouch recorded --data sdh2": "needs recordings that are fetched by hand",
     "activetouch touch --scene gel --hand allegro": "needs the folder of the Menagerie",
     "activetouch reproduce --parts table1": "trains for half an hour; the tests train on less",
-    "python -m benchmarks.unsure_robots": "a benchmark of an hour",
 }
 if find_spec("ap_gym") is None:
     APGYM = ('python -c "import ap_gym', "python apgym_player.py", "activetouch compare --results in_turn.csv")

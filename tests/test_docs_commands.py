@@ -19,11 +19,13 @@ def shell_lines(text):
 
 
 def command_lines(text):
-    """Command lines of shell blocks, and those in single backticks that leave nothing open."""
+    """Command lines of shell blocks, and those in single backticks that leave nothing open and are of this commit."""
     lines = shell_lines(text)
     prose = re.sub(r"```.*?```", "", text, flags=re.S)
     lines += [
-        " ".join(code.split()) for code in re.findall(r"`([^`]+)`", prose) if "…" not in code and "..." not in code
+        " ".join(code.split())
+        for code, commit in re.findall(r"`([^`]+)`( at `[0-9a-f]{8}`)?", prose)
+        if not commit and "…" not in code and "..." not in code
     ]
     lines = [f"activetouch {line}" if line.partition(" --")[0] in REGISTRY else line for line in lines]
     return [line for line in lines if re.match(r"(activetouch|make|python (-m )?benchmarks)\b", line)]

@@ -106,12 +106,13 @@ PROSE = ["README.md", "CONTRIBUTING.md", *PAGES[1:]]
 FOLDERS = "activetouch|belief|planners|experiments|tests|benchmarks|examples|docs"
 IN_BACKTICKS = re.compile(rf"`((?:{FOLDERS})/[\w./-]*)`")
 IN_COMMANDS = re.compile(r"python ((?:benchmarks|examples)/[\w.]+\.py)")
+OF_A_COMMIT = re.compile(r"`[^`]+` at `[0-9a-f]{8}`")
 IDS_OF_GYMNASIUM = re.compile(r"activetouch/Object\w+-v\d+")
 
 
 @pytest.mark.parametrize("page", PROSE)
 def test_every_file_a_page_names_or_links_to_exists(page):
-    text = (ROOT / page).read_text()
+    text = OF_A_COMMIT.sub("", (ROOT / page).read_text())
     named = [*IN_BACKTICKS.findall(text), *IN_COMMANDS.findall(text)]
     links = [target for target in re.findall(r"\]\(([^)#\s]+?)(?:#[^)]*)?\)", text) if not target.startswith("http")]
     missing = [name for name in named if not (ROOT / name).exists() and not IDS_OF_GYMNASIUM.fullmatch(name)]

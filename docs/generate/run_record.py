@@ -1,7 +1,7 @@
 """Run a command of the pages and keep what it prints as a record: command, commit, versions, processor time, output.
 
 Run: python docs/generate/run_record.py planners/outcomes -- python benchmarks/outcomes.py
-     python docs/generate/run_record.py world/fidelity build/f.json -- python -m benchmarks.fidelity --out build/f.json
+     python docs/generate/run_record.py planners/all build/deciders.csv -- python benchmarks/deciders.py --out build
 
 The first writes records/planners/outcomes.txt, the second also keeps a file that the command writes. The command
 runs on one thread, from the root of the repository. Nothing is kept if it fails, or if the code differs from the

@@ -90,7 +90,6 @@ Share: TypeAlias = Annotated[float, Within(0.0, 1.0, open_low=True)]
 """Fraction in (0, 1]."""
 Picture: TypeAlias = Annotated[Path, Ending((".png", ".svg", ".pdf", ".jpg"))]
 """File name of a figure."""
-JSONFile: TypeAlias = Annotated[Path, Ending((".json",))]
 """File name of JSON results."""
 
 

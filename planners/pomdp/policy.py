@@ -191,7 +191,7 @@ def upper_bound(problem: TouchProblem | SearchTouchProblem) -> float:
     For a few touches of an object it looks ahead exactly: all poses, all outcomes. Afterwards it takes the larger of
     stopping and of one more touch that reveals the shape, which no touch exceeds. The shape of every rejected object is
     revealed too. So it is an information relaxation: a searcher who learns more can only do better. It is valid for
-    any number of exact touches and falls with it. ``benchmarks/upper_bounds`` has tighter bounds, which take minutes.
+    any number of exact touches and falls with it.
 
     Raises:
         InvalidArgument: distinct shapes of which too many sets can have been rejected.

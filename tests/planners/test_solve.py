@@ -162,7 +162,7 @@ def test_the_bounds_enclose_what_brute_force_finds(num_shapes, touch_cost):
     assert finite_horizon_value(problem, 4) <= policy.upper_bound + 1e-9
     assert policy.lower_bound <= policy.upper_bound
     assert policy.lower_bound >= 0.98 * finite_horizon_value(problem, 4)
-    if num_shapes <= 4:  # tests/benchmarks/upper_bounds has a tighter bound
+    if num_shapes <= 4:
         assert policy.lower_bound >= 0.99 * policy.upper_bound
 
 
