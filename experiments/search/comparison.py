@@ -97,7 +97,7 @@ class Comparison(Summary, Tabular):
 
         Raises:
             FileNotFoundError: The folder holds no finished comparison.
-            CorruptFile: ``run.json`` is damaged, or the searches had objects of a program.
+            CorruptFile: A file is damaged or was changed, or the searches had objects of a program.
             FileNamesCode: The folder names code, and ``trust`` is not set.
         """
         held = RunFolder(Path(folder))
@@ -129,8 +129,7 @@ class Comparison(Summary, Tabular):
             raise BadArgument("it was computed from episodes alone; save a comparison that activetouch.compare made")
         written = RunFolder(Path(folder))
         if self.run.folder.path is None or self.run.folder.path.resolve() != Path(folder).resolve():
-            written.start(self.run.searches.identity, self.run.arguments)
-            written.write_episodes(self.run.lines())
+            written.finish(self.run.searches.identity, self.run.arguments, self.run.lines())
         return write_page_of(written, self, self.run.searches, self.verdict())
 
 

@@ -1,6 +1,6 @@
 """A comparison that is played, and its folder: ``run.json``, and the finished searches of each decider and target.
 
-run.json         what determines all searches of the folder, and the latest arguments
+run.json         what determines all searches of the folder, the latest arguments, and the seal of episodes.jsonl
 cells/*.jsonl    searches of a decider for a target, in batches of 25
 episodes.jsonl   the searches of the latest comparison
 
@@ -11,6 +11,7 @@ another key counts as missing.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import re
@@ -85,8 +86,15 @@ class RunFolder:
                 f"{self.path} holds another run: {other}. Give this run a folder of its own: --out {self.path}-2"
             )
 
-    def start(self, identity: Mapping[str, Any], arguments: Mapping[str, Any]) -> None:
+    def start(
+        self, identity: Mapping[str, Any], arguments: Mapping[str, Any], sealed: Mapping[str, Any] | None = None
+    ) -> None:
         """Write ``run.json``, with the arguments with which ``--config`` repeats the comparison.
+
+        Args:
+            identity: what determines all searches.
+            arguments: of the comparison.
+            sealed: seal of ``episodes.jsonl``; that of the comparison before by default.
 
         Raises:
             RunMismatch: The folder holds a run with another identity.
@@ -95,10 +103,22 @@ class RunFolder:
         if self.path is None:
             return
         run = {"format": _FORMAT, "identity": identity, "arguments": arguments, "commit": commit_of_code()}
-        text = sealed_json(run) + "\n"
-        if not create_text(self.path / "run.json", text):  # another process may have started another run
-            self.require(identity)
-            write_text(self.path / "run.json", text)
+        file = self.path / "run.json"
+        if not create_text(file, sealed_json({**run, "episodes": sealed}) + "\n"):
+            self.require(identity)  # another process may have started another run
+            sealed = self.read_run().get("episodes") if sealed is None else sealed
+            write_text(file, sealed_json({**run, "episodes": sealed}) + "\n")
+
+    def finish(
+        self, identity: Mapping[str, Any], arguments: Mapping[str, Any], lines: Mapping[Cell, list[str]]
+    ) -> None:
+        """Write ``episodes.jsonl``, as :meth:`latest` reads it, and its seal into ``run.json``; see :meth:`start`."""
+        self.require(identity)
+        if self.path is not None:
+            content = "".join(chain.from_iterable(lines.values())).encode()
+            with atomic_path(self.path / "episodes.jsonl") as temporary:
+                temporary.write_bytes(content)
+            self.start(identity, arguments, _seal(content))
 
     def read_run(self) -> dict[str, Any]:
         """The content of ``run.json``.
@@ -186,17 +206,22 @@ class RunFolder:
 
         Raises:
             FileNotFoundError: no comparison is finished.
-            CorruptFile: the file of episodes is damaged, or has none.
+            CorruptFile: the file of episodes was changed or shortened, or has none.
         """
         assert self.path is not None, "only a folder has a file of episodes"
+        again = self.command("compare", config=self.path / "run.json")
         if not (file := self.path / "episodes.jsonl").exists():
-            again = self.command("compare", config=self.path / "run.json")
             raise FileNotFoundError(f"{self.path} holds no finished comparison; finish it with:\n{again}")
+        content, sealed = require_regular_file(file).read_bytes(), self.read_run().get("episodes")
+        if (differs := _differs(sealed, _seal(content))) is not None:
+            raise CorruptFile(
+                f"{file} is not what the comparison wrote: {differs}. Repeat the call that wrote it, or run:\n{again}"
+            )
         found = dict[Cell, list[str]]()
-        for number, line in enumerate(require_regular_file(file).read_text(encoding="utf-8").splitlines(keepends=True)):
+        for number, line in enumerate(content.splitlines(keepends=True)):
             try:
                 fields = json.loads(line)
-                found.setdefault((fields["decider"], labels[fields["target"]]), []).append(line)
+                found.setdefault((fields["decider"], labels[fields["target"]]), []).append(line.decode())
             except (ValueError, LookupError, TypeError) as error:
                 raise CorruptFile(f"{file}, line {number + 1}: not an episode of this run: {error!r}") from error
         if not found:
@@ -210,11 +235,19 @@ class RunFolder:
             spent |= {number: batch.seconds for number, batch in held.items() if batch.lines[0] in known}
         return sum(spent.values(), Seconds())
 
-    def write_episodes(self, lines: Mapping[Cell, list[str]]) -> None:
-        """Write ``episodes.jsonl``, as :meth:`latest` reads it."""
-        if self.path is not None:
-            with atomic_path(self.path / "episodes.jsonl") as temporary, temporary.open("w") as file:
-                file.writelines(chain.from_iterable(lines.values()))
+
+def _seal(content: bytes) -> dict[str, Any]:
+    """Number of lines and digest of a file of episodes, as ``run.json`` keeps them."""
+    return {"lines": content.count(b"\n"), "sha256": hashlib.sha256(content).hexdigest()}
+
+
+def _differs(sealed: Any, found: Mapping[str, Any]) -> str | None:
+    """In what a file of episodes differs from its seal, in words; None if it does not."""
+    if not isinstance(sealed, Mapping):
+        return "run.json has no digest of it, so its comparison did not finish, or was played by an earlier version"
+    if sealed.get("lines") != found["lines"]:
+        return f"it has {found['lines']} lines, and run.json says {sealed.get('lines')}"
+    return None if sealed == found else "it was changed, its content does not match its digest in run.json"
 
 
 def differing(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
@@ -305,8 +338,7 @@ class Run:
                 self.folder.start(self.searches.identity, self.arguments)
                 is_started = True
             self.folder.add(cell, self.keys[cell], number, batch)
-        self.folder.start(self.searches.identity, self.arguments)
-        self.folder.write_episodes(self.lines())
+        self.folder.finish(self.searches.identity, self.arguments, self.lines())
 
     def lines(self) -> dict[Cell, list[str]]:
         """JSON lines of the finished episodes by cell."""
