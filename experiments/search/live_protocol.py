@@ -17,6 +17,7 @@ from activetouch.sensor import RecordedSensor
 from belief.errors import InvalidArgument
 from belief.journal import array_from
 from belief.problem import Probe, Touch
+from belief.references import ForeignCode
 from belief.validation import as_real
 from planners import Session
 from planners.episode import ACTION_NAMES
@@ -57,7 +58,8 @@ class Conversation:
         given: dict[str, Any] = {}
         try:
             given = _parsed(line)
-            found = {"ok": True, **self._answer(given)}
+            with ForeignCode():  # of a decider
+                found = {"ok": True, **self._answer(given)}
         except Exception as error:  # whatever it was, the next line is answered
             found = {"ok": False, "error": type(error).__name__, "message": str(error)[:_LONGEST]}
         found["step"] = self.session.step

@@ -36,11 +36,12 @@ from belief.files import (
     unsealed_json,
     write_text,
 )
+from belief.references import ForeignCode
 from experiments.command_line.trust import Trust
 from experiments.parallel import Shared, Task, run_tasks
 from experiments.scene_choice import command
 from experiments.search.fingerprint import commit_of_code, digest_of, fingerprint
-from experiments.search.play import EPISODES_PER_BATCH, Searches, Seconds, play_episodes, told
+from experiments.search.play import EPISODES_PER_BATCH, Searches, Seconds, play_episodes
 from planners import Decider, Episode
 
 _FORMAT = 4
@@ -372,6 +373,6 @@ def _play_batch(
 ) -> tuple[Cell, int, Batch]:
     """Play the episodes of one batch of a cell."""
     (searches, deciders), (name, label) = shared.value, cell
-    with told(f"in one of the episodes {numbers} of {name}, target {label}, seed {searches.seed}"):
+    with ForeignCode(f"in one of the episodes {numbers} of {name}, target {label}, seed {searches.seed}"):
         episodes, seconds = play_episodes(searches, deciders[name], searches.problem.shape_labels.index(label), numbers)
     return cell, number, Batch(episode_lines(name, episodes), seconds)
