@@ -5,8 +5,9 @@ from __future__ import annotations
 import hashlib
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from math import isfinite
+from numbers import Real
 from typing import Any, Protocol
 
 import numpy as np
@@ -18,6 +19,7 @@ from belief.journal import array_field, array_from
 from belief.naming import index_of
 from belief.observation_model.model import ObservationModel
 from belief.problem import Action, Elsewhere, Probe, SearchProblem, Touch
+from belief.validation import require_index
 from planners.decider import Decision
 from planners.episode import ACTION_NAMES, ACTIONS
 
@@ -26,7 +28,7 @@ SCHEMA = "activetouch session 1"
 
 
 class OtherModel(InvalidArgument):
-    """A log was made with another observation model or reader; its beliefs would not be the same."""
+    """A log was made with another observation model, reader or decider; the search would not be the same."""
 
 
 class ImageReader(Protocol):
@@ -235,9 +237,10 @@ def told_from(line: Mapping[str, Any], problem: SearchProblem, reader: ImageRead
         touch = Touch(pose, arrays["logits"], arrays["features"], elsewhere)
     if kind != "miss" and (touch is None) == (kind == "touch"):
         raise ValueError("a touch needs a pose, and an action that is no touch has none")
-    numbers = {name: float(line[name]) for name in ("force", "area") if name in line}
+    numbers = {name: _not_negative(name, line[name]) for name in ("force", "area") if name in line}
     decision = Decision(action, scores)
-    at = int(line["object"])
+    at = line["object"]
+    require_index("object", at, problem.num_objects)
     return Told(decision, line["rng"], at, touch, kind == "miss", arrays["image"], time=float(line["time"]), **numbers)
 
 
@@ -273,18 +276,46 @@ def problem_fields(problem: SearchProblem) -> dict[str, Any]:
     }
 
 
-def problem_from(fields: Mapping[str, Any]) -> SearchProblem:
+def problem_from(given: Mapping[str, Any]) -> SearchProblem:
     """The problem of :func:`problem_fields`."""
-    bag = fields["composition"]
+    bag = given["composition"]
     return SearchProblem(
-        tuple(fields["shapes"]),
-        tuple(fields["poses"]),
-        fields["num_objects"],
+        tuple(given["shapes"]),
+        tuple(given["poses"]),
+        given["num_objects"],
         Counts(bag) if isinstance(bag, dict) else bag,
-        fields["touch_cost"],
-        fields["touch_limit"],
-        fields["unsure_reward"],
+        given["touch_cost"],
+        given["touch_limit"],
+        given["unsure_reward"],
     )
+
+
+def decider_fields(value: Any) -> Any:
+    """Class and settings of a decider as JSON types; arrays and what is no dataclass by the name of the class alone."""
+    if isinstance(value, str | bool | int | None):
+        return value
+    if isinstance(value, Real):
+        return float(value) if isfinite(value) else str(value)
+    if isinstance(value, list | tuple):
+        return [decider_fields(one) for one in value]
+    kind = value if hasattr(value, "__qualname__") else type(value)
+    if kind is value or not is_dataclass(value):
+        return kind.__qualname__
+    settings = {field.name: decider_fields(getattr(value, field.name)) for field in fields(value) if field.init}
+    return {"class": kind.__qualname__, **settings}
+
+
+def differences(begun: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+    """In what the set-up that a session began with differs from another, in words; new fields of the other are none."""
+    found = []
+    for name, value in begun.items():
+        other = now.get(name)
+        if isinstance(value, Mapping) and isinstance(other, Mapping) and value.get("class") == other.get("class"):
+            found += differences(value, other)
+        elif value != other:
+            one, two = (some.get("class", some) if isinstance(some, Mapping) else some for some in (value, other))
+            found.append(f"its {name} is {one!r:.200}, not {two!r:.200}")
+    return found
 
 
 def digests(model: ObservationModel, reader: ImageReader | None) -> dict[str, str | None]:

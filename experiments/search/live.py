@@ -57,7 +57,7 @@ class Live:
     least_area: NotNegative | None = None
     """A contact whose area is not larger is no contact [m²]."""
     log: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """File for all that is told; a search that it holds goes on, and keeps its own limits.
+    """File for all that is told; a search that it holds goes on with the options that began it.
     By default a new one in runs/live."""
     anyway: bool = False
     """Accept a sensor that was made for another scene."""

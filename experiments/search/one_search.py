@@ -19,7 +19,7 @@ from experiments.scene_choice import as_named
 from experiments.search.play import made_for, make_world, opened, with_unsure
 from planners import Decider, Episode, Session, make_decider, search
 from planners.certified import Certificate, NotCertified
-from planners.session_log import problem_fields
+from planners.session_log import differences
 
 _TOUCHES_PER_OBJECT = 12
 
@@ -76,14 +76,10 @@ def session_with(
         begun.save(log)
         return begun
     found = Session.load(log, model=sensor.model, decider=chosen, reader=reader)
-    before, now = (
-        {"target": s.problem.shape_labels[s.target], **problem_fields(s.problem), "seed": s.seed, "unsure_reward": None}
-        for s in (found, begun)
-    )
-    for name, value in before.items():
-        if value != now[name]:
-            found.close()
-            raise InvalidArgument(f"{log} is the log of another search: its {name} is {value!r}, not {now[name]!r}")
+    checked = dict.fromkeys(("arrangement", "decider", "stop_rule"))  # by load, or of no matter
+    if other := differences({**found.set_up, **checked}, {**begun.set_up, **checked}):
+        found.close()
+        raise InvalidArgument(f"{log} is the log of another search: {'; '.join(other)}")
     return found
 
 

@@ -1,7 +1,9 @@
 """A session asks and is told, and is the search of the loop; its log survives a kill at any byte."""
 
+import copy
 import json
 import os
+import pickle
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from belief.scene_belief import UNKNOWN
 from belief.seeding import touch_rng
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
 from planners import Decision, Outcome, Session, make_decider, search
+from planners.abstaining import Abstaining
 from planners.episode import Episode, judged
 from planners.session import AlreadyTold
 from planners.session_log import OtherModel
@@ -163,6 +166,46 @@ def test_a_file_is_one_sessions_log(tmp_path):
     (tmp_path / "other").write_text('{"a": 1}\n')
     with pytest.raises(CorruptFile, match="SHA-256"):
         Session.load(tmp_path / "other", model=MODEL, decider=decider())
+
+
+def test_the_log_says_which_decider_began_it_and_goes_on_with_no_other(tmp_path):
+    begun("information_gain(confirm=0.97)", abstain=True).save(tmp_path / "log")
+    header = read_journal(tmp_path / "log")[0]
+    assert (header["decider"]["class"], header["decider"]["promise"]) == ("Abstaining", 0.95)
+    stopping = header["decider"]["decider"]["stopping"]
+    assert stopping == {"class": "PosteriorThresholds", "confirm": 0.97, "reject": 0.01, "max_touches": 12}
+    for other, told in (
+        (decider("information_gain"), "its confirm is 0.97, not 0.99"),
+        (decider("information_gain(confirm=0.97, max_touches=3)"), "its max_touches is 12, not 3"),
+        (decider("random_poses(confirm=0.97)"), "its probing is 'TargetInformationGain', not 'RandomOrder'"),
+        (Confirms(), "its decider is 'SequentialDecider', not 'Confirms'"),
+        (Abstaining(decider("information_gain(confirm=0.97)"), promise=0.5), "its promise is 0.95, not 0.5"),
+    ):
+        with pytest.raises(OtherModel, match=f"began with another decider: {told}"):
+            Session.load(tmp_path / "log", model=MODEL, decider=other)
+    Session.load(tmp_path / "log", model=MODEL, decider=decider("information_gain(confirm=0.97)")).close()
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda session: pickle.loads(pickle.dumps(session))])
+def test_a_copy_of_a_session_goes_on_by_itself(copied, tmp_path):
+    session, robot = begun("random_poses", 3), world(3)
+    session.save(tmp_path / "log")
+    for _ in range(2):
+        answer(session, robot)
+    twin, before = copied(session), session.belief.probs.tobytes()
+    lines = (tmp_path / "log").read_bytes()
+    assert (twin.belief.probs.tobytes(), twin.ask(), twin.step) == (before, session.ask(), 2)
+    twin.tell(part_touch(twin))
+    twin.undo()
+    twin.tell(part_touch(twin))
+    twin.reveal(["shape_1"] * 4)
+    assert (session.belief.probs.tobytes(), session.step, len(session.steps)) == (before, 2, 2)
+    assert session.arrangement == (UNKNOWN,) * 4
+    assert (tmp_path / "log").read_bytes() == lines
+    while session.ask() is not None:
+        answer(session, robot)
+    expected = search(world(3), decider("random_poses"), PROBLEM, 1, MODEL, 3)
+    assert [step.decision for step in session.steps] == [step.decision for step in expected.steps]
 
 
 class Probes:

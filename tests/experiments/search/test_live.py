@@ -90,7 +90,7 @@ def test_a_search_over_a_pipe_that_is_killed_is_the_search(tmp_path):
     ended = asked(talk, do="reveal", arrangement=[sensor().shape_labels[s] for s in robot.world.arrangement])
     begun.close()
     assert (ended["outcome"], ended["success"]) == (str(expected.outcome), expected.success)
-    session = session_with(sensor(), "cone", "information_gain", 7, log=log)
+    session = session_with(sensor(), "cone", "information_gain", 7, log=log, abstain=False)
     assert json.dumps(session.episode.to_dict()) == json.dumps(expected.to_dict())
     assert np.array(ended["log_marginals"]).tobytes() == session.scene.log_marginals().clip(-1e300).tobytes()
     session.close()
@@ -280,6 +280,11 @@ def test_a_log_of_another_search_is_refused_with_what_differs(tmp_path):
     for changed, message in (
         ({"target": "cube"}, "its target is 'cone', not 'cube'"),
         ({"num_objects": 3}, "its num_objects is 4, not 3"),
+        ({"touch_cost": 0.5}, "its touch_cost is 0.02, not 0.5"),
+        ({"abstain": False}, "its unsure_reward is 0.0, not None; its abstain is True, not False"),
+        ({"least_force": 0.1}, "its least_force is None, not 0.1"),
+        ({"least_area": 1e-6}, "its least_area is 0.0, not 1e-06"),
+        ({"decider": "fixed_poses(confirm=0.9)"}, "another decider: its confirm is 0.99, not 0.9"),
     ):
         with pytest.raises(InvalidArgument, match=message):
             session_with(sensor(), **{"target": "cone", "decider": "fixed_poses", "seed": 7, "log": log, **changed})
