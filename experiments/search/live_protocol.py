@@ -6,6 +6,7 @@ Whatever a line holds, it is answered, and a line that is answered with an error
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Iterator, Mapping
 from io import BufferedIOBase
 from typing import IO, Any, BinaryIO, NoReturn
@@ -21,6 +22,7 @@ from belief.references import ForeignCode
 from belief.validation import as_real
 from planners import Session
 from planners.episode import ACTION_NAMES
+from planners.session_log import problem_fields
 
 SCHEMA = "activetouch live 1"
 """Version of the protocol; the number grows when a client of an older one could be misled."""
@@ -61,11 +63,11 @@ class Conversation:
             with ForeignCode():  # of a decider
                 found = {"ok": True, **self._answer(given)}
         except Exception as error:  # whatever it was, the next line is answered
-            found = {"ok": False, "error": type(error).__name__, "message": str(error)[:_LONGEST]}
+            found = refusal(error)
         found["step"] = self.session.step
         if "id" in given:
             found["id"] = given["id"]
-        return (json.dumps(found, allow_nan=False) + "\n").encode("ascii")
+        return as_line(found)
 
     def _answer(self, given: dict[str, Any]) -> dict[str, Any]:
         do = given.get("do")
@@ -90,6 +92,7 @@ class Conversation:
             "poses": list(session.problem.pose_labels),
             "target": session.problem.shape_labels[session.target],
             "num_objects": session.problem.num_objects,
+            "composition": problem_fields(session.problem)["composition"],
             "touch_limit": session.problem.touch_limit,
             "image": {"shape": shape, "dtype": dtype},
         }
@@ -171,6 +174,16 @@ class Conversation:
         }
 
 
+def refusal(error: Exception) -> dict[str, Any]:
+    """The answer that says an error."""
+    return {"ok": False, "error": type(error).__name__, "message": str(error)[:_LONGEST]}
+
+
+def as_line(found: Mapping[str, Any]) -> bytes:
+    """An answer as a line of JSON."""
+    return (json.dumps(found, allow_nan=False) + "\n").encode("ascii")
+
+
 def requests(stream: IO[bytes] | BufferedIOBase, most: int = MOST_BYTES) -> Iterator[bytes | None]:
     """The lines of a stream; None for one of more than ``most`` bytes, of which no more is kept in memory."""
     while line := stream.readline(most + 1):
@@ -193,7 +206,7 @@ def _parsed(line: bytes | None) -> dict[str, Any]:
     if line is None:
         raise BadLine(f"a line has more than {MOST_BYTES} bytes; send larger images as base64, or fewer pixels")
     try:
-        given = json.loads(line.decode("utf-8"), parse_constant=_no_number)
+        given = json.loads(line.decode("utf-8"), parse_constant=_no_number, parse_float=_finite)
     except (ValueError, RecursionError) as error:
         raise BadLine(f"it is not JSON: {error or 'nested too deeply'}") from None
     if not isinstance(given, dict):
@@ -207,8 +220,12 @@ def _parsed(line: bytes | None) -> dict[str, Any]:
     return given
 
 
+def _finite(text: str) -> float:
+    return float(text) if math.isfinite(float(text)) else _no_number(text[:40])
+
+
 def _no_number(name: str) -> NoReturn:
-    raise BadLine(f"{name} is not a number of JSON")
+    raise BadLine(f"{name} is no finite number")
 
 
 def _numbers(given: Any, name: str) -> Any:

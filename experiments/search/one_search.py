@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +12,7 @@ from activetouch import TactileSensor
 from activetouch.named_scenes import SCENES
 from activetouch.sensor import RecordedSensor
 from activetouch.session_reader import SensorReader, session_reader
+from belief.arrangement import num_states
 from belief.composition import Composition, Counts
 from belief.errors import InvalidArgument
 from belief.naming import Name, index_of
@@ -104,7 +107,10 @@ def problem_of(
     composition: Composition | Counts | str | None = None,
     touch_cost: float = 0.02,
 ) -> SearchProblem:
-    """The rules of a search with a sensor; by default those of its named scene, or of up to four different objects."""
+    """The rules of a search with a sensor; by default those of its named scene, or of up to four different objects.
+
+    By default, where the exact sum over different objects is too large, they are independent, with a warning.
+    """
     if isinstance(sensor, RecordedSensor):
         usual, per_object = min(4, len(sensor.shape_labels)), _TOUCHES_PER_OBJECT
         among: Composition | Counts = Composition.DISTINCT
@@ -113,8 +119,10 @@ def problem_of(
         known = [some for some in SCENES.values() if scene in (some.scene, hand and some.scene.with_hand(hand))]
         named = known[0] if known else as_named(scene)
         usual, among, per_object = named.num_objects, named.composition, named.touches_per_object
+    if isinstance(composition, Counts):
+        usual = min(usual, composition.total)
     number = usual if num_objects is None else num_objects
-    return SearchProblem(
+    problem = SearchProblem(
         sensor.shape_labels,
         sensor.pose_labels,
         number,
@@ -122,6 +130,13 @@ def problem_of(
         touch_cost,
         touch_limit=per_object * number,
     )
+    try:
+        if composition is None and problem.counts is not None:
+            num_states(problem.counts, number)
+    except InvalidArgument as error:
+        warnings.warn(f"the objects are taken to be independent, so that two may be alike: {error}", stacklevel=4)
+        problem = replace(problem, composition=Composition.INDEPENDENT)
+    return problem
 
 
 def _played(
