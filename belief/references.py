@@ -104,12 +104,13 @@ class Reference:
         return found
 
 
+@dataclass(frozen=True)
 class ForeignCode:
     """Within the block, every exception of code of a user becomes CodeFailed, with its line in place of all frames.
 
     Ctrl-C and faults of this project pass unchanged.
 
-    Args:
+    Attributes:
         where: what was being done, which becomes a note of the error.
 
     >>> with ForeignCode():
@@ -120,8 +121,7 @@ class ForeignCode:
     SystemExit: 0
     """
 
-    def __init__(self, where: str = "") -> None:
-        self._where = where
+    where: str = ""
 
     def __enter__(self) -> None:
         """Nothing is needed."""
@@ -139,8 +139,8 @@ class ForeignCode:
             at = own[-1] if own else calls[-1][1]
             line = f"{at.filename}, line {at.lineno}: {at.line}".rstrip()
             failed = CodeFailed(f"{line}\n{type(error).__name__}: {error}")
-        if self._where:
-            failed.add_note(self._where)
+        if self.where:
+            failed.add_note(self.where)
         if failed is not error:
             raise failed from error
 
@@ -165,15 +165,7 @@ def look_in(folder: str) -> None:
 def build(
     name: str, found: Any, settings: Mapping[str, Any], offered: Mapping[str, Any], is_called: bool = True
 ) -> Any:
-    """Call a class or function with settings and offered values; return any other object unchanged.
-
-    Args:
-        name: for messages.
-        found: a class, a function, or another object.
-        settings: keyword arguments.
-        offered: values for parameters that ``settings`` do not give; values without a parameter are ignored.
-        is_called: whether the reference had brackets.
-    """
+    """Call a class or function with settings and offered values; return any other object unchanged."""
     if not inspect.isclass(found) and not inspect.isroutine(found):
         if is_called:
             raise BadReference(f"{name} is a {type(found).__name__} and takes no settings; write {name}")
@@ -194,17 +186,7 @@ def build(
 
 
 def find(what: str, text: str, registry: Mapping[str, Any], group: str) -> tuple[Any, Reference]:
-    """Find the object of a reference: a registry entry, an attribute of a module, or an entry point.
-
-    Args:
-        what: kind of object, for messages.
-        text: the reference.
-        registry: objects by name.
-        group: entry-point group that is searched after the registry.
-
-    Returns:
-        The object, which is not called yet, and the parsed reference.
-    """
+    """Find the object of a reference: a registry entry, an attribute of a module, or an entry point."""
     if text in registry:  # registry names may hold any characters
         return registry[text], Reference(text)
     reference = Reference.parse(text)

@@ -85,18 +85,10 @@ def _received(file: str, folder: str) -> Shared[Any]:
 
 
 def run_tasks(tasks: Sequence[Task[T]], jobs: int | None, description: str) -> Iterator[T]:
-    """Yield the result of every task in order of completion.
+    """Yield the result of every task in order of completion; without a number of jobs, on all processors.
 
     With one job, the tasks run in this process. Linear algebra uses one thread, in this process too: the last bit of a
     sum depends on the number of threads. Workers end with this process and on an interrupt.
-
-    Args:
-        tasks: what to run.
-        jobs: number of processes on this machine; as many as processors if None.
-        description: text of the progress bar.
-
-    Raises:
-        CannotWrite: What the processes share does not fit into the temporary folder.
     """
     from threadpoolctl import threadpool_limits
 

@@ -339,7 +339,7 @@ class Session:
         except OtherModel as error:
             journal.close()
             raise OtherModel(f"{path}: {error}") from None
-        except (LookupError, TypeError, ValueError, AttributeError) as error:
+        except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
             journal.close()
             raise CorruptFile(f"{path} is no log of a session: {error}") from error
         session._journal = journal

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, replace
 from math import isfinite
 from numbers import Real
 from typing import Any, Protocol
@@ -167,11 +168,7 @@ class Listener:
 
 
 def standing_of(events: Sequence[Told | None]) -> tuple[list[Told], Told | None]:
-    """What was told and not taken back, and what the last event took back, if it did.
-
-    Args:
-        events: what was told; None takes back the last that stands.
-    """
+    """What was told and not taken back, and what the last event took back, if it did."""
     standing: list[Told] = []
     undone = None
     for event in events:
@@ -216,11 +213,7 @@ def event_fields(told: Told | None, problem: SearchProblem) -> dict[str, Any]:
 
 
 def told_from(line: Mapping[str, Any], problem: SearchProblem, reader: ImageReader | None = None) -> Told:
-    """What a line of the log says.
-
-    Raises:
-        KeyError, TypeError, ValueError: it is no such line.
-    """
+    """What a line of the log says."""
     asked, arrays = line["asked"], {}
     for name in ("logits", "features", "image"):
         arrays[name] = array_from(line[name]) if name in line else None
@@ -247,11 +240,7 @@ def told_from(line: Mapping[str, Any], problem: SearchProblem, reader: ImageRead
 def events_from(
     lines: Sequence[Mapping[str, Any]], problem: SearchProblem, reader: ImageReader | None = None
 ) -> tuple[list[Told | None], list[str | None] | None]:
-    """All events of a session, and the true shapes if they were revealed.
-
-    Raises:
-        LookupError, TypeError, ValueError: they are no such lines.
-    """
+    """All events of a session, and the true shapes if they were revealed."""
     events: list[Told | None] = []
     truth = None
     for line in lines:
@@ -276,17 +265,17 @@ def problem_fields(problem: SearchProblem) -> dict[str, Any]:
     }
 
 
-def problem_from(given: Mapping[str, Any]) -> SearchProblem:
+def problem_from(fields: Mapping[str, Any]) -> SearchProblem:
     """The problem of :func:`problem_fields`."""
-    bag = given["composition"]
+    bag = fields["composition"]
     return SearchProblem(
-        tuple(given["shapes"]),
-        tuple(given["poses"]),
-        given["num_objects"],
+        tuple(fields["shapes"]),
+        tuple(fields["poses"]),
+        fields["num_objects"],
         Counts(bag) if isinstance(bag, dict) else bag,
-        given["touch_cost"],
-        given["touch_limit"],
-        given["unsure_reward"],
+        fields["touch_cost"],
+        fields["touch_limit"],
+        fields["unsure_reward"],
     )
 
 
@@ -299,10 +288,10 @@ def decider_fields(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [decider_fields(one) for one in value]
     kind = value if hasattr(value, "__qualname__") else type(value)
-    if kind is value or not is_dataclass(value):
+    if kind is value or not dataclasses.is_dataclass(value):
         return kind.__qualname__
-    settings = {field.name: decider_fields(getattr(value, field.name)) for field in fields(value) if field.init}
-    return {"class": kind.__qualname__, **settings}
+    settings = [field.name for field in dataclasses.fields(value) if field.init]
+    return {"class": kind.__qualname__} | {name: decider_fields(getattr(value, name)) for name in settings}
 
 
 def differences(begun: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
@@ -326,12 +315,7 @@ def digests(model: ObservationModel, reader: ImageReader | None) -> dict[str, st
 
 
 def require_same(header: Mapping[str, Any], model: ObservationModel, reader: ImageReader | None) -> None:
-    """Check that a log can be gone on with.
-
-    Raises:
-        ValueError: it has another schema.
-        OtherModel: it was made with another observation model or reader.
-    """
+    """Check that a log can be gone on with."""
     if (schema := header.get("schema")) != SCHEMA:
         raise ValueError(f"its schema is {schema!r:.60}, not {SCHEMA!r}")
     for what, digest in digests(model, reader).items():

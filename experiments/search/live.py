@@ -88,7 +88,8 @@ class Live:
     def _begun(self) -> tuple[Session, TactileSensor]:
         """The session, which may go on, and its sensor."""
         check_arguments(self)
-        sensor, composition = self._open(), self.composition
+        sensor = self._open()
+        composition: str | Counts | None = self.composition
         if among := list(dict.fromkeys(self.among)):
             if self.target not in among:
                 raise UnknownName("target among --among", self.target, among)

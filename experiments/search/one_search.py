@@ -55,12 +55,7 @@ def session_with(
     certificate: str | Path | Certificate | None = None,
     **settings: Any,
 ) -> Session:
-    """A session of a sensor; see :meth:`activetouch.TactileSensor.session`.
-
-    Raises:
-        InvalidArgument: the log is of another search.
-        NotCertified: the certificate was made for something else.
-    """
+    """A session of a sensor; see :meth:`activetouch.TactileSensor.session`."""
     problem = problem_of(sensor, num_objects, composition, touch_cost)
     shape, key, chosen = _played(sensor, problem, target, decider, seed)
     if certificate is not None:

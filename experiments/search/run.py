@@ -74,12 +74,7 @@ class RunFolder:
         self._known: dict[Cell, dict[str, dict[int, Batch]]] = {}
 
     def require(self, identity: Mapping[str, Any]) -> None:
-        """Check that the folder holds searches with this identity, or the given part of one, or none.
-
-        Raises:
-            RunMismatch: The folder holds a run with another identity.
-            CorruptFile: ``run.json`` is damaged, of another version, or not that of a run.
-        """
+        """Check that the folder holds searches with this identity, or the given part of one, or none."""
         if self.path is None or not (self.path / "run.json").exists():
             return
         if other := differing(self.read_run()["identity"], identity):
@@ -90,17 +85,7 @@ class RunFolder:
     def start(
         self, identity: Mapping[str, Any], arguments: Mapping[str, Any], sealed: Mapping[str, Any] | None = None
     ) -> None:
-        """Write ``run.json``, with the arguments with which ``--config`` repeats the comparison.
-
-        Args:
-            identity: what determines all searches.
-            arguments: of the comparison.
-            sealed: seal of ``episodes.jsonl``; that of the comparison before by default.
-
-        Raises:
-            RunMismatch: The folder holds a run with another identity.
-            CannotWrite: The disk is full, or the folder is a file or not writable.
-        """
+        """Write ``run.json``, with the arguments of the comparison; it keeps its seal unless one is given."""
         if self.path is None:
             return
         run = {"format": _FORMAT, "identity": identity, "arguments": arguments, "commit": commit_of_code()}
@@ -122,12 +107,7 @@ class RunFolder:
             self.start(identity, arguments, _seal(content))
 
     def read_run(self) -> dict[str, Any]:
-        """The content of ``run.json``.
-
-        Raises:
-            FileNotFoundError: It does not exist.
-            CorruptFile: It is damaged, of another version, or not that of a run.
-        """
+        """The content of ``run.json``."""
         assert self.path is not None, "only a folder has a run.json"
         file = self.path / "run.json"
         if not file.exists():
@@ -179,11 +159,7 @@ class RunFolder:
         return lines
 
     def add(self, cell: Cell, key: str, number: int, batch: Batch) -> None:
-        """Append a batch, by its key and number, to a cell.
-
-        Raises:
-            CannotWrite: The disk is full, or the folder is not writable; earlier batches are kept.
-        """
+        """Append a batch, by its key and number, to a cell."""
         self._hold(cell, key, number, batch)
         if self.path is None:
             return
@@ -203,12 +179,7 @@ class RunFolder:
             raise cannot_write(file, error) from error
 
     def latest(self, labels: Sequence[str]) -> dict[Cell, list[str]]:
-        """JSON lines of the episodes of the latest comparison; the labels are of all shapes.
-
-        Raises:
-            FileNotFoundError: no comparison is finished.
-            CorruptFile: the file of episodes was changed or shortened, or has none.
-        """
+        """JSON lines of the episodes of the latest comparison; the labels are of all shapes."""
         assert self.path is not None, "only a folder has a file of episodes"
         again = self.command("compare", config=self.path / "run.json")
         if not (file := self.path / "episodes.jsonl").exists():
@@ -325,12 +296,7 @@ class Run:
         }
 
     def play(self, jobs: int | None = None) -> None:
-        """Play the batches that the folder lacks on several processes; each is kept as soon as it is finished.
-
-        Raises:
-            RunMismatch: The folder holds another run.
-            CannotWrite: The disk is full, or the folder is not writable.
-        """
+        """Play the batches that the folder lacks on several processes; each is kept as soon as it is finished."""
         self.folder.require(self.searches.identity)
         self._tell_outdated()
         is_started = False

@@ -11,7 +11,7 @@ import pytest
 from belief import Composition, Confirm, ImpossibleObservation, Probe, Reject, SearchProblem, Touch, Unsure
 from belief.calibration import TemperatureScaling
 from belief.errors import CannotWrite, CorruptFile, InvalidArgument, UnknownName
-from belief.journal import read_journal
+from belief.journal import Journal, read_journal
 from belief.observation_model import ConfusionModel
 from belief.scene_belief import UNKNOWN
 from belief.seeding import touch_rng
@@ -206,6 +206,39 @@ def test_a_copy_of_a_session_goes_on_by_itself(copied, tmp_path):
         answer(session, robot)
     expected = search(world(3), decider("random_poses"), PROBLEM, 1, MODEL, 3)
     assert [step.decision for step in session.steps] == [step.decision for step in expected.steps]
+
+
+@pytest.mark.parametrize(
+    ("place", "name", "values"),
+    [
+        ("line", "object", (-1, 4, 0.5, True, None, "0")),
+        ("line", "force", (-1, True, "1", 10**400)),
+        ("line", "area", (-1e-9, [1])),
+        ("line", "told", ("felt", None, 3)),
+        ("line", "pose", (3, "back", -1)),
+        ("header", "target", ("mug", 4, -1)),
+        ("header", "seed", ([-1], "a", [0.5])),
+        ("header", "least_force", (-1, "x")),
+        ("header", "least_area", (-1, [])),
+        ("header", "arrangement", (["shape_1"], [9, None, None, None])),
+        ("problem", "num_objects", (0, -1, 2.5, 5, 10**9)),
+        ("problem", "touch_limit", (0, -1, 2.5)),
+        ("problem", "touch_cost", (-1, "x")),
+        ("problem", "unsure_reward", (-2, 1, "x")),
+        ("problem", "composition", ("heap", {"shape_0": -1}, 3)),
+    ],
+)
+def test_a_log_with_a_number_out_of_its_range_is_refused_though_it_is_sealed(place, name, values, tmp_path):
+    session = begun()
+    session.tell(part_touch(session), pose=0, force=1.0, area=1e-5)
+    session.save(tmp_path / "log")
+    session.close()
+    for number, value in enumerate(values):
+        header, line = read_journal(tmp_path / "log")
+        {"line": line, "header": header, "problem": header["problem"]}[place][name] = value
+        Journal.create(tmp_path / f"{number}", [header, line]).close()
+        with pytest.raises(CorruptFile, match="is no log of a session"):
+            Session.load(tmp_path / f"{number}", model=MODEL, decider=decider())
 
 
 class Probes:
