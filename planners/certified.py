@@ -111,11 +111,6 @@ def fit_of_search(target: int, steps: Sequence[Step], model: ObservationModel) -
     """How well the touches of a search fit the likeliest world of its sensor, up to where it first could confirm.
 
     So far, a search is the same with all certificates.
-
-    Args:
-        target: index of the shape that is sought.
-        steps: of the search.
-        model: likelihood of touches.
     """
     objects, world = dict[int, list[Touch]](), 0.0
     for step in steps:

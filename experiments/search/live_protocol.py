@@ -37,12 +37,7 @@ class BadLine(InvalidArgument):
 
 
 class Conversation:
-    """Answers the requests of one session.
-
-    Args:
-        session: that is driven.
-        sensor: that made it.
-    """
+    """Answers the requests of one session of a sensor."""
 
     def __init__(self, session: Session, sensor: TactileSensor) -> None:
         self.session, self.sensor = session, sensor

@@ -63,11 +63,7 @@ class Batch:
 
 
 class RunFolder:
-    """Reads and writes a run folder.
-
-    Args:
-        path: the folder; created by the first write. None keeps the batches in memory.
-    """
+    """Reads and writes a run folder, which the first write creates; without a path, batches are kept in memory."""
 
     def __init__(self, path: Path | None) -> None:
         self.path = path
