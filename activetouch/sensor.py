@@ -263,7 +263,7 @@ class TactileSensor:
             touch_cost: as of :meth:`search`.
             log: file for all that is told, each on disk before the next question; if it exists, its search goes on.
             settings: of :class:`planners.Session`: ``arrangement``, ``abstain``, ``log_bets``, ``least_force`` and
-                ``least_area``; a log that exists has its own. Where it may abstain, an image that could be one of no
+                ``least_area``; a log goes on with its own alone. Where it may abstain, an image that could be one of no
                 contact is a miss. ``certificate`` of :func:`activetouch.certify`, or its file, says where an object is
                 confirmed, without such misses; NotCertified if it was made for another search.
 
@@ -272,7 +272,7 @@ class TactileSensor:
 
         Raises:
             UnknownName: no shape or no decider has this name.
-            InvalidArgument: a number is out of its range, or the log is of another search.
+            InvalidArgument: a number is out of its range, or the log is of another search, decider or limit.
             CorruptFile, CannotWrite: the log cannot be read or written.
         """
         require_own_packages("planners", "experiments")

@@ -33,7 +33,7 @@ import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
 
-from belief.errors import ImpossibleObservation
+from belief.errors import ImpossibleObservation, InvalidArgument
 from belief.validation import Floats, as_real, require_index
 
 MAX_STATES = 2**20
@@ -141,7 +141,7 @@ def num_states(counts: Sequence[int], num_objects: int) -> int:
     """
     number = num_multisets(tuple(counts), num_objects, MAX_STATES)
     if number > MAX_STATES:
-        raise ValueError(
+        raise InvalidArgument(
             f"an exact sum over {num_objects} objects from a bag of {sum(counts)} in {np.count_nonzero(counts)} shapes "
             f"has more than {MAX_STATES} multisets (20 distinct shapes). Use fewer objects or shapes, or the "
             "composition 'independent'"

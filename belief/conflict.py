@@ -41,7 +41,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from belief.files import from_field, to_field
 from belief.frozen import FrozenArrays, frozen
-from belief.validation import Floats
+from belief.validation import Floats, require_count, require_number
 
 NOVELTY, MISFIT = 0, 1
 """Index of the two scores."""
@@ -280,7 +280,10 @@ class ConflictTest(FrozenArrays):
         novelty = Novelty(*read("means", "whitening", "levels", "widths"))
         usual = UsualMisfit(*read("misfit_edges", "misfit_medians", "misfit_widths"))
         medians, quantiles = read("medians", "quantiles")
-        return cls(novelty, usual, medians, np.array(fields["correlations"]), quantiles, int(fields["num_objects"]))
+        require_count("num_objects", number := fields["num_objects"], _FEWEST_OBJECTS)
+        for correlation in fields["correlations"]:
+            require_number("a correlation", correlation, 0.0, 1.0)
+        return cls(novelty, usual, medians, np.array(fields["correlations"]), quantiles, number)
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,6 +43,10 @@ def install_command(extra: str) -> str:
     return f"pip install '{place}[{extra}]'"
 
 
+class CodeFailed(ActiveTouchError, RuntimeError):
+    """Code of a user, such as a decider, raised an exception; the message names the line."""
+
+
 class BrokenContract(ActiveTouchError, AssertionError):
     """A user's object violates its protocol; the message states the rule and the input."""
 

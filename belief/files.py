@@ -342,3 +342,8 @@ def _source(part: type | FunctionType) -> bytes:
 def is_standard(name: str) -> bool:
     """Whether a module belongs to the Python standard library."""
     return name.partition(".")[0] in sys.stdlib_module_names
+
+
+def is_installed(file: str) -> bool:
+    """Whether a source file was installed with a package."""
+    return bool({"site-packages", "dist-packages"} & set(Path(file).parts))

@@ -13,14 +13,18 @@ from __future__ import annotations
 import ast
 import importlib
 import inspect
+import re
 import sys
+import traceback
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from importlib.metadata import entry_points
+from importlib.metadata import distributions, entry_points
 from pathlib import Path
+from types import TracebackType
 from typing import Any
 
-from belief.errors import ActiveTouchError, UnknownName
+from belief.errors import ActiveTouchError, CodeFailed, UnknownName
+from belief.files import is_installed, is_standard
 
 
 class BadReference(ActiveTouchError, ValueError):
@@ -77,7 +81,10 @@ class Reference:
         here = str(Path.cwd())
         look_in(here)
         try:
-            found: Any = importlib.import_module(module_name)
+            with ForeignCode(f"importing {module_name}, for {self.name}"):
+                found: Any = importlib.import_module(module_name)
+        except CodeFailed:
+            raise
         except ModuleNotFoundError as error:
             if error.name != module_name.split(".")[0] and error.name != module_name:
                 raise BadReference(f"{self.name}: importing {module_name} failed: {error}") from error
@@ -97,6 +104,57 @@ class Reference:
         return found
 
 
+@dataclass(frozen=True)
+class ForeignCode:
+    """Within the block, every exception of code of a user becomes CodeFailed, with its line in place of all frames.
+
+    Ctrl-C and faults of this project pass unchanged.
+
+    Attributes:
+        where: what was being done, which becomes a note of the error.
+
+    >>> with ForeignCode():
+    ...     exec("import sys; sys.exit(0)")
+    Traceback (most recent call last):
+    ...
+    belief.errors.CodeFailed: <string>, line 1:
+    SystemExit: 0
+    """
+
+    where: str = ""
+
+    def __enter__(self) -> None:
+        """Nothing is needed."""
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: TracebackType | None) -> None:
+        """Raise CodeFailed in place of the error."""
+        if error is None or isinstance(error, KeyboardInterrupt):
+            return
+        failed: BaseException = error
+        if not isinstance(error, ActiveTouchError):
+            calls = list(zip(traceback.walk_tb(trace), traceback.extract_tb(trace), strict=True))
+            own = [at for (frame, _), at in calls if _is_foreign(frame.f_globals.get("__name__", ""), at.filename)]
+            if isinstance(error, Exception) and not own:
+                return
+            at = own[-1] if own else calls[-1][1]
+            line = f"{at.filename}, line {at.lineno}: {at.line}".rstrip()
+            failed = CodeFailed(f"{line}\n{type(error).__name__}: {error}")
+        if self.where:
+            failed.add_note(self.where)
+        if failed is not error:
+            raise failed from error
+
+
+def _is_foreign(module: str, file: str) -> bool:
+    """Whether code is of neither this project nor Python, and not installed unless it is offered to this project."""
+    top = module.partition(".")[0]
+    if top in ("activetouch", "belief", "planners", "experiments") or is_standard(module):
+        return False
+    offered = (entry for found in distributions() for entry in found.entry_points)
+    names = {re.split("[.:]", entry.value)[0] for entry in offered if entry.group.startswith("activetouch.")}
+    return not is_installed(file) or top in names
+
+
 def look_in(folder: str) -> None:
     """Put a folder last in the module search path, where it hides no installed module."""
     if folder not in sys.path:
@@ -107,15 +165,7 @@ def look_in(folder: str) -> None:
 def build(
     name: str, found: Any, settings: Mapping[str, Any], offered: Mapping[str, Any], is_called: bool = True
 ) -> Any:
-    """Call a class or function with settings and offered values; return any other object unchanged.
-
-    Args:
-        name: for messages.
-        found: a class, a function, or another object.
-        settings: keyword arguments.
-        offered: values for parameters that ``settings`` do not give; values without a parameter are ignored.
-        is_called: whether the reference had brackets.
-    """
+    """Call a class or function with settings and offered values; return any other object unchanged."""
     if not inspect.isclass(found) and not inspect.isroutine(found):
         if is_called:
             raise BadReference(f"{name} is a {type(found).__name__} and takes no settings; write {name}")
@@ -131,21 +181,12 @@ def build(
     missing = [n for n in named if parameters[n].default is inspect.Parameter.empty and n not in arguments]
     if missing:
         raise BadReference(f"{name} needs {', '.join(missing)}; write {name}({', '.join(f'{m}=...' for m in missing)})")
-    return found(**arguments)
+    with ForeignCode(f"{name} cannot be made"):
+        return found(**arguments)
 
 
 def find(what: str, text: str, registry: Mapping[str, Any], group: str) -> tuple[Any, Reference]:
-    """Find the object of a reference: a registry entry, an attribute of a module, or an entry point.
-
-    Args:
-        what: kind of object, for messages.
-        text: the reference.
-        registry: objects by name.
-        group: entry-point group that is searched after the registry.
-
-    Returns:
-        The object, which is not called yet, and the parsed reference.
-    """
+    """Find the object of a reference: a registry entry, an attribute of a module, or an entry point."""
     if text in registry:  # registry names may hold any characters
         return registry[text], Reference(text)
     reference = Reference.parse(text)

@@ -226,6 +226,9 @@ class SceneBelief(ReadableScene):
                 stacklevel=2,
             )
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state | {name: list(state[name]) for name in ("_touches", "_evidence")})
+
     def view(self) -> SceneView:
         """A read-only view of the current belief, which later touches do not change."""
         return SceneView(self)

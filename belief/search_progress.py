@@ -17,7 +17,9 @@ True
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from enum import StrEnum
+from typing import Any
 
 from numpy.typing import ArrayLike
 
@@ -63,6 +65,9 @@ class SearchProgress:
         self.scene = SceneBelief(problem, model, prior, target=target, log_bets=log_bets)
         self.num_rejected = self.num_touches = 0
         self.outcome: Outcome | None = None
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state, scene=copy(state["scene"]))
 
     @property
     def object_index(self) -> int:

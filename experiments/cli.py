@@ -98,6 +98,7 @@ def _run(arguments: list[str]) -> None:
     with loading():
         from belief.errors import ActiveTouchError
         from belief.files import is_of_writing
+        from belief.references import ForeignCode
         from experiments.command_line.console import plain_warnings, print_on_any_terminal
 
         print_on_any_terminal()
@@ -115,7 +116,8 @@ def _run(arguments: list[str]) -> None:
             sys.exit(f"activetouch: {error}")
     try:
         with running(), plain_warnings():
-            command.run()
+            with ForeignCode():
+                command.run()
             if OPEN in arguments:
                 _open_page()
     except BrokenPipeError:

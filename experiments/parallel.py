@@ -25,7 +25,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from activetouch.errors import MeshWarning
 from belief.errors import CannotWrite
 from belief.files import is_of_writing
-from belief.references import look_in
+from belief.references import ForeignCode, look_in
 from experiments.command_line.console import plain_console
 
 T = TypeVar("T")
@@ -85,18 +85,10 @@ def _received(file: str, folder: str) -> Shared[Any]:
 
 
 def run_tasks(tasks: Sequence[Task[T]], jobs: int | None, description: str) -> Iterator[T]:
-    """Yield the result of every task in order of completion.
+    """Yield the result of every task in order of completion; without a number of jobs, on all processors.
 
     With one job, the tasks run in this process. Linear algebra uses one thread, in this process too: the last bit of a
     sum depends on the number of threads. Workers end with this process and on an interrupt.
-
-    Args:
-        tasks: what to run.
-        jobs: number of processes on this machine; as many as processors if None.
-        description: text of the progress bar.
-
-    Raises:
-        CannotWrite: What the processes share does not fit into the temporary folder.
     """
     from threadpoolctl import threadpool_limits
 
@@ -105,7 +97,7 @@ def run_tasks(tasks: Sequence[Task[T]], jobs: int | None, description: str) -> I
         return
     with threadpool_limits(1), progress_bar() as progress:
         bar = progress.add_task(description, total=len(tasks))
-        with closing((task() for task in tasks) if jobs == 1 else _in_parallel(tasks, jobs)) as results:
+        with closing((_called(task) for task in tasks) if jobs == 1 else _in_parallel(tasks, jobs)) as results:
             for result in results:
                 progress.advance(bar)
                 yield result
@@ -119,7 +111,7 @@ def _in_parallel(tasks: Sequence[Task[T]], jobs: int) -> Generator[T, None, None
     with joblib.parallel_config("loky", inner_max_num_threads=1, **ending):
         parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", pre_dispatch="2*n_jobs")
     with block_interrupt():
-        results = parallel(joblib.delayed(task)() for task in tasks)
+        results = parallel(joblib.delayed(_called)(task) for task in tasks)
     try:
         yield from results
     except PicklingError as error:
@@ -134,6 +126,12 @@ def _in_parallel(tasks: Sequence[Task[T]], jobs: int) -> Generator[T, None, None
         with warnings.catch_warnings():  # of unfinished tasks, when the caller stops early
             warnings.simplefilter("ignore", UserWarning)
             results.close()
+
+
+def _called(task: Task[T]) -> T:
+    """The result of a task, which may run code of a user."""
+    with ForeignCode():
+        return task()
 
 
 def _of_full_disk(error: PicklingError) -> OSError | None:

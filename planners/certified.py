@@ -24,7 +24,8 @@ from belief.statistics.exchangeability import log_e_values
 from belief.statistics.stop_thresholds import CertifiedThresholds
 from belief.table import Table, Tabular
 from belief.touch_fit import touch_fit
-from belief.validation import require_count
+from belief.validation import require_count, require_fraction, require_index, require_number
+from planners.abstaining import Abstaining
 from planners.decider import Decider, Decision, InformationState, are_touches_used, checked_decision
 from planners.episode import Step
 from planners.session import Session
@@ -58,6 +59,7 @@ class Certified:
         thresholds: stated probability of the target from which an object is confirmed, by the number of its touches;
             the last one is for so many and more; infinite for never.
         max_touches: touches of one object after which it is not touched again, at least 1.
+        made_for: of the certificate, as there; None without one.
 
     Raises:
         InvalidArgument: no threshold, or a number out of its range; in :meth:`decide`, the search does not have the
@@ -67,6 +69,7 @@ class Certified:
     decider: Decider
     thresholds: tuple[float, ...]
     max_touches: int = 6
+    made_for: Mapping[str, Any] | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if not self.thresholds or not all(threshold >= 0.0 for threshold in self.thresholds):
@@ -108,11 +111,6 @@ def fit_of_search(target: int, steps: Sequence[Step], model: ObservationModel) -
     """How well the touches of a search fit the likeliest world of its sensor, up to where it first could confirm.
 
     So far, a search is the same with all certificates.
-
-    Args:
-        target: index of the shape that is sought.
-        steps: of the search.
-        model: likelihood of touches.
     """
     objects, world = dict[int, list[Touch]](), 0.0
     for step in steps:
@@ -149,6 +147,10 @@ class Certificate(Tabular):
         made_for: JSON types that name the world, the objects, the decider, the sensor and the rules.
         usual: of each calibration search.
         since: of each search of the set-up, in their order.
+        counted: digests of the sessions of these searches.
+
+    Raises:
+        InvalidArgument: a number is out of its range, or fields do not fit each other.
     """
 
     decider: str
@@ -162,6 +164,27 @@ class Certificate(Tabular):
     made_for: Mapping[str, Any] = field(repr=False)
     usual: tuple[Fit, ...] = field(default=(), repr=False)
     since: tuple[Fit, ...] = field(default=(), repr=False)
+    counted: tuple[str, ...] = field(default=(), repr=False)
+
+    def __post_init__(self) -> None:
+        for name in ("risk", "confidence"):
+            require_fraction(name, getattr(self, name))
+        for name in ("num_searches", "max_touches"):
+            require_count(name, getattr(self, name))
+        for limit in self.thresholds:
+            require_number("a threshold below infinity", 0.0 if limit == math.inf else limit, 0.0, 1.0)
+        for stops, wrong in zip(self.stops, self.wrong, strict=True):
+            require_count("stops", stops, 0)
+            require_index("wrong", wrong, stops + 1)
+        for target, *fit in (*self.usual, *self.since):
+            require_count("the target of a search", target, 0)
+            for number in fit:
+                require_number("the fit of a search", number, -_LARGEST, _LARGEST)
+        labels = self.made_for["targets"]
+        if not (isinstance(labels, list) and labels and all(isinstance(label, str) for label in labels)):
+            raise InvalidArgument(f"the targets must be one label or more, got {labels!r:.80}")
+        if not (len(self.thresholds) == len(self.stops) > 0 and len(self.counted) <= len(self.since)):
+            raise InvalidArgument("thresholds, stops and searches do not fit each other")
 
     def table(self) -> Table:
         """The thresholds by number of touches, and what is promised."""
@@ -196,14 +219,28 @@ class Certificate(Tabular):
         Count all searches, for targets that are chosen without looking at what was felt.
 
         Raises:
-            InvalidArgument: the search has not ended, or sought another target.
+            InvalidArgument: the search has not ended, sought another target, did not stop by this certificate (another
+                decider, sensor or certificate, or none), or was counted before. Nothing is counted then.
         """
         target = session.problem.shape_labels[session.target]
         if session.outcome is None:
             raise InvalidArgument("the certificate counts ended searches, and this one has not ended")
         if target not in self.made_for["targets"]:
             raise InvalidArgument(f"the certificate counts searches for its targets, got one for {target}")
-        return replace(self, since=(*self.since, fit_of_search(session.target, session.steps, session.model)))
+        decider = session.decider.decider if isinstance(session.decider, Abstaining) else session.decider
+        if not isinstance(decider, Certified) or decider.made_for is None:
+            raise InvalidArgument(
+                "the certificate counts searches that stopped by it, and this one had none: begin it with "
+                "sensor.session(…, certificate=…)"
+            )
+        if other := self._other(decider.made_for):
+            raise InvalidArgument(f"the certificate does not count a search of something else: {other}")
+        if (decider.thresholds, decider.max_touches) != (self.thresholds, self.max_touches):
+            raise InvalidArgument(f"the search stopped by another certificate, with thresholds {decider.thresholds}")
+        if session.digest in self.counted:
+            raise InvalidArgument("the certificate counts a session once, and has counted this one before")
+        fit = fit_of_search(session.target, session.steps, session.model)
+        return replace(self, since=(*self.since, fit), counted=(*self.counted, session.digest))
 
     def wrap(self, decider: Decider, made_for: Mapping[str, Any]) -> Certified:
         """The decider, with the stops of this certificate.
@@ -217,14 +254,18 @@ class Certificate(Tabular):
         """
         if self.is_withdrawn:
             raise NotCertified(self._withdrawal)
-        names = dict.fromkeys([*self.made_for, *made_for])
-        if other := [name for name in names if self.made_for.get(name) != made_for.get(name)]:
-            told = "; ".join(f"the {name}: {_differing(self.made_for.get(name), made_for.get(name))}" for name in other)
+        if other := self._other(made_for):
             raise NotCertified(
-                f"the certificate does not hold here, because it was made for something else: {told}. "
+                f"the certificate does not hold here, because it was made for something else: {other}. "
                 "Make one with activetouch certify"
             )
-        return Certified(decider, self.thresholds, self.max_touches)
+        return Certified(decider, self.thresholds, self.max_touches, self.made_for)
+
+    def _other(self, made_for: Mapping[str, Any]) -> str:
+        """In what something differs from what it was made for, in words; empty for nothing."""
+        names = dict.fromkeys([*self.made_for, *made_for])
+        other = [name for name in names if self.made_for.get(name) != made_for.get(name)]
+        return "; ".join(f"the {name}: {_differing(self.made_for.get(name), made_for.get(name))}" for name in other)
 
     def save(self, path: str | Path) -> None:
         """Write the certificate as JSON with a digest; raises CannotWrite."""
@@ -245,18 +286,12 @@ class Certificate(Tabular):
             if (schema := given.pop("schema", None)) != SCHEMA:
                 raise ValueError(f"its schema is {schema!r}, not {SCHEMA!r}")
             limits = tuple(math.inf if limit is None else float(limit) for limit in given["thresholds"])
-            counts = {name: tuple(int(number) for number in given[name]) for name in ("stops", "wrong")}
+            lists = {name: tuple(given.get(name, ())) for name in ("stops", "wrong", "counted")}
             fits = {
-                name: tuple((int(target), float(misfit), float(strange)) for target, misfit, strange in given[name])
+                name: tuple((target, float(misfit), float(strange)) for target, misfit, strange in given[name])
                 for name in ("usual", "since")
             }
-            found = cls(**{**given, "thresholds": limits, **counts, **fits})
-            if (
-                not isinstance(found.made_for["targets"], list)
-                or not len(limits) == len(found.stops) == len(found.wrong) > 0
-            ):
-                raise ValueError("its fields do not fit each other")
-            return found
+            return cls(**{**given, "thresholds": limits, **lists, **fits})
         except FileNotFoundError:
             raise FileNotFoundError(f"there is no certificate {file}; make it with activetouch certify") from None
         except (OSError, ValueError, TypeError, LookupError) as error:

@@ -19,6 +19,8 @@ Probe(pose=0)
 
 from __future__ import annotations
 
+import hashlib
+import json
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -46,6 +48,8 @@ from planners.session_log import (
     Listener,
     OtherModel,
     Told,
+    decider_fields,
+    differences,
     digests,
     event_fields,
     events_from,
@@ -85,6 +89,9 @@ class Session:
         model: likelihood of touches.
         seed: as a tuple.
         target: index of the shape sought.
+        decider: that chooses the actions, in :class:`planners.abstaining.Abstaining` if it may be unsure.
+
+    A copy of a session goes on by itself, from the same state and without the log.
 
     Raises:
         UnknownName: no shape has the target's name.
@@ -112,7 +119,7 @@ class Session:
             problem = problem if problem.unsure_reward is not None else replace(problem, unsure_reward=0.0)
         self.problem, self.model = problem, model
         self.seed, self.target = checked_key(seed), index_of("target", problem.shape_labels, target)
-        self._decider, self._log_bets = decider, log_bets
+        self.decider, self._log_bets = decider, log_bets
         self._listener = Listener(problem, model, reader, least_force, least_area)
         self._journal: Journal | None = None
         self.arrangement = self._shapes([None] * problem.num_objects if arrangement is None else arrangement)
@@ -121,6 +128,13 @@ class Session:
         self._events: list[Told | None] = []  # None: the last one that stands is taken back
         self._steps: list[Step] = []
         self._asked: Decision | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "_journal": None, "_progress": None, "_rng": deciding_rng(self.seed)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._restore(list(self._events))
 
     def __repr__(self) -> str:
         now = str(self.outcome) if self.outcome is not None else repr(self.belief)
@@ -131,7 +145,7 @@ class Session:
         progress = self._progress
         if self._asked is None and progress.outcome is None:
             info = InformationState.of(self.problem, self.target, progress.scene, progress.object_index)
-            decision = checked_decision(self._decider.decide(info, self._rng), self._decider, self.problem)
+            decision = checked_decision(self.decider.decide(info, self._rng), self.decider, self.problem)
             if isinstance(decision.action, Probe) and not progress.may_touch:
                 self._steps.append(Step(progress.object_index, info.belief, decision, None))
                 progress.act(decision.action)
@@ -232,6 +246,12 @@ class Session:
         return len(self._events)
 
     @property
+    def digest(self) -> str:
+        """Digest of what was told first, and when: the same for a session, its copies and its log, whatever follows."""
+        first = [event_fields(told, self.problem) for told in self._events[:1]]
+        return hashlib.sha256(json.dumps([self.seed, self.target, first], sort_keys=True).encode()).hexdigest()
+
+    @property
     def object_index(self) -> int:
         """The current object."""
         return self._progress.object_index
@@ -278,7 +298,8 @@ class Session:
         if self._journal is not None and self._journal.path == Path(path).resolve():
             return
         lines = [event_fields(told, self.problem) for told in self._events]
-        journal = Journal.create(Path(path).resolve(), [self._header(), *lines])
+        header = {"schema": SCHEMA, "time": time.time(), **self.set_up}
+        journal = Journal.create(Path(path).resolve(), [header, *lines])
         self.close()
         self._journal = journal
 
@@ -296,7 +317,7 @@ class Session:
 
         Raises:
             CorruptFile: it is no log of a session, or was changed after it was written.
-            OtherModel: it was made with another model, reader or certificate.
+            OtherModel: it was made with another model, reader, decider or certificate.
             CannotWrite: it cannot be written, or another process has it open.
         """
         path = Path(path).resolve()
@@ -307,15 +328,18 @@ class Session:
             settings = ("arrangement", "abstain", "log_bets", "least_force", "least_area")
             given = {name: header[name] for name in settings}
             session = cls(problem, decider, target, model, seed, reader=reader, **given)
-            if header.get("stop_rule", rule := session._header()["stop_rule"]) != rule:  # older logs have none
+            now = session.set_up
+            if header.get("stop_rule", now["stop_rule"]) != now["stop_rule"]:  # older logs have none, and no decider
                 raise OtherModel("the session began with another certificate, or without one; give the same again")
+            if other := differences({"decider": header.get("decider", now["decider"])}, now):
+                raise OtherModel(f"the session began with another decider: {'; '.join(other)}; give the same again")
             events, truth = events_from(lines, session.problem, reader)
             session._restore(events)
             session.arrangement = session.arrangement if truth is None else session._shapes(truth)
         except OtherModel as error:
             journal.close()
             raise OtherModel(f"{path}: {error}") from None
-        except (LookupError, TypeError, ValueError, AttributeError) as error:
+        except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
             journal.close()
             raise CorruptFile(f"{path} is no log of a session: {error}") from error
         session._journal = journal
@@ -376,17 +400,18 @@ class Session:
     def _named(self, shapes: Sequence[int]) -> list[str | None]:
         return [None if shape == UNKNOWN else self.problem.shape_labels[shape] for shape in shapes]
 
-    def _header(self) -> dict[str, Any]:
+    @property
+    def set_up(self) -> dict[str, Any]:
+        """What the session began with, as JSON types: the fields of the first line of its log."""
         listener = self._listener
         return {
-            "schema": SCHEMA,
-            "time": time.time(),
             "problem": problem_fields(self.problem),
             "target": self.problem.shape_labels[self.target],
             "seed": list(self.seed),
             "arrangement": self._named(self.arrangement),
             "abstain": self._abstains,
-            "stop_rule": getattr(self._decider, "stop_rule", None),
+            "decider": decider_fields(self.decider),
+            "stop_rule": getattr(self.decider, "stop_rule", None),
             "log_bets": np.asarray(self._log_bets, np.float64).tolist(),
             "least_force": listener.least_force,
             "least_area": listener.least_area,

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import isfinite
+from numbers import Real
 from typing import Any, Protocol
 
 import numpy as np
@@ -18,6 +20,7 @@ from belief.journal import array_field, array_from
 from belief.naming import index_of
 from belief.observation_model.model import ObservationModel
 from belief.problem import Action, Elsewhere, Probe, SearchProblem, Touch
+from belief.validation import require_index
 from planners.decider import Decision
 from planners.episode import ACTION_NAMES, ACTIONS
 
@@ -26,7 +29,7 @@ SCHEMA = "activetouch session 1"
 
 
 class OtherModel(InvalidArgument):
-    """A log was made with another observation model or reader; its beliefs would not be the same."""
+    """A log was made with another observation model, reader or decider; the search would not be the same."""
 
 
 class ImageReader(Protocol):
@@ -165,11 +168,7 @@ class Listener:
 
 
 def standing_of(events: Sequence[Told | None]) -> tuple[list[Told], Told | None]:
-    """What was told and not taken back, and what the last event took back, if it did.
-
-    Args:
-        events: what was told; None takes back the last that stands.
-    """
+    """What was told and not taken back, and what the last event took back, if it did."""
     standing: list[Told] = []
     undone = None
     for event in events:
@@ -214,11 +213,7 @@ def event_fields(told: Told | None, problem: SearchProblem) -> dict[str, Any]:
 
 
 def told_from(line: Mapping[str, Any], problem: SearchProblem, reader: ImageReader | None = None) -> Told:
-    """What a line of the log says.
-
-    Raises:
-        KeyError, TypeError, ValueError: it is no such line.
-    """
+    """What a line of the log says."""
     asked, arrays = line["asked"], {}
     for name in ("logits", "features", "image"):
         arrays[name] = array_from(line[name]) if name in line else None
@@ -235,20 +230,17 @@ def told_from(line: Mapping[str, Any], problem: SearchProblem, reader: ImageRead
         touch = Touch(pose, arrays["logits"], arrays["features"], elsewhere)
     if kind != "miss" and (touch is None) == (kind == "touch"):
         raise ValueError("a touch needs a pose, and an action that is no touch has none")
-    numbers = {name: float(line[name]) for name in ("force", "area") if name in line}
+    numbers = {name: _not_negative(name, line[name]) for name in ("force", "area") if name in line}
     decision = Decision(action, scores)
-    at = int(line["object"])
+    at = line["object"]
+    require_index("object", at, problem.num_objects)
     return Told(decision, line["rng"], at, touch, kind == "miss", arrays["image"], time=float(line["time"]), **numbers)
 
 
 def events_from(
     lines: Sequence[Mapping[str, Any]], problem: SearchProblem, reader: ImageReader | None = None
 ) -> tuple[list[Told | None], list[str | None] | None]:
-    """All events of a session, and the true shapes if they were revealed.
-
-    Raises:
-        LookupError, TypeError, ValueError: they are no such lines.
-    """
+    """All events of a session, and the true shapes if they were revealed."""
     events: list[Told | None] = []
     truth = None
     for line in lines:
@@ -287,6 +279,34 @@ def problem_from(fields: Mapping[str, Any]) -> SearchProblem:
     )
 
 
+def decider_fields(value: Any) -> Any:
+    """Class and settings of a decider as JSON types; arrays and what is no dataclass by the name of the class alone."""
+    if isinstance(value, str | bool | int | None):
+        return value
+    if isinstance(value, Real):
+        return float(value) if isfinite(value) else str(value)
+    if isinstance(value, list | tuple):
+        return [decider_fields(one) for one in value]
+    kind = value if hasattr(value, "__qualname__") else type(value)
+    if kind is value or not dataclasses.is_dataclass(value):
+        return kind.__qualname__
+    settings = [field.name for field in dataclasses.fields(value) if field.init]
+    return {"class": kind.__qualname__} | {name: decider_fields(getattr(value, name)) for name in settings}
+
+
+def differences(begun: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+    """In what the set-up that a session began with differs from another, in words; new fields of the other are none."""
+    found = []
+    for name, value in begun.items():
+        other = now.get(name)
+        if isinstance(value, Mapping) and isinstance(other, Mapping) and value.get("class") == other.get("class"):
+            found += differences(value, other)
+        elif value != other:
+            one, two = (some.get("class", some) if isinstance(some, Mapping) else some for some in (value, other))
+            found.append(f"its {name} is {one!r:.200}, not {two!r:.200}")
+    return found
+
+
 def digests(model: ObservationModel, reader: ImageReader | None) -> dict[str, str | None]:
     """SHA-256 of an observation model, None for one that cannot be written; and of a reader of images."""
     to_json = getattr(model, "to_json", None)
@@ -295,12 +315,7 @@ def digests(model: ObservationModel, reader: ImageReader | None) -> dict[str, st
 
 
 def require_same(header: Mapping[str, Any], model: ObservationModel, reader: ImageReader | None) -> None:
-    """Check that a log can be gone on with.
-
-    Raises:
-        ValueError: it has another schema.
-        OtherModel: it was made with another observation model or reader.
-    """
+    """Check that a log can be gone on with."""
     if (schema := header.get("schema")) != SCHEMA:
         raise ValueError(f"its schema is {schema!r:.60}, not {SCHEMA!r}")
     for what, digest in digests(model, reader).items():

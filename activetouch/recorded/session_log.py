@@ -38,7 +38,7 @@ def read_session_logs(path: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
                 raise BadRecording(f"{log} has the poses {problem['poses']}, the logs before it {poses}")
             poses = problem["poses"]
             for touch in touches:
-                label = truth[touch["object"]]
+                label = dict(enumerate(truth))[touch["object"]]  # which has no number -1
                 if label is None:
                     unknown += 1
                     continue

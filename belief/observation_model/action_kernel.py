@@ -127,7 +127,7 @@ class ActionKernelModel(ArrayModel):
     def among(self, labels: Sequence[str]) -> ActionKernelModel:
         """The model for objects that are known to be of some of the shapes; its touches have their logits only."""
         if unknown := [label for label in labels if label not in self.shape_labels]:
-            raise ValueError(f"the model does not know {unknown}, it knows {', '.join(self.shape_labels)}")
+            raise InvalidArgument(f"the model does not know {unknown}, it knows {', '.join(self.shape_labels)}")
         columns = [self.shape_labels.index(label) for label in labels]
         return ActionKernelModel(tuple(labels), self.kernel, self.references[:, :, columns], self.repeats)
 

@@ -166,7 +166,7 @@ class FittedRigidBody(ArrayModel):
         references, logits = (from_field(fields[name], "float16") for name in ("references", "reference_logits"))
         test = fields.get("conflict")
         conflict = None if test is None else ConflictTest.from_fields(test)
-        number, temperature = int(fields["num_hypotheses"]), float(fields["temperature"])
+        number, temperature = fields["num_hypotheses"], float(fields["temperature"])
         groups = tuple(int(group) for group in fields.get("groups", ()))
         errors = float(fields["correlation"]), conflict, groups, float(fields.get("drift", 0.0))
         return FittedRigidBody(shape_labels, number, temperature, references, logits, *errors)

@@ -18,6 +18,7 @@ from activetouch.named_scenes import NamedScene
 from belief.errors import ActiveTouchError
 from belief.files import in_file_name, require_writable_file
 from belief.observation_model.model import ObservationModel
+from belief.references import ForeignCode
 from belief.seeding import keyed_rng
 from belief.statistics.stop_thresholds import CandidateStops, certified_thresholds, least_searches
 from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, Within, check_arguments
@@ -85,7 +86,8 @@ def _play_batch(
 ) -> dict[int, CalibrationSearch]:
     """The episodes of a target from number ``first`` on, by their places among all searches."""
     searches, decider = shared.value
-    episodes, _ = play_episodes(searches, decider, target, range(first, first + len(places)))
+    with ForeignCode(f"in a calibration search, target {searches.problem.shape_labels[target]}"):
+        episodes, _ = play_episodes(searches, decider, target, range(first, first + len(places)))
     model = searches.sensor.model
     return {place: _read(episode, model) for place, episode in zip(places.tolist(), episodes, strict=True)}
 

@@ -17,13 +17,14 @@ from belief.errors import UnknownName
 from belief.files import require_writable
 from belief.observation_model.rigid_body import joint_model
 from belief.problem import SearchProblem
+from belief.references import ForeignCode
 from belief.table import Table, Tabular
 from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments, check_value
 from experiments.command_line.trust import Trust
 from experiments.parallel import default_jobs
 from experiments.scene_choice import SceneChoice, as_named
 from experiments.search.fingerprint import files_digest
-from experiments.search.play import Searches, identity_of, made_for, opened, prepare, sensor_digest, told, with_unsure
+from experiments.search.play import Searches, identity_of, made_for, opened, prepare, sensor_digest, with_unsure
 from experiments.search.run import Cell, Run, RunFolder, read_episode
 from experiments.search.setting import Setting
 from experiments.search.summary import Summary
@@ -97,7 +98,7 @@ class Comparison(Summary, Tabular):
 
         Raises:
             FileNotFoundError: The folder holds no finished comparison.
-            CorruptFile: ``run.json`` is damaged, or the searches had objects of a program.
+            CorruptFile: A file is damaged or was changed, or the searches had objects of a program.
             FileNamesCode: The folder names code, and ``trust`` is not set.
         """
         held = RunFolder(Path(folder))
@@ -129,8 +130,7 @@ class Comparison(Summary, Tabular):
             raise BadArgument("it was computed from episodes alone; save a comparison that activetouch.compare made")
         written = RunFolder(Path(folder))
         if self.run.folder.path is None or self.run.folder.path.resolve() != Path(folder).resolve():
-            written.start(self.run.searches.identity, self.run.arguments)
-            written.write_episodes(self.run.lines())
+            written.finish(self.run.searches.identity, self.run.arguments, self.run.lines())
         return write_page_of(written, self, self.run.searches, self.verdict())
 
 
@@ -288,7 +288,7 @@ def prepared(
     }
     searches = Searches(sensor, problem, seed, setting.choice.scene, digest)
     for (name, decider), target in product(made.items(), chosen):
-        with told(f"in the first decision of {name}, target {target}"):
+        with ForeignCode(f"in the first decision of {name}, target {target}"):
             prepare(searches, decider, problem.shape_labels.index(target))
     if setting.abstain is not None:
         made = {name: Abstaining(decider, setting.abstain) for name, decider in made.items()}

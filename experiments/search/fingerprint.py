@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from belief.files import is_standard, require_regular_file, source_digest
+from belief.files import is_installed, is_standard, require_regular_file, source_digest
 
 _PLAIN = (type(None), bool, int, float, complex, str, bytes)
 
@@ -88,22 +88,12 @@ def code_digest(*modules: str) -> str:
     while waiting:
         name = waiting.pop()
         file = getattr(sys.modules[name], "__file__", None)
-        if name in known or file is None or is_standard(name) or _is_installed(file):
+        if name in known or file is None or is_standard(name) or is_installed(file):
             continue
         known[name] = files_digest([Path(file)]) if Path(file).is_file() else ""
         homes = {_home(value, name) for value in list(vars(sys.modules[name]).values())}
         waiting += [home for home in homes if home in sys.modules]
     return digest_of(sorted(known.items()))
-
-
-def is_users(module: str, file: str) -> bool:
-    """Whether code is of neither this project nor an installed package nor the standard library."""
-    ours = module.partition(".")[0] in ("activetouch", "belief", "planners", "experiments")
-    return not (ours or is_standard(module) or _is_installed(file))
-
-
-def _is_installed(file: str) -> bool:
-    return bool({"site-packages", "dist-packages"} & set(Path(file).parts))
 
 
 def _home(value: Any, name: str) -> str:

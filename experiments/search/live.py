@@ -12,12 +12,16 @@ import tyro
 
 from activetouch import TactileSensor
 from activetouch.named_scenes import SCENES
+from activetouch.sensor import RecordedSensor
 from activetouch.sensor_files import INDEPENDENT_SUFFIX, RECORDED_FILE
-from experiments.command_line.arguments import Count, NotNegative, Seed, check_arguments
+from belief.composition import Counts
+from belief.errors import UnknownName
+from experiments.command_line.arguments import BadArgument, Count, NotNegative, Seed, check_arguments
 from experiments.scene_choice import SceneChoice
-from experiments.search.live_protocol import Conversation, converse
+from experiments.search.live_protocol import Conversation, as_line, converse, refusal
 from experiments.search.one_search import session_with
 from experiments.sensor_choice import open_sensor, sensor_folder
+from planners import Session
 from planners.session_log import OtherModel
 
 
@@ -43,7 +47,10 @@ class Live:
     objects: Count | None = None
     """Objects on the table; that of the scene by default."""
     composition: Literal["distinct", "independent"] | None = None
-    """distinct: all objects have different shapes. independent: each object can have any shape."""
+    """distinct: all objects have different shapes. independent: each object can have any shape. That of the scene by
+    default, or distinct; independent where the exact sum over different ones is too large."""
+    among: tuple[str, ...] = ()
+    """Labels of the sensor that objects can have; all by default."""
     decider: str = "information_gain"
     """Decider, as of compare."""
     touch_cost: NotNegative = 0.02
@@ -57,7 +64,7 @@ class Live:
     least_area: NotNegative | None = None
     """A contact whose area is not larger is no contact [m²]."""
     log: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """File for all that is told; a search that it holds goes on, and keeps its own limits.
+    """File for all that is told; a search that it holds goes on with the options that began it.
     By default a new one in runs/live."""
     anyway: bool = False
     """Accept a sensor that was made for another scene."""
@@ -66,11 +73,36 @@ class Live:
     image. Needs a reader of any object."""
 
     def run(self) -> None:
-        """Answer requests until the input ends."""
+        """Answer requests until the input ends; an error at the start is one line of JSON, too."""
+        try:
+            session, sensor = self._begun()
+        except Exception as error:
+            sys.stdout.buffer.write(as_line(refusal(error)))
+            sys.stdout.buffer.flush()
+            raise
+        try:
+            converse(Conversation(session, sensor), sys.stdin.buffer, sys.stdout.buffer)
+        finally:
+            session.close()
+
+    def _begun(self) -> tuple[Session, TactileSensor]:
+        """The session, which may go on, and its sensor."""
         check_arguments(self)
         sensor = self._open()
+        composition: str | Counts | None = self.composition
+        if among := list(dict.fromkeys(self.among)):
+            if self.target not in among:
+                raise UnknownName("target among --among", self.target, among)
+            if isinstance(sensor, RecordedSensor):
+                sensor = sensor.among(among)
+            elif composition == "independent":
+                raise BadArgument(
+                    "--among, for a sensor of a scene, is of different objects; use --composition distinct"
+                )
+            else:
+                composition = Counts(dict.fromkeys(among, 1))
         log = self.log if self.log is not None else Path(f"runs/live/{time.strftime('%Y-%m-%d-%H%M%S')}.jsonl")
-        rules = self.objects, self.composition, self.touch_cost
+        rules = self.objects, composition, self.touch_cost
         try:
             session = session_with(
                 *(sensor, self.target, self.decider, self.seed, *rules, log),
@@ -81,10 +113,7 @@ class Live:
         except OtherModel as error:
             raise OtherModel(f"{error} (was it begun with --unknown-state, another hand, or other meshes?)") from None
         print(f"log: {log}" + f", goes on at step {session.step}" * bool(session.step), file=sys.stderr)
-        try:
-            converse(Conversation(session, sensor), sys.stdin.buffer, sys.stdout.buffer)
-        finally:
-            session.close()
+        return session, sensor
 
     def _open(self) -> TactileSensor:
         choice, given = self.choice, self.sensor

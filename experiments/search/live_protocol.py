@@ -6,6 +6,7 @@ Whatever a line holds, it is answered, and a line that is answered with an error
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Iterator, Mapping
 from io import BufferedIOBase
 from typing import IO, Any, BinaryIO, NoReturn
@@ -17,9 +18,11 @@ from activetouch.sensor import RecordedSensor
 from belief.errors import InvalidArgument
 from belief.journal import array_from
 from belief.problem import Probe, Touch
+from belief.references import ForeignCode
 from belief.validation import as_real
 from planners import Session
 from planners.episode import ACTION_NAMES
+from planners.session_log import problem_fields
 
 SCHEMA = "activetouch live 1"
 """Version of the protocol; the number grows when a client of an older one could be misled."""
@@ -34,12 +37,7 @@ class BadLine(InvalidArgument):
 
 
 class Conversation:
-    """Answers the requests of one session.
-
-    Args:
-        session: that is driven.
-        sensor: that made it.
-    """
+    """Answers the requests of one session of a sensor."""
 
     def __init__(self, session: Session, sensor: TactileSensor) -> None:
         self.session, self.sensor = session, sensor
@@ -57,13 +55,14 @@ class Conversation:
         given: dict[str, Any] = {}
         try:
             given = _parsed(line)
-            found = {"ok": True, **self._answer(given)}
+            with ForeignCode():  # of a decider
+                found = {"ok": True, **self._answer(given)}
         except Exception as error:  # whatever it was, the next line is answered
-            found = {"ok": False, "error": type(error).__name__, "message": str(error)[:_LONGEST]}
+            found = refusal(error)
         found["step"] = self.session.step
         if "id" in given:
             found["id"] = given["id"]
-        return (json.dumps(found, allow_nan=False) + "\n").encode("ascii")
+        return as_line(found)
 
     def _answer(self, given: dict[str, Any]) -> dict[str, Any]:
         do = given.get("do")
@@ -88,6 +87,7 @@ class Conversation:
             "poses": list(session.problem.pose_labels),
             "target": session.problem.shape_labels[session.target],
             "num_objects": session.problem.num_objects,
+            "composition": problem_fields(session.problem)["composition"],
             "touch_limit": session.problem.touch_limit,
             "image": {"shape": shape, "dtype": dtype},
         }
@@ -169,6 +169,16 @@ class Conversation:
         }
 
 
+def refusal(error: Exception) -> dict[str, Any]:
+    """The answer that says an error."""
+    return {"ok": False, "error": type(error).__name__, "message": str(error)[:_LONGEST]}
+
+
+def as_line(found: Mapping[str, Any]) -> bytes:
+    """An answer as a line of JSON."""
+    return (json.dumps(found, allow_nan=False) + "\n").encode("ascii")
+
+
 def requests(stream: IO[bytes] | BufferedIOBase, most: int = MOST_BYTES) -> Iterator[bytes | None]:
     """The lines of a stream; None for one of more than ``most`` bytes, of which no more is kept in memory."""
     while line := stream.readline(most + 1):
@@ -191,7 +201,7 @@ def _parsed(line: bytes | None) -> dict[str, Any]:
     if line is None:
         raise BadLine(f"a line has more than {MOST_BYTES} bytes; send larger images as base64, or fewer pixels")
     try:
-        given = json.loads(line.decode("utf-8"), parse_constant=_no_number)
+        given = json.loads(line.decode("utf-8"), parse_constant=_no_number, parse_float=_finite)
     except (ValueError, RecursionError) as error:
         raise BadLine(f"it is not JSON: {error or 'nested too deeply'}") from None
     if not isinstance(given, dict):
@@ -205,8 +215,12 @@ def _parsed(line: bytes | None) -> dict[str, Any]:
     return given
 
 
+def _finite(text: str) -> float:
+    return float(text) if math.isfinite(float(text)) else _no_number(text[:40])
+
+
 def _no_number(name: str) -> NoReturn:
-    raise BadLine(f"{name} is not a number of JSON")
+    raise BadLine(f"{name} is no finite number")
 
 
 def _numbers(given: Any, name: str) -> Any:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +12,7 @@ from activetouch import TactileSensor
 from activetouch.named_scenes import SCENES
 from activetouch.sensor import RecordedSensor
 from activetouch.session_reader import SensorReader, session_reader
+from belief.arrangement import num_states
 from belief.composition import Composition, Counts
 from belief.errors import InvalidArgument
 from belief.naming import Name, index_of
@@ -19,7 +22,7 @@ from experiments.scene_choice import as_named
 from experiments.search.play import made_for, make_world, opened, with_unsure
 from planners import Decider, Episode, Session, make_decider, search
 from planners.certified import Certificate, NotCertified
-from planners.session_log import problem_fields
+from planners.session_log import differences
 
 _TOUCHES_PER_OBJECT = 12
 
@@ -52,12 +55,7 @@ def session_with(
     certificate: str | Path | Certificate | None = None,
     **settings: Any,
 ) -> Session:
-    """A session of a sensor; see :meth:`activetouch.TactileSensor.session`.
-
-    Raises:
-        InvalidArgument: the log is of another search.
-        NotCertified: the certificate was made for something else.
-    """
+    """A session of a sensor; see :meth:`activetouch.TactileSensor.session`."""
     problem = problem_of(sensor, num_objects, composition, touch_cost)
     shape, key, chosen = _played(sensor, problem, target, decider, seed)
     if certificate is not None:
@@ -76,14 +74,10 @@ def session_with(
         begun.save(log)
         return begun
     found = Session.load(log, model=sensor.model, decider=chosen, reader=reader)
-    before, now = (
-        {"target": s.problem.shape_labels[s.target], **problem_fields(s.problem), "seed": s.seed, "unsure_reward": None}
-        for s in (found, begun)
-    )
-    for name, value in before.items():
-        if value != now[name]:
-            found.close()
-            raise InvalidArgument(f"{log} is the log of another search: its {name} is {value!r}, not {now[name]!r}")
+    checked = dict.fromkeys(("arrangement", "decider", "stop_rule"))  # by load, or of no matter
+    if other := differences({**found.set_up, **checked}, {**begun.set_up, **checked}):
+        found.close()
+        raise InvalidArgument(f"{log} is the log of another search: {'; '.join(other)}")
     return found
 
 
@@ -108,7 +102,10 @@ def problem_of(
     composition: Composition | Counts | str | None = None,
     touch_cost: float = 0.02,
 ) -> SearchProblem:
-    """The rules of a search with a sensor; by default those of its named scene, or of up to four different objects."""
+    """The rules of a search with a sensor; by default those of its named scene, or of up to four different objects.
+
+    By default, where the exact sum over different objects is too large, they are independent, with a warning.
+    """
     if isinstance(sensor, RecordedSensor):
         usual, per_object = min(4, len(sensor.shape_labels)), _TOUCHES_PER_OBJECT
         among: Composition | Counts = Composition.DISTINCT
@@ -117,8 +114,10 @@ def problem_of(
         known = [some for some in SCENES.values() if scene in (some.scene, hand and some.scene.with_hand(hand))]
         named = known[0] if known else as_named(scene)
         usual, among, per_object = named.num_objects, named.composition, named.touches_per_object
+    if isinstance(composition, Counts):
+        usual = min(usual, composition.total)
     number = usual if num_objects is None else num_objects
-    return SearchProblem(
+    problem = SearchProblem(
         sensor.shape_labels,
         sensor.pose_labels,
         number,
@@ -126,6 +125,13 @@ def problem_of(
         touch_cost,
         touch_limit=per_object * number,
     )
+    try:
+        if composition is None and problem.counts is not None:
+            num_states(problem.counts, number)
+    except InvalidArgument as error:
+        warnings.warn(f"the objects are taken to be independent, so that two may be alike: {error}", stacklevel=4)
+        problem = replace(problem, composition=Composition.INDEPENDENT)
+    return problem
 
 
 def _played(

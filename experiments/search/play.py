@@ -7,9 +7,7 @@ from __future__ import annotations
 
 import json
 import time
-import traceback
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import astuple, dataclass, replace
 from functools import cached_property, lru_cache
@@ -19,12 +17,11 @@ from typing import Any, TypeAlias
 from activetouch import Scene, TactileSensor, TouchWorld
 from activetouch.scene_description import scene_fields
 from activetouch.world import TouchTime, touch_many
-from belief.errors import ActiveTouchError
 from belief.problem import SearchProblem, Touch
 from belief.scene_belief import SceneBelief
 from belief.seeding import arrangement_rng, touch_rng
 from belief.synthetic import sample_arrangement
-from experiments.search.fingerprint import digest_of, fingerprint, is_users, versions
+from experiments.search.fingerprint import digest_of, fingerprint, versions
 from planners import Decider, Episode, InformationState, search_lockstep
 from planners.certified import Certificate
 from planners.probing import HYPOTHESES, OUTCOMES
@@ -99,30 +96,6 @@ def make_world(problem: SearchProblem, sensor: TactileSensor, seed: Seed) -> Tou
     """The world of the episode with this seed."""
     rng = arrangement_rng(seed)
     return TouchWorld.sample(sensor, sample_arrangement(problem, rng), rng)
-
-
-class CodeFailed(ActiveTouchError, RuntimeError):
-    """Code of a user, such as a decider, raised an exception; the message names the line."""
-
-
-@contextmanager
-def told(where: str) -> Iterator[None]:
-    """Say where an error happened; of an exception in code of a user, its line in place of all frames."""
-    try:
-        yield
-    except ActiveTouchError as error:
-        error.add_note(where)
-        raise
-    except Exception as error:
-        trace = error.__traceback__
-        frames = zip(traceback.walk_tb(trace), traceback.extract_tb(trace), strict=True)
-        own = [at for (code, _), at in frames if is_users(code.f_globals.get("__name__", ""), at.filename)]
-        if not own:
-            raise
-        at = own[-1]
-        failed = CodeFailed(f"{at.filename}, line {at.lineno}: {at.line}\n{type(error).__name__}: {error}")
-        failed.add_note(where)
-        raise failed from error
 
 
 def prepare(searches: Searches, decider: Decider, target: int) -> None:

@@ -263,7 +263,7 @@ def _columns(path: Path) -> Iterator[tuple[str, dict[Key, tuple[bool, float]], b
     """Name, episodes and whether they are numbered, of a file or of each decider of a run."""
     if not path.exists():
         raise BadArgument(f"there is no file {path}")
-    if path.is_dir() or path.suffix == ".jsonl":
+    if path.is_dir() or path.name == "episodes.jsonl":
         for name, rows in _of_run(path if path.is_dir() else path.parent).items():
             yield name, _episodes(path, rows), False
         return

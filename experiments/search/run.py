@@ -1,6 +1,6 @@
 """A comparison that is played, and its folder: ``run.json``, and the finished searches of each decider and target.
 
-run.json         what determines all searches of the folder, and the latest arguments
+run.json         what determines all searches of the folder, the latest arguments, and the seal of episodes.jsonl
 cells/*.jsonl    searches of a decider for a target, in batches of 25
 episodes.jsonl   the searches of the latest comparison
 
@@ -11,6 +11,7 @@ another key counts as missing.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import re
@@ -35,11 +36,12 @@ from belief.files import (
     unsealed_json,
     write_text,
 )
+from belief.references import ForeignCode
 from experiments.command_line.trust import Trust
 from experiments.parallel import Shared, Task, run_tasks
 from experiments.scene_choice import command
 from experiments.search.fingerprint import commit_of_code, digest_of, fingerprint
-from experiments.search.play import EPISODES_PER_BATCH, Searches, Seconds, play_episodes, told
+from experiments.search.play import EPISODES_PER_BATCH, Searches, Seconds, play_episodes
 from planners import Decider, Episode
 
 _FORMAT = 4
@@ -61,23 +63,14 @@ class Batch:
 
 
 class RunFolder:
-    """Reads and writes a run folder.
-
-    Args:
-        path: the folder; created by the first write. None keeps the batches in memory.
-    """
+    """Reads and writes a run folder, which the first write creates; without a path, batches are kept in memory."""
 
     def __init__(self, path: Path | None) -> None:
         self.path = path
         self._known: dict[Cell, dict[str, dict[int, Batch]]] = {}
 
     def require(self, identity: Mapping[str, Any]) -> None:
-        """Check that the folder holds searches with this identity, or the given part of one, or none.
-
-        Raises:
-            RunMismatch: The folder holds a run with another identity.
-            CorruptFile: ``run.json`` is damaged, of another version, or not that of a run.
-        """
+        """Check that the folder holds searches with this identity, or the given part of one, or none."""
         if self.path is None or not (self.path / "run.json").exists():
             return
         if other := differing(self.read_run()["identity"], identity):
@@ -85,28 +78,32 @@ class RunFolder:
                 f"{self.path} holds another run: {other}. Give this run a folder of its own: --out {self.path}-2"
             )
 
-    def start(self, identity: Mapping[str, Any], arguments: Mapping[str, Any]) -> None:
-        """Write ``run.json``, with the arguments with which ``--config`` repeats the comparison.
-
-        Raises:
-            RunMismatch: The folder holds a run with another identity.
-            CannotWrite: The disk is full, or the folder is a file or not writable.
-        """
+    def start(
+        self, identity: Mapping[str, Any], arguments: Mapping[str, Any], sealed: Mapping[str, Any] | None = None
+    ) -> None:
+        """Write ``run.json``, with the arguments of the comparison; it keeps its seal unless one is given."""
         if self.path is None:
             return
         run = {"format": _FORMAT, "identity": identity, "arguments": arguments, "commit": commit_of_code()}
-        text = sealed_json(run) + "\n"
-        if not create_text(self.path / "run.json", text):  # another process may have started another run
-            self.require(identity)
-            write_text(self.path / "run.json", text)
+        file = self.path / "run.json"
+        if not create_text(file, sealed_json({**run, "episodes": sealed}) + "\n"):
+            self.require(identity)  # another process may have started another run
+            sealed = self.read_run().get("episodes") if sealed is None else sealed
+            write_text(file, sealed_json({**run, "episodes": sealed}) + "\n")
+
+    def finish(
+        self, identity: Mapping[str, Any], arguments: Mapping[str, Any], lines: Mapping[Cell, list[str]]
+    ) -> None:
+        """Write ``episodes.jsonl``, as :meth:`latest` reads it, and its seal into ``run.json``; see :meth:`start`."""
+        self.require(identity)
+        if self.path is not None:
+            content = "".join(chain.from_iterable(lines.values())).encode()
+            with atomic_path(self.path / "episodes.jsonl") as temporary:
+                temporary.write_bytes(content)
+            self.start(identity, arguments, _seal(content))
 
     def read_run(self) -> dict[str, Any]:
-        """The content of ``run.json``.
-
-        Raises:
-            FileNotFoundError: It does not exist.
-            CorruptFile: It is damaged, of another version, or not that of a run.
-        """
+        """The content of ``run.json``."""
         assert self.path is not None, "only a folder has a run.json"
         file = self.path / "run.json"
         if not file.exists():
@@ -158,11 +155,7 @@ class RunFolder:
         return lines
 
     def add(self, cell: Cell, key: str, number: int, batch: Batch) -> None:
-        """Append a batch, by its key and number, to a cell.
-
-        Raises:
-            CannotWrite: The disk is full, or the folder is not writable; earlier batches are kept.
-        """
+        """Append a batch, by its key and number, to a cell."""
         self._hold(cell, key, number, batch)
         if self.path is None:
             return
@@ -182,21 +175,21 @@ class RunFolder:
             raise cannot_write(file, error) from error
 
     def latest(self, labels: Sequence[str]) -> dict[Cell, list[str]]:
-        """JSON lines of the episodes of the latest comparison; the labels are of all shapes.
-
-        Raises:
-            FileNotFoundError: no comparison is finished.
-            CorruptFile: the file of episodes is damaged, or has none.
-        """
+        """JSON lines of the episodes of the latest comparison; the labels are of all shapes."""
         assert self.path is not None, "only a folder has a file of episodes"
+        again = self.command("compare", config=self.path / "run.json")
         if not (file := self.path / "episodes.jsonl").exists():
-            again = self.command("compare", config=self.path / "run.json")
             raise FileNotFoundError(f"{self.path} holds no finished comparison; finish it with:\n{again}")
+        content, sealed = require_regular_file(file).read_bytes(), self.read_run().get("episodes")
+        if (differs := _differs(sealed, _seal(content))) is not None:
+            raise CorruptFile(
+                f"{file} is not what the comparison wrote: {differs}. Repeat the call that wrote it, or run:\n{again}"
+            )
         found = dict[Cell, list[str]]()
-        for number, line in enumerate(require_regular_file(file).read_text(encoding="utf-8").splitlines(keepends=True)):
+        for number, line in enumerate(content.splitlines(keepends=True)):
             try:
                 fields = json.loads(line)
-                found.setdefault((fields["decider"], labels[fields["target"]]), []).append(line)
+                found.setdefault((fields["decider"], labels[fields["target"]]), []).append(line.decode())
             except (ValueError, LookupError, TypeError) as error:
                 raise CorruptFile(f"{file}, line {number + 1}: not an episode of this run: {error!r}") from error
         if not found:
@@ -210,11 +203,19 @@ class RunFolder:
             spent |= {number: batch.seconds for number, batch in held.items() if batch.lines[0] in known}
         return sum(spent.values(), Seconds())
 
-    def write_episodes(self, lines: Mapping[Cell, list[str]]) -> None:
-        """Write ``episodes.jsonl``, as :meth:`latest` reads it."""
-        if self.path is not None:
-            with atomic_path(self.path / "episodes.jsonl") as temporary, temporary.open("w") as file:
-                file.writelines(chain.from_iterable(lines.values()))
+
+def _seal(content: bytes) -> dict[str, Any]:
+    """Number of lines and digest of a file of episodes, as ``run.json`` keeps them."""
+    return {"lines": content.count(b"\n"), "sha256": hashlib.sha256(content).hexdigest()}
+
+
+def _differs(sealed: Any, found: Mapping[str, Any]) -> str | None:
+    """In what a file of episodes differs from its seal, in words; None if it does not."""
+    if not isinstance(sealed, Mapping):
+        return "run.json has no digest of it, so its comparison did not finish, or was played by an earlier version"
+    if sealed.get("lines") != found["lines"]:
+        return f"it has {found['lines']} lines, and run.json says {sealed.get('lines')}"
+    return None if sealed == found else "it was changed, its content does not match its digest in run.json"
 
 
 def differing(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
@@ -291,12 +292,7 @@ class Run:
         }
 
     def play(self, jobs: int | None = None) -> None:
-        """Play the batches that the folder lacks on several processes; each is kept as soon as it is finished.
-
-        Raises:
-            RunMismatch: The folder holds another run.
-            CannotWrite: The disk is full, or the folder is not writable.
-        """
+        """Play the batches that the folder lacks on several processes; each is kept as soon as it is finished."""
         self.folder.require(self.searches.identity)
         self._tell_outdated()
         is_started = False
@@ -305,8 +301,7 @@ class Run:
                 self.folder.start(self.searches.identity, self.arguments)
                 is_started = True
             self.folder.add(cell, self.keys[cell], number, batch)
-        self.folder.start(self.searches.identity, self.arguments)
-        self.folder.write_episodes(self.lines())
+        self.folder.finish(self.searches.identity, self.arguments, self.lines())
 
     def lines(self) -> dict[Cell, list[str]]:
         """JSON lines of the finished episodes by cell."""
@@ -340,6 +335,6 @@ def _play_batch(
 ) -> tuple[Cell, int, Batch]:
     """Play the episodes of one batch of a cell."""
     (searches, deciders), (name, label) = shared.value, cell
-    with told(f"in one of the episodes {numbers} of {name}, target {label}, seed {searches.seed}"):
+    with ForeignCode(f"in one of the episodes {numbers} of {name}, target {label}, seed {searches.seed}"):
         episodes, seconds = play_episodes(searches, deciders[name], searches.problem.shape_labels.index(label), numbers)
     return cell, number, Batch(episode_lines(name, episodes), seconds)

@@ -20,11 +20,13 @@ from activetouch.sensor_files import (
     OBSERVATION_FILE,
     READER_FILE,
     files_for,
+    fitted_model,
     reader_file,
 )
 from activetouch.shapes import Box, Cylinder
 from activetouch.solids.family import Family
 from belief.errors import CorruptFile
+from belief.files import sealed_json, unsealed_json
 
 COARSE = SCENES["coarse"].scene
 FOLDER = MODELS / "coarse"
@@ -131,3 +133,23 @@ def test_a_damaged_reader_of_any_object_is_refused_where_it_would_be_asked(tmp_p
     for scene in (OTHER["other shapes"], TOLD["noise"], COARSE):
         with pytest.raises(CorruptFile, match=ANY_OBJECT_FILE):
             TactileSensor.load(tmp_path / "sensor", scene)
+
+
+@pytest.mark.parametrize(
+    ("place", "values"),
+    [
+        (("num_hypotheses",), (0, -1, 2.5, 1e300, True, "x")),
+        (("temperature",), (0, -1, "x")),
+        (("correlation",), (-0.1, 1.1, 1e300)),
+        (("drift",), (-0.1, 1.1)),
+        (("conflict", "num_objects"), (0, -1, 19, 2.5, True, 1e300, None)),
+        (("conflict", "correlations"), ([-0.1, 0.2], [0.1, 1.5], ["x", 0.1], [None, 0.1], 3)),
+    ],
+)
+def test_a_model_with_a_number_out_of_its_range_is_refused_though_it_is_sealed(place, values, tmp_path):
+    for value in values:
+        fields = unsealed_json((FOLDER / OBSERVATION_FILE).read_text())
+        (fields if len(place) == 1 else fields[place[0]])[place[-1]] = value
+        (tmp_path / OBSERVATION_FILE).write_text(sealed_json(fields))
+        with pytest.raises(CorruptFile, match="no observation model"):
+            fitted_model(tmp_path)

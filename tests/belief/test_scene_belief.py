@@ -1,6 +1,8 @@
 """The joint belief about a table against listing every way it can have been laid."""
 
+import copy
 import itertools
+import pickle
 import warnings
 
 import numpy as np
@@ -19,6 +21,7 @@ from belief import (
     ZeroPriorTarget,
 )
 from belief.errors import InvalidArgument, UnknownName
+from belief.search_progress import SearchProgress
 
 LABELS = ("a", "b", "c")
 COMPOSITIONS = {
@@ -196,3 +199,27 @@ def test_a_presence_far_below_the_rounding_error_of_one_is_kept():
     assert scene.prob_present(0) == pytest.approx(3 * scene.marginals()[0, 0], rel=1e-12, abs=0.0)
     nothing = scene_of("independent", prior=Belief.from_probs(LABELS, [0.0, 0.5, 0.5]))
     assert str(nothing.prob_present(0)) == "0.0"
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda scene: pickle.loads(pickle.dumps(scene))])
+@pytest.mark.parametrize("kind", [SceneBelief, SearchProgress])
+def test_a_copy_and_what_was_copied_do_not_share_what_they_are_told(kind, copied, model):
+    problem, rng = SearchProblem(model.shape_labels, ("front", "side", "top"), 2), np.random.default_rng(0)
+    first = kind(problem, model)
+
+    def tell(one, pose=0):
+        touch = model.sample(0, [pose], rng)[0]
+        one.touch(touch) if kind is SearchProgress else one.update(0, [touch])
+
+    def told(one):
+        scene = getattr(one, "scene", one)
+        return scene.marginals().tolist(), scene.touches(0), scene.evidence(0).log_likelihood.tolist()
+
+    tell(first)
+    twin, before = copied(first), told(first)
+    assert len(told(twin)[1]) == 1
+    tell(twin)
+    assert told(first) == before
+    tell(first, 1)
+    assert (len(told(first)[1]), len(told(twin)[1])) == (2, 2)
+    assert told(first)[0] != told(twin)[0]

@@ -1,15 +1,17 @@
+import copy
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 
-from belief import Confirm, Probe, SearchProblem, Unsure
+from belief import Confirm, Probe, Reject, SearchProblem, Unsure
 from belief.errors import CorruptFile, InvalidArgument
+from belief.files import sealed_json
 from belief.journal import Journal, read_journal
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
 from planners import SequentialDecider, Session, search
-from planners.certified import NEVER, WANTED, Certificate, Certified, NotCertified
+from planners.certified import NEVER, SCHEMA, WANTED, Certificate, Certified, NotCertified
 from planners.probing import FixedOrder
 from planners.session_log import OtherModel
 from planners.stopping import PosteriorThresholds
@@ -111,3 +113,89 @@ def test_the_log_of_a_session_keeps_the_rule_that_ends_it_and_older_logs_have_no
     }
     Journal.create(tmp_path / "older.jsonl", [header]).close()
     Session.load(tmp_path / "older.jsonl", model=MODEL, decider=Certified(EAGER, limits, 4)).close()
+
+
+def ended(decider, seed=0, problem=PROBLEM, **rules):
+    """A session that was played to its end."""
+    session = Session(problem, decider, 0, MODEL, seed, abstain=False, **rules)
+    world = SyntheticWorld(MODEL, sample_arrangement(problem, np.random.default_rng([seed, 9])))
+    while (action := session.ask()) is not None:
+        session.tell(world.touch(action.pose, np.random.default_rng()) if isinstance(action, Probe) else None)
+        if isinstance(action, Reject) and session.outcome is None:
+            world.advance()
+    return session
+
+
+def test_a_certificate_counts_each_session_that_stopped_by_it_once(tmp_path):
+    decider = CERTIFICATE.wrap(EAGER, WORLD)
+    session, other = ended(decider), ended(decider)  # the same search with other touches
+    session.save(tmp_path / "log")
+    session.close()
+    loaded = Session.load(tmp_path / "log", model=MODEL, decider=decider)
+    once = CERTIFICATE.after(session)
+    for same in (session, loaded, copy.copy(session)):
+        with pytest.raises(InvalidArgument, match="counts a session once, and has counted this one before"):
+            once.after(same)
+    loaded.undo()
+    loaded.ask()
+    loaded.tell()
+    with pytest.raises(InvalidArgument, match="once"):
+        once.after(loaded)
+    twice = once.after(other)
+    assert (len(twice.since), len({*twice.counted})) == (2, 2)
+    twice.save(tmp_path / "certificate")
+    with pytest.raises(InvalidArgument, match="once"):
+        Certificate.load(tmp_path / "certificate").after(session)
+    loaded.close()
+
+
+def test_a_certificate_counts_no_session_of_something_else():
+    def signed(**changes):
+        return replace(CERTIFICATE, made_for={**WORLD, **changes})
+
+    for session, told in (
+        (ended(EAGER), "this one had none: begin it with sensor.session"),
+        (ended(Certified(EAGER, CERTIFICATE.thresholds, 4)), "this one had none"),
+        (ended(signed(decider="patient").wrap(EAGER, {**WORLD, "decider": "patient"})), "the decider: eager, not pat"),
+        (ended(signed(scene={"pad": 2}).wrap(EAGER, {**WORLD, "scene": {"pad": 2}})), "the scene: other pad, noise"),
+        (ended(signed(sensor="a").wrap(EAGER, {**WORLD, "sensor": "a"})), "the sensor: None, not a"),
+        (ended(replace(CERTIFICATE, thresholds=(0.0, 0.0, 0.0)).wrap(EAGER, WORLD)), "another certificate"),
+        (ended(replace(CERTIFICATE, max_touches=3).wrap(EAGER, WORLD)), "another certificate"),
+    ):
+        with pytest.raises(InvalidArgument, match=told):
+            CERTIFICATE.after(session)
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    {
+        "risk": (2, 0, 1, -0.05, "0.05", None, [0.05]),
+        "confidence": (-1, 0, 1, 1e300),
+        "num_searches": (0, -1, 2.5, True, None),
+        "max_touches": (0, -2, 3.5),
+        "thresholds": ([], [-0.1, 0.9, 0.5], [1.5, 0.9, 0.5], [0.9], "abc", [None, "x", 0.5]),
+        "stops": ([0, -30, 20], [0, 30.5, 20], [0, 30], [0, True, 20], None),
+        "wrong": ([0, 31, 0], [0, -1, 0], [0, 0.5, 0], [0]),
+        "usual": ([[0, 0.1]], [[-1, 0.1, 0.2]], [[0.5, 0.1, 0.2]], [[0, 1e300, 0.2]], [[0, "x", 0.2]], 3),
+        "since": ([[0, 0.1, -1e10]], [[0, None, 0.2]]),
+        "counted": (["a"], 3),
+        "made_for": ({}, {"targets": []}, {"targets": "shape_0"}, {"targets": [3]}, None),
+    }.items(),
+)
+def test_a_certificate_with_a_number_out_of_its_range_is_refused_though_it_is_sealed(name, values, tmp_path):
+    CERTIFICATE.save(tmp_path / "right.json")
+    right = json.loads((tmp_path / "right.json").read_text())
+    del right["sha256"]
+    assert Certificate.load(tmp_path / "right.json").made_for == WORLD
+    for value in values:
+        (tmp_path / "wrong.json").write_text(sealed_json({**right, name: value}))
+        with pytest.raises(CorruptFile, match="is no certificate"):
+            Certificate.load(tmp_path / "wrong.json")
+    assert right["schema"] == SCHEMA
+
+
+def test_a_certificate_of_an_earlier_version_knows_of_no_counted_sessions(tmp_path):
+    fields = {**asdict(CERTIFICATE), "thresholds": [None, 0.9, 0.5], "since": [[0, 0.5, 0.5]], "schema": SCHEMA}
+    del fields["counted"]
+    (tmp_path / "older.json").write_text(sealed_json(fields))
+    assert Certificate.load(tmp_path / "older.json").counted == ()

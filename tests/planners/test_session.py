@@ -1,7 +1,9 @@
 """A session asks and is told, and is the search of the loop; its log survives a kill at any byte."""
 
+import copy
 import json
 import os
+import pickle
 
 import numpy as np
 import pytest
@@ -9,12 +11,13 @@ import pytest
 from belief import Composition, Confirm, ImpossibleObservation, Probe, Reject, SearchProblem, Touch, Unsure
 from belief.calibration import TemperatureScaling
 from belief.errors import CannotWrite, CorruptFile, InvalidArgument, UnknownName
-from belief.journal import read_journal
+from belief.journal import Journal, read_journal
 from belief.observation_model import ConfusionModel
 from belief.scene_belief import UNKNOWN
 from belief.seeding import touch_rng
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
 from planners import Decision, Outcome, Session, make_decider, search
+from planners.abstaining import Abstaining
 from planners.episode import Episode, judged
 from planners.session import AlreadyTold
 from planners.session_log import OtherModel
@@ -163,6 +166,79 @@ def test_a_file_is_one_sessions_log(tmp_path):
     (tmp_path / "other").write_text('{"a": 1}\n')
     with pytest.raises(CorruptFile, match="SHA-256"):
         Session.load(tmp_path / "other", model=MODEL, decider=decider())
+
+
+def test_the_log_says_which_decider_began_it_and_goes_on_with_no_other(tmp_path):
+    begun("information_gain(confirm=0.97)", abstain=True).save(tmp_path / "log")
+    header = read_journal(tmp_path / "log")[0]
+    assert (header["decider"]["class"], header["decider"]["promise"]) == ("Abstaining", 0.95)
+    stopping = header["decider"]["decider"]["stopping"]
+    assert stopping == {"class": "PosteriorThresholds", "confirm": 0.97, "reject": 0.01, "max_touches": 12}
+    for other, told in (
+        (decider("information_gain"), "its confirm is 0.97, not 0.99"),
+        (decider("information_gain(confirm=0.97, max_touches=3)"), "its max_touches is 12, not 3"),
+        (decider("random_poses(confirm=0.97)"), "its probing is 'TargetInformationGain', not 'RandomOrder'"),
+        (Confirms(), "its decider is 'SequentialDecider', not 'Confirms'"),
+        (Abstaining(decider("information_gain(confirm=0.97)"), promise=0.5), "its promise is 0.95, not 0.5"),
+    ):
+        with pytest.raises(OtherModel, match=f"began with another decider: {told}"):
+            Session.load(tmp_path / "log", model=MODEL, decider=other)
+    Session.load(tmp_path / "log", model=MODEL, decider=decider("information_gain(confirm=0.97)")).close()
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda session: pickle.loads(pickle.dumps(session))])
+def test_a_copy_of_a_session_goes_on_by_itself(copied, tmp_path):
+    session, robot = begun("random_poses", 3), world(3)
+    session.save(tmp_path / "log")
+    for _ in range(2):
+        answer(session, robot)
+    twin, before = copied(session), session.belief.probs.tobytes()
+    lines = (tmp_path / "log").read_bytes()
+    assert (twin.belief.probs.tobytes(), twin.ask(), twin.step) == (before, session.ask(), 2)
+    twin.tell(part_touch(twin))
+    twin.undo()
+    twin.tell(part_touch(twin))
+    twin.reveal(["shape_1"] * 4)
+    assert (session.belief.probs.tobytes(), session.step, len(session.steps)) == (before, 2, 2)
+    assert session.arrangement == (UNKNOWN,) * 4
+    assert (tmp_path / "log").read_bytes() == lines
+    while session.ask() is not None:
+        answer(session, robot)
+    expected = search(world(3), decider("random_poses"), PROBLEM, 1, MODEL, 3)
+    assert [step.decision for step in session.steps] == [step.decision for step in expected.steps]
+
+
+@pytest.mark.parametrize(
+    ("place", "name", "values"),
+    [
+        ("line", "object", (-1, 4, 0.5, True, None, "0")),
+        ("line", "force", (-1, True, "1", 10**400)),
+        ("line", "area", (-1e-9, [1])),
+        ("line", "told", ("felt", None, 3)),
+        ("line", "pose", (3, "back", -1)),
+        ("header", "target", ("mug", 4, -1)),
+        ("header", "seed", ([-1], "a", [0.5])),
+        ("header", "least_force", (-1, "x")),
+        ("header", "least_area", (-1, [])),
+        ("header", "arrangement", (["shape_1"], [9, None, None, None])),
+        ("problem", "num_objects", (0, -1, 2.5, 5, 10**9)),
+        ("problem", "touch_limit", (0, -1, 2.5)),
+        ("problem", "touch_cost", (-1, "x")),
+        ("problem", "unsure_reward", (-2, 1, "x")),
+        ("problem", "composition", ("heap", {"shape_0": -1}, 3)),
+    ],
+)
+def test_a_log_with_a_number_out_of_its_range_is_refused_though_it_is_sealed(place, name, values, tmp_path):
+    session = begun()
+    session.tell(part_touch(session), pose=0, force=1.0, area=1e-5)
+    session.save(tmp_path / "log")
+    session.close()
+    for number, value in enumerate(values):
+        header, line = read_journal(tmp_path / "log")
+        {"line": line, "header": header, "problem": header["problem"]}[place][name] = value
+        Journal.create(tmp_path / f"{number}", [header, line]).close()
+        with pytest.raises(CorruptFile, match="is no log of a session"):
+            Session.load(tmp_path / f"{number}", model=MODEL, decider=decider())
 
 
 class Probes:

@@ -6,20 +6,21 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from activetouch import TactileSensor, TouchWorld
+from activetouch import RecordedSensor, TactileSensor, TouchWorld
 from activetouch.errors import BadRecording
 from activetouch.named_scenes import SCENES
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
-from activetouch.recorded import read_recorded
+from activetouch.recorded import RecordedTouches, read_recorded
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
 from activetouch.session_reader import SensorReader
 from belief import Probe, Touch
-from belief.errors import InvalidArgument
+from belief.errors import ActiveTouchError, InvalidArgument
 from belief.observation_model import RigidBodyModel
 from belief.seeding import arrangement_rng, touch_rng
 from belief.synthetic import sample_arrangement
@@ -90,13 +91,17 @@ def test_a_search_over_a_pipe_that_is_killed_is_the_search(tmp_path):
     ended = asked(talk, do="reveal", arrangement=[sensor().shape_labels[s] for s in robot.world.arrangement])
     begun.close()
     assert (ended["outcome"], ended["success"]) == (str(expected.outcome), expected.success)
-    session = session_with(sensor(), "cone", "information_gain", 7, log=log)
+    session = session_with(sensor(), "cone", "information_gain", 7, log=log, abstain=False)
     assert json.dumps(session.episode.to_dict()) == json.dumps(expected.to_dict())
     assert np.array(ended["log_marginals"]).tobytes() == session.scene.log_marginals().clip(-1e300).tobytes()
     session.close()
     touches, _ = read_recorded(log, "session")  # the day's searches are recordings
     assert touches.num_touches == expected.num_touches
     assert touches.features.shape[1] == 16
+
+
+HUGE = ("1e999", "-1e999", "NaN", "Infinity", "-Infinity", "9" * 400, "9" * 5000, "[" * 300 + "]" * 300)
+"""What JSON of Python reads, and nobody means."""
 
 
 def hostile(rng, number):
@@ -110,7 +115,7 @@ def hostile(rng, number):
         lambda: json.dumps({**good, "image": [[float("nan")] * 4] * 4}).encode(),
         lambda: json.dumps({**good, "image": [[1e999] * 4] * 4}).encode(),
         lambda: json.dumps({**good, "image": (np.array(image) + rng.choice([-300, 0.5, 300])).tolist()}).encode(),
-        lambda: json.dumps({**good, "image": np.zeros(rng.integers(1, 9, size=rng.integers(1, 5))).tolist()}).encode(),
+        lambda: json.dumps({**good, "image": np.zeros(rng.integers(5, 9, size=rng.integers(1, 5))).tolist()}).encode(),
         lambda: json.dumps({**good, "image": {"dtype": "O", "shape": [4, 4], "base64": "AAAA"}}).encode(),
         lambda: json.dumps({**good, "image": {"dtype": "|u1", "shape": [1 << 40, 4], "base64": "AAAA"}}).encode(),
         lambda: json.dumps({**good, "step": rng.choice([-1, 1, 10**9])}, default=int).encode(),
@@ -131,6 +136,15 @@ def hostile(rng, number):
         lambda: json.dumps({"do": "reveal", "arrangement": ["mug"] * int(rng.integers(9))}).encode(),
         lambda: b'{"do": "ask", "id": ' + b"9" * 5000 + b"}",
         lambda: b'"\\ud800"',
+        lambda: json.dumps({"do": "ask", "id": "x"}).replace('"x"', rng.choice(HUGE)).encode(),
+        lambda: json.dumps({**good, "image": "x"}).replace('"x"', f"[[{rng.choice(HUGE)}]]").encode(),
+        lambda: json.dumps({**good, "force": "x"}).replace('"x"', rng.choice(HUGE)).encode(),
+        lambda: json.dumps({**good, "step": "x"}).replace('"x"', rng.choice(HUGE)).encode(),
+        lambda: json.dumps({"do": "tell", "step": 0, "logits": "x"}).replace('"x"', f"[{rng.choice(HUGE)}]").encode(),
+        lambda: json.dumps({"do": "undo", "step": "x"}).replace('"x"', rng.choice(HUGE)).encode(),
+        lambda: json.dumps({"do": "reveal", "arrangement": "x"}).replace('"x"', f"[{rng.choice(HUGE)}]").encode(),
+        lambda: json.dumps({**good, "pose": {"place": "x"}}).replace('"x"', f"[{rng.choice(HUGE)}]").encode(),
+        lambda: json.dumps({"do": "ask", "id": [[{"a": []}]]}).encode(),
         lambda: b"",
     ]
     return [kinds[i % len(kinds)]() + b"\n" for i in range(number)]
@@ -280,6 +294,11 @@ def test_a_log_of_another_search_is_refused_with_what_differs(tmp_path):
     for changed, message in (
         ({"target": "cube"}, "its target is 'cone', not 'cube'"),
         ({"num_objects": 3}, "its num_objects is 4, not 3"),
+        ({"touch_cost": 0.5}, "its touch_cost is 0.02, not 0.5"),
+        ({"abstain": False}, "its unsure_reward is 0.0, not None; its abstain is True, not False"),
+        ({"least_force": 0.1}, "its least_force is None, not 0.1"),
+        ({"least_area": 1e-6}, "its least_area is 0.0, not 1e-06"),
+        ({"decider": "fixed_poses(confirm=0.9)"}, "another decider: its confirm is 0.99, not 0.9"),
     ):
         with pytest.raises(InvalidArgument, match=message):
             session_with(sensor(), **{"target": "cone", "decider": "fixed_poses", "seed": 7, "log": log, **changed})
@@ -288,3 +307,109 @@ def test_a_log_of_another_search_is_refused_with_what_differs(tmp_path):
     with pytest.raises(InvalidArgument, match=r"another model .* \(was it begun with --unknown-state"):
         Live(target="cone", sensor=Path("paper"), decider="fixed_poses", seed=7, log=log).run()
     session_with(sensor(), "cone", "fixed_poses", 7, log=log).close()
+
+
+def recorded(folder, number):
+    """A sensor that was trained on few recordings of so many things."""
+    objects, sessions, actions = (axis.ravel() for axis in np.indices((number, 4, 2)))
+    rng = np.random.default_rng(0)
+    features = 3.0 * rng.normal(size=(number, 3))[objects] + rng.normal(size=(len(objects), 3))
+    things = tuple(f"thing_{index}" for index in range(number))
+    names = ("f0", "f1", "f2")
+    touches = RecordedTouches(features, actions, objects, sessions, ("press", "rub"), things, feature_names=names)
+    RecordedSensor.fit(touches).save(folder)
+    return folder
+
+
+def lines_of(capfd, monkeypatch, *said, **options):
+    """What live answers to lines, and what it prints beside."""
+    monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO(b"".join(said))))
+    try:
+        Live(**options).run()
+    finally:
+        out, err = capfd.readouterr()
+        lines_of.last = [json.loads(line) for line in out.splitlines()], err
+    return lines_of.last
+
+
+HELLO, STATE = b'{"do": "hello"}\n', b'{"do": "state"}\n'
+
+
+def test_a_sum_that_is_too_large_falls_back_to_independent_objects_and_says_so(tmp_path, capfd, monkeypatch):
+    folder = recorded(tmp_path / "sensor", 41)
+    options = {"sensor": folder, "target": "thing_3", "log": tmp_path / "log"}
+    with pytest.warns(UserWarning, match=r"taken to be independent, .* has more than 1048576 multisets"):
+        (hello, state), _ = lines_of(capfd, monkeypatch, HELLO, STATE, **options, objects=8)
+    assert (hello["composition"], hello["num_objects"], len(state["beliefs"])) == ("independent", 8, 8)
+    with pytest.warns(UserWarning, match="independent"):
+        (again,), _ = lines_of(capfd, monkeypatch, HELLO, **options, objects=8)
+    assert again == hello
+    few = {**options, "log": tmp_path / "few", "objects": 3}
+    (hello, state), _ = lines_of(
+        capfd, monkeypatch, HELLO, STATE, **few, among=("thing_3", "thing_0", "thing_9", "thing_3")
+    )
+    assert (hello["composition"], hello["shapes"]) == ("distinct", ["thing_3", "thing_0", "thing_9"])
+    assert set(state["beliefs"][0]) == {"thing_3", "thing_0", "thing_9"}
+    with pytest.warns(UserWarning, match="independent"):
+        session = TactileSensor.load(folder).session("thing_3", num_objects=8)
+    assert session.problem.composition == "independent"
+
+
+def test_a_search_among_some_shapes_of_a_scene_believes_in_no_others(tmp_path, capfd, monkeypatch):
+    options = {"sensor": Path("coarse"), "target": "cone", "among": ("cone", "cube"), "log": tmp_path / "log"}
+    (hello, state), _ = lines_of(capfd, monkeypatch, HELLO, STATE, **options)
+    assert (hello["num_objects"], hello["composition"]) == (2, {"cone": 1, "cube": 1})
+    assert {shape: prob for shape, prob in state["beliefs"][0].items() if prob} == {"cone": 0.5, "cube": 0.5}
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "words"),
+    [
+        ({"target": "mug"}, "UnknownName", "unknown target 'mug'"),
+        ({"decider": "nobody"}, "UnknownName", "unknown decider"),
+        ({"objects": 5}, "InvalidArgument", "5 objects cannot all differ"),
+        ({"objects": 0}, "BadArgument", "--objects"),
+        ({"touch_cost": float("nan")}, "BadArgument", "--touch-cost"),
+        ({"sensor": Path("nowhere")}, "NoSensor", "nowhere"),
+        ({"among": ("cube", "sphere")}, "UnknownName", "unknown target among --among 'cone'"),
+        ({"among": ("cone", "mug")}, "UnknownName", "unknown shape 'mug'"),
+        ({"among": ("cone", "cube"), "objects": 3}, "InvalidArgument", "3 objects cannot come from a bag of 2"),
+        ({"among": ("cone", "cube"), "composition": "independent"}, "BadArgument", "--among, for a sensor of a scene"),
+        ({"log": Path(__file__).parent}, "CorruptFile", "is a folder"),
+        ({"log": Path(__file__)}, "CorruptFile", "test_live.py"),
+    ],
+)
+def test_an_error_at_the_start_is_one_line_of_json(changes, error, words, tmp_path, capfd, monkeypatch):
+    options = {"sensor": Path("coarse"), "target": "cone", "log": tmp_path / "log", **changes}
+    with pytest.raises(ActiveTouchError, match=words):
+        lines_of(capfd, monkeypatch, HELLO, **options)
+    [line], _ = lines_of.last
+    assert (line["ok"], line["error"]) == (False, error)
+    assert words in line["message"]
+
+
+def test_labels_and_compositions_that_a_recorded_sensor_cannot_search_are_said_at_the_start(
+    tmp_path, capfd, monkeypatch
+):
+    options = {"sensor": recorded(tmp_path / "sensor", 41), "target": "thing_3", "objects": 8}
+    for changes, words in (
+        ({"among": ("thing_3", "mug")}, r"does not know \['mug'\]"),
+        ({"composition": "distinct"}, "has more than 1048576 multisets"),
+    ):
+        with pytest.raises(InvalidArgument, match=words):
+            lines_of(capfd, monkeypatch, HELLO, **options, **changes)
+        assert [line["ok"] for line in lines_of.last[0]] == [False]
+
+
+class Quits:
+    def decide(self, info, rng):
+        sys.exit(0)
+
+
+def test_a_decider_that_exits_ends_no_conversation():
+    talk = Conversation(session_with(sensor(), "cone", Quits(), 7), sensor())
+    for _ in range(2):
+        answer = asked(talk, do="ask", id=1.5)
+        assert (answer["error"], answer["id"], answer["step"]) == ("CodeFailed", 1.5, 0)
+        assert "sys.exit(0)" in answer["message"]
+    assert asked(talk, do="state")["ok"]

@@ -10,7 +10,7 @@ import pytest
 import activetouch
 from activetouch import SCENES, TactileSensor
 from activetouch.distributions import Uniform
-from belief.errors import ActiveTouchError, UnknownName
+from belief.errors import ActiveTouchError, CodeFailed, UnknownName
 from belief.references import BadReference
 from experiments.command_line.arguments import BadArgument
 from experiments.scene_choice import SceneChoice, named_scene, renderer_named
@@ -165,7 +165,7 @@ def test_what_is_no_scene_is_refused(tmp_path):
         ("point_based(table=3)", BadReference, "table is no setting"),
         ("information_gain(confirm='x')", BadReference, "information_gain"),
         ("own_parts:not_a_decider", BadReference, "no decider"),
-        ("own_parts:raises", BadReference, "RuntimeError"),
+        ("own_parts:raises", CodeFailed, "RuntimeError"),
         ("own_parts:Min", UnknownName, "Mine"),
         ("own_part:Mine", BadReference, "own_part.py"),
         ("nobody", UnknownName, "Known"),

@@ -1,12 +1,16 @@
 """What the time of searches is spent on."""
 
+import sys
+
 import pytest
 
 from activetouch.world import TouchTime, touch_many
 from belief import Probe
+from belief.errors import CodeFailed
+from experiments.cli import main
 from experiments.scene_choice import SceneChoice
 from experiments.search.comparison import prepared
-from experiments.search.play import CodeFailed, Seconds, play_episodes
+from experiments.search.play import Seconds, play_episodes
 from experiments.search.setting import Setting
 from planners import Decision, search_lockstep
 from planners.other_agents import FunctionPolicy
@@ -77,3 +81,53 @@ def test_what_a_decider_loads_is_no_time_of_a_decision(monkeypatch):
     run = prepared(Setting(SceneChoice("coarse", fidelity="quasistatic")), {"mine": FunctionPolicy(load_once)}, jobs=1)
     now[0] = 0.0
     assert play_episodes(run.searches, run.deciders["mine"], 1, [0])[1].decision == 0.0
+
+
+OWN = """
+from dataclasses import dataclass
+from activetouch.named_scenes import SCENES
+from activetouch.rendering import PressureRenderer
+from belief import Probe
+from planners import Decision
+
+def quits(*given):
+    raise SystemExit(0)
+
+class Later:
+    def decide(self, info, rng):
+        return quits() if info.history else Decision(Probe(0))
+
+class Renderer(PressureRenderer):
+    def __call__(self, contact):
+        quits()
+
+class Made:
+    def __init__(self):
+        quits()
+"""
+COMPARE = ("compare", "--scene", "coarse", "--targets", "cone", "--episodes", "1", "--jobs", "1")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        (*COMPARE, "--deciders", "own_quits:Later"),
+        (*COMPARE, "--deciders", "own_quits:Made"),
+        (*COMPARE, "--deciders", "policy:own_quits:quits"),
+        (*COMPARE, "--deciders", "policy:own_quits:Made"),
+        ("certify", "--scene", "coarse", "--decider", "own_quits:Later", "--jobs", "1"),
+        ("live", "--sensor", "coarse", "--target", "cone", "--decider", "own_quits:Made"),
+        ("touch", "--scene", "own_quits:quits", "--shape", "cube", "--out", "touch.png"),
+        ("touch", "--scene", "coarse", "--renderer", "own_quits:Renderer", "--shape", "cube", "--out", "touch.png"),
+    ],
+    ids=" ".join,
+)
+def test_code_of_a_user_that_exits_ends_no_command_as_if_all_were_well(words, tmp_path, monkeypatch):
+    (tmp_path / "own_quits.py").write_text(OWN)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.setattr(sys, "argv", ["activetouch", *words])
+    monkeypatch.setitem(sys.modules, "own_quits", None)
+    del sys.modules["own_quits"]
+    with pytest.raises(SystemExit, match=r"own_quits\.py, line 9: raise SystemExit\(0\)\nSystemExit: 0"):
+        main()

@@ -8,8 +8,15 @@ import pytest
 
 from belief.errors import CannotWrite, CorruptFile
 from belief.files import sealed_json
+from experiments.command_line.arguments import BadArgument
+from experiments.scene_choice import SceneChoice
+from experiments.search.comparison import Comparison, prepared
+from experiments.search.export import Export
 from experiments.search.play import EPISODES_PER_BATCH, Seconds
+from experiments.search.replay import Replay
+from experiments.search.results import compare_results
 from experiments.search.run import Batch, RunFolder, RunMismatch, _file_name
+from experiments.search.setting import Setting
 
 CELL = ("threshold", "cone")
 ARGUMENTS = {"deciders": ["threshold"], "targets": ["cone"], "episodes": 50, "seed": 0, "setting": None}
@@ -116,3 +123,79 @@ def test_the_command_that_repeats_a_run_trusts_the_code_that_the_run_names(tmp_p
     assert folder.command("compare", config="run.json") == f"activetouch compare {word}--config run.json"
     with pytest.raises(FileNotFoundError, match=f"finish it with:\nactivetouch compare {word}--config"):
         folder.latest(("cone",))
+
+
+def played(folder, episodes=4):
+    """A comparison without touches."""
+    coarse = Setting(SceneChoice("coarse"))
+    prepared(coarse, "random_confirm", targets="cone", episodes=episodes, out=folder, jobs=1).play(jobs=1)
+    return (folder / "episodes.jsonl").read_bytes()
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A folder with a finished comparison, and the bytes of its episodes."""
+    folder = tmp_path_factory.mktemp("finished")
+    return folder, played(folder)
+
+
+READERS = {
+    "load": lambda run: Comparison.load(run),
+    "export": lambda run: Export(folder=run, out=run / "paper").run(),
+    "replay": lambda run: Replay(run, decider="random_confirm", target="cone", out=run / "search.png").run(),
+    "results": lambda run: compare_results([run]),
+    "results by file": lambda run: compare_results([run / "episodes.jsonl"]),
+}
+
+
+@pytest.mark.mujoco
+@pytest.mark.parametrize("reader", READERS)
+def test_every_reader_of_a_run_refuses_episodes_that_were_changed_or_removed(finished, reader, tmp_path):
+    folder, content = finished
+    lines, file = content.splitlines(keepends=True), folder / "episodes.jsonl"
+    other = content.replace(b'"confirmed"', b'"exhausted"')
+    assert other != content
+    for changed, told in (
+        (other, "it was changed, its content does not match its digest"),
+        (b"".join(lines[:2]), "it has 2 lines, and run.json says 4"),
+        (b"".join([*lines[:3], lines[0]]), "it was changed"),
+        (content[:-1], "it has 3 lines"),
+        (b"", "it has 0 lines"),
+        (b"\xff" * 9, "it has 0 lines"),
+    ):
+        file.write_bytes(changed)
+        with pytest.raises(CorruptFile, match=rf"{told}.* Repeat the call .*\nactivetouch compare --config"):
+            READERS[reader](folder)
+    assert played(folder) == content
+    Comparison.load(folder)
+
+
+@pytest.mark.mujoco
+def test_a_run_with_more_episodes_is_sealed_again_and_one_of_an_earlier_version_is_played_again(tmp_path):
+    first, more = played(tmp_path), played(tmp_path, 6)
+    assert more[: len(first)] == first
+    assert len(Comparison.load(tmp_path).of("random_confirm")) == 6
+    text = (tmp_path / "run.json").read_text()
+    fields = {name: value for name, value in json.loads(text).items() if name not in ("sha256", "episodes")}
+    for older in (fields, {**fields, "episodes": None}, {**fields, "episodes": [6]}):
+        (tmp_path / "run.json").write_text(sealed_json(older))
+        with pytest.raises(CorruptFile, match=r"no digest of it, so its comparison did not finish, or .* earlier"):
+            Comparison.load(tmp_path)
+    assert played(tmp_path, 6) == more
+    assert (tmp_path / "run.json").read_text() == text
+
+
+@pytest.mark.mujoco
+def test_a_comparison_that_is_killed_keeps_the_one_before_readable(finished):
+    folder, content = finished
+    text, run = (folder / "run.json").read_text(), RunFolder(folder).read_run()
+    RunFolder(folder).start(run["identity"], {**run["arguments"], "episodes": 6})
+    assert RunFolder(folder).latest(["sphere", "cube", "cylinder", "cone"])["random_confirm", "cone"]
+    assert played(folder) == content
+    assert (folder / "run.json").read_text() == text
+
+
+def test_only_the_episodes_of_a_run_stand_for_it(tmp_path):
+    (tmp_path / "copy.jsonl").write_text("{}\n")
+    with pytest.raises(BadArgument, match="has no column"):
+        compare_results([tmp_path / "copy.jsonl"])
