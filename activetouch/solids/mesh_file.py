@@ -2,7 +2,7 @@
 
 The reader of a format gives vertices ``(v, 3)`` in the file's unit, and triangles ``(f, 3)``. It raises ValueError with
 the reason and the line for what it cannot read, needs memory in proportion to the size of the file whatever its header
-promises, opens no other file, and divides polygons into fans of triangles.
+promises, opens no other file, and divides polygons into triangles: convex ones into fans, others by :mod:`activetouch.solids.polygons`.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import numpy as np
 import scipy  # whose parts load at first use
 
 from activetouch.errors import BadMesh
+from activetouch.solids.polygons import ears, not_fans
 from activetouch.solids.solid import Floats, Ints
 from belief.files import plain_number, require_regular_file
 
@@ -48,8 +49,9 @@ Element: TypeAlias = tuple[str, int, list[tuple[str, str, str]]]
 class SurfaceBuilder:
     """The vertices and polygons that a reader found so far."""
 
-    def __init__(self) -> None:
+    def __init__(self, lines: Lines | None = None) -> None:
         self.coordinates, self.corners, self.sizes = array("d"), array("q"), array("q")
+        self._lines, self._numbers = lines, array("q")  # of the line that each polygon is in
 
     @property
     def num_vertices(self) -> int:
@@ -68,9 +70,14 @@ class SurfaceBuilder:
             raise ValueError(f"a face has {len(corners)} corners, it needs at least 3")
         self.corners.extend(corners)
         self.sizes.append(len(corners))
+        if self._lines is not None:
+            self._numbers.append(self._lines.number)
 
     def arrays(self) -> tuple[Floats, Ints]:
-        """The vertices, and the triangles as indices of vertices; raises ValueError for an index of no vertex.
+        """The vertices, and the triangles as indices of vertices.
+
+        Raises:
+            ValueError: a polygon has no such vertex, or its sides cross each other.
 
         >>> surface = SurfaceBuilder()
         >>> surface.coordinates.extend(range(12))
@@ -81,13 +88,21 @@ class SurfaceBuilder:
         """
         vertices = np.array(self.coordinates, np.float64).reshape(-1, 3)
         corners, sizes = np.array(self.corners, np.intp), np.array(self.sizes, np.intp)
-        first = np.repeat(np.cumsum(sizes) - sizes, sizes - 2)
-        step = np.arange(len(first)) - np.repeat(np.cumsum(sizes - 2) - (sizes - 2), sizes - 2)
+        starts, begins = np.cumsum(sizes) - sizes, np.cumsum(sizes - 2) - (sizes - 2)
+        first = np.repeat(starts, sizes - 2)
+        step = np.arange(len(first)) - np.repeat(begins, sizes - 2)
         faces = corners[np.column_stack([first, first + step + 1, first + step + 2])]
         if (wrong := faces[(faces < 0) | (faces >= len(vertices))]).size:
             raise ValueError(
                 f"a face has the vertex {wrong[0]}, counted from 0, and there are {len(vertices)} vertices"
             )
+        for place in not_fans(vertices, faces, begins).tolist():
+            ring = corners[starts[place] : starts[place] + sizes[place]]
+            try:
+                faces[begins[place] : begins[place] + sizes[place] - 2] = ring[ears(vertices[ring])]
+            except ValueError as error:
+                where = f"line {self._numbers[place]}" if self._lines is not None else f"face {place + 1}"
+                raise ValueError(f"{where}: {error}") from error
         return vertices, faces
 
 
@@ -120,7 +135,8 @@ def index_of_vertex(number: float) -> int:
 
 def from_text(content: bytes, fill: Callable[[Lines, SurfaceBuilder], None]) -> tuple[Floats, Ints]:
     """The surface that a function fills from lines; its ValueErrors get the number of the line."""
-    lines, surface = Lines(content), SurfaceBuilder()
+    lines = Lines(content)
+    surface = SurfaceBuilder(lines)
     try:
         fill(lines, surface)
     except ValueError as error:
