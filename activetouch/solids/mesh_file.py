@@ -20,6 +20,7 @@ import numpy as np
 import scipy  # whose parts load at first use
 
 from activetouch.errors import BadMesh
+from activetouch.solids.mesh import odd_size, units_that_fit
 from activetouch.solids.polygons import ears, not_fans
 from activetouch.solids.solid import Floats, Ints
 from belief.files import plain_number, require_regular_file
@@ -28,7 +29,7 @@ _MOST_BYTES = 256 * 2**20
 _MOST_PAIRS = 10_000_000
 _MANY = 50_000  # triangles from which a view takes more than 15 ms
 _SAME_POINT = 1e-8  # distance [m]; STL repeats corners in every triangle, with seven digits
-_MILLIMETRES = (15.0, 150.0)  # radii for which no other usual unit gives an object of less than 150 mm
+_MILLIMETRES = (15.0, 300.0)  # radii for which no other usual unit gives an object of less than 150 mm
 _STL_HEADER = 84
 _STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _MOST_INDEX = 2**53  # integers below are exact as floats
@@ -293,8 +294,8 @@ ENDINGS = tuple(_READERS)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # such vertices are rejected later
-def read_surface(path: Path, scale: float | None) -> tuple[Floats, Ints, tuple[str, ...]]:
-    """Vertices in metres, ``(v, 3)``, triangles, ``(f, 3)``, and what was guessed or is unusual, as texts.
+def read_surface(path: Path, scale: float | None) -> tuple[Floats, Ints, tuple[str, ...], float]:
+    """Vertices in metres, ``(v, 3)``, triangles, ``(f, 3)``, what was guessed or is unusual, as texts, and the scale.
 
     Args:
         path: the file.
@@ -319,23 +320,25 @@ def read_surface(path: Path, scale: float | None) -> tuple[Floats, Ints, tuple[s
     used, faces = np.unique(faces, return_inverse=True)
     vertices, faces = vertices[used], faces.reshape(-1, 3)
     if not (len(used) and np.isfinite(np.square(np.ptp(vertices, axis=0)).sum())):
-        return vertices, faces, ()  # rejected later
+        return vertices, faces, (), 1.0  # rejected later
     scale, remarks = _scale(path, vertices, scale)
     vertices, faces = _welded(path.name, vertices * scale, faces)
     if len(faces) > _MANY:
         remarks = (*remarks, f"{len(faces)} triangles make touches slow; a program for meshes reduces them")
-    return vertices, faces, remarks
+    return vertices, faces, remarks, scale
 
 
 def _scale(path: Path, vertices: Floats, given: float | None) -> tuple[float, tuple[str, ...]]:
     """Metres per unit: what is given, or 1, unless only millimetres make an object that a pad may press; and why."""
     extent = np.ptp(vertices, axis=0)
-    if given is not None or not _MILLIMETRES[0] < np.linalg.norm(extent) / 2 < _MILLIMETRES[1]:
-        return 1.0 if given is None else given, ()
+    radius = float(np.linalg.norm(extent) / 2)
+    if given is not None or not _MILLIMETRES[0] < radius < _MILLIMETRES[1]:
+        remark = odd_size(radius) if given is None else None
+        return 1.0 if given is None else given, () if remark is None else (remark,)
     size = " × ".join(f"{length:.3g}" for length in extent)
     return 0.001, (
         f"read in millimetres ({size} mm), because an object of {extent.max():.3g} m is too large for a pad; write "
-        f"{path.name}@0.001, or @0.001 behind its folder, to say so",
+        f"{path.name}@0.001, or @0.001 behind its folder, to say so. Its scale is {units_that_fit(radius)}",
     )
 
 

@@ -1,5 +1,6 @@
 """Mesh files as people name them: one name and one scale each, and files that are called alike."""
 
+import re
 import warnings
 
 import numpy as np
@@ -72,6 +73,35 @@ def test_a_file_is_read_and_what_is_unusual_is_said_once(name, said, extent, fol
     if said is not None:
         with pytest.warns(MeshWarning, match=said):
             read_meshes(folder / name)
+
+
+@pytest.mark.parametrize(
+    ("radius", "said"),
+    [
+        (0.001, "read in metres, its farthest point is 1 mm .* unusual; .*: 1 if it is in metres$"),
+        (0.2, "is 200 mm .* unusual; .*: 0.01 if .* centimetres, or 0.0254 if .* inches, or 1 if it is in metres$"),
+        (20.0, "in millimetres .* Its scale is 0.001 if it is in millimetres, or 0.01 if it is in centimetres$"),
+        (200.0, r"in millimetres .* write b\.obj@0\.001.* Its scale is 0.001 if it is in millimetres$"),
+        (0.003, None),
+        (0.14, None),
+    ],
+)
+def test_an_unusual_size_is_read_with_advice_that_names_all_units_that_fit(radius, said, tmp_path):
+    lines = ["v {:.12g} {:.12g} {:.12g}".format(*vertex) for vertex in CUBE * radius / np.linalg.norm(CUBE[0])]
+    lines += ["f {} {} {}".format(*(i + 1 for i in face)) for face in FACES]
+    (tmp_path / "b.obj").write_text("\n".join(lines))
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        [mesh] = read_meshes(tmp_path / "b.obj").values()
+    assert mesh.bounding_radius == pytest.approx(radius if radius < 1 else radius / 1000)
+    assert bool(told) == (said is not None)
+    for one in told:
+        assert re.search(said, str(one.message))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # nothing is said of a scale that is given
+        read_meshes(f"{tmp_path}/b.obj@{1.0 if radius < 1 else 0.001}")
+    with pytest.raises(BadMesh, match=r"0\.3 m.*Give its scale: .*metres"):
+        read_meshes(f"{tmp_path}/b.obj@{400 / radius}")  # advice is about the unit of the file
 
 
 def test_files_of_different_units_are_read_in_one_call(folder):
