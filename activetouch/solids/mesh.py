@@ -100,7 +100,8 @@ class Mesh:
             InvalidArgument: the scale is not positive and finite.
 
         Warns:
-            MeshWarning: the unit was guessed or the size is unusual, there are more than 50 000 triangles, or see :class:`Mesh`.
+            MeshWarning: the unit was guessed, the size is unusual, there are more than 50 000 triangles, or see
+                :class:`Mesh`.
         """
         from activetouch.solids.mesh_file import read_surface
 
@@ -169,8 +170,8 @@ def odd_size(radius: float) -> str | None:
     if _USUAL[0] <= radius <= _USUAL[1] or not _MIN_RADIUS <= radius <= _MAX_RADIUS:
         return None
     return (
-        f"read in metres, its farthest point is {1e3 * radius:.3g} mm from its middle, which is unusual; give its scale "
-        f"to confirm or to change it: {units_that_fit(radius)}"
+        f"read in metres, its farthest point is {1e3 * radius:.3g} mm from its middle, which is unusual; give "
+        f"its scale to confirm or to change it: {units_that_fit(radius)}"
     )
 
 

@@ -2,13 +2,14 @@
 
 The reader of a format gives vertices ``(v, 3)`` in the file's unit, and triangles ``(f, 3)``. It raises ValueError with
 the reason and the line for what it cannot read, needs memory in proportion to the size of the file whatever its header
-promises, opens no other file, and divides polygons into triangles: convex ones into fans, others by :mod:`activetouch.solids.polygons`.
+promises, opens no other file, and divides polygons into triangles.
 """
 
 from __future__ import annotations
 
 import io
 import re
+import shlex
 import struct
 from array import array
 from collections.abc import Callable, Iterator, Sequence
@@ -291,6 +292,31 @@ def _fill_from_ply(surface: SurfaceBuilder, elements: Sequence[Element], rows: R
 _READERS = {".stl": read_stl, ".obj": read_obj, ".ply": read_ply}
 ENDINGS = tuple(_READERS)
 """Of the files that can be read."""
+_BY_TRIMESH = {".glb": "", ".gltf": "", ".off": "", ".3mf": " networkx lxml", ".dae": " pycollada"}
+_BY_TRIMESH |= {".step": " cascadio", ".stp": " cascadio"}  # and the packages that it needs
+OTHERS = (
+    *(*_BY_TRIMESH, ".fbx", ".blend", ".usd", ".usda", ".usdc", ".usdz", ".wrl", ".vrml", ".x3d", ".3ds", ".amf"),
+    *(".iges", ".igs", ".brep", ".3dm", ".sldprt", ".catpart", ".ipt", ".f3d", ".skp", ".max", ".ma", ".mb", ".c4d"),
+    *(".abc", ".lwo", ".ctm", ".msh", ".vtk", ".vtp", ".vtu"),
+)
+"""Endings of files of meshes that are not read."""
+
+
+def conversion(path: Path) -> str:
+    """What makes a file that can be read of a file of another format.
+
+    >>> print(conversion(Path("mug.glb")))
+    GLB is not read; pip install trimesh, then this writes mug.glb.stl: python -c "import sys, trimesh; \
+trimesh.load(sys.argv[1], force='mesh').export(sys.argv[1] + '.stl')" mug.glb
+    """
+    kind = path.suffix.lower()
+    if kind not in _BY_TRIMESH:
+        return f"{kind[1:].upper()} is not read; export STL, OBJ or PLY from a program that reads it, such as Blender"
+    return (
+        f"{kind[1:].upper()} is not read; pip install trimesh{_BY_TRIMESH[kind]}, then this writes {path.name}.stl: "
+        "python -c \"import sys, trimesh; trimesh.load(sys.argv[1], force='mesh').export(sys.argv[1] + '.stl')\" "
+        f"{shlex.quote(str(path))}"
+    )
 
 
 @np.errstate(over="ignore", invalid="ignore")  # such vertices are rejected later
@@ -309,7 +335,8 @@ def read_surface(path: Path, scale: float | None) -> tuple[Floats, Ints, tuple[s
     if not path.exists():
         raise FileNotFoundError(f"there is no mesh file {path}; relative paths start from {Path.cwd()}")
     if kind not in ENDINGS:
-        raise BadMesh(f"{path}: meshes are read from {', '.join(ENDINGS)} files; the library trimesh converts others")
+        others = f"; {conversion(path)}" if kind in OTHERS else ""
+        raise BadMesh(f"{path}: meshes are read from {', '.join(ENDINGS)} files{others}")
     require_regular_file(path, BadMesh)
     try:
         if (size := path.stat().st_size) > _MOST_BYTES:

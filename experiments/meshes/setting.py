@@ -16,8 +16,8 @@ import scipy  # whose parts load at first use
 from scipy.special import logsumexp
 
 from activetouch.distributions import Uniform
-from activetouch.errors import BadMesh, MeshWarning
-from activetouch.mesh_source import MeshSource, mesh_labels, mesh_sources
+from activetouch.errors import MeshWarning
+from activetouch.mesh_source import MeshSource, read_files
 from activetouch.named_scenes import SCENES
 from activetouch.perception.cached_arrays import cached
 from activetouch.perception.contacts.close_look import CloseContacts, CloseLook
@@ -29,6 +29,7 @@ from activetouch.rotation_cells import centres, nested
 from activetouch.scene import Scene, WorldObject
 from activetouch.scene_description import SURROUNDINGS, scene_fields
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
+from activetouch.solids.mesh import Mesh
 from activetouch.solids.solid import Shape
 from belief.coarse_to_fine import CoarseToFine, Effort
 from belief.errors import InvalidArgument
@@ -164,57 +165,18 @@ class MeshSetting:
         return tuple(found)
 
 
-def labelled_sources(folder: Path | Sequence[Path | str]) -> dict[str, MeshSource]:
-    """The mesh files of :func:`read_folder` by label, before they are read; raises as it does."""
+def sources_of(folder: Path | Sequence[Path | str]) -> Sequence[Path | str]:
+    """A folder ``path[@scale]``, which must be there, or files one by one, as :func:`activetouch.read_meshes` takes."""
     if not isinstance(folder, Path | str):
-        return dict(zip(mesh_labels(*folder), mesh_sources(*folder), strict=True))
-    root = MeshSource.parse(folder).path
-    if not root.is_dir():
+        return folder
+    if not (root := MeshSource.parse(folder).path).is_dir():
         raise FileNotFoundError(f"there is no folder {root}; relative paths start from {Path.cwd()}")
-    sources = mesh_sources(folder)
-    names = [str(source.path.relative_to(root).with_suffix("")) for source in sources]
-    stems = [Path(name).name for name in names]
-    labels = [stem if stems.count(stem) == 1 else name for stem, name in zip(stems, names, strict=True)]
-    return dict(zip(labels, sources, strict=True))
+    return [folder]
 
 
-def read_folder(folder: Path | Sequence[Path | str], scale: float | None = None) -> tuple[dict[str, Shape], list[str]]:
-    """The meshes of a folder and its subfolders, by label, and why others were left out.
-
-    Args:
-        folder: ``path[@scale]`` of the folder, or mesh files one by one, as :func:`activetouch.read_meshes` takes them.
-        scale: metres per unit of files without a scale of their own.
-
-    Raises:
-        InvalidArgument: the folder has no mesh that can be read.
-        FileNotFoundError: there is no such folder or file.
-
-    Warns:
-        MeshWarning: see :meth:`Mesh.from_file`; of the first ten files that there is something to say of.
-    """
-    found: dict[str, Shape] = {}
-    refused = []
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always", MeshWarning)
-        for label, source in labelled_sources(folder).items():
-            try:
-                found[label] = source.read(scale)
-            except BadMesh as error:
-                refused.append(str(error))
-    if not found:
-        reasons = "".join(f"\n- {reason}" for reason in _first(refused, 3))
-        raise InvalidArgument(f"no mesh could be read from {folder}{':' if reasons else ''}{reasons}")
-    of_meshes = [str(one.message) for one in said if issubclass(one.category, MeshWarning)]
-    for remark in _first(of_meshes, 10):
-        warnings.warn(remark, MeshWarning, stacklevel=2)
-    for one in said:
-        if not issubclass(one.category, MeshWarning):
-            warnings.warn_explicit(one.message, one.category, one.filename, one.lineno)
-    return found, refused
-
-
-def _first(lines: list[str], most: int) -> list[str]:
-    return lines if len(lines) <= most else [*lines[:most], f"and {len(lines) - most} more files"]
+def read_folder(folder: Path | Sequence[Path | str], scale: float | None = None) -> tuple[dict[str, Mesh], list[str]]:
+    """The meshes of :func:`sources_of`, and a line on each file that is left out."""
+    return read_files(*sources_of(folder), scale=scale, is_lenient=True)
 
 
 def scene_of(solids: Mapping[str, Shape], sensor: str | Path = "gel") -> Scene:

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 from scipy.special import logsumexp
 
 from activetouch.errors import MeshWarning
@@ -22,6 +23,8 @@ from experiments.meshes.find import Find, find
 from experiments.meshes.identify import Identify, identify, name_object
 from experiments.meshes.near_twins import near_twins
 from experiments.meshes.setting import MeshSetting, cost_words, read_folder, reader_of, scene_of
+from experiments.press.explain import Explain
+from experiments.scene_choice import SceneChoice
 
 PLAN = ViewPlan(12, 4)
 POSES = np.array(list(POSE_SETS["directions26"].values()))
@@ -99,13 +102,31 @@ def test_a_folder_is_read_with_what_cannot_be_read_left_out(folder, tmp_path):
     assert "broken" in refused[0]
     for name in "abcde":
         (tmp_path / f"{name}.obj").write_text("v 0 0 0\n")
-    with pytest.raises(InvalidArgument, match=r"(?s)no mesh.*:\n- a.*\n- c.*\n- and 2 more files$"):
+    with pytest.raises(InvalidArgument, match=r"(?s)no mesh.*:\n- \S*/a.*\n- \S*/c.*\n- and 2 more files$"):
         read_folder(tmp_path)
     (tmp_path / "large.obj").write_text("v 0 0 0\nv 30 0 0\nv 0 30 0\nv 0 0 30\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n")
     with pytest.warns(MeshWarning, match="millimetres"):
         read_folder(tmp_path)
     with pytest.raises(FileNotFoundError, match="no folder"):
         read_folder(tmp_path / "missing")
+
+
+def test_every_command_says_what_a_folder_has_and_is_not_read(tmp_path, capsys):
+    for name, sides in {"cube.obj": (14, 14, 14), "cube.ply": (8, 8, 24)}.items():
+        mesh = box(*(side / 1000 for side in sides))
+        trimesh.Trimesh(mesh.vertices, mesh.faces).export(tmp_path / name)
+    (tmp_path / "cube.dae").write_text("")
+    (tmp_path / "gone.stl").symlink_to("nowhere.stl")
+    begins = [f"{tmp_path}/cube.dae is left out: DAE is not read; ", f"{tmp_path}/gone.stl is left out: it is a link"]
+    for command in (Find(folder=tmp_path, target="cube.ply", out=tmp_path), Identify(folder=tmp_path, out=tmp_path)):
+        solids, left_out = command.read("cube.ply")
+        assert list(solids) == ["cube.obj", "cube.ply"]
+        assert [line.startswith(begin) for line, begin in zip(left_out, begins, strict=True)] == [True] * 2
+        assert capsys.readouterr().out.splitlines()[-2:] == left_out
+    choice = SceneChoice("coarse", meshes=(tmp_path,), only=True)
+    with pytest.warns(MeshWarning, match="is left out"):
+        Explain(choice, presses=2, alike=False).run()
+    assert capsys.readouterr().out.splitlines()[-2:] == [f"- {line}" for line in left_out]
 
 
 def test_twins_are_named_before_the_first_touch(setting):
@@ -116,7 +137,8 @@ def test_twins_are_named_before_the_first_touch(setting):
 
 
 def test_bodies_are_named_and_the_report_shows_those_that_are_possible(folder, tmp_path):
-    found = identify(folder, num_objects=4, max_touches=3, jobs=1, plan=PLAN, levels=(0, 1), pressed=4)
+    with pytest.warns(MeshWarning, match="broken.obj is left out: there are no triangles"):
+        found = identify(folder, num_objects=4, max_touches=3, jobs=1, plan=PLAN, levels=(0, 1), pressed=4)
     rows = found.rows()
     assert {row["body"] for row in rows} == {"bar", "cube", "same", "plate"}
     for row, naming in zip(rows, found.namings, strict=True):
@@ -124,11 +146,14 @@ def test_bodies_are_named_and_the_report_shows_those_that_are_possible(folder, t
         assert row["stated"] <= 0.6 or row["named"] in ("cube", "plate")  # bar and same are one body
         assert len(set(naming.poses)) == len(naming.poses)
     page = found.save(tmp_path / "report").read_text()
+    assert "broken.obj is left out: there are no triangles" in page
+    assert "broken.obj is left out: there are no triangles" in str(found)
     assert page.count("After touch") >= 4
     assert "feel nearly alike" in page
     assert len((tmp_path / "report" / "objects.csv").read_text().splitlines()) == 5
 
 
+@pytest.mark.filterwarnings("ignore:.*broken.obj is left out")
 def test_a_search_says_where_the_target_is_or_that_it_is_not_there(folder, tmp_path):
     found = find(folder, "cube.obj", num_objects=2, num_searches=6, jobs=1, plan=PLAN, levels=(0, 1), pressed=4)
     assert len(found.rows()) == 6
@@ -142,6 +167,7 @@ def test_a_search_says_where_the_target_is_or_that_it_is_not_there(folder, tmp_p
     assert len(usual.searches[0].objects) == 3
 
 
+@pytest.mark.filterwarnings("ignore:.*broken.obj is left out")
 def test_what_cannot_be_sought_is_refused(folder):
     with pytest.raises(UnknownName, match="mug"):
         find(folder, "mug.obj", num_objects=4)
