@@ -108,7 +108,7 @@ def open_sensor(
         anyway: whether to accept a sensor of any scene.
         independent: whether to use its model that takes touches as independent given the shape.
         unknown_state: whether the state of the sensor is inferred from its touches.
-        jobs: number of processes that predict contacts, with a progress bar; by default this one does, silently.
+        jobs: number of processes that predict contacts, with a progress bar; by default this one does.
 
     Raises:
         NoSensor: The folder holds no sensor.
@@ -128,8 +128,6 @@ def open_sensor(
             raise NoSensor(f"{where if chosen.parent != MODELS else none}. {_remedy(choice, name, scene)}")
     try:
         path, fitted, _ = files_for(chosen, scene, anyway, independent, unknown_state)
-        if unknown_state or fitted is None:
-            print("preparing the sensor: up to two minutes the first time, then kept in the cache", file=sys.stderr)
         if jobs is not None and fitted is None:
             reader = TactileReader.load(path).bound_to(scene)
             predict_contacts(reader, scene, hypotheses_of(reader, scene), jobs)
