@@ -26,7 +26,15 @@ from belief.validation import Floats
 from experiments.command_line.arguments import Jobs, Positive, Seed, Share, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.meshes.near_twins import NearTwins
-from experiments.meshes.setting import MeshSetting, Possible, cost_words, read_folder, reader_of, sources_of
+from experiments.meshes.setting import (
+    MeshSetting,
+    Possible,
+    cost_words,
+    read_folder,
+    reader_of,
+    reading_words,
+    sources_of,
+)
 from experiments.parallel import default_jobs
 from experiments.reporting.page import Section, write_page
 
@@ -169,13 +177,20 @@ class MeshOptions:
         """
         check_arguments(self)
         claim_folder(self.out)
+        sources, _ = labelled_sources(*sources_of(self.folder))
         if body is not None:
-            body_index(labelled_sources(*sources_of(self.folder))[0], body)
+            body_index(sources, body)
+        reader_of(self.sensor)  # which is refused before files are read
+        plain_console().print(reading_words(sources))
         solids, left_out = read_folder(self.folder, self.scale)
-        plain_console().print(cost_words(len(solids), reader_of(self.sensor).card.embedding, jobs=self.jobs))
+        plain_console().print(cost_words(solids, self.sensor, *self._expected(len(solids)), jobs=self.jobs))
         for line in left_out:
             print(line)
         return solids, left_out
+
+    def _expected(self, number: int) -> tuple[float, float]:
+        """About how many touches are made among so many bodies, and how many of them the report shows."""
+        raise NotImplementedError
 
     @property
     def common(self) -> dict[str, Any]:
