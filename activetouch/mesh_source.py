@@ -29,14 +29,7 @@ _SEPARATORS = {"/", os.sep}
 
 @dataclass(frozen=True)
 class MeshSource:
-    """A mesh file, its scale and its name.
-
-    Attributes:
-        path: the file.
-        scale: metres per unit of the file; by default that of :meth:`Mesh.from_file`.
-        name: label of the shape; by default the name of the file without its ending.
-        is_listed: whether it was found in a folder, not named.
-    """
+    """A mesh file, metres per unit of it, the label of its shape, and whether it was found in a folder, not named."""
 
     path: Path
     scale: float | None = None
@@ -45,12 +38,7 @@ class MeshSource:
 
     @classmethod
     def parse(cls, text: Path | str) -> MeshSource:
-        """The source ``[name=]path[@scale]``; a path that exists is taken as it is, whatever signs it contains.
-
-        Raises:
-            InvalidArgument: the scale is not positive and finite, or what follows the ``@`` of a file that exists is no
-                number.
-        """
+        """The source ``[name=]path[@scale]``; a path that exists is taken as it is, whatever signs it contains."""
         path, scale = str(text), None
         before, sign, after = path.rpartition("@")
         if sign and not os.path.lexists(path) and not _SEPARATORS & set(after):
@@ -110,12 +98,7 @@ def read_meshes(*sources: Path | str, scale: float | None = None) -> dict[str, M
 
 
 def read_objects(objects: Mapping[str, Shape | Path | str] | Sequence[Path | str] | Path) -> dict[str, Shape]:
-    """Shapes by label: as given, with mesh files read, or the meshes that :func:`read_meshes` reads.
-
-    Raises:
-        InvalidArgument: neither shapes or files by label, nor files; or a label that is no text.
-        DuplicateShape, FileNotFoundError, BadMesh: see :func:`read_meshes`.
-    """
+    """Shapes by label: as given, with mesh files read, or the meshes that :func:`read_meshes` reads."""
     given = [objects] if isinstance(objects, Path | str) else objects
     if isinstance(given, Mapping):
         if unnamed := [label for label in given if not isinstance(label, str) or not label]:
@@ -133,11 +116,7 @@ def read_objects(objects: Mapping[str, Shape | Path | str] | Sequence[Path | str
 def read_files(
     *sources: Path | str, scale: float | None = None, is_lenient: bool = False
 ) -> tuple[dict[str, Mesh], list[str]]:
-    """The meshes of :func:`read_meshes`, and a line on each file in a folder that is left out, which says why.
-
-    With ``is_lenient``, files that are named may be damaged as well. Of the first ten files that there is something to
-    say of, it is said.
-    """
+    """The meshes of :func:`read_meshes`, and a line on each file left out; with ``is_lenient``, on named ones, too."""
     labelled, left_out = labelled_sources(*sources)
     found: dict[str, Mesh] = {}
     with warnings.catch_warnings(record=True) as said:
@@ -170,12 +149,7 @@ def _first(lines: Sequence[str], most: int) -> Sequence[str]:
 
 
 def labelled_sources(*sources: Path | str) -> tuple[dict[str, MeshSource], list[str]]:
-    """Mesh files by the labels of :func:`read_meshes`, before they are read, and lines on others in the same folders.
-
-    Raises:
-        DuplicateShape: two meshes have the same name.
-        InvalidArgument: a folder has no mesh files, a name is not UTF-8, or see :class:`MeshSource`.
-    """
+    """Mesh files by the labels of :func:`read_meshes`, before they are read, and lines on others in their folders."""
     found, left_out = list[MeshSource](), list[str]()
     for source in map(MeshSource.parse, sources):
         if not _is_utf8(source.path):
@@ -242,15 +216,15 @@ def _labels(sources: Sequence[MeshSource]) -> list[str]:
     """The labels of mesh files: their names, or for files of one name the shortest that tell them apart."""
     files = [source.path for source in sources if not source.name]
     if again := [path for path, number in Counter(map(Path.resolve, files)).items() if number > 1]:
-        twice = next(path for path in files if path.resolve() == again[0])
+        file = next(path for path in files if path.resolve() == again[0])
         raise DuplicateShape(
-            f"{twice} is given twice, and meshes must have other names than each other; write for example "
-            f"my_{twice.stem}={twice}"
+            f"{file} is given twice, and meshes must have other names than each other; write for example "
+            f"my_{file.stem}={file}"
         )
     labels = [source.label for source in sources]
     for stem in [label for label, number in Counter(labels).items() if number > 1]:
         rows = [row for row, source in enumerate(sources) if not source.name and source.path.stem == stem]
-        taken = {label for row, label in enumerate(labels) if row not in rows}
+        taken = {labels[row] for row in {*range(len(labels))} - {*rows}}
         for names in _longer([sources[row].path for row in rows]):
             if len({*names}) == len(names) and taken.isdisjoint(names):
                 for row, name in zip(rows, names, strict=True):

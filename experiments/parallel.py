@@ -90,16 +90,8 @@ def run_tasks(
     """Yield the result of every task in order of completion.
 
     With one job, the tasks run in this process. Linear algebra uses one thread, in this process too: the last bit of a
-    sum depends on the number of threads. Workers end with this process and on an interrupt.
-
-    Args:
-        tasks: what to run.
-        jobs: number of processes on this machine; as many as processors if None.
-        description: text of the progress bar.
-        costs: of the tasks, by which the bar goes on, in any unit; all are equal by default.
-
-    Raises:
-        CannotWrite: What the processes share does not fit into the temporary folder.
+    sum depends on the number of threads. Workers end with this process and on an interrupt. There are as many as
+    processors if ``jobs`` is None. The bar goes on by what the tasks cost, in any unit; equally by default.
     """
     from threadpoolctl import threadpool_limits
 

@@ -229,15 +229,7 @@ class SceneChoice:
 
     @cached_property
     def named(self) -> NamedScene:
-        """The scene with its changes, and its search.
-
-        Raises:
-            UnknownName: There is no such scene or renderer.
-            BadReference: The name of either cannot be parsed, or is the name of something else.
-            DuplicateShape: A mesh has the name of another shape.
-            BadMesh: A mesh file does not contain a solid.
-            InvalidArgument: ``only`` without meshes, or a family that cannot be read or has no solids.
-        """
+        """The scene with its changes, and its search."""
         named = named_scene(self.scene)
         changes: dict[str, Any] = {}
         if self.fidelity is not None:

@@ -59,15 +59,9 @@ def cached(
 ) -> T:
     """A value from the cache, or a new one, which is put there.
 
-    Where nothing can be written, it is computed every time.
-
-    Args:
-        key: JSON values of everything that the value depends on. Its digest is the name of the file without suffix.
-        suffix: of the file.
-        make: computes the value.
-        read: from the file; raises CorruptFile, KeyError, OSError, TypeError or ValueError where it is missing or
-            damaged, and checks with :func:`require_name` that it has not been exchanged.
-        write: to the file, with the name in it.
+    Where nothing can be written, it is computed every time. ``key`` are JSON values of everything that it depends on;
+    their digest names the file. ``read`` raises where the file is missing or damaged, and checks with
+    :func:`require_name` that it was not exchanged; ``write`` puts the name into it.
     """
     path = _place(key, suffix)
     try:

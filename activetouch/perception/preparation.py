@@ -37,16 +37,7 @@ _ENOUGH = 0.9  # of the objects named rightly after a touch in every pose
 
 
 def prepared(reader: TactileReader, scene: Scene, seed: int = 0) -> ArrayModel:
-    """The observation model of a reader for the objects of a scene, from simulated touches.
-
-    Args:
-        reader: bound to the scene.
-        scene: whose objects are pressed.
-        seed: of the touches.
-
-    Warns:
-        AlikeShapes: touches in all poses name too few of the objects rightly.
-    """
+    """The observation model of a reader for the objects of a scene, from simulated touches; warns of alike shapes."""
     described = {name: value for name, value in scene_fields(scene).items() if name not in SURROUNDINGS}
     made_by = [reader.digest, reader.card.imaging, version("activetouch")]
     key = {"reader": made_by, "scene": described, "hypotheses": hypotheses_of(reader, scene)}

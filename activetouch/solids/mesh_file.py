@@ -76,10 +76,7 @@ class SurfaceBuilder:
             self._numbers.append(self._lines.number)
 
     def arrays(self) -> tuple[Floats, Ints]:
-        """The vertices, and the triangles as indices of vertices.
-
-        Raises:
-            ValueError: a polygon has no such vertex, or its sides cross each other.
+        """The vertices, and the triangles as indices of vertices; ValueError for no vertex, or sides that cross.
 
         >>> surface = SurfaceBuilder()
         >>> surface.coordinates.extend(range(12))
@@ -321,16 +318,7 @@ trimesh.load(sys.argv[1], force='mesh').export(sys.argv[1] + '.stl')" mug.glb
 
 @np.errstate(over="ignore", invalid="ignore")  # such vertices are rejected later
 def read_surface(path: Path, scale: float | None) -> tuple[Floats, Ints, tuple[str, ...], float]:
-    """Vertices in metres, ``(v, 3)``, triangles, ``(f, 3)``, what was guessed or is unusual, as texts, and the scale.
-
-    Args:
-        path: the file.
-        scale: metres per unit of the file; that of the size by default, see :meth:`Mesh.from_file`.
-
-    Raises:
-        FileNotFoundError: the file does not exist.
-        BadMesh: the file cannot be read, or is of an impossible size.
-    """
+    """Vertices in metres, ``(v, 3)``, triangles, ``(f, 3)``, what was guessed or is unusual in words, and the scale."""
     kind = path.suffix.lower()
     if not path.exists():
         raise FileNotFoundError(f"there is no mesh file {path}; relative paths start from {Path.cwd()}")

@@ -15,13 +15,7 @@ _MOST_CORNERS = 10_000  # which take half a minute
 
 
 def not_fans(vertices: Floats, faces: Ints, begins: Ints) -> Ints:
-    """Polygons whose fans have triangles that face the wrong way, as indices, ``(n,)``.
-
-    Args:
-        vertices: ``(v, 3)``.
-        faces: the fans of all polygons, as indices of vertices, ``(f, 3)``.
-        begins: the first triangle of each polygon, ``(p,)``.
-    """
+    """Polygons whose fans, ``(f, 3)``, have triangles that face the wrong way; ``begins``: the first of each fan."""
     if len(begins) == len(faces):  # there are triangles alone
         return np.arange(0)
     first, second, third = vertices[faces.T]
@@ -37,18 +31,11 @@ def not_fans(vertices: Floats, faces: Ints, begins: Ints) -> Ints:
 
 
 def ears(corners: Floats) -> Ints:
-    """Triangles of a polygon that is nearly flat, as indices of its m corners in their order, ``(m - 2, 3)``.
+    """Triangles of a nearly flat polygon, as indices of its m corners, ``(m - 2, 3)``; ValueError if its sides cross.
 
-    Triangles that all face the way of the polygon cover it once, whichever corner is cut off first: sums of signed
+    Triangles that all face the way of the polygon cover it once, in whichever order corners are cut off: sums of signed
     areas are kept. So a corner is cut off where it is convex and no other corner lies in its triangle; where there is
-    no such corner, one that only touches others, and then one that is on a line with its neighbours.
-
-    Args:
-        corners: ``(m, 3)``; some may be on a line with their neighbours, or repeated, as where a hole is joined to the
-            outline.
-
-    Raises:
-        ValueError: the sides of the polygon cross each other, or it has more than 10 000 corners.
+    no such corner, one whose triangle only touches others, and then one that is on a line with its neighbours.
 
     >>> ears(np.array([(0, 0, 0), (2, 0, 0), (2, 1, 0), (1, 1, 0), (1, 2, 0), (0, 2, 0)], float)).tolist()
     [[0, 1, 2], [0, 2, 3], [5, 0, 3], [5, 3, 4]]
@@ -78,14 +65,12 @@ def _cut_off(points: Floats, rounding: float) -> Ints | None:
         turn = _area(here - before, after - here)
         limit = rounding * (np.linalg.norm(here - before, axis=1) + np.linalg.norm(after - here, axis=1))
         convex, others = np.flatnonzero(turn > limit), here[turn <= limit]
-        convex = np.roll(convex, -np.searchsorted(convex, last))  # near the corner that was cut off last
+        order = np.roll(convex, -np.searchsorted(convex, last)).tolist()  # near the corner that was cut off last
         triangles, margins = np.stack([before, here, after], axis=1), (-rounding, rounding)
-        free = (place for margin in margins for place in convex if not _has_inside(triangles[place], others, margin))
-        chosen = next(free, None)
-        if chosen is None:
-            if not (is_level := np.abs(turn) <= limit).any():
-                return None
-            chosen = int(is_level.argmax())
+        free = (place for margin in margins for place in order if not _has_inside(triangles[place], others, margin))
+        level = np.flatnonzero(np.abs(turn) <= limit).tolist()
+        if (chosen := next(free, level[0] if level else None)) is None:
+            return None
         found.append((rest[chosen - 1], rest[chosen], rest[(chosen + 1) % len(rest)]))
         last = max(chosen - 1, 0)
         del rest[chosen]

@@ -164,17 +164,7 @@ class MeshOptions:
     """Folder for the report."""
 
     def read(self, body: str | None) -> tuple[dict[str, Mesh], list[str]]:
-        """Check the options and read the meshes; say what they cost, and what is left out, as lines.
-
-        Args:
-            body: its name, which must be known.
-
-        Raises:
-            UnknownName: there is no such body.
-            BadArgument: an option is invalid.
-            CannotWrite: the folder of the report cannot be written, or another process writes there.
-            InvalidArgument: no mesh can be read, or the sensor has no reader of any object.
-        """
+        """Check the options and the name of a body, read the meshes, and say what they cost and what is left out."""
         check_arguments(self)
         claim_folder(self.out)
         sources, _ = labelled_sources(*sources_of(self.folder))

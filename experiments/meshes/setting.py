@@ -194,11 +194,7 @@ def scene_of(solids: Mapping[str, Shape], sensor: str | Path = "gel") -> Scene:
 
 
 def reader_of(sensor: str | Path) -> Any:
-    """The reader of any object of a sensor.
-
-    Raises:
-        InvalidArgument: it has none.
-    """
+    """The reader of any object of a sensor; InvalidArgument if it has none."""
     folder = MODELS / str(sensor) if (MODELS / str(sensor)).is_dir() else Path(sensor)
     for name in (ANY_OBJECT_FILE, "reader.safetensors"):
         if (folder / name).is_file():
@@ -217,24 +213,13 @@ def reading_words(sources: Mapping[str, MeshSource]) -> str:
     return f"reading {len(sources)} files of {size:.1f} MB: about {_in_words(size * _READING)}"
 
 
-def cost_words(
-    solids: Mapping[str, Shape], sensor: str | Path, touches: float, pictured: float, jobs: int, pressed: int = _PRESSED
-) -> str:
-    """What bodies and touches cost, before anything is computed; views and fit only where they are not in the cache.
-
-    Args:
-        solids: the bodies, by label.
-        sensor: see :meth:`MeshSetting.of`.
-        touches: expected number of touches.
-        pictured: expected number of those that the report shows.
-        jobs: number of processes.
-        pressed: see :meth:`MeshSetting.of`.
-    """
+def cost_words(solids: Mapping[str, Shape], sensor: str | Path, touches: float, pictured: float, jobs: int) -> str:
+    """What bodies cost that are not in the cache, and so many touches, of which the report shows some."""
     reader, scene, plan, number = reader_of(sensor), scene_of(solids, sensor), ViewPlan(), len(solids)
     missing = [one for one in solids.values() if not are_embedded(reader.hypotheses, scene, one, plan)]
     triangles = float(np.mean([_triangles(one) for one in solids.values()]))
     views = sum(map(view_seconds, missing)) / jobs
-    fit = pressed * _TOUCHES * (_TOUCH + 2.5e-4 * min(number, _MANY) + 2.5e-7 * triangles)
+    fit = _PRESSED * _TOUCHES * (_TOUCH + 2.5e-4 * min(number, _MANY) + 2.5e-7 * triangles)
     play = touches * (_SEARCHED + 2.2e-3 * min(number, _MANY) + 5e-6 * triangles) / jobs
     report, size = 1.0 + _REPORT * pictured, number * len(plan.orientations) * reader.card.embedding / 1e6
     return (

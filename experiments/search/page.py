@@ -129,11 +129,7 @@ _FAILURES = {
 
 
 def write_page_of(run: RunFolder, comparison: Summary, searches: Searches, verdict: Sequence[str]) -> Path:
-    """Write ``report.html``, ``figures/`` and ``tables/`` into the folder of a run; return the path of the page.
-
-    Raises:
-        CannotWrite: The disk is full, or the folder is not writable.
-    """
+    """Write ``report.html``, ``figures/`` and ``tables/`` into the folder of a run; return the path of the page."""
     assert run.path is not None, "a page is a file"
     folder, path = run.path, run.path / "report.html"
     tables, drawn = comparison_tables(comparison), pictures(comparison)
