@@ -13,16 +13,13 @@ import scipy  # whose parts load at first use
 
 from activetouch.errors import BadMesh, MeshWarning
 from activetouch.solids.raster import Surface
+from activetouch.solids.sizes import size_problem
 from activetouch.solids.solid import Floats, Geom, Ints, frame_across
 from activetouch.solids.triangles import around_origin, examined, is_convex, portions
 from belief.errors import InvalidArgument
 
-_MIN_RADIUS, _MAX_RADIUS = 0.0005, 0.3  # of the bounding ball [m]; objects may be much larger than the pad
 _VAST = 1e100  # squares of longer lengths may not be finite [m]
-_ORDINARY = (0.005, 0.15)  # radii for which an error message gives the command line [m]
-_USUAL = (0.002, 0.15)  # radii that are read without a remark [m]
 _MOST_PAIRS = 1 << 18  # of a triangle and a ray, tested at a time; limits memory to about 100 MB
-_UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254, "metres": 1.0}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -76,8 +73,8 @@ class Mesh:
             raise BadMesh(f"{self.name}: {surface.problem}")
         object.__setattr__(self, "vertices", vertices - surface.centre if centred else vertices)
         object.__setattr__(self, "faces", surface.faces)
-        if not _MIN_RADIUS <= self.bounding_radius <= _MAX_RADIUS:
-            raise BadMesh(f"{self.name}: {self._size_problem(scale)}")
+        if problem := size_problem(self.name, self.bounding_radius, scale):
+            raise BadMesh(f"{self.name}: {problem}")
         if words := (*(remarks or ()), *surface.remarks):
             level = 3 if remarks is None else 4  # the caller of the class or of from_file
             warnings.warn(f"{self.name}: {'; '.join(words)}", MeshWarning, stacklevel=level)
@@ -144,35 +141,6 @@ class Mesh:
 
     def __repr__(self) -> str:
         return f"Mesh({self.name!r}, {len(self.faces)} triangles, sha256 {self.digest[:12]})"
-
-    def _size_problem(self, scale: float) -> str:
-        """Why the size is unsuitable, with suggested units."""
-        radius = self.bounding_radius
-        usual = [each for each in _UNITS.values() if _ORDINARY[0] <= radius / scale * each <= _ORDINARY[1]]
-        example = next(iter(usual), "SCALE")
-        return (
-            f"its farthest point is {radius:.4g} m from its origin, allowed are {_MIN_RADIUS} m to {_MAX_RADIUS} m. "
-            f"Lengths are in metres. Give its scale: {units_that_fit(radius / scale)}; that is {self.name}@{example} "
-            f"on the command line, activetouch.read_meshes(path, scale={example}) in Python"
-        )
-
-
-def units_that_fit(radius: float) -> str:
-    """The scales of the usual units in which an object of a radius, in the unit of its file, has an allowed size."""
-    fitting = [(unit, scale) for unit, scale in _UNITS.items() if _MIN_RADIUS <= radius * scale <= _MAX_RADIUS]
-    if not fitting:
-        return f"no usual unit fits, but {_MIN_RADIUS / radius:.2g} to {_MAX_RADIUS / radius:.2g} would"
-    return ", or ".join(f"{scale:g} if it is in {unit}" for unit, scale in fitting)
-
-
-def odd_size(radius: float) -> str | None:
-    """A remark on an object in metres that is allowed and unusually small or large; None for a usual size."""
-    if _USUAL[0] <= radius <= _USUAL[1] or not _MIN_RADIUS <= radius <= _MAX_RADIUS:
-        return None
-    return (
-        f"read in metres, its farthest point is {1e3 * radius:.3g} mm from its middle, which is unusual; give "
-        f"its scale to confirm or to change it: {units_that_fit(radius)}"
-    )
 
 
 def first_entry(vertices: Floats, faces: Ints, origins: Floats, direction: Floats) -> Floats:

@@ -21,8 +21,8 @@ import numpy as np
 import scipy  # whose parts load at first use
 
 from activetouch.errors import BadMesh
-from activetouch.solids.mesh import odd_size, units_that_fit
 from activetouch.solids.polygons import ears, not_fans
+from activetouch.solids.sizes import odd_size, units_that_fit
 from activetouch.solids.solid import Floats, Ints
 from belief.files import plain_number, require_regular_file
 
