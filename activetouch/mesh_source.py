@@ -7,16 +7,17 @@ MeshSource(path=PosixPath('scans/model.obj'), scale=0.0254, name='cup')
 from __future__ import annotations
 
 import os
+import warnings
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from activetouch.errors import DuplicateShape
+from activetouch.errors import BadMesh, DuplicateShape, MeshWarning
 from activetouch.solids.mesh import Mesh
-from activetouch.solids.mesh_file import ENDINGS
+from activetouch.solids.mesh_file import ENDINGS, OTHERS, conversion
 from belief.errors import InvalidArgument
 from belief.files import plain_number
 
@@ -28,26 +29,16 @@ _SEPARATORS = {"/", os.sep}
 
 @dataclass(frozen=True)
 class MeshSource:
-    """A mesh file, its scale and its name.
-
-    Attributes:
-        path: the file.
-        scale: metres per unit of the file; by default that of :meth:`Mesh.from_file`.
-        name: label of the shape; by default the name of the file without its ending.
-    """
+    """A mesh file, metres per unit of it, the label of its shape, and whether it was found in a folder, not named."""
 
     path: Path
     scale: float | None = None
     name: str = ""
+    is_listed: bool = field(default=False, repr=False)
 
     @classmethod
     def parse(cls, text: Path | str) -> MeshSource:
-        """The source ``[name=]path[@scale]``; a path that exists is taken as it is, whatever signs it contains.
-
-        Raises:
-            InvalidArgument: the scale is not positive and finite, or what follows the ``@`` of a file that exists is no
-                number.
-        """
+        """The source ``[name=]path[@scale]``; a path that exists is taken as it is, whatever signs it contains."""
         path, scale = str(text), None
         before, sign, after = path.rpartition("@")
         if sign and not os.path.lexists(path) and not _SEPARATORS & set(after):
@@ -83,7 +74,8 @@ class MeshSource:
 def read_meshes(*sources: Path | str, scale: float | None = None) -> dict[str, Mesh]:
     """Read mesh files; their names are labels of shapes, as for ``Scene(shapes=read_meshes("a.obj", "b.stl@0.001"))``.
 
-    Files with the same name, such as ``mug/model.obj`` and ``box/model.obj``, are called like their folders.
+    Files with the same name, such as ``mug/model.obj`` and ``box/model.obj``, are called like their folders; where
+    these do not tell them apart, with their endings, such as ``mug.obj`` and ``mug.stl``, or with their paths.
 
     Args:
         sources: each ``[name=]path[@scale]``, see :class:`MeshSource`; a folder stands for all mesh files in it.
@@ -91,22 +83,22 @@ def read_meshes(*sources: Path | str, scale: float | None = None) -> dict[str, M
 
     Raises:
         DuplicateShape: two meshes have the same name.
-        FileNotFoundError, BadMesh, InvalidArgument: see :meth:`Mesh.from_file`.
+        FileNotFoundError, BadMesh, InvalidArgument: see :meth:`Mesh.from_file`; of the files in a folder, only if none
+            of them can be read.
+
+    Warns:
+        MeshWarning: see :meth:`Mesh.from_file`; or a file in a folder is left out, and why.
     """
     for source in sources:
         if not isinstance(source, Path | str):
             raise InvalidArgument(f"meshes are given one by one, read_meshes(*files); got {source!r:.80}")
-    labels, parsed = mesh_labels(*sources), mesh_sources(*sources)
-    return {label: source.read(scale) for label, source in zip(labels, parsed, strict=True)}
+    found, left_out = read_files(*sources, scale=scale)
+    warn_of(left_out, stacklevel=3)
+    return found
 
 
 def read_objects(objects: Mapping[str, Shape | Path | str] | Sequence[Path | str] | Path) -> dict[str, Shape]:
-    """Shapes by label: as given, with mesh files read, or the meshes that :func:`read_meshes` reads.
-
-    Raises:
-        InvalidArgument: neither shapes or files by label, nor files; or a label that is no text.
-        DuplicateShape, FileNotFoundError, BadMesh: see :func:`read_meshes`.
-    """
+    """Shapes by label: as given, with mesh files read, or the meshes that :func:`read_meshes` reads."""
     given = [objects] if isinstance(objects, Path | str) else objects
     if isinstance(given, Mapping):
         if unnamed := [label for label in given if not isinstance(label, str) or not label]:
@@ -121,45 +113,137 @@ def read_objects(objects: Mapping[str, Shape | Path | str] | Sequence[Path | str
     return dict(read_meshes(*given))
 
 
-def mesh_labels(*sources: Path | str) -> list[str]:
-    """The labels that :func:`read_meshes` gives to mesh files.
+def read_files(
+    *sources: Path | str, scale: float | None = None, is_lenient: bool = False
+) -> tuple[dict[str, Mesh], list[str]]:
+    """The meshes of :func:`read_meshes`, and a line on each file left out; with ``is_lenient``, on named ones, too."""
+    labelled, left_out = labelled_sources(*sources)
+    found: dict[str, Mesh] = {}
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always", MeshWarning)
+        for label, source in labelled.items():
+            try:
+                found[label] = source.read(scale)
+            except (BadMesh, OSError) as error:
+                if not (source.is_listed or (is_lenient and isinstance(error, BadMesh))):
+                    raise
+                left_out.append(_left_out(source.path, str(error)))
+    if left_out and not found:
+        reasons = "".join(f"\n- {line}" for line in _first(left_out, 3))
+        raise InvalidArgument(f"no mesh could be read from {', '.join(map(str, sources))}:{reasons}")
+    warn_of([str(one.message) for one in said if issubclass(one.category, MeshWarning)], stacklevel=4)
+    for one in said:
+        if not issubclass(one.category, MeshWarning):
+            warnings.warn_explicit(one.message, one.category, one.filename, one.lineno)
+    return found, left_out
 
-    Raises:
-        DuplicateShape: two meshes have the same name.
-        InvalidArgument: see :class:`MeshSource`.
-    """
-    parsed = mesh_sources(*sources)
-    num = Counter(source.label for source in parsed)
-    labels = [
-        source.path.resolve().parent.name if not source.name and num[source.label] > 1 else source.label
-        for source in parsed
-    ]
-    files = [source.path for source in parsed if not source.name]
-    if again := [path for place, path in enumerate(files) if path.resolve() in map(Path.resolve, files[:place])]:
+
+def warn_of(lines: Sequence[str], stacklevel: int = 2) -> None:
+    """Warn of the first ten lines about mesh files."""
+    for line in _first(lines, 10):
+        warnings.warn(line, MeshWarning, stacklevel=stacklevel)
+
+
+def _first(lines: Sequence[str], most: int) -> Sequence[str]:
+    return lines if len(lines) <= most else [*lines[:most], f"and {len(lines) - most} more files"]
+
+
+def labelled_sources(*sources: Path | str) -> tuple[dict[str, MeshSource], list[str]]:
+    """Mesh files by the labels of :func:`read_meshes`, before they are read, and lines on others in their folders."""
+    found, left_out = list[MeshSource](), list[str]()
+    for source in map(MeshSource.parse, sources):
+        if not _is_utf8(source.path):
+            raise InvalidArgument(_left_out(source.path, _NOT_UTF8))
+        if not source.path.is_dir():
+            found.append(source)
+            continue
+        seen, lines = dict[Path, Path](), list[str]()
+        for path in _in_folder(source.path):
+            if reason := _refused(path, seen):
+                lines.append(_left_out(path, reason))
+            else:
+                seen[path.resolve()] = path
+        if not seen:
+            reasons = "".join(f"\n- {line}" for line in _first(lines, 3))
+            raise InvalidArgument(f"there is no mesh file in {source.path}; they end in {', '.join(ENDINGS)}{reasons}")
+        found += [replace(source, path=path, is_listed=True) for path in seen.values()]
+        left_out += lines
+    return dict(zip(_labels(found), found, strict=True)), left_out
+
+
+_NOT_UTF8 = "its name is not UTF-8; rename it"
+
+
+def _is_utf8(path: Path) -> bool:
+    try:
+        return bool(str(path).encode())
+    except UnicodeEncodeError:
+        return False
+
+
+def _left_out(path: Path, reason: str) -> str:
+    """The line about a file, of which an error may have the name or the path in front."""
+    for name in (str(path), path.name):
+        reason = reason.removeprefix(name).removeprefix(":").strip()
+    return f"{os.fsencode(path).decode('utf-8', 'backslashreplace')} is left out: {reason}"
+
+
+def _in_folder(folder: Path) -> list[Path]:
+    """Mesh files of all formats in a folder and its subfolders, and subfolders that are links or cannot be opened."""
+    files, closed = list[Path](), list[OSError]()
+    for parent, folders, names in os.walk(folder, onerror=closed.append):
+        files += [Path(parent, name) for name in names if Path(name).suffix.lower() in (*ENDINGS, *OTHERS)]
+        files += [Path(parent, name) for name in folders if Path(parent, name).is_symlink()]
+    return sorted(files + [Path(error.filename) for error in closed])
+
+
+def _refused(path: Path, seen: Mapping[Path, Path]) -> str | None:
+    """Why a file in a folder is left out before it is read; None if it is read."""
+    if not _is_utf8(path):
+        return _NOT_UTF8
+    if not path.exists():
+        return f"it is a link to {os.readlink(path)}, which does not exist"
+    if path.is_dir():
+        return "it is a link to a folder; name that, too" if path.is_symlink() else "this folder cannot be opened"
+    if path.suffix.lower() in OTHERS:
+        return conversion(path)
+    if (same := seen.get(path.resolve())) is not None:
+        return f"it is the same file as {same}"
+    return None
+
+
+def _labels(sources: Sequence[MeshSource]) -> list[str]:
+    """The labels of mesh files: their names, or for files of one name the shortest that tell them apart."""
+    files = [source.path for source in sources if not source.name]
+    if again := [path for path, number in Counter(map(Path.resolve, files)).items() if number > 1]:
+        file = next(path for path in files if path.resolve() == again[0])
         raise DuplicateShape(
-            f"{again[0]} is given twice, and meshes must have other names than each other; write for example "
-            f"my_{again[0].stem}={again[0]}"
+            f"{file} is given twice, and meshes must have other names than each other; write for example "
+            f"my_{file.stem}={file}"
         )
+    labels = [source.label for source in sources]
+    for stem in [label for label, number in Counter(labels).items() if number > 1]:
+        rows = [row for row, source in enumerate(sources) if not source.name and source.path.stem == stem]
+        taken = {labels[row] for row in {*range(len(labels))} - {*rows}}
+        for names in _longer([sources[row].path for row in rows]):
+            if len({*names}) == len(names) and taken.isdisjoint(names):
+                for row, name in zip(rows, names, strict=True):
+                    labels[row] = name
+                break
     if twice := [label for label, number in Counter(labels).items() if number > 1]:
         raise DuplicateShape(
             f"meshes must have other names than {', '.join(twice)}, which two of them have; write for example "
-            f"my_{twice[0]}={parsed[labels.index(twice[0])].path}"
+            f"my_{twice[0]}={sources[labels.index(twice[0])].path}"
         )
     return labels
 
 
-def mesh_sources(*sources: Path | str) -> list[MeshSource]:
-    """What texts name; in place of a folder, the mesh files in it and in its subfolders.
-
-    Raises:
-        InvalidArgument: a folder has no mesh files, or see :class:`MeshSource`.
-    """
-    found = list[MeshSource]()
-    for source in map(MeshSource.parse, sources):
-        files = [source.path]
-        if source.path.is_dir():
-            files = sorted(path for path in source.path.rglob("*") if path.suffix.lower() in ENDINGS)
-        if not files:
-            raise InvalidArgument(f"there is no mesh file in {source.path}; they end in {', '.join(ENDINGS)}")
-        found += [replace(source, path=path) for path in files]
-    return found
+def _longer(paths: Sequence[Path]) -> Iterator[list[str]]:
+    """Names of files: of their folders, with their endings, and with more and more of their paths."""
+    parts = [Path(os.path.abspath(path)).parts for path in paths]
+    yield [each[-2] for each in parts]
+    yield [each[-1] for each in parts]
+    for depth in range(2, max(map(len, parts)) + 1):
+        names = ["/".join(each[-depth:]) for each in parts]
+        yield [os.path.splitext(name)[0] for name in names]
+        yield names

@@ -17,6 +17,7 @@ from activetouch.errors import LabelMismatch, SceneShift, WrongScene
 from activetouch.mesh_source import read_objects
 from activetouch.named_scenes import SCENES
 from activetouch.own_packages import require_own_packages
+from activetouch.perception.cached_arrays import announced
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
 from activetouch.scene import Scene
@@ -28,6 +29,7 @@ from activetouch.sensor_files import (
     OBSERVATION_FILE,
     READER_FILE,
     RECORDED_FILE,
+    FittedModel,
     files_for,
     fitted_model,
     is_of_objects,
@@ -113,25 +115,32 @@ class TactileSensor:
             raise InvalidArgument(f"the scene must be a Scene, such as SCENES['coarse'].scene; got {scene!r:.80}")
         path, fitted, shift = files_for(folder, scene, anyway, independent, unknown_state)
         reader = TactileReader.load(path).bound_to(scene)
-        if fitted is None or (reader.card.imaging is not None and not is_of_objects(fitted.scene, scene)):
-            from activetouch.perception.preparation import prepared  # which sensors of known objects do not need
-
-            model: ArrayModel = prepared(reader, scene)
-        else:
-            model = fitted.model
+        with announced("preparing the sensor: up to two minutes the first time, then kept in the cache"):
+            model = cls._model(reader, scene, fitted, unknown_state)
         if shift and not anyway:
             warnings.warn(
                 f"the sensor in {folder} is used outside the scene it was made for: {in_words(shift)}",
                 SceneShift,
                 stacklevel=2,
             )
+        return cls(scene, reader, model, shift=shift, folder=folder)
+
+    @staticmethod
+    def _model(reader: TactileReader, scene: Scene, fitted: FittedModel | None, unknown_state: bool) -> ArrayModel:
+        """The observation model of a reader in a scene; one that is not in a file is made, and kept in the cache."""
+        if fitted is None or (reader.card.imaging is not None and not is_of_objects(fitted.scene, scene)):
+            from activetouch.perception.preparation import prepared  # which sensors of known objects do not need
+
+            model: ArrayModel = prepared(reader, scene)
+        else:
+            model = fitted.model
         if reader.hypotheses is not None:
             model = model.with_hypotheses(HypothesisTable(reader, scene))
         if unknown_state:
             from activetouch.perception.sensor_worlds import sensor_health  # which others do not need
 
             model = sensor_health(model, reader, scene)
-        return cls(scene, reader, model, shift=shift, folder=folder)
+        return model
 
     @classmethod
     def shipped(

@@ -13,7 +13,7 @@ import warnings
 import weakref
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing, contextmanager
-from functools import lru_cache
+from functools import lru_cache, partial
 from multiprocessing import resource_tracker
 from pathlib import Path
 from pickle import PicklingError
@@ -84,23 +84,34 @@ def _received(file: str, folder: str) -> Shared[Any]:
     return Shared(pickle.loads(Path(file).read_bytes()))
 
 
-def run_tasks(tasks: Sequence[Task[T]], jobs: int | None, description: str) -> Iterator[T]:
+def run_tasks(
+    tasks: Sequence[Task[T]], jobs: int | None, description: str, costs: Sequence[float] | None = None
+) -> Iterator[T]:
     """Yield the result of every task in order of completion; without a number of jobs, on all processors.
 
     With one job, the tasks run in this process. Linear algebra uses one thread, in this process too: the last bit of a
-    sum depends on the number of threads. Workers end with this process and on an interrupt.
+    sum depends on the number of threads. Workers end with this process and on an interrupt. The bar goes on by what the
+    tasks cost, in any unit; equally by default.
     """
     from threadpoolctl import threadpool_limits
 
     jobs = default_jobs() if jobs is None else jobs
     if not tasks:
         return
+    shares = [len(tasks) * cost / sum(costs) for cost in costs] if costs else [1.0] * len(tasks)
+    parts = [partial(_with_share, task, share) for task, share in zip(tasks, shares, strict=True)]
+    done = 0.0
     with threadpool_limits(1), progress_bar() as progress:
         bar = progress.add_task(description, total=len(tasks))
-        with closing((_called(task) for task in tasks) if jobs == 1 else _in_parallel(tasks, jobs)) as results:
-            for result in results:
-                progress.advance(bar)
+        with closing((_called(part) for part in parts) if jobs == 1 else _in_parallel(parts, jobs)) as results:
+            for result, share in results:
+                done += share
+                progress.update(bar, completed=round(done, 6))  # of which the whole part is shown
                 yield result
+
+
+def _with_share(task: Task[T], share: float) -> tuple[T, float]:
+    return task(), share
 
 
 def _in_parallel(tasks: Sequence[Task[T]], jobs: int) -> Generator[T, None, None]:

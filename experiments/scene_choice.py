@@ -22,7 +22,7 @@ from activetouch import Dynamic, Quasistatic, Scene
 from activetouch.distributions import Constant, Uniform
 from activetouch.errors import DuplicateShape
 from activetouch.hand import HANDS, hand_named
-from activetouch.mesh_source import mesh_labels, read_meshes
+from activetouch.mesh_source import labelled_sources, read_files, warn_of
 from activetouch.named_scenes import SCENES, NamedScene
 from activetouch.orientations import Inexact, Presentation, Resampled, Tumbled, Upright
 from activetouch.pressing.dynamic import GuardedMove
@@ -31,6 +31,7 @@ from activetouch.rendering import RENDERERS, TactileRenderer
 from activetouch.rendering.renderer import require_renderer
 from activetouch.shapes import Family
 from activetouch.solids.family import numbers_of
+from activetouch.solids.mesh import Mesh
 from belief.errors import InvalidArgument
 from belief.naming import index_of
 from belief.references import BadReference, build, find
@@ -130,7 +131,7 @@ def command(name: str, *words: object, **options: object) -> str:
 def choice_name(choice: SceneChoice) -> str:
     """The name of a scene with its changes, as used in folder names."""
     own = [choice.fidelity, choice.renderer, choice.presentation, choice.poses, "only" if choice.only else None]
-    changes = [*own, *mesh_labels(*choice.meshes), *choice.family, choice.hand]
+    changes = [*own, *labelled_sources(*choice.meshes)[0], *choice.family, choice.hand]
     name = in_file_names("-".join([choice.scene, *(str(change) for change in changes if change)]))
     if len(name.encode()) <= _LONGEST_NAME:
         return name
@@ -217,17 +218,18 @@ class SceneChoice:
     hand: Annotated[HandName | None, one_of(HANDS)] = None
     """Hand whose pads close on the object, quasistatically: a grasp counts as one touch."""
 
+    @property
+    def left_out(self) -> list[str]:
+        """Lines on the files in folders of meshes that are left out, which say why."""
+        return self._read[1]
+
+    @cached_property
+    def _read(self) -> tuple[dict[str, Mesh], list[str]]:
+        return read_files(*self.meshes)
+
     @cached_property
     def named(self) -> NamedScene:
-        """The scene with its changes, and its search.
-
-        Raises:
-            UnknownName: There is no such scene or renderer.
-            BadReference: The name of either cannot be parsed, or is the name of something else.
-            DuplicateShape: A mesh has the name of another shape.
-            BadMesh: A mesh file does not contain a solid.
-            InvalidArgument: ``only`` without meshes, or a family that cannot be read or has no solids.
-        """
+        """The scene with its changes, and its search."""
         named = named_scene(self.scene)
         changes: dict[str, Any] = {}
         if self.fidelity is not None:
@@ -242,7 +244,8 @@ class SceneChoice:
             raise InvalidArgument("--only leaves out the scene's own shapes; give others with --meshes")
         own = {} if self.only else named.scene.shapes
         if self.meshes:
-            added = read_meshes(*self.meshes)
+            added = self._read[0]
+            warn_of(self.left_out)
             if taken := [label for label in added if label in own]:
                 raise DuplicateShape(
                     f"the scene {self.scene!r} has the shapes {', '.join(own)}; the meshes to add must have other "
@@ -269,7 +272,7 @@ class SceneChoice:
 
     def __getstate__(self) -> dict[str, Any]:
         """State for pickling: the names only; the receiving process resolves them."""
-        return {name: value for name, value in vars(self).items() if name != "named"}
+        return {name: value for name, value in vars(self).items() if name not in ("named", "_read")}
 
     def to_dict(self) -> dict[str, Any]:
         """The choice as plain values."""

@@ -102,21 +102,8 @@ def open_sensor(
 ) -> TactileSensor:
     """Load a sensor, which checks that it fits the scene; print an accepted difference to stderr.
 
-    Args:
-        folder: of the sensor, or name of a scene with a shipped sensor; the shipped one of the scene by default.
-        choice: the scene, by name or as an object.
-        anyway: whether to accept a sensor of any scene.
-        independent: whether to use its model that takes touches as independent given the shape.
-        unknown_state: whether the state of the sensor is inferred from its touches.
-        jobs: number of processes that predict contacts, with a progress bar; by default this one does, silently.
-
-    Raises:
-        NoSensor: The folder holds no sensor.
-        CorruptFile: A file of the sensor is damaged.
-        NoIndependentModel: the sensor has only a joint model.
-        LabelMismatch: The sensor was made for other shapes or poses.
-        WrongScene: The sensor was made for another scene; the message says how to make a fitting one. Or it
-            is of recorded touches.
+    ``folder`` is that of the sensor, or the name of a scene with a shipped one. With ``jobs``, contacts are predicted
+    first, with a progress bar. Errors of a sensor for another scene say how to make a fitting one.
     """
     name, scene = (choice.scene, choice.named.scene) if isinstance(choice, SceneChoice) else ("", choice.scene)
     chosen = sensor_folder(folder, name)
@@ -128,8 +115,6 @@ def open_sensor(
             raise NoSensor(f"{where if chosen.parent != MODELS else none}. {_remedy(choice, name, scene)}")
     try:
         path, fitted, _ = files_for(chosen, scene, anyway, independent, unknown_state)
-        if unknown_state or fitted is None:
-            print("preparing the sensor: up to two minutes the first time, then kept in the cache", file=sys.stderr)
         if jobs is not None and fitted is None:
             reader = TactileReader.load(path).bound_to(scene)
             predict_contacts(reader, scene, hypotheses_of(reader, scene), jobs)

@@ -8,7 +8,10 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable, Mapping
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -20,6 +23,7 @@ from belief.sealed_tensors import read_tensors, write_tensors
 
 _KIND, _NAME = "activetouch-cached-1", "array"
 _ARRAY = ".safetensors"
+_LINE = ContextVar("_LINE", default="")
 T = TypeVar("T")
 
 
@@ -36,6 +40,16 @@ def cache_folder() -> Path:
     return cache / "activetouch"
 
 
+@contextmanager
+def announced(line: str) -> Iterator[None]:
+    """Print a line to stderr, once, as soon as something within the block is not in the cache and is computed."""
+    before = _LINE.set(line)
+    try:
+        yield
+    finally:
+        _LINE.reset(before)
+
+
 def cached(
     key: Mapping[str, Any],
     suffix: str,
@@ -45,19 +59,17 @@ def cached(
 ) -> T:
     """A value from the cache, or a new one, which is put there.
 
-    Where nothing can be written, it is computed every time.
-
-    Args:
-        key: JSON values of everything that the value depends on.
-        suffix: of the file.
-        make: computes the value.
-        read: from the file; raises CorruptFile, KeyError, OSError or ValueError where it is missing or damaged.
-        write: to the file.
+    Where nothing can be written, it is computed every time. ``key`` are JSON values of everything that it depends on;
+    their digest names the file. ``read`` raises where the file is missing or damaged, and checks with
+    :func:`require_name` that it was not exchanged; ``write`` puts the name into it.
     """
     path = _place(key, suffix)
     try:
         return read(path)
-    except (CorruptFile, KeyError, OSError, ValueError):
+    except (CorruptFile, KeyError, OSError, TypeError, ValueError):
+        if line := _LINE.get():
+            print(line, file=sys.stderr)
+            _LINE.set("")
         found = make()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -65,6 +77,12 @@ def cached(
     except (CannotWrite, OSError):
         pass
     return found
+
+
+def require_name(path: Path, name: object) -> None:
+    """Raise ValueError unless a file of the cache holds its own name: then it was written for its key."""
+    if name != path.stem:
+        raise ValueError(f"{path} holds what was computed for another key")
 
 
 def _place(key: Mapping[str, Any], suffix: str) -> Path:
@@ -79,11 +97,13 @@ def has_array(key: Mapping[str, Any]) -> bool:
 
 def cached_array(key: Mapping[str, Any], make: Callable[[], NDArray[np.float32]]) -> NDArray[np.float32]:
     """An array from the cache, or a new one; in half precision either way. See :func:`cached`."""
-    found = cached(
-        key,
-        _ARRAY,
-        make=lambda: make().astype(np.float16),
-        read=lambda path: read_tensors(path, _KIND)[0][_NAME],
-        write=lambda path, array: write_tensors(path, {_NAME: array}, {}, _KIND),
-    )
-    return found.astype(np.float32)
+
+    def read(path: Path) -> NDArray[np.float16]:
+        arrays, fields = read_tensors(path, _KIND)
+        require_name(path, fields.get("name"))
+        return arrays[_NAME]
+
+    def write(path: Path, array: NDArray[np.float16]) -> None:
+        write_tensors(path, {_NAME: array}, {"name": path.stem}, _KIND)
+
+    return cached(key, _ARRAY, lambda: make().astype(np.float16), read, write).astype(np.float32)

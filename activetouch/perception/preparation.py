@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from activetouch.errors import AlikeShapes
-from activetouch.perception.cached_arrays import cached
+from activetouch.perception.cached_arrays import cached, require_name
 from activetouch.perception.contacts.hypotheses import num_hypotheses
 from activetouch.perception.grasps import GraspHypotheses
 from activetouch.perception.hypothesis_table import HypothesisTable
@@ -37,16 +37,7 @@ _ENOUGH = 0.9  # of the objects named rightly after a touch in every pose
 
 
 def prepared(reader: TactileReader, scene: Scene, seed: int = 0) -> ArrayModel:
-    """The observation model of a reader for the objects of a scene, from simulated touches.
-
-    Args:
-        reader: bound to the scene.
-        scene: whose objects are pressed.
-        seed: of the touches.
-
-    Warns:
-        AlikeShapes: touches in all poses name too few of the objects rightly.
-    """
+    """The observation model of a reader for the objects of a scene, from simulated touches; warns of alike shapes."""
     described = {name: value for name, value in scene_fields(scene).items() if name not in SURROUNDINGS}
     made_by = [reader.digest, reader.card.imaging, version("activetouch")]
     key = {"reader": made_by, "scene": described, "hypotheses": hypotheses_of(reader, scene)}
@@ -54,7 +45,7 @@ def prepared(reader: TactileReader, scene: Scene, seed: int = 0) -> ArrayModel:
     make = partial(_fitted, reader, scene, np.random.default_rng([seed, 0xF17]))
     model, alike = cached(key, ".json", make, _read, _write)
     if alike:
-        warnings.warn(alike, AlikeShapes, stacklevel=3)
+        warnings.warn(alike, AlikeShapes, stacklevel=4)
     return model
 
 
@@ -69,12 +60,14 @@ def _read(path: Path) -> tuple[ArrayModel, str]:
     model = read_observation_model(text)
     if model.reads != "embeddings":
         raise CorruptFile(f"{path} holds another model")
-    return model, (read_origin(text) or {}).get("alike", "")
+    origin = read_origin(text) or {}
+    require_name(path, origin.get("name"))
+    return model, origin["alike"]
 
 
 def _write(path: Path, fitted: tuple[ArrayModel, str]) -> None:
     model, alike = fitted
-    write_text(path, model.to_json({"alike": alike}) + "\n")
+    write_text(path, model.to_json({"alike": alike, "name": path.stem}) + "\n")
 
 
 def _fitted(reader: TactileReader, scene: Scene, rng: np.random.Generator) -> tuple[FittedRigidBody, str]:

@@ -13,15 +13,13 @@ import scipy  # whose parts load at first use
 
 from activetouch.errors import BadMesh, MeshWarning
 from activetouch.solids.raster import Surface
+from activetouch.solids.sizes import size_problem
 from activetouch.solids.solid import Floats, Geom, Ints, frame_across
 from activetouch.solids.triangles import around_origin, examined, is_convex, portions
 from belief.errors import InvalidArgument
 
-_MIN_RADIUS, _MAX_RADIUS = 0.0005, 0.3  # of the bounding ball [m]; objects may be much larger than the pad
 _VAST = 1e100  # squares of longer lengths may not be finite [m]
-_ORDINARY = (0.005, 0.15)  # radii for which an error message suggests a unit [m]
 _MOST_PAIRS = 1 << 18  # of a triangle and a ray, tested at a time; limits memory to about 100 MB
-_UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -37,6 +35,7 @@ class Mesh:
         centred: whether to move the centre of mass to the origin. See :func:`triangles.examined` for where it is if
             there are several bodies or holes.
         remarks: what :meth:`from_file` has to say beside the warnings below; None for other callers.
+        scale: metres per unit of the file that the vertices are from, for the message about a size.
 
     Attributes:
         name: for messages, such as the name of the file.
@@ -56,8 +55,9 @@ class Mesh:
     faces: Ints
     centred: InitVar[bool] = False
     remarks: InitVar[tuple[str, ...] | None] = None
+    scale: InitVar[float] = 1.0
 
-    def __post_init__(self, centred: bool, remarks: tuple[str, ...] | None) -> None:
+    def __post_init__(self, centred: bool, remarks: tuple[str, ...] | None, scale: float) -> None:
         vertices = np.asarray(self.vertices, dtype=float).reshape(-1, 3)
         faces = np.asarray(self.faces, dtype=np.intp).reshape(-1, 3)
         if len(faces) == 0:
@@ -73,8 +73,8 @@ class Mesh:
             raise BadMesh(f"{self.name}: {surface.problem}")
         object.__setattr__(self, "vertices", vertices - surface.centre if centred else vertices)
         object.__setattr__(self, "faces", surface.faces)
-        if not _MIN_RADIUS <= self.bounding_radius <= _MAX_RADIUS:
-            raise BadMesh(f"{self.name}: {self._size_problem()}")
+        if problem := size_problem(self.name, self.bounding_radius, scale):
+            raise BadMesh(f"{self.name}: {problem}")
         if words := (*(remarks or ()), *surface.remarks):
             level = 3 if remarks is None else 4  # the caller of the class or of from_file
             warnings.warn(f"{self.name}: {'; '.join(words)}", MeshWarning, stacklevel=level)
@@ -87,7 +87,7 @@ class Mesh:
 
         Args:
             path: the file. No file that it refers to is opened.
-            scale: metres per unit of the file; 0.001 for a file in millimetres. By default 1; an object of 15 to 150 m
+            scale: metres per unit of the file; 0.001 for a file in millimetres. By default 1; an object of 15 to 300 m
                 about its middle is taken to be in millimetres, with a warning.
 
         Raises:
@@ -97,14 +97,15 @@ class Mesh:
             InvalidArgument: the scale is not positive and finite.
 
         Warns:
-            MeshWarning: the unit was guessed, there are more than 50 000 triangles, or see :class:`Mesh`.
+            MeshWarning: the unit was guessed, the size is unusual, there are more than 50 000 triangles, or see
+                :class:`Mesh`.
         """
         from activetouch.solids.mesh_file import read_surface
 
         if scale is not None and not 0.0 < scale < np.inf:
             raise InvalidArgument(f"scale must be positive and finite, got {scale}")
-        vertices, faces, remarks = read_surface(Path(path), scale)
-        return cls(Path(path).name, vertices, faces, centred=True, remarks=remarks)
+        vertices, faces, remarks, used = read_surface(Path(path), scale)
+        return cls(Path(path).name, vertices, faces, centred=True, remarks=remarks, scale=used)
 
     @cached_property
     def bounding_radius(self) -> float:
@@ -140,23 +141,6 @@ class Mesh:
 
     def __repr__(self) -> str:
         return f"Mesh({self.name!r}, {len(self.faces)} triangles, sha256 {self.digest[:12]})"
-
-    def _size_problem(self) -> str:
-        """Why the size is unsuitable, with suggested units."""
-        radius = self.bounding_radius
-        fitting = {unit: scale for unit, scale in _UNITS.items() if _ORDINARY[0] <= radius * scale <= _ORDINARY[1]}
-        hint = ""
-        if fitting:
-            example = next(iter(fitting.values()))
-            guesses = ", or ".join(f"{scale} if it is in {unit}" for unit, scale in fitting.items())
-            hint = (
-                f". Give its scale: {guesses}; that is {self.name}@{example} on the command "
-                f"line, activetouch.read_meshes(path, scale={example}) in Python"
-            )
-        return (
-            f"its farthest point is {radius:.4g} m from its origin, allowed are {_MIN_RADIUS} m to {_MAX_RADIUS} m. "
-            f"Lengths are in metres{hint}"
-        )
 
 
 def first_entry(vertices: Floats, faces: Ints, origins: Floats, direction: Floats) -> Floats:

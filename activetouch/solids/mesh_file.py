@@ -2,13 +2,14 @@
 
 The reader of a format gives vertices ``(v, 3)`` in the file's unit, and triangles ``(f, 3)``. It raises ValueError with
 the reason and the line for what it cannot read, needs memory in proportion to the size of the file whatever its header
-promises, opens no other file, and divides polygons into fans of triangles.
+promises, opens no other file, and divides polygons into triangles.
 """
 
 from __future__ import annotations
 
 import io
 import re
+import shlex
 import struct
 from array import array
 from collections.abc import Callable, Iterator, Sequence
@@ -20,6 +21,8 @@ import numpy as np
 import scipy  # whose parts load at first use
 
 from activetouch.errors import BadMesh
+from activetouch.solids.polygons import ears, not_fans
+from activetouch.solids.sizes import odd_size, units_that_fit
 from activetouch.solids.solid import Floats, Ints
 from belief.files import plain_number, require_regular_file
 
@@ -27,7 +30,7 @@ _MOST_BYTES = 256 * 2**20
 _MOST_PAIRS = 10_000_000
 _MANY = 50_000  # triangles from which a view takes more than 15 ms
 _SAME_POINT = 1e-8  # distance [m]; STL repeats corners in every triangle, with seven digits
-_MILLIMETRES = (15.0, 150.0)  # radii for which no other usual unit gives an object of less than 150 mm
+_MILLIMETRES = (15.0, 300.0)  # radii for which no other usual unit gives an object of less than 150 mm
 _STL_HEADER = 84
 _STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _MOST_INDEX = 2**53  # integers below are exact as floats
@@ -48,8 +51,9 @@ Element: TypeAlias = tuple[str, int, list[tuple[str, str, str]]]
 class SurfaceBuilder:
     """The vertices and polygons that a reader found so far."""
 
-    def __init__(self) -> None:
+    def __init__(self, lines: Lines | None = None) -> None:
         self.coordinates, self.corners, self.sizes = array("d"), array("q"), array("q")
+        self._lines, self._numbers = lines, array("q")  # of the line that each polygon is in
 
     @property
     def num_vertices(self) -> int:
@@ -68,9 +72,11 @@ class SurfaceBuilder:
             raise ValueError(f"a face has {len(corners)} corners, it needs at least 3")
         self.corners.extend(corners)
         self.sizes.append(len(corners))
+        if self._lines is not None:
+            self._numbers.append(self._lines.number)
 
     def arrays(self) -> tuple[Floats, Ints]:
-        """The vertices, and the triangles as indices of vertices; raises ValueError for an index of no vertex.
+        """The vertices, and the triangles as indices of vertices; ValueError for no vertex, or sides that cross.
 
         >>> surface = SurfaceBuilder()
         >>> surface.coordinates.extend(range(12))
@@ -81,13 +87,21 @@ class SurfaceBuilder:
         """
         vertices = np.array(self.coordinates, np.float64).reshape(-1, 3)
         corners, sizes = np.array(self.corners, np.intp), np.array(self.sizes, np.intp)
-        first = np.repeat(np.cumsum(sizes) - sizes, sizes - 2)
-        step = np.arange(len(first)) - np.repeat(np.cumsum(sizes - 2) - (sizes - 2), sizes - 2)
+        starts, begins = np.cumsum(sizes) - sizes, np.cumsum(sizes - 2) - (sizes - 2)
+        first = np.repeat(starts, sizes - 2)
+        step = np.arange(len(first)) - np.repeat(begins, sizes - 2)
         faces = corners[np.column_stack([first, first + step + 1, first + step + 2])]
         if (wrong := faces[(faces < 0) | (faces >= len(vertices))]).size:
             raise ValueError(
                 f"a face has the vertex {wrong[0]}, counted from 0, and there are {len(vertices)} vertices"
             )
+        for place in not_fans(vertices, faces, begins).tolist():
+            ring = corners[starts[place] : starts[place] + sizes[place]]
+            try:
+                faces[begins[place] : begins[place] + sizes[place] - 2] = ring[ears(vertices[ring])]
+            except ValueError as error:
+                where = f"line {self._numbers[place]}" if self._lines is not None else f"face {place + 1}"
+                raise ValueError(f"{where}: {error}") from error
         return vertices, faces
 
 
@@ -120,7 +134,8 @@ def index_of_vertex(number: float) -> int:
 
 def from_text(content: bytes, fill: Callable[[Lines, SurfaceBuilder], None]) -> tuple[Floats, Ints]:
     """The surface that a function fills from lines; its ValueErrors get the number of the line."""
-    lines, surface = Lines(content), SurfaceBuilder()
+    lines = Lines(content)
+    surface = SurfaceBuilder(lines)
     try:
         fill(lines, surface)
     except ValueError as error:
@@ -274,25 +289,42 @@ def _fill_from_ply(surface: SurfaceBuilder, elements: Sequence[Element], rows: R
 _READERS = {".stl": read_stl, ".obj": read_obj, ".ply": read_ply}
 ENDINGS = tuple(_READERS)
 """Of the files that can be read."""
+_BY_TRIMESH = {".glb": "", ".gltf": "", ".off": "", ".3mf": " networkx lxml", ".dae": " pycollada"}
+_BY_TRIMESH |= {".step": " cascadio", ".stp": " cascadio"}  # and the packages that it needs
+OTHERS = (
+    *(*_BY_TRIMESH, ".fbx", ".blend", ".usd", ".usda", ".usdc", ".usdz", ".wrl", ".vrml", ".x3d", ".3ds", ".amf"),
+    *(".iges", ".igs", ".brep", ".3dm", ".sldprt", ".catpart", ".ipt", ".f3d", ".skp", ".max", ".ma", ".mb", ".c4d"),
+    *(".abc", ".lwo", ".ctm", ".msh", ".vtk", ".vtp", ".vtu"),
+)
+"""Endings of files of meshes that are not read."""
+
+
+def conversion(path: Path) -> str:
+    """What makes a file that can be read of a file of another format.
+
+    >>> print(conversion(Path("mug.glb")))
+    GLB is not read; pip install trimesh, then this writes mug.glb.stl: python -c "import sys, trimesh; \
+trimesh.load(sys.argv[1], force='mesh').export(sys.argv[1] + '.stl')" mug.glb
+    """
+    kind = path.suffix.lower()
+    if kind not in _BY_TRIMESH:
+        return f"{kind[1:].upper()} is not read; export STL, OBJ or PLY from a program that reads it, such as Blender"
+    return (
+        f"{kind[1:].upper()} is not read; pip install trimesh{_BY_TRIMESH[kind]}, then this writes {path.name}.stl: "
+        "python -c \"import sys, trimesh; trimesh.load(sys.argv[1], force='mesh').export(sys.argv[1] + '.stl')\" "
+        f"{shlex.quote(str(path))}"
+    )
 
 
 @np.errstate(over="ignore", invalid="ignore")  # such vertices are rejected later
-def read_surface(path: Path, scale: float | None) -> tuple[Floats, Ints, tuple[str, ...]]:
-    """Vertices in metres, ``(v, 3)``, triangles, ``(f, 3)``, and what was guessed or is unusual, as texts.
-
-    Args:
-        path: the file.
-        scale: metres per unit of the file; that of the size by default, see :meth:`Mesh.from_file`.
-
-    Raises:
-        FileNotFoundError: the file does not exist.
-        BadMesh: the file cannot be read, or is of an impossible size.
-    """
+def read_surface(path: Path, scale: float | None) -> tuple[Floats, Ints, tuple[str, ...], float]:
+    """Vertices in metres, ``(v, 3)``, triangles, ``(f, 3)``, what was guessed or is unusual in words, and the scale."""
     kind = path.suffix.lower()
     if not path.exists():
         raise FileNotFoundError(f"there is no mesh file {path}; relative paths start from {Path.cwd()}")
     if kind not in ENDINGS:
-        raise BadMesh(f"{path}: meshes are read from {', '.join(ENDINGS)} files; the library trimesh converts others")
+        others = f"; {conversion(path)}" if kind in OTHERS else ""
+        raise BadMesh(f"{path}: meshes are read from {', '.join(ENDINGS)} files{others}")
     require_regular_file(path, BadMesh)
     try:
         if (size := path.stat().st_size) > _MOST_BYTES:
@@ -303,23 +335,25 @@ def read_surface(path: Path, scale: float | None) -> tuple[Floats, Ints, tuple[s
     used, faces = np.unique(faces, return_inverse=True)
     vertices, faces = vertices[used], faces.reshape(-1, 3)
     if not (len(used) and np.isfinite(np.square(np.ptp(vertices, axis=0)).sum())):
-        return vertices, faces, ()  # rejected later
+        return vertices, faces, (), 1.0  # rejected later
     scale, remarks = _scale(path, vertices, scale)
     vertices, faces = _welded(path.name, vertices * scale, faces)
     if len(faces) > _MANY:
         remarks = (*remarks, f"{len(faces)} triangles make touches slow; a program for meshes reduces them")
-    return vertices, faces, remarks
+    return vertices, faces, remarks, scale
 
 
 def _scale(path: Path, vertices: Floats, given: float | None) -> tuple[float, tuple[str, ...]]:
     """Metres per unit: what is given, or 1, unless only millimetres make an object that a pad may press; and why."""
     extent = np.ptp(vertices, axis=0)
-    if given is not None or not _MILLIMETRES[0] < np.linalg.norm(extent) / 2 < _MILLIMETRES[1]:
-        return 1.0 if given is None else given, ()
+    radius = float(np.linalg.norm(extent) / 2)
+    if given is not None or not _MILLIMETRES[0] < radius < _MILLIMETRES[1]:
+        remark = odd_size(radius) if given is None else None
+        return 1.0 if given is None else given, () if remark is None else (remark,)
     size = " × ".join(f"{length:.3g}" for length in extent)
     return 0.001, (
         f"read in millimetres ({size} mm), because an object of {extent.max():.3g} m is too large for a pad; write "
-        f"{path.name}@0.001, or @0.001 behind its folder, to say so",
+        f"{path.name}@0.001, or @0.001 behind its folder, to say so. Its scale is {units_that_fit(radius)}",
     )
 
 

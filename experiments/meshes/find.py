@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -135,7 +135,7 @@ def find(
         UnknownName: there is no such body.
         InvalidArgument: there are not more bodies than objects, or no mesh can be read.
     """
-    solids = solids_of(bodies, scale)
+    solids, left_out = solids_of(bodies, scale)
     sought = body_index(solids, target)
     num_objects = min(4, len(solids) - 1) if num_objects is None else num_objects
     require_count("num_objects", num_objects)
@@ -149,7 +149,8 @@ def find(
     tasks = [
         partial(_search_one, shared, sought, num_objects, threshold, [seed, number]) for number in range(num_searches)
     ]
-    return Found(made, near_twins(made), made.bodies.labels[sought], list(run_tasks(tasks, jobs, "searches")))
+    searches = list(run_tasks(tasks, jobs, "searches"))
+    return Found(made, near_twins(made), made.bodies.labels[sought], searches, left_out=left_out)
 
 
 def _search_one(
@@ -218,9 +219,13 @@ class Find(MeshOptions):
     out: Path = Path("runs/find")
     """Folder for the report."""
 
+    def _expected(self, number: int) -> tuple[float, float]:
+        each = self.objects or min(4, number - 1)  # which was the mean of 24 searches
+        return self.searches * each, min(self.searches, _PICTURED) * each
+
     @ends_claims
     def run(self) -> None:
         """Read, make views, search, report."""
-        solids = self.read(self.target)
+        solids, left_out = self.read(self.target)
         found = find(solids, self.target, num_objects=self.objects, num_searches=self.searches, **self.common)
-        self.report(found)
+        self.report(replace(found, left_out=left_out))

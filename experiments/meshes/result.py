@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,6 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias
 import numpy as np
 import tyro
 
+from activetouch.mesh_source import labelled_sources, warn_of
+from activetouch.solids.mesh import Mesh
 from activetouch.solids.mesh_file import ENDINGS
 from activetouch.solids.solid import Shape
 from belief.claims import claim_folder
@@ -23,7 +26,15 @@ from belief.validation import Floats
 from experiments.command_line.arguments import Jobs, Positive, Seed, Share, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.meshes.near_twins import NearTwins
-from experiments.meshes.setting import MeshSetting, Possible, cost_words, labelled_sources, read_folder, reader_of
+from experiments.meshes.setting import (
+    MeshSetting,
+    Possible,
+    cost_words,
+    read_folder,
+    reader_of,
+    reading_words,
+    sources_of,
+)
 from experiments.parallel import default_jobs
 from experiments.reporting.page import Section, write_page
 
@@ -42,10 +53,12 @@ class MeshResult(Tabular, ABC):
     Attributes:
         setting: bodies and sensor.
         twins: bodies that feel nearly alike.
+        left_out: lines on files of meshes that were left out.
     """
 
     setting: MeshSetting
     twins: Sequence[NearTwins]
+    left_out: Sequence[str] = field(default=(), kw_only=True)
     _kind: ClassVar[str]  # what a row of the table is about, in the plural
     _columns: ClassVar[Sequence[tuple[str, str]]]
     _note: ClassVar[str]  # below the table
@@ -79,7 +92,7 @@ class MeshResult(Tabular, ABC):
         """Of each object or search with pictures: title, end, and after each touch what it was and what is possible."""
 
     def __str__(self) -> str:
-        return "\n\n".join([*map(str, self.twins), super().__str__()])
+        return "\n\n".join([*self.left_out, *map(str, self.twins), super().__str__()])
 
     def save(self, folder: Path | str) -> Path:
         """Write ``report.html``, with the bodies that were still possible after each touch, and the table as CSV.
@@ -96,6 +109,7 @@ class MeshResult(Tabular, ABC):
         table.write_csv(folder / f"{self._kind}.csv")
         alike = [f"{twin}." for twin in self.twins] or ["No two bodies feel nearly alike."]
         sections = [Section(self._kind.capitalize(), [], [table]), Section("Bodies that feel alike", alike)]
+        sections += [Section("Files that were left out", self.left_out)] if self.left_out else []
         sections += [
             Section(title, [end], [], _pictures(self.setting, title, touches, possible))
             for title, end, touches, possible in self._shown()
@@ -114,7 +128,7 @@ def _pictures(setting: MeshSetting, title: str, touches: Sequence[str], possible
 
     def draw(axes: Axes, body: int, prob: float, rest: Floats) -> None:
         axes.imshow(portraits(solids[body], rest[None], reach)[0], cmap="bone", origin="lower", vmin=0.0, vmax=1.1)
-        axes.set_title(f"{labels[body][-18:]}\n{prob:.2f}", fontsize=7)
+        axes.set_title(f"{textwrap.fill(labels[body], 18)}\n{prob:.2f}", fontsize=7)
         axes.set_axis_off()
 
     name = title.lower().replace(" ", "")
@@ -149,28 +163,24 @@ class MeshOptions:
     out: Path
     """Folder for the report."""
 
-    def read(self, body: str | None) -> dict[str, Shape]:
-        """Check the options and read the meshes; say what they cost, and what is left out.
-
-        Args:
-            body: its name, which must be known.
-
-        Raises:
-            UnknownName: there is no such body.
-            BadArgument: an option is invalid.
-            CannotWrite: the folder of the report cannot be written, or another process writes there.
-            InvalidArgument: no mesh can be read, or the sensor has no reader of any object.
-        """
+    def read(self, body: str | None) -> tuple[dict[str, Mesh], list[str]]:
+        """Check the options and the name of a body, read the meshes, and say what they cost and what is left out."""
         check_arguments(self)
         claim_folder(self.out)
+        sources, _ = labelled_sources(*sources_of(self.folder))
         if body is not None:
-            body_index(labelled_sources(self.folder), body)
-        solids, refused = read_folder(self.folder, self.scale)
-        console = plain_console()
-        console.print(cost_words(len(solids), reader_of(self.sensor).card.embedding, jobs=self.jobs))
-        for reason in refused:
-            console.print(f"left out: {reason}")
-        return solids
+            body_index(sources, body)
+        reader_of(self.sensor)  # which is refused before files are read
+        plain_console().print(reading_words(sources))
+        solids, left_out = read_folder(self.folder, self.scale)
+        plain_console().print(cost_words(solids, self.sensor, *self._expected(len(solids)), jobs=self.jobs))
+        for line in left_out:
+            print(line)
+        return solids, left_out
+
+    def _expected(self, number: int) -> tuple[float, float]:
+        """About how many touches are made among so many bodies, and how many of them the report shows."""
+        raise NotImplementedError
 
     @property
     def common(self) -> dict[str, Any]:
@@ -196,9 +206,11 @@ def body_index(labels: Iterable[str], name: str) -> int:
     return index_of("body", known, str(Path(name).with_suffix("")) if is_file else name)
 
 
-def solids_of(bodies: Bodies, scale: float | None) -> dict[str, Shape]:
-    """Bodies by label, as given, or of mesh files; see :func:`experiments.meshes.setting.read_folder`."""
-    solids = dict(bodies) if isinstance(bodies, Mapping) else read_folder(bodies, scale)[0]
+def solids_of(bodies: Bodies, scale: float | None) -> tuple[Mapping[str, Shape], list[str]]:
+    """Bodies by label, as given, or of mesh files; and lines on those left out, of which it warns."""
+    solids, left_out = (bodies, list[str]()) if isinstance(bodies, Mapping) else read_folder(bodies, scale)
+    warn_of(left_out, stacklevel=4)
     if len(solids) == 1:
-        raise InvalidArgument(f"one body, {next(iter(solids))}: nothing to tell apart; add a mesh")
-    return solids
+        reasons = "".join(f"\n- {line}" for line in left_out)
+        raise InvalidArgument(f"one body, {next(iter(solids))}: nothing to tell apart; add a mesh{reasons}")
+    return solids, left_out

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, partial
 from importlib.metadata import version
 from pathlib import Path
@@ -16,10 +15,10 @@ import scipy  # whose parts load at first use
 from scipy.special import logsumexp
 
 from activetouch.distributions import Uniform
-from activetouch.errors import BadMesh, MeshWarning
-from activetouch.mesh_source import MeshSource, mesh_labels, mesh_sources
+from activetouch.errors import MeshWarning
+from activetouch.mesh_source import MeshSource, read_files
 from activetouch.named_scenes import SCENES
-from activetouch.perception.cached_arrays import cached
+from activetouch.perception.cached_arrays import announced, cached, require_name
 from activetouch.perception.contacts.close_look import CloseContacts, CloseLook
 from activetouch.perception.contacts.hypotheses import ContactHypotheses
 from activetouch.perception.contacts.imaging import Floats32
@@ -29,10 +28,11 @@ from activetouch.rotation_cells import centres, nested
 from activetouch.scene import Scene, WorldObject
 from activetouch.scene_description import SURROUNDINGS, scene_fields
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
+from activetouch.solids.mesh import Mesh
 from activetouch.solids.solid import Shape
 from belief.coarse_to_fine import CoarseToFine, Effort
 from belief.errors import InvalidArgument
-from belief.files import from_field, require_regular_file, to_field, write_text
+from belief.files import from_field, require_regular_file, sealed_json, to_field, unsealed_json, write_text
 from belief.validation import Floats
 from experiments.parallel import run_tasks
 from planners.body_information import body_information, sampled_leaves
@@ -46,11 +46,17 @@ _AVERAGED = 64  # bodies that the constants of references are averaged over
 _CHECKPOINTS = (1, 2, 4, 8, 12)
 _RELEVANT, _LEFT = 1e-5, 1e-4  # posterior of a cell that counts for the fit, and of bodies without one
 _MANY = 200  # bodies above which the coarsest cells are used for all
-_MILLISECONDS = 0.45  # of one core, for a view of a body
+# Seconds of one core at 2 to 3 GHz by time.process_time, of 4 to 100 icospheres of 320 to 82 000 triangles with waves:
+_READING, _TRIANGLE = 0.15, 1.7e-5  # of a megabyte of a file; of the views of a body, for each of its triangles
+_VIEW = 0.0004  # of a body of few triangles
+_TOUCH, _SEARCHED = 0.0045, 0.04  # of a touch of the fit, and of a search, beside those for each body
+_REPORT = 0.22  # of a touch in the report
 _SHOWN, _PROBABLE = 5, 0.01  # bodies that are still possible: at most, and their least probability
 
 Possible: TypeAlias = tuple[tuple[int, float, Floats], ...]
 """Probable bodies: index, probability, and how each lies most probably, a unit quaternion ``wxyz``."""
+Fit: TypeAlias = tuple[float, float, Floats32]
+"""Scale and drift of a set of bodies, and references: embeddings of touches in half precision, ``(M, D)``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,57 +170,18 @@ class MeshSetting:
         return tuple(found)
 
 
-def labelled_sources(folder: Path | Sequence[Path | str]) -> dict[str, MeshSource]:
-    """The mesh files of :func:`read_folder` by label, before they are read; raises as it does."""
+def sources_of(folder: Path | Sequence[Path | str]) -> Sequence[Path | str]:
+    """A folder ``path[@scale]``, which must be there, or files one by one, as :func:`activetouch.read_meshes` takes."""
     if not isinstance(folder, Path | str):
-        return dict(zip(mesh_labels(*folder), mesh_sources(*folder), strict=True))
-    root = MeshSource.parse(folder).path
-    if not root.is_dir():
+        return folder
+    if not (root := MeshSource.parse(folder).path).is_dir():
         raise FileNotFoundError(f"there is no folder {root}; relative paths start from {Path.cwd()}")
-    sources = mesh_sources(folder)
-    names = [str(source.path.relative_to(root).with_suffix("")) for source in sources]
-    stems = [Path(name).name for name in names]
-    labels = [stem if stems.count(stem) == 1 else name for stem, name in zip(stems, names, strict=True)]
-    return dict(zip(labels, sources, strict=True))
+    return [folder]
 
 
-def read_folder(folder: Path | Sequence[Path | str], scale: float | None = None) -> tuple[dict[str, Shape], list[str]]:
-    """The meshes of a folder and its subfolders, by label, and why others were left out.
-
-    Args:
-        folder: ``path[@scale]`` of the folder, or mesh files one by one, as :func:`activetouch.read_meshes` takes them.
-        scale: metres per unit of files without a scale of their own.
-
-    Raises:
-        InvalidArgument: the folder has no mesh that can be read.
-        FileNotFoundError: there is no such folder or file.
-
-    Warns:
-        MeshWarning: see :meth:`Mesh.from_file`; of the first ten files that there is something to say of.
-    """
-    found: dict[str, Shape] = {}
-    refused = []
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always", MeshWarning)
-        for label, source in labelled_sources(folder).items():
-            try:
-                found[label] = source.read(scale)
-            except BadMesh as error:
-                refused.append(str(error))
-    if not found:
-        reasons = "".join(f"\n- {reason}" for reason in _first(refused, 3))
-        raise InvalidArgument(f"no mesh could be read from {folder}{':' if reasons else ''}{reasons}")
-    of_meshes = [str(one.message) for one in said if issubclass(one.category, MeshWarning)]
-    for remark in _first(of_meshes, 10):
-        warnings.warn(remark, MeshWarning, stacklevel=2)
-    for one in said:
-        if not issubclass(one.category, MeshWarning):
-            warnings.warn_explicit(one.message, one.category, one.filename, one.lineno)
-    return found, refused
-
-
-def _first(lines: list[str], most: int) -> list[str]:
-    return lines if len(lines) <= most else [*lines[:most], f"and {len(lines) - most} more files"]
+def read_folder(folder: Path | Sequence[Path | str], scale: float | None = None) -> tuple[dict[str, Mesh], list[str]]:
+    """The meshes of :func:`sources_of`, and a line on each file that is left out."""
+    return read_files(*sources_of(folder), scale=scale, is_lenient=True)
 
 
 def scene_of(solids: Mapping[str, Shape], sensor: str | Path = "gel") -> Scene:
@@ -227,11 +194,7 @@ def scene_of(solids: Mapping[str, Shape], sensor: str | Path = "gel") -> Scene:
 
 
 def reader_of(sensor: str | Path) -> Any:
-    """The reader of any object of a sensor.
-
-    Raises:
-        InvalidArgument: it has none.
-    """
+    """The reader of any object of a sensor; InvalidArgument if it has none."""
     folder = MODELS / str(sensor) if (MODELS / str(sensor)).is_dir() else Path(sensor)
     for name in (ANY_OBJECT_FILE, "reader.safetensors"):
         if (folder / name).is_file():
@@ -244,16 +207,40 @@ def reader_of(sensor: str | Path) -> Any:
     )
 
 
-def cost_words(number: int, embedding: int, jobs: int) -> str:
-    """What so many bodies cost with embeddings of so many numbers, before anything is computed."""
-    num_views = ViewPlan().directions * ViewPlan().rolls
-    seconds = number * num_views * _MILLISECONDS / 1e3 / jobs
-    size = num_views * embedding
-    words = f"{seconds / 60:.0f} min" if seconds > 100 else f"{seconds:.0f} s"
+def reading_words(sources: Mapping[str, MeshSource]) -> str:
+    """How long it takes to read mesh files, before they are read."""
+    size = sum(source.path.stat().st_size for source in sources.values() if source.path.exists()) / 1e6
+    return f"reading {len(sources)} files of {size:.1f} MB: about {_in_words(size * _READING)}"
+
+
+def cost_words(solids: Mapping[str, Shape], sensor: str | Path, touches: float, pictured: float, jobs: int) -> str:
+    """What bodies cost that are not in the cache, and so many touches, of which the report shows some."""
+    reader, scene, plan, number = reader_of(sensor), scene_of(solids, sensor), ViewPlan(), len(solids)
+    missing = [one for one in solids.values() if not are_embedded(reader.hypotheses, scene, one, plan)]
+    triangles = float(np.mean([_triangles(one) for one in solids.values()]))
+    views = sum(map(view_seconds, missing)) / jobs
+    fit = _PRESSED * _TOUCHES * (_TOUCH + 2.5e-4 * min(number, _MANY) + 2.5e-7 * triangles)
+    play = touches * (_SEARCHED + 2.2e-3 * min(number, _MANY) + 5e-6 * triangles) / jobs
+    report, size = 1.0 + _REPORT * pictured, number * len(plan.orientations) * reader.card.embedding / 1e6
     return (
-        f"{number} bodies: {words} to make {num_views} views of each, once; {number * size * 2 / 1e6:.0f} MB on disk, "
-        f"{number * size * 4 / 1e6:.0f} MB in memory"
+        f"{number} bodies: about {_in_words(views + fit + play + report)}, of which {_in_words(views)} for "
+        f"{len(plan.orientations)} views of each of {len(missing)} new bodies and {_in_words(fit)} for the fit of the "
+        f"set, once, {_in_words(play)} for about {touches:.0f} touches and {_in_words(report)} for the report; "
+        f"{2 * size:.0f} MB on disk, {4 * size:.0f} MB in memory"
     )
+
+
+def view_seconds(solid: Shape) -> float:
+    """Time of one core for the views of a body."""
+    return len(ViewPlan().orientations) * _VIEW + _TRIANGLE * _triangles(solid)
+
+
+def _triangles(solid: Shape) -> int:
+    return len(solid.faces) if isinstance(solid, Mesh) else 0
+
+
+def _in_words(seconds: float) -> str:
+    return f"{seconds / 60:.0f} min" if seconds > 100 else f"{seconds:.0f} s"
 
 
 def embed_all(
@@ -264,7 +251,8 @@ def embed_all(
     missing = [solid for solid in solids.values() if not are_embedded(reader, scene, solid, plan)]
     if missing:
         tasks = [partial(_embed, reader, plain, solid, plan) for solid in missing]
-        list(run_tasks(tasks, 1 if len(tasks) == 1 else jobs, f"views of {len(tasks)} bodies"))
+        costs = list(map(view_seconds, missing))
+        list(run_tasks(tasks, 1 if len(tasks) == 1 else jobs, f"views of {len(tasks)} bodies", costs))
 
 
 def _embed(reader: ContactHypotheses, scene: Scene, solid: Shape, plan: ViewPlan) -> None:
@@ -277,17 +265,26 @@ def _fitted(setting: MeshSetting, pressed: int) -> MeshSetting:
     fields = {name: value for name, value in scene_fields(setting.scene).items() if name not in SURROUNDINGS}
     plan = [bodies.plan.directions, bodies.plan.rolls, bodies.plan.width, pressed, *bodies.levels]
     key = {"reader": setting.reader.digest, "scene": fields, "plan": plan, "version": version("activetouch")}
-
-    def read(path: Path) -> dict[str, Any]:
-        return json.loads(require_regular_file(path).read_text(encoding="utf-8"))
-
-    def write(path: Path, found: dict[str, Any]) -> None:
-        write_text(path, json.dumps(found))
-
-    found = cached(key, ".json", partial(_fit, setting, pressed), read, write)
-    fitted = replace(bodies, scale=float(found["scale"]), drift=float(found["drift"]))
-    references = from_field(found["references"], "float16").astype(np.float32)
+    key["effort"] = asdict(bodies.effort)
+    with announced(f"fitting the bodies to {pressed} simulated objects, which is kept in the cache"):
+        scale, drift, references = cached(key, ".json", partial(_fit, setting, pressed), _read_fit, _write_fit)
+    fitted = replace(bodies, scale=scale, drift=drift)
     return replace(setting, bodies=fitted, references=references, constants=_constants(fitted, references))
+
+
+def _read_fit(path: Path) -> Fit:
+    fields = unsealed_json(require_regular_file(path).read_text(encoding="utf-8"))
+    require_name(path, fields.get("name"))
+    scale, drift, references = fields["scale"], fields["drift"], from_field(fields["references"], "float16")
+    if not (0.0 < scale < np.inf and 0.0 <= drift < np.inf and references.size and np.isfinite(references).all()):
+        raise ValueError(f"{path} has numbers that no fit gives")
+    return scale, drift, references.astype(np.float32)
+
+
+def _write_fit(path: Path, fit: Fit) -> None:
+    scale, drift, references = fit
+    fields = {"scale": scale, "drift": drift, "references": to_field(references.astype(float), "float16")}
+    write_text(path, sealed_json({**fields, "name": path.stem}, indent=None))
 
 
 def _constants(bodies: BodySet, references: Floats32) -> Floats32:
@@ -304,7 +301,7 @@ def _constants(bodies: BodySet, references: Floats32) -> Floats32:
     return np.asarray((logsumexp(parts, axis=0) - np.log(number)) / bodies.scale, np.float32)
 
 
-def _fit(setting: MeshSetting, pressed: int) -> dict[str, Any]:
+def _fit(setting: MeshSetting, pressed: int) -> Fit:
     """Temperature and drift with the lowest NLL of the body after 1 to 12 touches in random directions."""
     rng, bodies, logs = np.random.default_rng(0xF17), setting.bodies, nested(setting.bodies.levels).log_shares
     number = len(bodies.labels)
@@ -342,5 +339,4 @@ def _fit(setting: MeshSetting, pressed: int) -> dict[str, Any]:
     best = scipy.optimize.minimize(loss, simplex[0], **settings).x
     every = np.concatenate(felt)
     some = every[rng.permutation(len(every))[:_REFERENCES]]
-    found = {"scale": float(np.exp(-best[0])), "drift": float(best[1])}
-    return {**found, "references": to_field(some.astype(float), "float16")}
+    return float(np.exp(-best[0])), float(best[1]), some.astype(np.float16).astype(np.float32)

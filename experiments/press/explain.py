@@ -103,6 +103,8 @@ class Explain:
         print(found.table(), end="\n\n")
         for remark in found.remarks:
             console.print(f"- {remark}")
+        for line in self.choice.left_out:
+            print(f"- {line}")
 
 
 def _alike_words(scene: Scene, name: str, jobs: int) -> list[str]:

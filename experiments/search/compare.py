@@ -118,7 +118,7 @@ class Compare:
             Trust(self.config, everything=self.trust).require(name for name in recorded if name in asked)
         comparison = self.play()
         page = comparison.save(self.folder)
-        _say([comparison], comparison.verdict(), page)
+        _say([comparison], comparison.verdict(), page, self.setting.choice.left_out)
 
     def play(self) -> Comparison:
         """Play the missing searches and return the comparison, without a report.
@@ -145,10 +145,12 @@ class Compare:
         return [self.setting.choice.scene, self.setting.choice.renderer, *self.deciders]
 
 
-def _say(tables: Sequence[Table | Comparison], verdict: Sequence[str], page: Path) -> None:
-    """Print tables, sentences, and where the report is."""
+def _say(tables: Sequence[Table | Comparison], verdict: Sequence[str], page: Path, lines: Sequence[str] = ()) -> None:
+    """Print tables, sentences, lines as they are, and where the report is."""
     for table in tables:
         print(table, end="\n\n")
     for sentence in verdict:
         print(textwrap.fill(sentence, 78))
+    for line in lines:
+        print(line)
     print(f"report: {page}")

@@ -27,7 +27,7 @@ from experiments.search.fingerprint import files_digest
 from experiments.search.play import Searches, identity_of, made_for, opened, prepare, sensor_digest, with_unsure
 from experiments.search.run import Cell, Run, RunFolder, read_episode
 from experiments.search.setting import Setting
-from experiments.search.summary import Summary
+from experiments.search.summary import ALL, Summary
 from experiments.search.tables import results_table, terminal_table
 from experiments.search.verdict import verdict_sentences
 from experiments.sensor_choice import predict_contacts, require_policies
@@ -261,6 +261,11 @@ def prepared(
     for target in chosen:
         if target not in problem.shape_labels:
             raise UnknownName("target", target, list(problem.shape_labels))
+        if target == ALL:
+            raise BadArgument(
+                f"a target cannot be called {ALL!r}, which stands for all of them in tables; write for "
+                f"example my_all=all.obj, or choose others with --targets"
+            )
     for player in players.values():
         if isinstance(player, str):
             find_decider(player)  # raises UnknownName
@@ -308,6 +313,7 @@ def prepared(
         "seed": seed,
         "setting": setting.to_dict() if named is None and own_sensor is None else None,
         **({"certificate": str(certificate)} if isinstance(certificate, str | Path) else {}),
+        **({"left_out": left_out} if (left_out := setting.choice.left_out) else {}),
     }
     return Run(searches, made, chosen, episodes, RunFolder(out), arguments, known)
 

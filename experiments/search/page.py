@@ -129,11 +129,7 @@ _FAILURES = {
 
 
 def write_page_of(run: RunFolder, comparison: Summary, searches: Searches, verdict: Sequence[str]) -> Path:
-    """Write ``report.html``, ``figures/`` and ``tables/`` into the folder of a run; return the path of the page.
-
-    Raises:
-        CannotWrite: The disk is full, or the folder is not writable.
-    """
+    """Write ``report.html``, ``figures/`` and ``tables/`` into the folder of a run; return the path of the page."""
     assert run.path is not None, "a page is a file"
     folder, path = run.path, run.path / "report.html"
     tables, drawn = comparison_tables(comparison), pictures(comparison)
@@ -145,18 +141,22 @@ def write_page_of(run: RunFolder, comparison: Summary, searches: Searches, verdi
     sections = [
         Section(title, (), [shown[name] for name in names if name in shown], drawn if title == "Success" else [])
         for title, names in _SECTIONS.items()
+        if shown.keys() & names
     ]
+    stored = run.read_run()
+    if left_out := stored["arguments"].get("left_out"):
+        sections.append(Section("Files that were left out", left_out))
     stories = [_story(searches, decider, episode) for decider, episode in shown_searches(comparison)]
     write_page(
         path,
         f"Searching by touch in the scene “{searches.scene_name}”",
-        [section for section in sections if section.tables],
+        sections,
         "report.html",
         comparison=comparison,
         composition=getattr(comparison.problem.composition, "value", comparison.problem.composition),
         verdict=[*shift_sentences(searches.sensor.shift), *verdict],
         stories=stories,
-        run=run.read_run(),
+        run=stored,
         again=run.command("compare", config=folder / "run.json"),
         replay=run.command("replay", folder=folder, decider="NAME", target="SHAPE", number="N", out="search.png"),
         before=["One search, touch by touch"] * bool(stories),

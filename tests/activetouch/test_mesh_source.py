@@ -1,14 +1,21 @@
 """Mesh files as people name them: one name and one scale each, and files that are called alike."""
 
+import os
+import re
+import shlex
+import sys
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from activetouch.distributions import Constant
 from activetouch.errors import BadMesh, DuplicateShape, MeshWarning
-from activetouch.mesh_source import MeshSource, read_meshes
+from activetouch.mesh_source import MeshSource, labelled_sources, read_files, read_meshes
 from activetouch.scene import Dynamic, Quasistatic, Scene, Variation
+from activetouch.solids.mesh_file import conversion
 from belief.errors import InvalidArgument
 
 CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * 0.012  # a cube of 24 mm
@@ -74,6 +81,35 @@ def test_a_file_is_read_and_what_is_unusual_is_said_once(name, said, extent, fol
             read_meshes(folder / name)
 
 
+@pytest.mark.parametrize(
+    ("radius", "said"),
+    [
+        (0.001, "read in metres, its farthest point is 1 mm .* unusual; .*: 1 if it is in metres$"),
+        (0.2, "is 200 mm .* unusual; .*: 0.01 if .* centimetres, or 0.0254 if .* inches, or 1 if it is in metres$"),
+        (20.0, "in millimetres .* Its scale is 0.001 if it is in millimetres, or 0.01 if it is in centimetres$"),
+        (200.0, r"in millimetres .* write b\.obj@0\.001.* Its scale is 0.001 if it is in millimetres$"),
+        (0.003, None),
+        (0.14, None),
+    ],
+)
+def test_an_unusual_size_is_read_with_advice_that_names_all_units_that_fit(radius, said, tmp_path):
+    lines = ["v {:.12g} {:.12g} {:.12g}".format(*vertex) for vertex in CUBE * radius / np.linalg.norm(CUBE[0])]
+    lines += ["f {} {} {}".format(*(i + 1 for i in face)) for face in FACES]
+    (tmp_path / "b.obj").write_text("\n".join(lines))
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        [mesh] = read_meshes(tmp_path / "b.obj").values()
+    assert mesh.bounding_radius == pytest.approx(radius if radius < 1 else radius / 1000)
+    assert bool(told) == (said is not None)
+    for one in told:
+        assert re.search(said, str(one.message))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # nothing is said of a scale that is given
+        read_meshes(f"{tmp_path}/b.obj@{1.0 if radius < 1 else 0.001}")
+    with pytest.raises(BadMesh, match=r"0\.3 m.*Give its scale: .*metres"):
+        read_meshes(f"{tmp_path}/b.obj@{400 / radius}")  # advice is about the unit of the file
+
+
 def test_files_of_different_units_are_read_in_one_call(folder):
     with pytest.warns(MeshWarning, match="a_mm.obj: read in millimetres"):
         meshes = read_meshes(folder / "a_mm.obj", folder / "b_m.obj")
@@ -96,12 +132,113 @@ def test_names_are_given_or_those_of_the_files_or_of_their_folders(folder):
             read_meshes("empty")
         with pytest.raises(DuplicateShape, match=r"is given twice, .* my_model=mug/model\.obj"):
             read_meshes("mug/model.obj", "mug/model.obj")
-        with pytest.raises(DuplicateShape, match=r"must have other names than mug, .* my_mug=\S*mug/model\.obj"):
-            read_meshes("mug/model.obj", "box/model.obj", "mug=cube.obj")
+        assert list(read_meshes("mug/model.obj", "box/model.obj", "mug=cube.obj")) == ["mug/model", "box/model", "mug"]
         with pytest.raises(DuplicateShape, match="must have other names than cup"):
             read_meshes("cup=mug/model.obj", "cup=box/model.obj")
     assert list(meshes) == ["mug", "box", "cup", "big"]
     assert size(meshes["big"])[0] == pytest.approx(0.0324)
+
+
+@pytest.mark.parametrize(
+    ("names", "labels"),
+    [
+        (["mug.obj", "mug.stl", "cup.obj"], ["cup", "mug.obj", "mug.stl"]),
+        (["mug.obj", "mug.OBJ"], ["mug.OBJ", "mug.obj"]),
+        (["cup/model.obj", "saucer/model.obj"], ["cup", "saucer"]),
+        (["cup/model.obj", "saucer/cup.obj"], ["model", "cup"]),
+        (["cup/model.obj", "saucer/model.obj", "x/cup.obj"], ["cup/model", "saucer/model", "cup"]),
+        (["a/mug.obj", "a/mug.stl", "b/mug.obj"], ["a/mug.obj", "a/mug.stl", "b/mug.obj"]),
+        (["a/x/mug.obj", "b/x/mug.obj"], ["a/x/mug", "b/x/mug"]),
+        (["a/x/mug.obj", "a/x/mug.stl", "b/x/mug.obj"], ["a/x/mug.obj", "a/x/mug.stl", "b/x/mug.obj"]),
+        (["mug/a.obj", "mug/b/a.obj", "mug/b/c/a.obj"], ["mug", "b", "c"]),
+        (["mug.obj", "mug.obj.obj", "mug.stl"], ["folder0/mug.obj", "mug.obj", "folder0/mug.stl"]),
+        (["a/b.obj", "c/b.obj", "d/a.obj", "e/a.obj"], ["a/b", "c/b", "d", "e"]),
+    ],
+)
+def test_no_file_of_a_folder_is_lost_to_another_of_its_name(names, labels, tmp_path):
+    folder = tmp_path / "folder0"
+    for name in names:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text("")
+    found, left_out = labelled_sources(folder)
+    assert list(found) == labels
+    assert len({source.path for source in found.values()}) == len(names)
+    assert left_out == []
+    assert labelled_sources(folder)[0] == found
+    one_by_one, _ = labelled_sources(*(source.path for source in found.values()))
+    assert list(one_by_one) == labels
+
+
+OTHER_FORMATS = ["glb", "gltf", "off", "dae", "3mf", "step", "stp", "fbx", "blend", "usd", "usdz", "wrl", "x3d"]
+
+
+def test_what_a_folder_has_and_is_not_read_is_said_line_by_line(folder, tmp_path):
+    (folder / "dangling.stl").symlink_to("nowhere.stl")
+    (folder / "loop.stl").symlink_to("loop.stl")
+    (folder / "link.obj").symlink_to("cube.obj")
+    (folder / "linked").symlink_to("mug")
+    (folder / "damaged.ply").write_text("ply\n")
+    (folder / "texture.png").write_text("")
+    (folder / "cube.mtl").write_text("")
+    with open(os.fsencode(folder / "caf") + b"\xe9.obj", "w"):
+        pass
+    for ending in OTHER_FORMATS:
+        (folder / f"my mug.{ending.upper()}").write_text("")
+    with pytest.warns(MeshWarning) as said:
+        meshes = read_meshes(folder)
+    assert sum("left out" in str(one.message) for one in said) == 10  # and how many more there are
+    assert f"and {len(OTHER_FORMATS) + 7 - 10} more files" in [str(one.message) for one in said]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MeshWarning)
+        again, lines = read_files(folder)
+    assert list(again) == list(meshes)
+    assert {"cube", "mug", "box"} <= meshes.keys()
+    assert len(lines) == len(OTHER_FORMATS) + 7
+
+    def line(name):
+        [found] = [one for one in lines if one.startswith(f"{folder}/{name} is left out: ")]
+        return found
+
+    assert "or 0.0254 if it is in inches; that is inch.obj@0.01 on" in line("inch.obj")
+    assert line("dangling.stl").endswith("it is a link to nowhere.stl, which does not exist")
+    assert line("loop.stl").endswith("it is a link to loop.stl, which does not exist")
+    assert line("link.obj").endswith(f"it is the same file as {folder}/cube.obj")
+    assert line("linked").endswith("it is a link to a folder; name that, too")
+    assert line("damaged.ply").endswith("cannot be read as PLY: it has no header from 'ply' to 'end_header'")
+    assert line("caf\\xe9.obj").endswith("its name is not UTF-8; rename it")
+    for ending in OTHER_FORMATS:
+        words = line(f"my mug.{ending.upper()}").partition(": ")[2]
+        assert words.startswith(f"{ending.upper()} is not read; ")
+        assert ("python -c" in words) == (ending in ("glb", "gltf", "off", "dae", "3mf", "step", "stp"))
+    with pytest.raises(BadMesh, match=r"read from \.stl, \.obj, \.ply files; GLB is not read; .* '\S*/my mug\.GLB'$"):
+        read_meshes(folder / "my mug.GLB")
+    (tmp_path / "only").mkdir()
+    (tmp_path / "only" / "mug.glb").write_text("")
+    with pytest.raises(
+        InvalidArgument, match=r"(?s)no mesh file in .*only; they end in .*\n- \S*mug.glb is left out: GLB"
+    ):
+        read_meshes(tmp_path / "only")
+
+
+def test_a_file_name_that_is_not_utf_8_is_refused_before_the_file_is_read(tmp_path):
+    path = os.fsdecode(os.fsencode(tmp_path / "caf") + b"\xe9.obj")
+    for given in (path, Path(path)):
+        with pytest.raises(InvalidArgument, match=r"caf\\xe9\.obj is left out: its name is not UTF-8; rename it"):
+            read_meshes(given)
+
+
+@pytest.mark.parametrize("ending", ["glb", "off"])
+def test_the_line_about_another_format_writes_a_file_that_is_read(ending, tmp_path, monkeypatch):
+    path = tmp_path / f"my 'mug'.{ending}"
+    trimesh.Trimesh(CUBE, FACES).export(path)
+    line = conversion(path)
+    assert line.startswith(f"{ending.upper()} is not read; pip install trimesh, then this writes {path.name}.stl: ")
+    python, option, code, given = shlex.split(line.partition(".stl: ")[2])
+    assert (python, option) == ("python", "-c")
+    monkeypatch.setattr(sys, "argv", [option, given])
+    exec(code, {})
+    [mesh] = read_meshes(f"{path}.stl").values()
+    assert size(mesh) == pytest.approx([0.024] * 3, abs=1e-8)
 
 
 @pytest.mark.parametrize("scale", ["mm", "", "0x1"])

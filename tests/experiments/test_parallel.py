@@ -1,9 +1,14 @@
-"""What goes wrong in several processes is a clear error."""
+"""Tasks on several processes: what goes wrong is a clear error, and the bar goes on by what they cost."""
 
 import subprocess
 import sys
+from functools import partial
 
+import numpy as np
 import pytest
+from rich.progress import Progress
+
+from experiments.parallel import run_tasks
 
 PROGRAM = """
 import resource
@@ -26,3 +31,14 @@ def test_a_temporary_folder_without_room_is_named_with_a_way_out(tmp_path, monke
     told = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, timeout=120).stdout
     assert f"does not fit into the temporary folder, {tmp_path}: File too large" in told
     assert "set JOBLIB_TEMP_FOLDER to a folder with more room, or use --jobs 1" in told
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_the_bar_goes_on_by_what_tasks_cost(jobs, monkeypatch):
+    shown = []
+    monkeypatch.setattr(Progress, "update", lambda bar, task, completed: shown.append(completed))
+    tasks, costs = [partial(abs, cost) for cost in (1, 7, 2)], [1, 7, 2]
+    found = list(run_tasks(tasks, jobs, "weighing", costs))
+    assert sorted(found) == [1, 2, 7]
+    np.testing.assert_allclose(shown, 3 * np.cumsum(found) / 10, atol=1e-6)
+    assert shown[-1] == 3.0

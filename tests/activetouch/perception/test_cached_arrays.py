@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from activetouch.perception.cached_arrays import cached_array
+from activetouch.perception.cached_arrays import announced, cached_array
 
 
 @pytest.fixture
@@ -46,6 +46,32 @@ def test_a_damaged_file_is_computed_again_and_mended(cache, damage):
     assert cached_array({}, make)[0, 0] == np.float16(1.1)
     assert make.times == 2
     assert path.read_bytes() == content
+
+
+def test_files_that_were_exchanged_are_computed_again(cache):
+    makes = {name: Computed(value) for name, value in {"one": 1.0, "other": 2.0}.items()}
+    for name, make in makes.items():
+        cached_array({"of": name}, make)
+    first, second = cache.iterdir()
+    contents = first.read_bytes(), second.read_bytes()
+    first.write_bytes(contents[1])
+    second.write_bytes(contents[0])
+    for name, make in makes.items():
+        assert cached_array({"of": name}, make)[0, 0] == make.value
+        assert make.times == 2
+    assert (first.read_bytes(), second.read_bytes()) == contents
+
+
+def test_what_is_computed_is_announced_once_and_what_is_in_the_cache_is_not(cache, capsys):
+    for number in (1, 2):
+        with announced("this takes a minute"):
+            with announced("this is a part"):
+                cached_array({"of": 0}, Computed())
+            for each in range(3):
+                cached_array({"of": each}, Computed())
+        assert capsys.readouterr() == ("", "this is a part\nthis takes a minute\n" if number == 1 else "")
+    cached_array({"of": 3}, Computed())
+    assert capsys.readouterr() == ("", "")
 
 
 def test_without_a_folder_that_can_be_written_it_is_computed_each_time(tmp_path, monkeypatch):

@@ -151,6 +151,12 @@ def test_what_is_prepared_twice_is_pressed_once_and_the_same(reader, cache, monk
         path.write_text(path.read_text()[:100])
     assert prepared(bound, SCENE).to_json({}) == first.to_json({})
     assert len(presses) == 2 * 2 * 2 * 12
+    [path] = cache.glob("*.json")
+    path.rename(cache / "other.json")
+    other = prepared(bound, SCENE, seed=1)
+    [at_other] = set(cache.glob("*.json")) - {cache / "other.json"}
+    at_other.write_bytes((cache / "other.json").read_bytes())  # that of another key
+    assert prepared(bound, SCENE, seed=1).to_json({}) == other.to_json({}) != first.to_json({})
 
 
 def test_shapes_that_look_equal_are_said_to_be_alike(reader, cache):

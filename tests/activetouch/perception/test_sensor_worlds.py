@@ -2,11 +2,12 @@
 
 import pickle
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
-from activetouch import SCENES, TactileSensor
+from activetouch import SCENES, SHAPES, TactileSensor
 from activetouch.perception import preparation, sensor_worlds
 from activetouch.perception.contacts.imaging import SensorState
 from activetouch.perception.contacts.sensor_state import imaging_of
@@ -49,6 +50,22 @@ def test_every_world_differs_from_what_is_described_and_is_within_what_readers_k
         for part_name, (low, high) in imaging.limits.items():
             part = getattr(states, part_name)
             np.testing.assert_array_equal(part, np.clip(part, np.float32(low), np.float32(high)), part_name)
+
+
+def test_a_sensor_that_is_prepared_says_so_once_in_python_too(few_worlds, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(sensor_worlds, "EmbeddedWorlds", partial(sensor_worlds.EmbeddedWorlds, number=2))
+    monkeypatch.setattr(preparation, "_TOUCHES", 10)
+    monkeypatch.setenv("ACTIVETOUCH_CACHE", str(tmp_path))
+    solids = {name: SHAPES[name] for name in ("cube", "sphere")}
+    line = "preparing the sensor: up to two minutes the first time, then kept in the cache\n"
+    assert TactileSensor.shipped("coarse").shape_labels
+    assert capsys.readouterr().err == ""
+    for said in (line, ""):
+        TactileSensor.shipped("coarse", unknown_state=True)
+        assert capsys.readouterr().err == said
+    for said in (line, ""):
+        TactileSensor.shipped("coarse").with_objects(solids)
+        assert capsys.readouterr().err == said
 
 
 def test_a_stuck_taxel_is_found_and_named(few_worlds):

@@ -168,7 +168,12 @@ def test_triangles_that_bound_no_solid_are_refused(vertices, faces, problem):
     [
         (300, r"8\.314 m .* metres.*scale: 0\.001 if it is in millimetres, or 0\.01 if it is in centimetres"),
         (1 / 0.0254, r"1\.091 m .* scale: .* or 0\.0254 if it is in inches.*cube\.stl@0\.01 on the command line"),
-        (0.01, r"0\.0002771 m .* Lengths are in metres$"),
+        (
+            1 / 0.0254,
+            r"scale: 0\.001 if it is in millimetres, or 0\.01 if .* centimetres, or 0\.0254 if it is in inches;",
+        ),
+        (0.01, r"0\.0002771 m .* Lengths are in metres.*scale: no usual unit fits, but 1\.8 to 1\.1e\+03 would"),
+        (30_000, r"831\.4 m .* scale: no usual unit fits, but 6e-07 to 0\.00036 would"),
     ],
 )
 def test_an_absurd_size_is_refused_with_the_scale_that_may_mend_it(factor, advice, tmp_path):

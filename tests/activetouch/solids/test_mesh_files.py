@@ -10,7 +10,8 @@ import trimesh
 
 from activetouch.errors import BadMesh, MeshWarning
 from activetouch.shapes import Mesh
-from activetouch.solids.mesh_file import read_surface
+from activetouch.solids.mesh_file import SurfaceBuilder, read_surface
+from activetouch.solids.polygons import ears
 
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
 QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
@@ -140,6 +141,99 @@ def test_a_pipe_is_refused_and_so_is_a_file_larger_than_the_limit(tmp_path):
         Mesh.from_file(tmp_path / "huge.obj")
 
 
+OUTLINE = [(0, 0), (20, 0), (20, 10), (10, 10), (10, 20), (0, 20)]  # an L; its corners [mm]
+
+
+def prism(outline, kind, corners=0):
+    """A prism of 5 mm whose two caps are polygons, as the bytes of a file; the first corners of its top repeated."""
+    number = len(outline)
+    vertices = np.array([(x, y, z) for z in (0, 5) for x, y in outline]) * 1e-3
+    top = [corner for corner in range(number, 2 * number) for _ in range(1 + (corner < number + corners))]
+    faces = [list(range(number))[::-1], top]
+    faces += [[i, (i + 1) % number, (i + 1) % number + number, i + number] for i in range(number)]
+    if kind == "obj":
+        return obj(vertices, faces).encode()
+    rows = [" ".join(map(str, [*row])) for row in vertices.tolist()]
+    head = f"ply\nformat {'ascii' if kind == 'ply' else 'binary_little_endian'} 1.0\nelement vertex {len(rows)}\n"
+    head += "property float x\nproperty float y\nproperty float z\n"
+    head += f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    if kind == "ply":
+        return (head + "\n".join([*rows, *(" ".join(map(str, [len(face), *face])) for face in faces)]) + "\n").encode()
+    rows = [struct.pack("<3f", *row) for row in vertices.tolist()]
+    return head.encode() + b"".join([*rows, *(struct.pack(f"<B{len(face)}i", len(face), *face) for face in faces)])
+
+
+def volume(mesh):
+    first, second, third = mesh.vertices[mesh.faces.T]
+    return (first * np.cross(second, third)).sum() / 6
+
+
+@pytest.mark.parametrize("kind", ["obj", "ply", "binary.ply"])
+@pytest.mark.parametrize("start", range(6))
+def test_a_concave_face_leaves_its_notch_open_whichever_corner_it_begins_with(start, kind, tmp_path):
+    content = prism(OUTLINE[start:] + OUTLINE[:start], kind if kind in ("obj", "ply") else "binary")
+    mesh = Mesh.from_file(write(tmp_path, f"ell.{kind}", content), 1.0)
+    assert volume(mesh) == pytest.approx(300 * 5e-9, rel=1e-6)
+    assert len(mesh.faces) == 20
+    middle = np.array([0.15 / 18, 0.15 / 18, 0.0025])  # centre of mass; a pad on the top feels the two arms alone
+    at = np.array([(15, 5, 9), (5, 15, 9), (5, 5, 9), (15, 15, 9), (11, 11, 9), (10.5, 18, 9)]) * 1e-3 - middle
+    felt = mesh.entry_distance(at.T, np.array([0.0, 0.0, -1.0]))
+    np.testing.assert_allclose(felt, [0.004] * 3 + [np.inf] * 3, atol=1e-8)
+
+
+HOLE = [*[(0, 0), (20, 0), (20, 20), (0, 20)], (0, 0), *[(5, 5), (5, 15), (15, 15), (15, 5)], (5, 5)]
+STAR = [
+    (10 * r * np.cos(a), 10 * r * np.sin(a)) for a, r in zip(np.arange(48) * np.pi / 24, [1, 0.4] * 24, strict=True)
+]
+
+
+@pytest.mark.parametrize(
+    ("outline", "area"),
+    {
+        "a hole that is joined to the outline": (HOLE, 300),
+        "corners on a line": ([(0, 0), (10, 0), (20, 0), (20, 10), (15, 10), (10, 10), (10, 20), (0, 20), (0, 9)], 300),
+        "a star": (STAR, 24 * 0.4 * 100 * np.sin(np.pi / 24)),
+        "an arrow": ([(0, 0), (20, 0), (5, 5), (0, 20)], 100),
+        "far from the origin": ([(x + 900, y - 700) for x, y in OUTLINE], 300),
+    }.values(),
+    ids=["hole", "line", "star", "arrow", "far"],
+)
+@pytest.mark.parametrize("turned", [False, True])
+def test_every_flat_polygon_is_covered_once(outline, area, turned):
+    for start in range(len(outline)):
+        ring = [*outline[start:], *outline[:start]]
+        corners = np.array([(x, 0.5 * x + 0.2 * y, y) for x, y in (ring[::-1] if turned else ring)])
+        first, second, third = corners[ears(corners)].transpose(1, 0, 2)
+        sides = np.cross(second - first, third - first)[:, 1]  # twice the areas as seen along y
+        assert np.abs(sides).sum() / 2 == pytest.approx(area, rel=1e-6)
+        assert len(sides) == len(ring) - 2
+
+
+def test_repeated_corners_of_a_face_change_nothing(tmp_path):
+    mesh = Mesh.from_file(write(tmp_path, "twice.obj", prism(OUTLINE, "obj", corners=4)), 1.0)
+    assert volume(mesh) == pytest.approx(300 * 5e-9, rel=1e-6)
+
+
+def test_faces_of_several_corners_that_are_convex_stay_fans():
+    surface = SurfaceBuilder()
+    for x, y in [(np.cos(a), np.sin(a)) for a in np.linspace(0, 2 * np.pi, 40, endpoint=False)]:
+        surface.coordinates.extend([round(x, 6), round(y, 6), 0.0])
+    surface.add_face(list(range(40)))
+    surface.add_face([5, 6, 7])
+    assert surface.arrays()[1].tolist() == [*([0, i, i + 1] for i in range(1, 39)), [5, 6, 7]]
+
+
+@pytest.mark.parametrize("outline", [[(0, 0), (20, 20), (20, 0), (0, 20)], [(0, 0), (20, 20), (20, 0), (0, 15)]])
+def test_a_face_whose_sides_cross_each_other_is_refused_with_its_line(outline, tmp_path):
+    where = {"obj": "line 9", "ply": "line 18", "binary": "face 1"}  # of the lower cap, which comes first
+    for kind, place in where.items():
+        path = write(tmp_path, f"{kind}.{kind if kind == 'obj' else 'ply'}", prism(outline, kind))
+        with pytest.raises(
+            BadMesh, match=rf"cannot be read as \w+: {place}: the sides of a face cross each other; divide"
+        ):
+            Mesh.from_file(path)
+
+
 def damaged(content, rng):
     """A file with a few bytes, lines or numbers changed, or with its end cut off."""
     kind = rng.integers(5)
@@ -171,7 +265,7 @@ def test_a_damaged_file_is_read_or_refused_by_name_and_nothing_else_is_said(name
         for _ in range(20):
             path = write(tmp_path, name, damaged(content, rng))
             try:
-                vertices, faces, _ = read_surface(path, 1.0)
+                vertices, faces, *_ = read_surface(path, 1.0)
                 assert 0 <= faces.min(initial=0) <= faces.max(initial=0) <= len(vertices)
                 Mesh.from_file(path)
             except BadMesh as error:

@@ -6,10 +6,12 @@ import re
 import pytest
 import tyro
 
+from activetouch.errors import MeshWarning
 from activetouch.perception import preparation
 from activetouch.perception.contacts import hypotheses
 from belief.errors import ActiveTouchError, InvalidArgument
 from experiments.cli import commands
+from experiments.command_line.arguments import BadArgument
 from experiments.scene_choice import SceneChoice
 from experiments.search.comparison import prepared
 from experiments.search.play import identity_of
@@ -40,22 +42,35 @@ def command(name, words):
 
 
 def test_compare_searches_for_a_mesh_without_training(meshes, tmp_path, capsys):
-    words = ["--scene", "coarse", "--fidelity", "quasistatic", "--only", "--meshes", *meshes, "--targets", "brick"]
+    (tmp_path / "plate.glb").write_text("")
+    folder = f"{tmp_path}@0.011"
+    words = ["--scene", "coarse", "--fidelity", "quasistatic", "--only", "--meshes", folder, "--targets", "brick"]
     out = tmp_path / "run"
     run = [*words, "--deciders", "threshold", "--episodes", "2", "--jobs", "1", "--out", str(out)]
-    command("compare", run)
+    with pytest.warns(MeshWarning) as warned:
+        command("compare", run)
     episodes = [json.loads(line) for line in (out / "episodes.jsonl").read_text().splitlines()]
     assert len(episodes) == 2
     said = capsys.readouterr()
     assert "other scene" not in said.err
     assert "preparing the sensor" in said.err
     assert said.out.count("predicting contacts") == 1
+    line = f"{tmp_path}/plate.glb is left out: GLB is not read; pip install trimesh, then this writes plate.glb.stl: "
+    assert line in str(warned[0].message)
+    assert f"\n{line}" in said.out
+    assert f"<p>{line}" in (out / "report.html").read_text()
 
 
 def test_one_shape_is_refused_before_anything_is_prepared(meshes):
     for words in (["compare", "--jobs", "1"], ["live", "--target", "brick"]):
         with pytest.raises(InvalidArgument, match="one shape: nothing to tell apart"):
             command(words[0], [*words[1:], "--only", "--meshes", meshes[0]])
+
+
+def test_a_target_with_the_name_of_all_targets_is_refused_before_anything_is_prepared(meshes):
+    named = Setting(SceneChoice(meshes=(f"all={meshes[0]}", meshes[1]), only=True))
+    with pytest.raises(BadArgument, match="a target cannot be called 'all', which stands for all of them"):
+        prepared(named, "threshold", jobs=1)
 
 
 def test_a_folder_of_another_run_is_refused_before_the_sensor_is_prepared(meshes, tmp_path, monkeypatch):
