@@ -23,7 +23,7 @@ from typing import Any, Generic, TypeAlias, TypeVar
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from activetouch.errors import MeshWarning
-from belief.errors import CannotWrite
+from belief.errors import BrokenContract, CannotWrite
 from belief.files import is_of_writing
 from belief.references import look_in
 from experiments.command_line.console import plain_console
@@ -97,6 +97,7 @@ def run_tasks(tasks: Sequence[Task[T]], jobs: int | None, description: str) -> I
 
     Raises:
         CannotWrite: What the processes share does not fit into the temporary folder.
+        BrokenContract: It cannot be copied.
     """
     from threadpoolctl import threadpool_limits
 
@@ -124,7 +125,8 @@ def _in_parallel(tasks: Sequence[Task[T]], jobs: int) -> Generator[T, None, None
         yield from results
     except PicklingError as error:
         if (cause := _of_full_disk(error)) is None:
-            raise
+            said = str(error.__cause__).rstrip('"\n ').rpartition("\n")[2]
+            raise BrokenContract(f"what the processes share cannot be copied to them: {said}. Use --jobs 1") from error
         folder = os.environ.get("JOBLIB_TEMP_FOLDER") or f"/dev/shm or {tempfile.gettempdir()}"
         raise CannotWrite(
             f"what the processes share does not fit into the temporary folder, {folder}: {cause.strerror}. Make room "

@@ -2,8 +2,13 @@
 
 import subprocess
 import sys
+import threading
+from functools import partial
 
 import pytest
+
+from belief.errors import BrokenContract
+from experiments.parallel import Shared, run_tasks
 
 PROGRAM = """
 import resource
@@ -26,3 +31,10 @@ def test_a_temporary_folder_without_room_is_named_with_a_way_out(tmp_path, monke
     told = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, timeout=120).stdout
     assert f"does not fit into the temporary folder, {tmp_path}: File too large" in told
     assert "set JOBLIB_TEMP_FOLDER to a folder with more room, or use --jobs 1" in told
+
+
+def test_what_cannot_be_copied_to_other_processes_is_named_with_a_way_out():
+    shared = Shared(threading.Lock())
+    with pytest.raises(BrokenContract, match=r"TypeError: cannot pickle '_thread.lock' object\. Use --jobs 1"):
+        list(run_tasks([partial(isinstance, shared, Shared)] * 2, 2, "asking"))
+    assert list(run_tasks([partial(isinstance, shared, Shared)] * 2, 1, "asking")) == [True, True]
