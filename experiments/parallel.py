@@ -24,7 +24,6 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from activetouch.errors import MeshWarning
 from belief.errors import BrokenContract, CannotWrite
-from belief.files import is_of_writing
 from belief.references import look_in
 from experiments.command_line.console import plain_console
 
@@ -141,8 +140,7 @@ def _in_parallel(tasks: Sequence[Task[T]], jobs: int) -> Generator[T, None, None
 def _of_full_disk(error: PicklingError) -> OSError | None:
     """The error of writing that kept a task from being sent, of which joblib gives only the text; None if none did."""
     found = re.search(r"^OSError: \[Errno (\d+)\]", str(error.__cause__), re.MULTILINE)
-    cause = None if found is None else OSError(int(found[1]), os.strerror(int(found[1])))
-    return cause if cause is not None and is_of_writing(cause) else None
+    return None if found is None else OSError(int(found[1]), os.strerror(int(found[1])))
 
 
 def _begin_worker(parent: int) -> None:
