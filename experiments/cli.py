@@ -88,7 +88,7 @@ def main() -> None:
     """Parse the arguments and run the chosen command."""
     for name, mode in {"stdin": "r", "stdout": "w", "stderr": "w"}.items():
         if getattr(sys, name) is None:  # closed, as by >&-; the next file to be opened would be written to by prints
-            setattr(sys, name, open(os.devnull, mode))
+            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115
     try:
         _run(sys.argv[1:])
         sys.stdout.flush()
