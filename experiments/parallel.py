@@ -26,6 +26,7 @@ from activetouch.errors import MeshWarning
 from belief.errors import BrokenContract, CannotWrite
 from belief.references import look_in
 from experiments.command_line.console import plain_console
+from planners.ppo import UnknownNormalization
 
 T = TypeVar("T")
 Task: TypeAlias = Callable[[], T]
@@ -144,7 +145,7 @@ def _of_full_disk(error: PicklingError) -> OSError | None:
 
 
 def _begin_worker(parent: int) -> None:
-    """Make a worker ignore Ctrl-C, end with its parent, and not repeat what that has said about mesh files.
+    """Make a worker ignore Ctrl-C, end with its parent, and not repeat what that has said about files.
 
     A thread watches the parent. Without it, workers of a killed parent wait forever for a task, on a pipe that the
     other workers keep open. ``PR_SET_PDEATHSIG`` is unsuitable: Linux sends it when the starting *thread* ends.
@@ -157,7 +158,8 @@ def _begin_worker(parent: int) -> None:
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends its workers
     threading.Thread(target=watch, name="end-with-parent", daemon=True).start()
-    warnings.simplefilter("ignore", MeshWarning)
+    for said in (MeshWarning, UnknownNormalization):
+        warnings.simplefilter("ignore", said)
 
 
 @contextmanager
