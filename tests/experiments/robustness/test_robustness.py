@@ -112,7 +112,7 @@ def test_a_condition_that_changes_nothing_says_so(tmp_path):
     changed = {AS_TRAINED: 0, "friction 0.05": 3, "stiffness × 0.4": 0, "cone × 1.5": 40}
     report = RobustnessReport(REPORT | {"conditions": {name: row | {"changed": n} for name, n in changed.items()}})
     report.save(tmp_path)
-    said = "These conditions change hardly anything here, so their searches tell nothing about them: friction 0.05 (3 of 160), "
+    said = "change hardly anything here, so their searches tell nothing about them: friction 0.05 (3 of 160), "
     for text in (str(report), (tmp_path / "report.html").read_text(), (tmp_path / "robustness.md").read_text()):
         assert f"{said}stiffness × 0.4 (0 of 160)." in text
     assert [one[1] for one in report.tables()[0].rows] == [0.0, 3 / 160, 0.0, 0.25]
