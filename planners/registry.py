@@ -266,15 +266,10 @@ def make_decider(
 
 @dataclass(frozen=True)
 class MadeAnew:
-    """A decider that holds what cannot be copied, such as a connection; its copies are made from its name again.
-
-    Attributes:
-        decider: the decider.
-        arguments: of :func:`make_decider`, which made it.
-    """
+    """A decider that holds what cannot be copied, such as a connection; its copies are made from its name again."""
 
     decider: Decider
-    arguments: tuple[Any, ...]
+    arguments: tuple[Any, ...]  # of :func:`make_decider`
 
     def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.Decider`."""
@@ -285,17 +280,7 @@ class MadeAnew:
 
 
 def copyable(player: str | Decider, *arguments: Any, name: str = "") -> Decider:
-    """A decider whose copies can play in any process, from its name or itself.
-
-    Args:
-        player: the decider, or its name.
-        arguments: further ones of :func:`make_decider`.
-        name: for messages, of a decider without one.
-
-    Raises:
-        BrokenContract: it cannot be copied, and there is no class or function that makes another one.
-        ActiveTouchError: as :func:`make_decider`.
-    """
+    """A decider whose copies can play, itself or by its name with further arguments of :func:`make_decider`."""
     decider = make_decider(player, *arguments) if isinstance(player, str) else player
     try:
         deepcopy(decider, {id(one): one for one in arguments})  # which no decider changes

@@ -191,25 +191,21 @@ class BankEpisodes(VectorEnv):
         rows = self._rows_of(options)
         if len(rows) < self.num_envs and not self._is_started:
             raise ResetNeeded("no episode was started: call reset() without a mask")
-        if np.ndim(seed) == 0 and not options:
-            super().reset(seed=seed)  # type: ignore[arg-type]
-            self._generators = self._generators if seed is None else {}
-        elif seed is not None:
+        if isinstance(seed, Sequence | np.ndarray) or (options and seed is not None):
             keys = self._keys_of(seed)
             self._generators |= {row: np_random(key)[0] for row in rows.tolist() if (key := keys[row]) is not None}
+        elif not options:
+            super().reset(seed=seed)
+            self._generators = self._generators if seed is None else {}
         self._is_started, self._over[rows] = True, False
         self._start(rows)
         return self.observe(), self._infos(np.zeros(self.num_envs, np.bool_))
 
     def _rows_of(self, options: dict[str, Any] | None) -> Ints:
         """The rows that the options of :meth:`reset` select."""
-        mask = np.ones(self.num_envs, np.bool_) if not options else np.asarray(options.get("reset_mask"))
-        if (
-            set(options or ()) - {"reset_mask"}
-            or mask.shape != (self.num_envs,)
-            or mask.dtype != bool
-            or not mask.any()
-        ):
+        mask = np.asarray([True] * self.num_envs if not options else options.get("reset_mask"))
+        fits = (mask.shape, mask.dtype) == ((self.num_envs,), np.bool_) and mask.any()
+        if not fits or set(options or ()) - {"reset_mask"}:
             raise BadOption(
                 f"reset() of episodes from a bank has one option, 'reset_mask', {self.num_envs} booleans of which one "
                 f"is true; got {options!r}"

@@ -151,7 +151,8 @@ def press_paired(scenes: Shared[dict[str, Scene]], seed: int, condition: str) ->
         pose, label = number // len(labels) % len(trained.pose_labels), labels[number % len(labels)]
         usual, own = (scene.sample_object(label, keyed_rng([seed, number, 0])) for scene in (trained, changed))
         same = {name: getattr(usual, name) for name, of in _DRAWN.items() if of(trained, label) == of(changed, label)}
-        images.append(changed.press(replace(own, **same), pose, *(keyed_rng([seed, number, i]) for i in (1, 2))).image)
+        rng, force_rng = (keyed_rng([seed, number, part]) for part in (1, 2))
+        images.append(changed.press(replace(own, **same), pose, rng, force_rng).image)
     return condition, images
 
 
