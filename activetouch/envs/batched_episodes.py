@@ -204,7 +204,7 @@ class BankEpisodes(VectorEnv):
     def _rows_of(self, options: dict[str, Any] | None) -> Ints:
         """The rows that the options of :meth:`reset` select."""
         mask = np.asarray([True] * self.num_envs if not options else options.get("reset_mask"))
-        fits = (mask.shape, mask.dtype) == ((self.num_envs,), np.bool_) and mask.any()
+        fits = mask.shape == (self.num_envs,) and mask.dtype == np.bool_ and mask.any()
         if not fits or set(options or ()) - {"reset_mask"}:
             raise BadOption(
                 f"reset() of episodes from a bank has one option, 'reset_mask', {self.num_envs} booleans of which one "
