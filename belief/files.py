@@ -117,11 +117,6 @@ def require_writable_file(path: Path) -> None:
         raise cannot_write(path, IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR)))
 
 
-def is_of_writing(error: OSError) -> bool:
-    """Whether an error means that the disk is full, read-only or faulty, or that access is denied."""
-    return error.errno in _OF_WRITING
-
-
 def cannot_write(path: Path, error: OSError) -> CannotWrite:
     """The error to raise after writing ``path`` failed, with the cause and a remedy."""
     if error.errno in (errno.EEXIST, errno.ENOTDIR, errno.EISDIR):
@@ -136,17 +131,13 @@ def cannot_write(path: Path, error: OSError) -> CannotWrite:
 
 
 _NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
-_OF_WRITING = {
-    *(*_NO_ROOM, errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOTDIR, errno.EEXIST, errno.EISDIR, errno.EIO),
-    *(errno.ENOENT, errno.ENAMETOOLONG, errno.ELOOP),
-}
 
 
 def _cause(error: Exception, temporary: Path) -> OSError | None:
     """The operating system's error behind an error of writing ``temporary``; None if there is none."""
     if isinstance(error, ActiveTouchError):
         return None
-    if isinstance(error, OSError) and error.errno in _OF_WRITING:
+    if isinstance(error, OSError) and error.errno is not None:
         return error if error.filename in (None, str(temporary), temporary) else None
     if isinstance(error, OSError) and re.fullmatch(r"\d+ requested and \d+ written", str(error)):
         return OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

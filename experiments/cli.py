@@ -86,18 +86,22 @@ def help_text() -> str:
 
 def main() -> None:
     """Parse the arguments and run the chosen command."""
+    for name, mode in {"stdin": "r", "stdout": "w", "stderr": "w"}.items():
+        if getattr(sys, name) is None:  # closed, as by >&-; the next file to be opened would be written to by prints
+            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115
     try:
         _run(sys.argv[1:])
         sys.stdout.flush()
-    except BrokenPipeError:  # the reader of the output, such as head, has ended
+    except OSError as error:  # of printing, or of a library that writes a file, such as logs
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # without this the interpreter reports an error at exit
-        sys.exit(141)  # 128 + SIGPIPE, as shells report it
+        if isinstance(error, BrokenPipeError):  # the reader of the output, such as head, has ended
+            sys.exit(141)  # 128 + SIGPIPE, as shells report it
+        sys.exit(f"activetouch: {error}. Finished results are kept. Solve this, then run the same command to continue")
 
 
 def _run(arguments: list[str]) -> None:
     with loading():
         from belief.errors import ActiveTouchError
-        from belief.files import is_of_writing
         from belief.references import ForeignCode
         from experiments.command_line.console import plain_warnings, print_on_any_terminal
 
@@ -120,8 +124,6 @@ def _run(arguments: list[str]) -> None:
                 command.run()
             if OPEN in arguments:
                 _open_page()
-    except BrokenPipeError:
-        raise
     except ModuleNotFoundError as error:
         from activetouch.extras import extra_of, missing_package
 
@@ -131,10 +133,6 @@ def _run(arguments: list[str]) -> None:
         sys.exit(f"activetouch: {missing_package([module], extra)}")
     except (ActiveTouchError, FileNotFoundError) as error:
         sys.exit("\n".join([f"activetouch: {error}", *getattr(error, "__notes__", [])]))
-    except OSError as error:  # raised when libraries write files, such as logs
-        if not is_of_writing(error):
-            raise
-        sys.exit(f"activetouch: {error}. Finished results are kept. Solve this, then run the same command to continue")
 
 
 def _open_page() -> None:

@@ -23,10 +23,10 @@ from typing import Any, Generic, TypeAlias, TypeVar
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from activetouch.errors import MeshWarning
-from belief.errors import CannotWrite
-from belief.files import is_of_writing
+from belief.errors import BrokenContract, CannotWrite
 from belief.references import ForeignCode, look_in
 from experiments.command_line.console import plain_console
+from planners.ppo import UnknownNormalization
 
 T = TypeVar("T")
 Task: TypeAlias = Callable[[], T]
@@ -127,7 +127,8 @@ def _in_parallel(tasks: Sequence[Task[T]], jobs: int) -> Generator[T, None, None
         yield from results
     except PicklingError as error:
         if (cause := _of_full_disk(error)) is None:
-            raise
+            said = str(error.__cause__).rstrip('"\n ').rpartition("\n")[2]
+            raise BrokenContract(f"what the processes share cannot be copied to them: {said}. Use --jobs 1") from error
         folder = os.environ.get("JOBLIB_TEMP_FOLDER") or f"/dev/shm or {tempfile.gettempdir()}"
         raise CannotWrite(
             f"what the processes share does not fit into the temporary folder, {folder}: {cause.strerror}. Make room "
@@ -148,12 +149,11 @@ def _called(task: Task[T]) -> T:
 def _of_full_disk(error: PicklingError) -> OSError | None:
     """The error of writing that kept a task from being sent, of which joblib gives only the text; None if none did."""
     found = re.search(r"^OSError: \[Errno (\d+)\]", str(error.__cause__), re.MULTILINE)
-    cause = None if found is None else OSError(int(found[1]), os.strerror(int(found[1])))
-    return cause if cause is not None and is_of_writing(cause) else None
+    return None if found is None else OSError(int(found[1]), os.strerror(int(found[1])))
 
 
 def _begin_worker(parent: int) -> None:
-    """Make a worker ignore Ctrl-C, end with its parent, and not repeat what that has said about mesh files.
+    """Make a worker ignore Ctrl-C, end with its parent, and not repeat what that has said about files.
 
     A thread watches the parent. Without it, workers of a killed parent wait forever for a task, on a pipe that the
     other workers keep open. ``PR_SET_PDEATHSIG`` is unsuitable: Linux sends it when the starting *thread* ends.
@@ -166,7 +166,8 @@ def _begin_worker(parent: int) -> None:
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends its workers
     threading.Thread(target=watch, name="end-with-parent", daemon=True).start()
-    warnings.simplefilter("ignore", MeshWarning)
+    for said in (MeshWarning, UnknownNormalization):
+        warnings.simplefilter("ignore", said)
 
 
 @contextmanager

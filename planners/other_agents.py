@@ -15,6 +15,7 @@ from __future__ import annotations
 import inspect
 import json
 import pickle
+import warnings
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -33,7 +34,7 @@ from belief.problem import Confirm, Probe, Reject
 from belief.references import Reference
 from belief.validation import require_choice, require_count
 from planners.decider import Decision, InformationState
-from planners.ppo import BadPolicy, MissingPolicy, shown, written
+from planners.ppo import BadPolicy, MissingPolicy, UnknownNormalization, shown, written
 
 _LEAST = {"paper": 0.0, "posterior": -1.0, "gains": -1.0}  # of what is observed; a whole search has "paper"'s size, too
 STATES = tuple(_LEAST)
@@ -200,7 +201,7 @@ class SB3Policy:
         for state, size in sizes.items():
             for sees_target in (False, True):
                 if (shape, least, actions) == ((size + sees_target * num_shapes,), _LEAST[state], num_poses + 2):
-                    self._require_training(model, path)
+                    self._require_training(model, path, num_shapes)
                     return model, state, sees_target, change
         raise BadPolicy(
             f"{path} reads an observation of shape {shape} from {least:g} on and chooses among {actions} actions; a "
@@ -212,13 +213,20 @@ class SB3Policy:
             + ", as activetouch/ObjectTest-v0 and ObjectTestGoal-v0 have them; train it there"
         )
 
-    def _require_training(self, model: Any, path: Path) -> None:
-        """Raise BadPolicy if the last tests of the training were longer, or their observations normalised."""
+    def _require_training(self, model: Any, path: Path, num_shapes: int) -> None:
+        """Raise BadPolicy if the last tests of the training were longer, or their observations changed."""
         space, seen = model.observation_space, getattr(model, "_last_obs", None)
-        if not self.normalize and seen is not None and ((seen < space.low).any() or (seen > space.high).any()):
-            raise BadPolicy(
-                f"{path} learned from observations that VecNormalize changed; name the file that its save() wrote, as "
-                f"in sb3:{path}(normalize='vecnormalize.pkl')"
+        remedy = f"name the file that its save() wrote, as in sb3:{path}(normalize='vecnormalize.pkl')"
+        if not self.normalize and seen is not None:
+            shares = np.asarray(seen)[..., :num_shapes].sum(axis=-1)  # every state begins with probabilities
+            if (seen < space.low).any() or (seen > space.high).any() or (abs(shares - 1.0) > 1e-4).any():
+                raise BadPolicy(f"{path} learned from observations that VecNormalize changed; {remedy}")
+        elif not self.normalize and model.num_timesteps:
+            warnings.warn(
+                f"{path} keeps no observation of its training, so nothing tells whether VecNormalize changed them. "
+                f"If it did, the decisions are wrong: {remedy}",
+                UnknownNormalization,
+                stacklevel=2,
             )
         longest = max((int(episode["l"]) for episode in getattr(model, "ep_info_buffer", None) or ()), default=0)
         if longest > self.touch_limit + 1:

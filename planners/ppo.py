@@ -37,6 +37,10 @@ class BadPolicy(CorruptFile):
     """A policy file is damaged, or was trained for other shapes or poses."""
 
 
+class UnknownNormalization(UserWarning):
+    """A policy's file does not tell whether its observations were normalised."""
+
+
 @dataclass(frozen=True)
 class PolicyCard:
     """What a policy is and what it was trained for; the file's header.

@@ -8,17 +8,21 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass
 from importlib import import_module
 from numbers import Integral
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
 
-from belief.errors import ActiveTouchError, MissingPackage, install_command
+import numpy as np
+
+from belief.errors import ActiveTouchError, BrokenContract, MissingPackage, install_command
 from belief.observation_model.model import ObservationModel
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.references import BadReference, Reference, build, find
-from planners.decider import Decider, ProbeSelector, SequentialDecider, StoppingRule
+from planners.decider import Decider, Decision, InformationState, ProbeSelector, SequentialDecider, StoppingRule
 from planners.ppo import PPODecider
 from planners.probing import (
     FixedOrder,
@@ -258,6 +262,37 @@ def make_decider(
     if not callable(getattr(made, "decide", None)):
         raise BadReference(f"{name} is no decider: it is {_what(made)}, and has no method decide(info, rng)")
     return made
+
+
+@dataclass(frozen=True)
+class MadeAnew:
+    """A decider that holds what cannot be copied, such as a connection; its copies are made from its name again."""
+
+    decider: Decider
+    arguments: tuple[Any, ...]  # of :func:`make_decider`
+
+    def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
+        """See :class:`planners.decider.Decider`."""
+        return self.decider.decide(info, rng)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return copyable, self.arguments
+
+
+def copyable(player: str | Decider, *arguments: Any, name: str = "") -> Decider:
+    """A decider whose copies can play, itself or by its name with further arguments of :func:`make_decider`."""
+    decider = make_decider(player, *arguments) if isinstance(player, str) else player
+    try:
+        deepcopy(decider, {id(one): one for one in arguments})  # which no decider changes
+    except Exception as error:
+        found = find_decider(player)[0] if isinstance(player, str) else None
+        if isinstance(player, str) and (inspect.isclass(found) or inspect.isroutine(found)):
+            return MadeAnew(decider, (player, *arguments))
+        raise BrokenContract(
+            f"the decider {name or player} cannot be copied ({error}), and each batch of searches is played by a copy: "
+            "name a class or a function that makes one, as in --deciders module:Class"
+        ) from error
+    return decider
 
 
 def _what(value: object) -> str:

@@ -5,6 +5,7 @@ envs = gymnasium.make_vec("activetouch:activetouch/ObjectTestBank-v0", num_envs=
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ from activetouch.extras import missing_package
 from activetouch.sensor_files import INDEPENDENT_SUFFIX, MODELS, fitted_model
 from belief.bayes import update
 from belief.composition import Composition
-from belief.errors import UnknownName
+from belief.errors import InvalidArgument, UnknownName
 from belief.observation_model.model import ArrayModel
 from belief.policy_state import (
     ENCODINGS,
@@ -32,10 +33,12 @@ from belief.policy_state import (
     frame_probs,
 )
 from belief.problem import SearchProblem
+from belief.seeding import checked_key
 
 try:
     from gymnasium import spaces
     from gymnasium.error import ResetNeeded
+    from gymnasium.utils.seeding import np_random
     from gymnasium.vector import AutoresetMode, VectorEnv
     from gymnasium.vector.utils import batch_space
 except ModuleNotFoundError as error:
@@ -75,7 +78,8 @@ class BankEpisodes(VectorEnv):
         beta: weight β of the paper's shaping reward (decision 0031): β (γ Φ(s') - Φ(s)) is added with
             Φ = |:func:`belief.policy_state.certainty`|, 0 after a decision, which changes no optimal policy.
         discount: γ of the learner, for the shaping.
-        autoreset_mode: NEXT_STEP, in which the action after the end of an episode starts another one, or SAME_STEP.
+        autoreset_mode: NEXT_STEP, in which the action after the end of an episode starts another one, SAME_STEP, or
+            DISABLED, in which only :meth:`reset` does.
 
     Attributes:
         objects: index of each episode's object in the bank, ``(B,)``.
@@ -105,9 +109,6 @@ class BankEpisodes(VectorEnv):
         discount: float = 1.0,
         autoreset_mode: AutoresetMode = AutoresetMode.NEXT_STEP,
     ) -> None:
-        mode = AutoresetMode(autoreset_mode)
-        if mode is AutoresetMode.DISABLED:
-            raise BadOption(f"autoreset_mode must be NEXT_STEP or SAME_STEP, got {autoreset_mode}")
         if target is not None and target not in bank.shape_labels:
             raise UnknownName("target", target, list(bank.shape_labels))
         if state not in ENCODINGS:
@@ -142,7 +143,8 @@ class BankEpisodes(VectorEnv):
         self.uses, self._first_rounds = (np.zeros((num_envs, self.num_poses), np.int64) for _ in range(2))
         self._gains, self._potential = np.zeros((num_envs, self.num_poses)), np.zeros(num_envs)
         self.begin(np.arange(num_envs), self.objects)
-        self.metadata = {"autoreset_mode": mode}
+        self.metadata = {"autoreset_mode": AutoresetMode(autoreset_mode)}
+        self._generators: dict[int, np.random.Generator] = {}  # of rows that have a seed of their own
         self._is_started, self._over = False, np.zeros(num_envs, np.bool_)  # to start again in the next step
         self.single_action_space = spaces.Discrete(self.num_poses + 2)
         least = 0.0 if state == "paper" else -1.0  # a saved policy tells by it what it saw
@@ -175,40 +177,82 @@ class BankEpisodes(VectorEnv):
         return self._num_touches.copy()
 
     def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Start new episodes in all rows.
+        """Start new episodes in all rows, or in those where ``options["reset_mask"]``, ``(B,)`` bool, is true.
+
+        One seed is that of all rows together. A list gives each row a generator of its own, also for its later
+        episodes; a row with None keeps the one that it has. With a mask, a single seed s is the list s, s + 1, ….
 
         Raises:
-            BadOption: there are options.
+            BadOption: there is another option, or the mask or the list does not fit the rows.
+            ResetNeeded: a mask leaves out rows that never began.
         """
-        if options:
-            raise BadOption(f"reset() of episodes from a bank has no options, got {options!r}")
-        super().reset(seed=seed)
-        self._is_started, self._over = True, np.zeros(self.num_envs, np.bool_)
-        self.restart(np.arange(self.num_envs), self.np_random)
-        return self.observe(), self._infos(self._over.copy())
+        rows = self._rows_of(options)
+        if len(rows) < self.num_envs and not self._is_started:
+            raise ResetNeeded("no episode was started: call reset() without a mask")
+        if isinstance(seed, Sequence | np.ndarray) or (options and seed is not None):
+            keys = self._keys_of(seed)
+            self._generators |= {row: np_random(key)[0] for row in rows.tolist() if (key := keys[row]) is not None}
+        elif not options:
+            super().reset(seed=seed)
+            self._generators = self._generators if seed is None else {}
+        self._is_started, self._over[rows] = True, False
+        self._start(rows)
+        return self.observe(), self._infos(np.zeros(self.num_envs, np.bool_))
+
+    def _rows_of(self, options: dict[str, Any] | None) -> Ints:
+        """The rows that the options of :meth:`reset` select."""
+        mask = np.asarray([True] * self.num_envs if not options else options.get("reset_mask"))
+        fits = mask.shape == (self.num_envs,) and mask.dtype == np.bool_ and mask.any()
+        if not fits or set(options or ()) - {"reset_mask"}:
+            raise BadOption(
+                f"reset() of episodes from a bank has one option, 'reset_mask', {self.num_envs} booleans of which one "
+                f"is true; got {options!r}"
+            )
+        return np.flatnonzero(mask)
+
+    def _keys_of(self, seed: int | Sequence[int | None]) -> list[int | None]:
+        """The seed of each row."""
+        seeds = seed if isinstance(seed, Sequence | np.ndarray) else [seed + row for row in range(self.num_envs)]
+        try:
+            keys = [None if one is None else checked_key(one)[0] for one in seeds]
+        except InvalidArgument as error:
+            raise BadOption(str(error)) from error
+        if len(keys) != self.num_envs:
+            raise BadOption(f"a list of seeds has one for each of the {self.num_envs} rows, got {len(keys)}")
+        return keys
+
+    def _start(self, rows: Ints) -> None:
+        """Start new random episodes in rows: those with a generator of their own one by one, the others together."""
+        own = [row for row in rows.tolist() if row in self._generators]
+        for row in own:
+            self.restart(np.array([row]), self._generators[row])
+        if len(own) < len(rows):
+            self.restart(np.setdiff1d(rows, own), self.np_random)
 
     def step(
         self, actions: NDArray[np.integer]
     ) -> tuple[NDArray[np.float32], NDArray[np.float64], Bools, Bools, dict[str, Any]]:
-        """Take one action in each episode; errors as :meth:`act`, and ResetNeeded if no episode was started."""
+        """Take one action in each episode; errors as :meth:`act`, and ResetNeeded if one was not started."""
+        over, mode = self._over, self.metadata["autoreset_mode"]
         if not self._is_started:
             raise ResetNeeded("no episode was started: call reset()")
-        over = self._over
+        if mode is AutoresetMode.DISABLED and over.any():
+            raise ResetNeeded(f"the episodes of the rows {np.flatnonzero(over).tolist()} are over: call reset()")
         result = self.act(actions)
         terminated, truncated, success = (~over & flags for flags in result[1:])
         if over.any():
-            self.restart(np.flatnonzero(over), self.np_random)
+            self._start(np.flatnonzero(over))
         observations, infos, ended = self.observe(), self._infos(success), terminated | truncated
-        if self.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP:
+        if mode is not AutoresetMode.SAME_STEP:
             self._over = ended
         elif ended.any():
             final, rows = np.full(self.num_envs, None, object), np.flatnonzero(ended)
             final[rows] = list(observations[rows])
             last = infos | {f"_{name}": ended for name in infos}
             infos = infos | {"final_obs": final, "_final_obs": ended, "final_info": last, "_final_info": ended}
-            self.restart(rows, self.np_random)
+            self._start(rows)
             observations = self.observe()
         return observations, np.where(over, 0.0, result.reward), terminated, truncated, infos
 

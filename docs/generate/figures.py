@@ -9,7 +9,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from matplotlib import rc_context
+import matplotlib.style
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from tables import DRAWN, health_of, read_record
@@ -51,7 +51,8 @@ def main() -> None:
 def draw_drift(path: Path, paper: str, ink: str, faint: str, bad: str, good: str) -> None:
     """What is stated at stops, and what is right, as worlds drift away from that of the sensor: before and now."""
     names = ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color")
-    with rc_context({"font.size": 9, "svg.fonttype": "none", "svg.hashsalt": path.stem} | dict.fromkeys(names, ink)):
+    own: Any = {"font.size": 9, "svg.fonttype": "none", "svg.hashsalt": path.stem} | dict.fromkeys(names, ink)
+    with matplotlib.style.context(["default", own]):
         drawn = Figure((9.2, 4.9), layout="constrained", facecolor=paper)
         for axes, scene in zip(drawn.subplots(1, 2, sharey=True), ("coarse", "gel"), strict=True):
             axes.set_facecolor(paper)

@@ -52,14 +52,15 @@ def description(script: Path) -> tuple[str, str]:
 
 def run(script: Path, figure: Path, *words: str) -> None:
     """Run a script in this process; it writes the figure."""
-    import matplotlib
+    import matplotlib.style
 
     matplotlib.use("agg")
     from matplotlib import pyplot
 
     given, sys.argv = sys.argv, [str(script), str(figure), *words]
     try:
-        runpy.run_path(str(script), run_name="__main__")
+        with matplotlib.style.context("default"):
+            runpy.run_path(str(script), run_name="__main__")
     finally:
         sys.argv = given
         pyplot.close("all")

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import matplotlib
+import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -130,7 +130,7 @@ class Film:
     def draw(self, moment: Moment) -> Image.Image:
         """One picture."""
         theme = self.theme
-        with matplotlib.rc_context({"text.color": theme.ink, "axes.titlecolor": theme.ink}):
+        with matplotlib.style.context(["default", {"text.color": theme.ink, "axes.titlecolor": theme.ink}]):
             figure = Figure(figsize=_SIZE, dpi=_DPI)
             figure.text(0.02, 0.915, f"Find the {TARGET}, by touch alone", size=16, weight="bold")
             colour = {"rejected": theme.bad, "found": theme.good}.get(moment.states[moment.frame.step.object_index])

@@ -11,7 +11,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import matplotlib.style
 import numpy as np
 from cycler import cycler
@@ -42,11 +41,11 @@ STYLE: Any = {
 def figure(
     size: tuple[float, float] | None, *paths: Path, dpi: int = 130, style: str | Path | None = None
 ) -> Iterator[Figure]:
-    """A figure in the common style, or in one that comes before it; at the end of the block it is written to files.
+    """A figure in the common style, whatever that of the user is, or in one that comes before it, written at the end.
 
     The ending of a file decides its format; equal content gives equal SVG. Sizes are in inches.
     """
-    with matplotlib.rc_context(STYLE), matplotlib.style.context([] if style is None else [style]):
+    with matplotlib.style.context(["default", STYLE, *([] if style is None else [style])]):
         drawn = Figure(figsize=size, layout="constrained")
         yield drawn
         for path in paths:

@@ -15,7 +15,6 @@ import numpy as np
 
 from activetouch.distributions import Constant, Distribution, LogUniform, Uniform
 from activetouch.orientations import Inexact
-from activetouch.pressing.dynamic import Dynamic
 from activetouch.rendering import Blur, DeadTaxels, Fault, Gain, Hysteresis, Noise, Quantisation, Shift, StuckTaxels
 from activetouch.rendering.faults import change_faults, faults_of
 from activetouch.scene import Scene
@@ -130,6 +129,11 @@ def _varied(**changes: Distribution) -> Change:
     return lambda scene: replace(scene, variation=replace(scene.variation, **changes))
 
 
+def _slippery(friction: Distribution) -> Change:
+    moves, otherwise = (lambda scene: scene.press_model.moves), "nothing slides in a quasistatic press"
+    return _where(moves, otherwise, _varied(friction=friction))
+
+
 def _sized(low: float, high: float) -> Change:
     """Sizes outside the training range: ``low`` and ``high`` are added to its lower, or to its upper, end."""
 
@@ -198,14 +202,8 @@ CONDITIONS: Mapping[str, Change] = MappingProxyType(
         "cone × 0.6": _proportions("cone", height=0.6),
         "cone × 1.5": _proportions("cone", height=1.5),
         "cube 1 : 1 : 1.25": _proportions("cube", half_extents=(1.0, 1.0, 1.25)),
-        "friction 0.3 to 1": _where(
-            lambda scene: scene.press_model.moves,
-            "nothing slides in a quasistatic press",
-            _varied(friction=Uniform(0.3, 1.0)),
-        ),
-        "friction 0.05": _together(
-            _varied(friction=Constant(0.05)), lambda scene: replace(scene, press_model=Dynamic())
-        ),
+        "friction 0.3 to 1": _slippery(Uniform(0.3, 1.0)),
+        "friction 0.05": _slippery(Constant(0.05)),
         **{f"stiffness × {factor:g}": _varied(stiffness=Constant(factor)) for factor in (0.4, 0.7, 1.5)},
         "stiffness × 0.5 to 2": _varied(stiffness=LogUniform(0.5, 2.0)),
         "offset ± 4 mm": _varied(offset=Uniform(-0.004, 0.004)),

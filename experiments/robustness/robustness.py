@@ -6,26 +6,34 @@ The same objects are searched in the same episodes under every condition.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from activetouch.named_scenes import NamedScene
+from activetouch.scene import Scene
 from activetouch.sensor import TactileSensor
 from belief.claims import claim_folder, ends_claims
 from belief.files import write_text
+from belief.seeding import keyed_rng
 from belief.statistics import wilson_interval
 from belief.table import Table, Value, interval
 from experiments.command_line.arguments import Count, Jobs, Seed, check_arguments
-from experiments.parallel import default_jobs
-from experiments.robustness.conditions import applicable_conditions
+from experiments.parallel import Shared, default_jobs, run_tasks
+from experiments.robustness.conditions import AS_TRAINED, applicable_conditions
 from experiments.scene_choice import SceneChoice, in_file_names
 from experiments.search.comparison import compare
 from experiments.search.summary import ALL
 from experiments.sensor_choice import open_sensor
 
 _DECIDER = "information_gain"
+_PRESSES = 160  # of the same objects in every condition
+_LEAST = 0.02  # share of images that a condition changes, below which it is said to change nothing
 
 
 @dataclass(frozen=True)
@@ -42,13 +50,23 @@ class RobustnessReport:
         """The table of the searches, and that of the conditions that do not apply, if there are some."""
         rows = self.numbers["conditions"]
         first = next(iter(rows.values()))
-        headings = ["condition", "success", "wrong", ("touches", ".2f"), ("stated", ".3f"), ("right", ".3f")]
+        headings = ["condition", ("changed", ".2f"), "success", "wrong"]
+        headings += [("touches", ".2f"), ("stated", ".3f"), ("right", ".3f")]
         cells: list[list[Value]] = []
         for name, row in rows.items():
             ends = row["touches"], row["stated"], row["achieved"]
-            cells.append([name, interval(row["success"], *row["interval"]), interval(*row["wrong"]), *ends])
+            success, wrong = interval(row["success"], *row["interval"]), interval(*row["wrong"])
+            cells.append([name, row["changed"] / row["presses"], success, wrong, *ends])
         gaps = {name: row["stated"] - row["achieved"] for name, row in rows.items() if row["stated"] is not None}
-        notes = ["Stated and right: where an object is confirmed."]
+        notes = [
+            f"Changed: images that differ by more than 1 of 255 levels, of {first['presses']} presses of the same "
+            "objects. Stated and right: where an object is confirmed."
+        ]
+        if unlike := [name for name in list(rows)[1:] if rows[name]["changed"] < _LEAST * rows[name]["presses"]]:
+            words = ", ".join(f"{name} ({rows[name]['changed']} of {rows[name]['presses']})" for name in unlike)
+            notes.append(
+                f"These conditions change hardly anything here, so their searches tell nothing about them: {words}."
+            )
         if gaps:
             widest = max(gaps, key=lambda name: abs(gaps[name]))
             notes.append(f"Largest gap: {gaps[widest]:+.3f} ({widest}).")
@@ -101,12 +119,17 @@ def robustness(
         UnstablePress: an object could not be pressed.
     """
     scenes, left_out = applicable_conditions(named.scene, conditions)
+    shared = Shared(scenes)
+    images = dict(run_tasks([partial(press_paired, shared, seed, condition) for condition in scenes], jobs, "pressing"))
     found: dict[str, dict[str, Any]] = {}
     for condition, scene in scenes.items():
         changed, world = replace(sensor, scene=scene), replace(named, scene=scene)
         comparison = compare(world, [_DECIDER], episodes=searches, seed=seed, sensor=changed, anyway=True, jobs=jobs)
         cell, stops = comparison.cells[_DECIDER, ALL], comparison.calibration[_DECIDER]
+        pairs = zip(images[AS_TRAINED], images[condition], strict=True)
         found[condition] = {
+            "changed": sum(bool((np.abs(one.astype(int) - other) > 1).any()) for one, other in pairs),
+            "presses": _PRESSES,
             "number": cell.num_episodes,
             "success": cell.success,
             "interval": list(cell.success_interval),
@@ -118,6 +141,29 @@ def robustness(
     return RobustnessReport(
         {"scene": name, "seed": seed, "conditions": found, "left_out": left_out, "shift": list(sensor.shift)}
     )
+
+
+def press_paired(scenes: Shared[dict[str, Scene]], seed: int, condition: str) -> tuple[str, list[NDArray[np.uint8]]]:
+    """The name of a condition, and images of its scene, of objects that differ from the usual ones by it alone."""
+    trained, changed = scenes.value[AS_TRAINED], scenes.value[condition]
+    images, labels = [], trained.shape_labels
+    for number in range(_PRESSES):
+        pose, label = number // len(labels) % len(trained.pose_labels), labels[number % len(labels)]
+        usual, own = (scene.sample_object(label, keyed_rng([seed, number, 0])) for scene in (trained, changed))
+        same = {name: getattr(usual, name) for name, of in _DRAWN.items() if of(trained, label) == of(changed, label)}
+        rng, force_rng = (keyed_rng([seed, number, part]) for part in (1, 2))
+        images.append(changed.press(replace(own, **same), pose, rng, force_rng).image)
+    return condition, images
+
+
+_DRAWN: Mapping[str, Callable[[Scene, str], object]] = {
+    "scale": lambda scene, label: scene.variation.size,
+    "friction": lambda scene, label: scene.variation.friction,
+    "stiffness": lambda scene, label: scene.variation.stiffness,
+    "orientation": lambda scene, label: scene.presentation,
+    "member": lambda scene, label: scene.shapes[label],
+}
+"""What each attribute of an object is drawn from; what a condition leaves alone is the same object's."""
 
 
 @dataclass(frozen=True)

@@ -31,10 +31,10 @@ from experiments.search.summary import ALL, Summary
 from experiments.search.tables import results_table, terminal_table
 from experiments.search.verdict import verdict_sentences
 from experiments.sensor_choice import predict_contacts, require_policies
-from planners import Decider, make_decider
+from planners import Decider
 from planners.abstaining import Abstaining
 from planners.certified import Certificate, NotCertified
-from planners.registry import DECIDERS, find_decider
+from planners.registry import DECIDERS, copyable, find_decider
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -288,8 +288,7 @@ def prepared(
         predict_contacts(sensor.reader, sensor.scene, model.num_hypotheses, jobs)
     table = sensor.model.outcome_table()
     made = {
-        name: player if not isinstance(player, str) else make_decider(player, table, sensor.model, folder / POLICIES)
-        for name, player in players.items()
+        name: copyable(player, table, sensor.model, folder / POLICIES, name=name) for name, player in players.items()
     }
     searches = Searches(sensor, problem, seed, setting.choice.scene, digest)
     for (name, decider), target in product(made.items(), chosen):

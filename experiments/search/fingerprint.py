@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 
 from belief.files import is_installed, is_standard, require_regular_file, source_digest
+from planners.registry import MadeAnew
 
 _PLAIN = (type(None), bool, int, float, complex, str, bytes)
 
@@ -119,6 +120,8 @@ class _Description:
         """What a value is."""
         if id(value) in self._known:
             return ["known", self._known[id(value)]]
+        if isinstance(value, MadeAnew):
+            value = value.decider
         if isinstance(value, np.generic | np.ndarray) and value.dtype.kind != "O":
             return ["array", str(value.dtype), list(value.shape), hashlib.sha256(value.tobytes()).hexdigest()]
         if isinstance(value, enum.Enum):

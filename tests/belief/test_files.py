@@ -14,7 +14,7 @@ from belief.errors import CannotWrite, CorruptFile, InvalidArgument
 from belief.files import atomic_path, require_regular_file, require_writable, write_text
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-NOT_ALLOWED = (errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO)
+NOT_ALLOWED = (errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO, errno.ESTALE, errno.ETIMEDOUT, errno.ENODEV)
 STEPS = ("tempfile.mkstemp", "os.fsync", "pathlib.Path.replace", "pathlib.Path.mkdir")
 
 
@@ -51,13 +51,14 @@ def test_whichever_step_fails_the_error_names_path_cause_and_remedy_and_the_old_
     assert list(old.parent.iterdir()) == [old]
 
 
-def test_a_disk_full_in_the_middle_of_the_content_is_the_same_error(old):
+@pytest.mark.parametrize("number", [*NO_ROOM, *NOT_ALLOWED], ids=os.strerror)
+def test_a_disk_that_fails_in_the_middle_of_the_content_is_the_same_error(old, number):
     def write_until_full():
         with atomic_path(old) as temporary:
             temporary.write_text("half of the n")
-            failing(errno.ENOSPC)()
+            failing(number)()
 
-    with pytest.raises(CannotWrite, match="No space left on device"):
+    with pytest.raises(CannotWrite, match=os.strerror(number)):
         write_until_full()
     assert old.read_text() == "old"
 

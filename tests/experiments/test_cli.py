@@ -1,5 +1,6 @@
 """The front door: help on one screen, the version, the nearest command, and one import per command."""
 
+import errno
 import re
 import shlex
 import subprocess
@@ -7,7 +8,9 @@ import sys
 from dataclasses import fields, is_dataclass
 from importlib.metadata import version
 from pathlib import Path
+from types import SimpleNamespace
 from typing import get_type_hints
+from unittest.mock import Mock
 
 import pytest
 import tyro
@@ -114,6 +117,38 @@ def test_a_reader_that_ends_early_ends_the_command_quietly(arguments):
     found = subprocess.run(["bash", "-c", command], cwd=ROOT, capture_output=True, text=True)
     assert not found.stderr
     assert found.returncode in (0, 141)  # it may be done before the reader ends
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="closes streams as shells of POSIX do")
+@pytest.mark.parametrize(
+    ("arguments", "closed"), [("--version", ">&-"), ("--version", "2>&-"), ("touch", "<&- >&- 2>&-")]
+)
+def test_a_command_whose_streams_are_closed_does_its_work(arguments, closed, tmp_path):
+    own = f" --scene coarse --out {shlex.quote(str(tmp_path))}/touch.png" * (arguments == "touch")
+    command = f"{shlex.quote(sys.executable)} -m experiments.cli {arguments}{own} {closed}"
+    found = subprocess.run(["bash", "-c", command], cwd=ROOT, capture_output=True, text=True)
+    assert (found.returncode, found.stderr) == (0, "")
+    assert [path.name for path in tmp_path.iterdir()] == ["touch.png"] * bool(own)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="writes to a device that is always full")
+@pytest.mark.parametrize("arguments", ["--help", "--version", "replay --help"])
+def test_an_output_that_is_full_is_one_sentence(arguments):
+    with open("/dev/full", "w") as full:
+        command = [sys.executable, "-m", "experiments.cli", *arguments.split()]
+        found = subprocess.run(command, cwd=ROOT, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert found.returncode == 1
+    assert re.fullmatch(r"activetouch: .*No space left on device\. .*\n", found.stderr)
+
+
+@pytest.mark.parametrize("number", ["EIO", "ESTALE", "ENOSPC", "EROFS", "ETIMEDOUT", "ENXIO", "EACCES", "EMFILE"])
+def test_an_error_of_the_system_is_one_sentence(number, monkeypatch):
+    error = OSError(getattr(errno, number), "what the system says", "a file")
+    monkeypatch.setattr(cli, "_parsed", lambda arguments: SimpleNamespace(run=Mock(side_effect=error)))
+    monkeypatch.setattr("os.dup2", lambda *numbers: None)
+    monkeypatch.setattr(sys, "argv", ["activetouch", "compare"])
+    with pytest.raises(SystemExit, match=r"^activetouch: \[Errno \d+\] what the system says: 'a file'\. Finished"):
+        cli.main()
 
 
 def test_the_shell_is_given_a_completion_of_all_commands():

@@ -2,13 +2,15 @@
 
 import subprocess
 import sys
+import threading
 from functools import partial
 
 import numpy as np
 import pytest
 from rich.progress import Progress
 
-from experiments.parallel import run_tasks
+from belief.errors import BrokenContract
+from experiments.parallel import Shared, run_tasks
 
 PROGRAM = """
 import resource
@@ -42,3 +44,10 @@ def test_the_bar_goes_on_by_what_tasks_cost(jobs, monkeypatch):
     assert sorted(found) == [1, 2, 7]
     np.testing.assert_allclose(shown, 3 * np.cumsum(found) / 10, atol=1e-6)
     assert shown[-1] == 3.0
+
+
+def test_what_cannot_be_copied_to_other_processes_is_named_with_a_way_out():
+    shared = Shared(threading.Lock())
+    with pytest.raises(BrokenContract, match=r"TypeError: cannot pickle '_thread.lock' object\. Use --jobs 1"):
+        list(run_tasks([partial(isinstance, shared, Shared)] * 2, 2, "asking"))
+    assert list(run_tasks([partial(isinstance, shared, Shared)] * 2, 1, "asking")) == [True, True]

@@ -10,7 +10,7 @@ from belief import Belief, Confirm, Probe, Reject, SearchProblem
 from belief.policy_state import NoGains
 from planners import InformationState, check_decider, make_decider
 from planners.other_agents import SB3Policy
-from planners.ppo import BadPolicy, MissingPolicy
+from planners.ppo import BadPolicy, MissingPolicy, UnknownNormalization
 
 pytestmark = pytest.mark.torch
 K, P = 4, 3
@@ -118,7 +118,7 @@ def test_a_recurrent_policy_is_refused(tmp_path, model):
 
 
 class Short:
-    """An environment with observations as large as the paper's state, whose tests end after so many steps."""
+    """An environment with observations like the paper's state, whose tests end after so many steps."""
 
     def __new__(cls, length=3):
         import gymnasium
@@ -128,14 +128,18 @@ class Short:
             action_space = gymnasium.spaces.Discrete(P + 2)
             steps = 0
 
+            def seen(self):
+                shares = np.random.default_rng(self.steps).dirichlet(np.ones(K))
+                one_hot = np.arange(P + 2) == self.steps % (P + 2)
+                return np.concatenate([shares, one_hot, [self.steps / length]]).astype(np.float32)
+
             def reset(self, *, seed=None, options=None):
                 self.steps = 0
-                self.observation_space.seed(0)
-                return self.observation_space.sample(), {}
+                return self.seen(), {}
 
             def step(self, action):
                 self.steps += 1
-                return self.observation_space.sample() ** 3, 0.0, self.steps >= length, False, {}
+                return self.seen(), 0.0, self.steps >= length, False, {}
 
         return Env()
 
@@ -164,7 +168,7 @@ def first_decision(path, model, decider=None):
 def test_a_policy_that_learned_from_normalised_observations_plays_with_their_normalisation(algorithm, tmp_path, model):
     learner, env = normalised(tmp_path, algorithm)
     path = tmp_path / "policy.zip"
-    with pytest.raises(BadPolicy, match=r"VecNormalize changed; name the file .*normalize='vecnormalize.pkl'"):
+    with pytest.raises(BadPolicy, match=REFUSED):
         first_decision(path, model)
     decider = make_decider(f"sb3:{path}(normalize='{tmp_path}/vecnormalize.pkl')", model.outcome_table())
     assert [file.name for file in decider.files("cone")] == ["policy.zip", "vecnormalize.pkl"]
@@ -176,6 +180,49 @@ def test_a_policy_that_learned_from_normalised_observations_plays_with_their_nor
     normalised(tmp_path, algorithm, norm_obs=False)
     assert first_decision(path, model)
     assert first_decision(path, model, decider)
+
+
+REFUSED = r"VecNormalize changed; name the file .*normalize='vecnormalize.pkl'"
+
+
+@pytest.mark.parametrize("algorithm", ["PPO", "DQN"])
+@pytest.mark.parametrize("last", [np.zeros((1, K + P + 3)), np.full((1, K + P + 3), 0.5), np.eye(3, K + P + 3) * 0.9])
+def test_normalised_observations_are_known_as_such_where_they_keep_the_range(last, algorithm, tmp_path, model):
+    learner, _ = normalised(tmp_path, algorithm)
+    learner._last_obs = last.astype(np.float32)
+    learner.save(tmp_path / "within.zip")
+    with pytest.raises(BadPolicy, match=REFUSED):
+        first_decision(tmp_path / "within.zip", model)
+
+
+def test_a_policy_that_learned_in_one_normalised_environment_is_refused(tmp_path):
+    """Its last observation is in the range of the state."""
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.vec_env import VecNormalize
+
+    from activetouch.envs.batched_episodes import BankEpisodes
+    from activetouch.envs.sb3 import BankVecEnv
+    from activetouch.sensor_files import MODELS, fitted_model
+
+    model = fitted_model(MODELS / "paper-independent").model
+    envs = VecNormalize(BankVecEnv(BankEpisodes.shipped("paper", "cone", 1, state="posterior"), seed=0))
+    learner = PPO("MlpPolicy", envs, n_steps=32, batch_size=32, n_epochs=1, seed=0, device="cpu").learn(64)
+    envs.obs_rms.var[:] = 1e4  # so that all are small
+    learner._last_obs = envs.normalize_obs(envs.get_original_obs())
+    learner.save(tmp_path / "one.zip")
+    decider = make_decider(f"sb3:{tmp_path}/one.zip", model.outcome_table())
+    with pytest.raises(BadPolicy, match=REFUSED):
+        check_decider(decider, np.random.default_rng(0), model, num_searches=1)
+
+
+@pytest.mark.parametrize("algorithm", ["PPO", "DQN"])
+def test_it_is_said_where_nothing_tells_whether_observations_were_normalised(algorithm, tmp_path, model):
+    learner, _ = normalised(tmp_path, algorithm)
+    path = tmp_path / "policy.zip"
+    learner.save(path, exclude=["_last_obs"])
+    with pytest.warns(UnknownNormalization, match=r"keeps no observation of its training.*name the file"):
+        first_decision(path, model)
+    assert first_decision(path, model, SB3Policy(str(path), normalize=str(tmp_path / "vecnormalize.pkl")))
 
 
 @pytest.mark.parametrize(("content", "said"), [(b"nonsense", "no VecNormalize"), (pickle.dumps(3), "no VecNormalize")])

@@ -106,8 +106,81 @@ def test_many_tests_on_recorded_touches_restart_as_they_are_asked_to(mode):
         was_over = (terminated | truncated) & (mode is AutoresetMode.NEXT_STEP)
     assert ends == {(False, False), (True, False), (False, True)}
     assert chance is envs.unwrapped.np_random
-    with pytest.raises(BadOption, match="NEXT_STEP or SAME_STEP"):
-        gymnasium.make_vec(BANK_ID, autoreset_mode=AutoresetMode.DISABLED)
+
+
+MODES = [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED]
+
+
+def steps_of(envs, actions):
+    """What is seen in the next steps; where nothing starts anew by itself, a mask does it."""
+    found = []
+    for now in actions:
+        seen, *results, infos = envs.step(now)
+        ended = results[1] | results[2]
+        if envs.metadata["autoreset_mode"] is AutoresetMode.DISABLED and ended.any():
+            with pytest.raises(gymnasium.error.ResetNeeded, match=f"rows .*{np.flatnonzero(ended)[-1]}. are over"):
+                envs.step(now)
+            seen, _ = envs.reset(options={"reset_mask": ended})
+        found.append([seen, *results, *(infos[name] for name in ("is_success", "num_touches", "target_prob"))])
+    return found
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_list_of_seeds_gives_each_row_the_episodes_that_it_has_alone(mode):
+    settings = {"state": "posterior", "touch_limit": 3, "autoreset_mode": mode, "target_prob": (0.1, 0.9)}
+    actions, seeds = np.random.default_rng(0).integers(8, size=(20, 4)), [3, 14, 3, 159]
+    envs = gymnasium.make_vec(BANK_ID, num_envs=4, **settings)
+    first, _ = envs.reset(seed=seeds)
+    np.testing.assert_array_equal(first[0], first[2])
+    together = steps_of(envs, actions)
+    for row, seed in enumerate(seeds):
+        alone = gymnasium.make_vec(BANK_ID, num_envs=1, **settings)
+        np.testing.assert_array_equal(alone.reset(seed=[seed])[0], first[[row]])
+        for seen, own in zip(together, steps_of(alone, actions[:, [row]]), strict=True):
+            for one, other in zip(seen, own, strict=True):
+                np.testing.assert_array_equal(one[[row]], other)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_mask_starts_its_rows_anew_and_leaves_the_others(mode):
+    envs = gymnasium.make_vec(BANK_ID, num_envs=4, state="posterior", autoreset_mode=mode)
+    mask = np.array([True, False, False, True])
+    with pytest.raises(gymnasium.error.ResetNeeded, match="without a mask"):
+        envs.reset(options={"reset_mask": mask})
+    envs.reset(seed=5)
+    seen, *_, infos = envs.step(np.array([0, 1, 6, 3]) % (6 if mode is AutoresetMode.SAME_STEP else 8))
+    options = {"reset_mask": mask}
+    new, after = envs.reset(seed=[7, None, 9, None], options=options)
+    assert list(options) == ["reset_mask"]
+    np.testing.assert_array_equal(new[1:3], seen[1:3])
+    assert after["num_touches"].tolist() == [0, *infos["num_touches"][1:3], 0]
+    np.testing.assert_array_equal(new[0], envs.reset(seed=[7] * 4)[0][3])
+    by_one, by_list = (envs.reset(seed=seed, options={"reset_mask": mask})[0] for seed in (20, [20, 0, 0, 23]))
+    np.testing.assert_array_equal(by_one, by_list)
+    again, _ = envs.reset(seed=5)
+    np.testing.assert_array_equal(again, envs.reset(seed=5)[0])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"seed": [1, 2]}, "one for each of the 3 rows, got 2"),
+        ({"seed": [1, -2, 3]}, "integers ≥ 0, got -2"),
+        ({"seed": [1, 2.5, 3]}, "integers ≥ 0, got 2.5"),
+        ({"options": {"seed": (0, 1)}}, "one option, 'reset_mask', 3 booleans .*got {'seed'"),
+        ({"options": {"reset_mask": [True]}}, "one option"),
+        ({"options": {"reset_mask": np.zeros(3, bool)}}, "of which one is true"),
+        ({"options": {"reset_mask": np.arange(3)}}, "3 booleans"),
+        ({"options": {"reset_mask": np.ones(3, bool), "more": 1}}, "one option"),
+    ],
+)
+def test_seeds_and_masks_that_do_not_fit_the_rows_are_refused(arguments, said):
+    envs = gymnasium.make_vec(BANK_ID, num_envs=3)
+    envs.reset(seed=0)
+    before = envs.unwrapped.observe()
+    with pytest.raises(BadOption, match=said):
+        envs.reset(**arguments)
+    np.testing.assert_array_equal(envs.unwrapped.observe(), before)
 
 
 def test_the_wrappers_of_gymnasium_take_the_vector_environment():

@@ -11,8 +11,9 @@ from activetouch.distributions import Constant
 from activetouch.rendering import Blur, DeadTaxels, Noise, Shift
 from activetouch.rendering.faults import faults_of
 from belief.errors import UnknownName
+from experiments.parallel import Shared
 from experiments.robustness.conditions import AS_TRAINED, CONDITIONS, DoesNotApply, _together, applicable_conditions
-from experiments.robustness.robustness import Robustness, RobustnessReport, robustness
+from experiments.robustness.robustness import Robustness, RobustnessReport, press_paired, robustness
 
 COARSE = replace(SCENES["coarse"].scene, press_model=Quasistatic())
 REPORT = {"scene": "coarse", "left_out": {"4 bits": "no taxels"}}
@@ -90,11 +91,62 @@ def test_the_pad_is_blurred_and_displaced_before_it_is_read_and_stuck_taxels_say
 
 
 def test_a_condition_without_an_answer_has_no_gap(tmp_path):
-    none = {"number": 4, "success": 0.0, "interval": [0.0, 0.6], "wrong": [0.0, 0.0, 0.6], "touches": 9.0}
+    none = {
+        "changed": 0,
+        "presses": 160,
+        "number": 4,
+        "success": 0.0,
+        "interval": [0.0, 0.6],
+        "wrong": [0.0, 0.0, 0.6],
+        "touches": 9.0,
+    }
     report = RobustnessReport(REPORT | {"conditions": {AS_TRAINED: none | {"stated": None, "achieved": None}}})
     report.save(tmp_path)
     assert "gap" not in str(report)
     assert AS_TRAINED in (tmp_path / "report.html").read_text()
+
+
+def test_a_condition_that_changes_nothing_says_so(tmp_path):
+    row = {"presses": 160, "number": 4, "success": 1.0, "interval": [0.5, 1.0], "wrong": [0.0, 0.0, 0.6]}
+    row |= {"touches": 9.0, "stated": 0.9, "achieved": 0.9}
+    changed = {AS_TRAINED: 0, "friction 0.05": 3, "stiffness × 0.4": 0, "cone × 1.5": 40}
+    report = RobustnessReport(REPORT | {"conditions": {name: row | {"changed": n} for name, n in changed.items()}})
+    report.save(tmp_path)
+    said = "change hardly anything here, so their searches tell nothing about them: friction 0.05 (3 of 160), "
+    for text in (str(report), (tmp_path / "report.html").read_text(), (tmp_path / "robustness.md").read_text()):
+        assert f"{said}stiffness × 0.4 (0 of 160)." in text
+    assert [one[1] for one in report.tables()[0].rows] == [0.0, 3 / 160, 0.0, 0.25]
+
+
+@pytest.mark.mujoco
+@pytest.mark.parametrize(
+    ("name", "least", "most"),
+    [("coarse", {"friction 0.3 to 1", "friction 0.05"}, {"size ± 25 %", "stiffness × 0.5 to 2", "noise × 2"}),
+     ("paper", {"stiffness × 0.4", "stiffness × 0.5 to 2", "friction 0.05"}, {"size ± 25 %", "force 1 to 4 N"})],
+)  # fmt: skip
+def test_presses_are_paired_so_that_what_differs_is_the_condition_alone(name, least, most, monkeypatch):
+    monkeypatch.setattr("experiments.robustness.robustness._PRESSES", 24)
+    scene = SCENES[name].scene
+    scenes, _ = applicable_conditions(scene, [*least, *most])
+    images = dict(press_paired(Shared(scenes), 7, condition) for condition in scenes)
+    share = {
+        condition: np.mean((np.abs(np.stack(images[AS_TRAINED]).astype(int) - found) > 1).any(axis=(1, 2)))
+        for condition, found in images.items()
+    }
+    assert {condition for condition in share if share[condition] == 0.0} == {AS_TRAINED, *least}
+    assert all(share[condition] > 0.5 for condition in most)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_friction_is_changed_alone_where_something_may_slide(name):
+    scene = SCENES[name].scene
+    scenes, left_out = applicable_conditions(scene, ["friction 0.05", "friction 0.3 to 1"])
+    if not scene.press_model.moves:
+        assert set(left_out.values()) == {"nothing slides in a quasistatic press"}
+        return
+    for changed in scenes.values():
+        same = replace(changed.variation, friction=scene.variation.friction)
+        assert replace(changed, variation=same) == scene
 
 
 def test_an_unknown_condition_is_refused_with_the_nearest(tmp_path):
@@ -116,7 +168,10 @@ def test_the_command_writes_a_page_and_the_same_numbers_as_the_function(tmp_path
     [table] = again.tables()
     for row, found in zip(table.rows, numbers["conditions"].values(), strict=True):
         assert found["number"] == 4
-        assert row[3:] == [found[name] for name in ("touches", "stated", "achieved")]
+        assert row[1] == found["changed"] / found["presses"]
+        assert row[4:] == [found[name] for name in ("touches", "stated", "achieved")]
+    assert [row["changed"] for row in numbers["conditions"].values()] == [0, 160]
+    assert "hardly anything" not in table.note
     assert "Largest gap: " in table.note
     assert (tmp_path / "robustness.md").read_text().count("\n| noise × 2 |") == 1
     assert "noise × 2" in (tmp_path / "report.html").read_text()

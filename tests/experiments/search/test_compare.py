@@ -7,6 +7,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import matplotlib.style
 import pytest
 from matplotlib.figure import Figure
 
@@ -133,9 +134,11 @@ def test_a_paper_gets_figures_in_its_style_and_tables_from_the_folder_alone(fini
         assert "<svg" in (text := (tmp_path / "paper" / f"{name}.svg").read_text())
         assert 'viewBox="0 0 144 216"' in text  # points
     assert (tmp_path / "paper" / "table.tex").read_text() == comparison.to_latex() + "\n"
-    axes = Figure().subplots()
-    comparison.plot(axes, "frontier")
+    with matplotlib.style.context("dark_background"):
+        axes = Figure().subplots()
+        comparison.plot(axes, "frontier")
     assert axes.get_xlabel() == "touches per search"
+    assert axes.get_lines()[0].get_color() == "white"  # the style of the caller
     with pytest.raises(UnknownName, match="success"):
         comparison.plot(axes, "sucess")
     with pytest.raises(BadArgument):

@@ -1,20 +1,27 @@
 """What the time of searches is spent on."""
 
 import sys
+import threading
+from dataclasses import replace
 
 import pytest
 
 from activetouch.world import TouchTime, touch_many
 from belief import Probe
-from belief.errors import CodeFailed
+from belief.errors import BrokenContract, CodeFailed
 from experiments.cli import main
 from experiments.scene_choice import SceneChoice
 from experiments.search.comparison import prepared
+from experiments.search.fingerprint import fingerprint
 from experiments.search.play import Seconds, play_episodes
+from experiments.search.run import read_episode
 from experiments.search.setting import Setting
-from planners import Decision, search_lockstep
+from planners import Decision, SequentialDecider, search_lockstep
 from planners.other_agents import FunctionPolicy
 from planners.ppo import BadPolicy
+from planners.probing import FixedOrder
+from planners.registry import copyable
+from planners.stopping import PosteriorThresholds
 
 pytestmark = pytest.mark.mujoco
 
@@ -131,3 +138,44 @@ def test_code_of_a_user_that_exits_ends_no_command_as_if_all_were_well(words, tm
     del sys.modules["own_quits"]
     with pytest.raises(SystemExit, match=r"own_quits\.py, line 9: raise SystemExit\(0\)\nSystemExit: 0"):
         main()
+
+
+class Locked:
+    """A decider that holds what cannot be copied, as one does that asks a robot or a database."""
+
+    def __init__(self):
+        self.lock = threading.Lock()
+        self.inner = SequentialDecider(PosteriorThresholds(confirm=0.9, reject=0.1), FixedOrder())
+
+    def decide(self, info, rng):
+        return self.inner.decide(info, rng)
+
+    def __call__(self, observation):
+        return 6  # CONFIRM
+
+
+@pytest.fixture
+def locked(monkeypatch):
+    """Setting of short searches, in which this module has the name ``locked``."""
+    monkeypatch.setitem(sys.modules, "locked", sys.modules[__name__])
+    monkeypatch.setattr(sys.modules[__name__], "held", Locked(), raising=False)
+    return Setting(SceneChoice("coarse", fidelity="quasistatic"))
+
+
+@pytest.mark.parametrize("settings", [{}, {"abstain": 0.02}])
+def test_a_decider_that_cannot_be_copied_is_made_anew_for_each_batch(settings, locked):
+    names = ("locked:Locked", "policy:locked:Locked", "fixed_poses(confirm=0.9, reject=0.1)")
+    run = prepared(replace(locked, **settings), names, targets="cone", episodes=2, jobs=1)
+    run.play(1)
+    labels = run.searches.problem.shape_labels
+    mine, policy, alike = ([read_episode(one, labels) for one in run.lines()[name, "cone"]] for name in names)
+    assert [one.num_touches for one in mine] == [one.num_touches for one in alike] != [0, 0]
+    assert [one.num_touches for one in policy] == [0, 0]
+    assert fingerprint(copyable(names[0], run.known["outcome table"])) == fingerprint(Locked())
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("given", ["locked:held", {"mine": Locked()}])
+def test_a_decider_that_cannot_be_made_anew_is_refused_before_the_first_search(given, jobs, locked):
+    with pytest.raises(BrokenContract, match=r"cannot be copied \(.*lock.*name a class or a function that makes one"):
+        prepared(locked, given, targets="cone", episodes=1, jobs=jobs)
