@@ -317,23 +317,26 @@ class RecordedSensor(TactileSensor):
             object.__setattr__(self, name, value)
 
     @classmethod
-    def fit(cls, touches: RecordedTouches) -> RecordedSensor:
+    def fit(cls, touches: RecordedTouches, classifier: Any = None, is_logits: bool = False) -> RecordedSensor:
         """Train and calibrate a reader on all touches of a set, and fit the correlations of its actions.
 
         Nothing is held out. ``activetouch recorded`` tests readers that are made in the same way.
 
         Args:
             touches: the set, whose objects are the shapes of the sensor, or :meth:`RecordedTouches.for_task` of it.
+            classifier: one of your own, with ``fit`` and ``predict_proba`` or ``predict_log_proba``, in place of ours;
+                it is copied for each action. Such a sensor cannot be saved.
+            is_logits: whether the features are logits, named as the labels, in place of a classifier.
 
         Raises:
             BadRecording: there are too few labels, objects or touches.
         """
         from activetouch.recorded import check_recorded
-        from activetouch.recorded.reader import read
+        from activetouch.recorded.reader import kinds_of, read
         from activetouch.recorded.touches import for_use
 
         check_recorded(touches)
-        reading = read(touches, for_use(touches))
+        reading = read(touches, for_use(touches), kinds_of(touches, classifier, is_logits))
         counts = {"touches": touches.num_touches, "objects": len(np.unique(touches.objects))}
         origin = {"provenance": touches.provenance, "licence": touches.licence, "task": touches.task, **counts}
         return cls(reading.reader, reading.model(touches), origin)
@@ -380,8 +383,11 @@ class RecordedSensor(TactileSensor):
         reader = self.recorded_reader
         actions = np.array([index_of("action", reader.action_names, pose) for pose in poses], np.int64)
         columns = [reader.label_names.index(label) for label in self.model.shape_labels]
-        ratios = reader.ratios(reader.checked(images, len(actions)), actions)[:, columns]
-        return [Touch(*touch) for touch in zip(actions.tolist(), ratios, strict=True)]
+        rows = reader.checked(images, len(actions))
+        ratios = reader.ratios(rows, actions)[:, columns]
+        is_tested = self.model.conflict is not None and len(rows)
+        seen = reader.novelties(rows, actions)[:, None] if is_tested else [None] * len(rows)
+        return [Touch(*touch) for touch in zip(actions.tolist(), ratios, seen, strict=True)]
 
     @property
     def pose_labels(self) -> tuple[str, ...]:

@@ -119,12 +119,16 @@ class RecordedRowReader:
         """Digest of all that it reads with."""
         return digest_of(self.sensor.recorded_reader)
 
-    def read(self, image: ArrayLike, pose: int) -> tuple[NDArray[np.float64], Touch, None]:
-        """The row of features ``(F,)`` as numbers, and the touch that it shows; see :meth:`RecordedSensor.read`."""
+    def read(self, image: ArrayLike, pose: int) -> tuple[NDArray[np.float64], Touch, float | None]:
+        """The row of features ``(F,)`` as numbers, and the touch that it shows; see :meth:`RecordedSensor.read`.
+
+        The area of the contact is 0 for a row that could be one of no contact, and otherwise not known.
+        """
         row, size = np.asarray(image, np.float64), self.sensor.recorded_reader.num_features
         if row.shape != (size,):
             raise InvalidArgument(f"image must be a row of {size} features of the recordings, got {row.shape}")
-        return row, self.sensor.read(row[None], [pose])[0], None
+        touch = self.sensor.read(row[None], [pose])[0]
+        return row, touch, 0.0 if self.sensor.recorded_reader.is_blank(row) else None
 
     def at(self, place: Mapping[str, Any]) -> tuple[int, None]:
         """Refused: actions of recordings are no places."""

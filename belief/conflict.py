@@ -248,6 +248,15 @@ class ConflictTest(FrozenArrays):
         """T, of an object that are tested."""
         return len(self.medians)
 
+    def longer(self, num_touches: int) -> ConflictTest:
+        """The test of more touches, where later ones are as usual as the last of those that it was fitted to."""
+
+        def pad(array: Floats, axis: int = 0) -> Floats:
+            return np.repeat(array, [1] * (self.num_touches - 1) + [num_touches - self.num_touches + 1], axis)
+
+        usual = UsualMisfit(*map(pad, (self.usual_misfit.edges, self.usual_misfit.medians, self.usual_misfit.widths)))
+        return replace(self, usual_misfit=usual, medians=pad(self.medians), quantiles=pad(self.quantiles, 1))
+
     def start(self) -> ObjectConflict:
         """The state before the first touch of an object."""
         return ObjectConflict(self, 0, frozen(np.zeros(2)), frozen(np.ones(2)), frozen(np.zeros(12)))

@@ -2,10 +2,11 @@
 
 * ``csv``: one row for each touch, in all ``.csv`` and ``.csv.gz`` files of a folder. The first line names the columns.
   ``object`` is needed; ``action`` (by default all touches have one action), ``session`` (order of recording among the
-  touches of an object and action), ``category`` and ``shape`` are optional; all others are features.
-* ``npz``: arrays in one ``.npz`` file, which is read without running anything: ``features (n, F)`` and ``object (n,)``,
-  and optionally ``action``, ``session``, ``category`` and ``shape``, each ``(n,)``, and ``feature_names (F,)``,
-  ``provenance`` and ``licence``.
+  touches of an object and action), ``category`` and ``shape`` are optional. Columns whose names begin with
+  ``untouched:`` were measured where nothing was touched, and are a control; all others are features.
+* ``npz``: arrays in one ``.npz`` file, which is read without running anything: ``features (n, F)``, or pictures
+  ``(n, H, W)`` or ``(n, H, W, C)``, and ``object (n,)``, and optionally ``action``, ``session``, ``category`` and
+  ``shape``, each ``(n,)``, ``untouched`` as ``features``, and ``feature_names (F,)``, ``provenance`` and ``licence``.
 * ``bts3``: grasps of objects in three hand poses with three BioTac SP fingers of 24 electrodes, from the BioTac SP
   Stability Set v2 (MIT): ``bts3v2_palm_POSE.csv``, also compressed, with the columns ``object,slipped,ff_biotac_1,…``.
   Whether the object slipped is known only after the touch, and is no feature.
@@ -40,19 +41,28 @@ from activetouch.recorded.tables import (
 from activetouch.recorded.touches import RecordedTouches
 from belief.files import plain_number, require_regular_file
 from belief.naming import few
+from belief.validation import Floats
 
 _NAMES = ("object", "action", "session", *KINDS_OF.values())  # columns that are no features
-_ARRAYS = (*_NAMES, "features", "feature_names", "provenance", "licence")
+_ARRAYS = (*_NAMES, "features", "untouched", "feature_names", "provenance", "licence")
+_UNTOUCHED = "untouched:"  # begins the names of columns that were measured where nothing was touched
+_MOST_PIXELS = 32  # along an edge
 _POSES = ("down", "45", "side")
 Read: TypeAlias = tuple[RecordedTouches, tuple[str, ...]]
 
 
 def _read_tables(
-    paths: Sequence[Path], words: Sequence[str], source: str, actions: Sequence[str] = (), **facts: Any
+    paths: Sequence[Path],
+    words: Sequence[str],
+    source: str,
+    actions: Sequence[str] = (),
+    factors: Sequence[str] = (),
+    **facts: Any,
 ) -> RecordedTouches:
     """The rows of CSV files with the same columns, of which those of words are known, and all others are features.
 
-    The actions of the files are by default those of a column; ``facts`` are further arguments of the touches.
+    The actions of the files are by default those of a column, or of several, ``factors``; ``facts`` are further
+    arguments of the touches.
     """
     header: list[str] = []
     columns: dict[str, list[str]] = {name: [] for name in words}
@@ -93,22 +103,25 @@ def _read_tables(
     given = {name: np.array(told) for name, told in columns.items() if told}
     if actions:
         given["action"] = np.repeat(actions, np.diff([*firsts, size]))
-    return touches_of_columns(table, given, source, place=place, action_names=actions, feature_names=names, **facts)
+    is_control = np.array([name.startswith(_UNTOUCHED) for name in names], np.bool_)
+    kept = [name for name in names if not name.startswith(_UNTOUCHED)]
+    if is_control.any():
+        apart = {name.removeprefix(_UNTOUCHED).strip(): i for i, name in enumerate(names) if is_control[i]}
+        order = [apart[name] for name in (kept if set(kept) == set(apart) else apart)]
+        facts["controls"] = {"untouched": table[:, order]}
+    facts |= {"action_names": actions, "feature_names": kept, "factors": factors}
+    return touches_of_columns(table[:, ~is_control], given, source, place=place, **facts)
 
 
-def read_csv(folder: Path) -> Read:
-    """The touches of all CSV files of a folder.
-
-    Raises:
-        BadRecording: no file, a column without a name, different columns, a row of another length, or a feature that
-            is not a number; the message names the file and the line.
-    """
+def read_csv(folder: Path, factors: Sequence[str] = ()) -> Read:
+    """The touches of all CSV files of a folder; BadRecording names the file and the line that is none."""
     require_folder(folder, "one or more .csv files, with the columns object, action, session and features")
     paths = sorted(path for end in ("*.csv", "*.csv.gz") for path in folder.glob(end))
     if not paths:
         raise BadRecording(f"there is no .csv or .csv.gz file in {folder}")
     others = sorted(path.name for path in folder.iterdir() if path not in paths)
-    return _read_tables(paths, _NAMES, str(folder)), _ignored("file", others)
+    words = dict.fromkeys((*_NAMES, *factors))
+    return _read_tables(paths, list(words), str(folder), factors=factors), _ignored("file", others)
 
 
 def read_bts3(folder: Path) -> Read:
@@ -151,7 +164,9 @@ def _number(cell: str, name: str, number: int, path: Path) -> float:
     try:
         return plain_number(cell)
     except ValueError:
-        hint = " (decimals have a point)" if "," in cell else ""
+        is_text = not any(character.isdigit() for character in cell)
+        hint = f" (leave the column out, or if it is part of the action, give --action {name})" if is_text else ""
+        hint = " (decimals have a point)" if "," in cell else hint
         raise BadRecording(f"line {number} of {path}: the feature {name!r} is {cell[:40]!r}, no number{hint}") from None
 
 
@@ -162,12 +177,8 @@ def _cells(path: Path, number: int, line: str) -> list[str]:
         raise BadRecording(f"line {number} of {path} is not CSV: {error}") from error
 
 
-def read_npz(path: Path) -> Read:
-    """The touches of a ``.npz`` file, or of the only one in a folder.
-
-    Raises:
-        BadRecording: no such file, several, arrays of objects that would have to be unpickled, or a missing array.
-    """
+def read_npz(path: Path, factors: Sequence[str] = ()) -> Read:
+    """The touches of a ``.npz`` file, or of the only one in a folder; BadRecording if it has no such plain arrays."""
     if path.is_dir():
         found = sorted(path.glob("*.npz"))
         if len(found) != 1:
@@ -180,28 +191,73 @@ def read_npz(path: Path) -> Read:
         if size > MOST_BYTES:
             raise BadRecording(f"{path} holds {size} bytes when decompressed; at most {MOST_BYTES} are read")
         with np.load(path, allow_pickle=False) as file:
-            arrays = {n: file[n] for n in file.files if n in _ARRAYS}
+            arrays = {n: file[n] for n in file.files if n in (*_ARRAYS, *factors)}
             others = [name for name in file.files if name not in arrays]
-            given = {name: _text(name, arrays[name], str(path)) for name in _NAMES if name in arrays}
+            given = {name: _text(name, arrays[name], str(path)) for name in (*_NAMES, *factors) if name in arrays}
     except BadRecording:
         raise
     except Exception as error:  # readers of zip and npy raise a dozen kinds on damaged bytes
         raise BadRecording(f"{path} cannot be read as .npz of plain arrays: {error}") from error
     if missing := [name for name in ("features", "object") if name not in arrays]:
-        raise BadRecording(f"{path} has no array {missing[0]!r}; it has {', '.join(arrays) or 'none that is known'}")
-    features = arrays["features"]
-    if features.ndim != 2 or features.dtype.kind not in "biuf":
-        raise BadRecording(f"features in {path} must be numbers (n, F), got {features.dtype} {features.shape}")
-    require_bounded(len(features), features.size, str(path))
+        had = few([*arrays, *others], 12) or "none"
+        raise BadRecording(
+            f"{path} has no array {missing[0]!r}; it has {had}. Touches are features (n, F), or pictures (n, H, W) or "
+            "(n, H, W, C), and object (n,)"
+        )
+    names = list(map(str, np.atleast_1d(arrays.get("feature_names", ())).tolist()))
+    features, controls, notes = (
+        _numbers("features", arrays["features"], path),
+        dict[str, Floats](),
+        _ignored("array", others),
+    )
+    shape = features.shape[1:]
+    if "untouched" in arrays:
+        controls["untouched"] = _numbers("untouched", arrays["untouched"], path)
+    if len(shape) > 1:
+        pictures, *nothing = (_averaged(array) for array in (features, *controls.values()))
+        rows, columns, colours = pictures.shape[1:]
+        notes = (*notes, f"pictures {shape} are read as {rows} x {columns} pixels of {colours} numbers")
+        names = [f"pixel {r},{c}" + f" of {k}" * (colours > 1) for r, c, k in np.ndindex(pictures.shape[1:])]
+        is_border = np.ones((rows, columns), np.bool_)
+        is_border[1:-1, 1:-1] = False
+        controls = {name: array.reshape(len(array), -1) for name, array in zip(controls, nothing, strict=True)}
+        if not is_border.all():
+            controls["border pixels"] = pictures[:, is_border].reshape(len(features), -1)
+        features = pictures
     touches = touches_of_columns(
-        features.astype(np.float64),
+        features.reshape(len(features), -1),
         given,
         str(path),
-        feature_names=list(map(str, np.atleast_1d(arrays.get("feature_names", ())).tolist())),
+        factors=factors,
+        feature_names=names,
+        controls=controls,
         provenance=str(arrays.get("provenance", "")),
         licence=str(arrays.get("licence", "not stated")),
     )
-    return touches, _ignored("array", others)
+    return touches, notes
+
+
+def _numbers(name: str, array: NDArray[Any], path: Path) -> Floats:
+    """An array of rows or pictures as numbers."""
+    if array.ndim not in (2, 3, 4) or array.dtype.kind not in "biuf":
+        raise BadRecording(
+            f"{name} in {path} must be numbers (n, F), or pictures (n, H, W) or (n, H, W, C), got {array.dtype} "
+            f"{array.shape}"
+        )
+    require_bounded(len(array), array.size, str(path))
+    return array.astype(np.float64)
+
+
+def _averaged(pictures: Floats) -> Floats:
+    """Pictures ``(n, H, W)`` or ``(n, H, W, C)`` as at most 32 x 32 means of equal blocks, ``(n, h, w, C)``."""
+    found = pictures.reshape(*pictures.shape[:3], -1)
+    for axis in (1, 2):
+        size = found.shape[axis]
+        edges = (
+            np.arange(size) if size <= _MOST_PIXELS else np.linspace(0, size, _MOST_PIXELS, endpoint=False).astype(int)
+        )
+        found = np.add.reduceat(found, edges, axis) / np.diff([*edges, size]).reshape([-1] + [1] * (3 - axis))
+    return found
 
 
 def _text(name: str, column: NDArray[Any], source: str) -> NDArray[Any]:
@@ -220,25 +276,29 @@ def _ignored(kind: str, names: Iterable[str]) -> tuple[str, ...]:
 
 
 Format: TypeAlias = Literal["csv", "npz", "bts3", "session"]
-FORMATS: Mapping[str, Callable[[Path], Read]] = MappingProxyType(
+FORMATS: Mapping[str, Callable[..., Read]] = MappingProxyType(
     {"csv": read_csv, "npz": read_npz, "bts3": read_bts3, "session": read_session_logs}
 )
-"""Functions that read a folder: they return the touches, and sentences about what was left out."""
+"""Functions that read a folder: they return the touches, and sentences about what was left out. Those of formats with
+columns also take the names of the columns that name the action."""
 assert tuple(FORMATS) == get_args(Format)
 
 
-def read_recorded(data: str | Path, format: str) -> Read:
+def read_recorded(data: str | Path, format: str, action: Sequence[str] = ()) -> Read:
     """Recorded touches from a folder, and sentences about what was read and what was left out.
 
     Args:
         data: folder of the recordings; for ``npz`` also the file.
         format: a key of :data:`FORMATS`.
+        action: columns that together name the action, such as a motion and a force; by default the column ``action``.
 
     Raises:
         BadRecording: an unknown format, or data that are not in it.
     """
     if format not in FORMATS:
         raise BadRecording(f"unknown format {format!r}; known are {', '.join(FORMATS)}")
-    touches, notes = FORMATS[format](Path(data))
+    if action and format not in ("csv", "npz"):
+        raise BadRecording(f"--action {' '.join(action)}: the format {format} has its own actions and no such columns")
+    touches, notes = FORMATS[format](Path(data), *([action] if action else []))
     names = few(touches.feature_names, 12) or "without names"
     return touches, (f"{touches.features.shape[1]} features: {names}", *notes)

@@ -7,6 +7,7 @@ import io
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from activetouch.errors import BadRecording
 from activetouch.recorded.touches import RecordedTouches
 from belief.files import plain_number, require_regular_file
+from belief.naming import few
 from belief.observation_model.action_kernel import numbered_sessions
 from belief.validation import Floats
 
@@ -31,9 +33,7 @@ _MOST_SESSION = 2**53  # so that it is exact as a float
 def lines_of(path: Path) -> Iterator[tuple[int, str]]:
     """Numbered lines of a text file, from 1, without empty ones; one at a time in memory; of ``.gz`` decompressed.
 
-    Raises:
-        BadRecording: the file cannot be read or decompressed, or holds more than ``MOST_BYTES`` characters, text that
-            is not UTF-8, a line of more than 4 MiB, or more than twice ``MOST_TOUCHES`` lines.
+    Raises BadRecording for a file that cannot be read, is too large or no UTF-8, or has too long a line.
     """
     size = number = 0
     require_regular_file(path, BadRecording)
@@ -58,11 +58,7 @@ def lines_of(path: Path) -> Iterator[tuple[int, str]]:
 
 
 def require_bounded(num_touches: int, num_numbers: int, source: str) -> None:
-    """Refuse a set that is too large.
-
-    Raises:
-        BadRecording: there are more than ``MOST_TOUCHES`` touches or ``MOST_NUMBERS`` numbers.
-    """
+    """Refuse a set of more than ``MOST_TOUCHES`` touches or ``MOST_NUMBERS`` numbers."""
     if num_touches > MOST_TOUCHES or num_numbers > MOST_NUMBERS:
         raise BadRecording(
             f"{source} hold more than {MOST_TOUCHES} touches or {MOST_NUMBERS} numbers; leave out touches or features"
@@ -91,25 +87,17 @@ def touches_of_columns(
     *,
     place: Callable[[int], str] | None = None,
     action_names: Sequence[str] = (),
+    factors: Sequence[str] = (),
     feature_names: Sequence[str] = (),
     provenance: str = "",
     licence: str = "not stated",
+    controls: Mapping[str, Floats] = MappingProxyType({}),
 ) -> RecordedTouches:
-    """The touches of a table.
+    """The touches of a table of features ``(n, F)`` and columns ``(n,)``, with all facts of :class:`RecordedTouches`.
 
-    Args:
-        features: ``(n, F)``.
-        columns: ``object`` and, where given, ``action``, ``session``, ``category`` and ``shape``, each ``(n,)``.
-        source: where the table comes from, for messages.
-        place: names a row in messages, such as "line 7 of mugs.csv"; by default "row 5 of SOURCE", counted from 0.
-        action_names: all actions in their order; by default those of the column, sorted.
-        feature_names: F names, where the features have some.
-        provenance: where the set comes from; the source by default.
-        licence: its licence.
-
-    Raises:
-        BadRecording: no feature, an object without a name or with two categories or shapes, or sessions that are not
-            integers; the message names the row and the column.
+    ``place`` names a row in messages, such as "line 7 of mugs.csv". Actions are those of the columns ``factors``, or of
+    ``action``, sorted, unless ``action_names`` gives their order. Raises BadRecording, which names the row and the
+    column: no feature, an object without a name or with two categories or shapes, or sessions that are not integers.
 
     >>> table = touches_of_columns(np.ones((2, 1)), {"object": np.array(["mug", "can"])}, "here")
     >>> table.object_names, table.action_names
@@ -126,7 +114,15 @@ def touches_of_columns(
     object_names, objects = np.unique(columns["object"].astype(str), return_inverse=True)
     if "" in object_names:
         raise BadRecording(f"{place(int(np.argmax(columns['object'].astype(str) == '')))} names no object")
+    if lacking := [name for name in factors if name not in columns]:
+        raise BadRecording(
+            f"--action {lacking[0]}: {source} has no such column; its features are {few(feature_names, 12)}"
+        )
     given = columns.get("action", np.full(n, "touch")).astype(str)
+    if factors:
+        given = np.array(
+            [" ".join(cells) for cells in zip(*(columns[name].astype(str) for name in factors), strict=True)]
+        )
     ordered = tuple(action_names) or tuple(map(str, np.unique(given)))
     actions = np.array([ordered.index(name) for name in given.tolist()])
     sessions = numbered_sessions(objects, actions)
@@ -139,7 +135,16 @@ def touches_of_columns(
     }
     names = ordered, tuple(map(str, object_names))
     return RecordedTouches(
-        features, actions, objects, sessions, *names, provenance or source, licence, tuple(feature_names), kinds
+        features,
+        actions,
+        objects,
+        sessions,
+        *names,
+        provenance or source,
+        licence,
+        tuple(feature_names),
+        kinds,
+        controls,
     )
 
 

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from activetouch.errors import BadRecording
 from belief.frozen import FrozenArrays
-from belief.naming import few
 from belief.observation_model.action_kernel import numbered_sessions
 from belief.observation_model.calibration_data import LabelledTouches, object_folds
 from belief.problem import Touch
@@ -22,7 +21,7 @@ LARGEST = 1e100
 """Size of a feature, so that squares and their sums are finite."""
 
 _SHARED = 0.9  # of the sessions have all actions, if actions are recorded in sessions
-_SESSIONS, _OBJECTS = 4, 3  # of three sessions none is left to calibrate on; objects of a category or shape
+_SESSIONS = 4  # of three none is left to calibrate on
 _LEARNED, _CALIBRATED = 0.6, 0.8  # ends of the shares of an object's sessions
 _INNER = 4  # folds
 
@@ -44,6 +43,8 @@ class RecordedTouches(FrozenArrays):
         feature_names: F names, or none.
         kinds: category or shape of each object by task, ``categories`` or ``shapes``; an empty name leaves the object
             out of the task.
+        controls: what should not tell the label, ``(n, C)`` by name. ``untouched`` is what was measured where nothing
+            was touched; where it has F columns, each is of the feature of the same place.
         task: whether a reader learns to tell apart ``objects``, ``categories`` or ``shapes``, see :meth:`for_task`.
 
     Raises:
@@ -65,6 +66,7 @@ class RecordedTouches(FrozenArrays):
     licence: str = "not stated"
     feature_names: tuple[str, ...] = ()
     kinds: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    controls: Mapping[str, Floats] = field(default_factory=dict)
     task: str = TASKS[0]
 
     def __post_init__(self) -> None:
@@ -96,6 +98,9 @@ class RecordedTouches(FrozenArrays):
                 f"{self.features[row][~fits[row]][0]}; they must be finite and of a size up to {LARGEST:g}: use "
                 "another unit, or leave the touch out"
             )
+        for name, columns in self.controls.items():
+            if np.ndim(columns) != 2 or len(columns) != n or not (np.abs(columns) <= LARGEST).all():
+                raise BadRecording(f"the control {name!r} must be ({n}, C) finite numbers, got {np.shape(columns)}")
         for task, names in self.kinds.items():
             if task not in TASKS[1:] or len(names) != len(self.object_names):
                 raise BadRecording(f"kinds must give {len(self.object_names)} names for {TASKS[1:]}, got {task!r}")
@@ -116,8 +121,35 @@ class RecordedTouches(FrozenArrays):
             return found
         if not kept.any():
             raise BadRecording(f"no object has a label for {task!r}")
+        return found.only(kept)
+
+    def only(self, kept: NDArray[np.bool_]) -> RecordedTouches:
+        """Some of the touches, ``kept (n,)``."""
         arrays = {name: getattr(self, name)[kept] for name in ("features", "actions", "objects", "sessions")}
-        return replace(found, **arrays)
+        return replace(self, **arrays, controls={name: columns[kept] for name, columns in self.controls.items()})
+
+    def without(self, objects: NDArray[np.int64]) -> RecordedTouches:
+        """The set without some objects, ``objects (m,)``."""
+        left = np.setdiff1d(np.arange(len(self.object_names)), objects)
+        found = self.only(np.isin(self.objects, left))
+        kinds = {task: tuple(names[i] for i in left) for task, names in self.kinds.items()}
+        names = tuple(self.object_names[i] for i in left)
+        return replace(found, objects=np.searchsorted(left, found.objects), object_names=names, kinds=kinds)
+
+    def in_random_order(self, seed: int) -> RecordedTouches:
+        """The set with the sessions of each object in a random order, as if nothing were known of their time."""
+        sessions, rng = self.sessions.copy(), np.random.default_rng(seed)
+        for index in np.unique(self.objects).tolist():
+            here = self.objects == index
+            known, number = np.unique(sessions[here], return_inverse=True)
+            sessions[here] = rng.permutation(len(known))[number]
+        return replace(self, sessions=sessions)
+
+    def session_counts(self) -> NDArray[np.int64]:
+        """Number of sessions of each object with each action, ``(objects, P)``; labels that the task lacks have 0."""
+        counts = np.zeros((len(self.object_names), self.num_actions), np.int64)
+        np.add.at(counts, tuple(np.unique([self.objects, self.actions, self.sessions], axis=1)[:2]), 1)
+        return counts
 
     @property
     def label_names(self) -> tuple[str, ...]:
@@ -150,100 +182,22 @@ class RecordedTouches(FrozenArrays):
         is_shared = (counts == self.num_actions).mean() > _SHARED
         return sessions if is_shared else numbered_sessions(objects, actions)
 
-    def labelled(self, rows: NDArray[np.int64], ratios: Floats) -> LabelledTouches:
+    def labelled(self, rows: NDArray[np.int64], ratios: Floats, novelties: Floats | None = None) -> LabelledTouches:
         """Some rows ``(r,)`` as a reader sees them, with log likelihood ratios ``(r, K)``, and their labels."""
-        listed = [Touch(int(action), row) for action, row in zip(self.actions[rows], ratios, strict=True)]
+        seen = [None] * len(rows) if novelties is None else novelties[:, None]
+        actions = self.actions[rows].tolist()
+        listed = [Touch(action, row, new) for action, row, new in zip(actions, ratios, seen, strict=True)]
         return LabelledTouches.of(listed, self.labels[rows], self.objects[rows], self.label_names, self.num_actions)
-
-
-def check_recorded(touches: RecordedTouches) -> tuple[str, ...]:
-    """Check that a set can be split, read and searched in, and return remarks about what weakens its results.
-
-    Raises:
-        BadRecording: there are fewer than two labels, one has too few objects, or an object has too few sessions of an
-            action; the message says which and what is needed.
-
-    >>> rows = np.arange(12.0).reshape(12, 1) % 5
-    >>> mugs = RecordedTouches(rows, [0] * 12, [0, 1] * 6, np.arange(12) // 2, ("press",), ("mug", "ball"))
-    >>> check_recorded(mugs)
-    ('7 touches have exactly the features of an earlier touch; copies leak from training into tests',)
-    """
-    names = touches.object_names
-    if len(touches.label_names) < 2:
-        raise BadRecording(
-            f"a search needs at least two different {touches.task}, there is {list(touches.label_names)}"
-        )
-    counts = np.zeros((len(names), touches.num_actions), np.int64)
-    np.add.at(counts, tuple(np.unique([touches.objects, touches.actions, touches.sessions], axis=1)[:2]), 1)
-    needed = _SESSIONS if touches.task == TASKS[0] else 1
-    short = counts < needed
-    if touches.task != TASKS[0]:
-        kinds = touches.kinds[touches.task]
-        short &= np.array(kinds)[:, None] != ""
-        if scarce := {kind: kinds.count(kind) for kind in touches.label_names if kinds.count(kind) < _OBJECTS}:
-            raise BadRecording(
-                f"{touches.task} need at least {_OBJECTS} objects of each, to learn from, to calibrate on and to test "
-                f"on; there are {scarce}"
-            )
-    if lacking := np.flatnonzero(short.any(axis=1)).tolist():
-        missing = [[f"{counts[i, a]} of {touches.action_names[a]}" for a in np.flatnonzero(short[i])] for i in lacking]
-        listed = "; ".join(f"{names[i]} ({', '.join(parts)})" for i, parts in zip(lacking, missing, strict=True))
-        raise BadRecording(
-            f"{len(lacking)} of {len(names)} objects have too few sessions: {listed}; {touches.task} need at least "
-            f"{needed} of each action, to learn from, to calibrate on and to test on; leave these out"
-        )
-    copies = len(touches.features) - len(np.unique(np.column_stack([touches.features, touches.actions]), axis=0))
-    said = "touches have exactly the features of an earlier touch; copies leak from training into tests"
-    return (*([f"{copies} {said}"] if copies else []), *suspicious_features(touches))
-
-
-def suspicious_features(touches: RecordedTouches) -> tuple[str, ...]:
-    """Sentences about features that name the object of a touch, or number its session or row.
-
-    >>> rows = [[0.1, 7.0], [0.3, 7.0], [0.2, 8.0], [0.4, 8.0]]
-    >>> mugs = RecordedTouches(rows, [0] * 4, [0, 0, 1, 1], [0, 1] * 2, ("press",), ("mug", "cup"))
-    >>> suspicious_features(mugs)  # doctest: +ELLIPSIS
-    ('these features name the object: feature 1. They are equal in all touches of an object and differ between...',)
-    """
-    steps = np.diff(touches.features, axis=0)
-    counts = (steps == steps[:1]).all(axis=0) & (steps[:1] != 0.0).any(axis=0) & (touches.num_touches > 2)
-    by_object, by_session = (_tells(touches.features, groups) for groups in (touches.objects, touches.sessions))
-    same = "are equal in all touches of"
-    found = (
-        ("name the object", by_object, f"{same} an object and differ between objects"),
-        ("number the session", by_session, f"{same} a session and differ between sessions"),
-        ("count the rows", counts, "grow by the same in every row"),
-    )
-    names = touches.feature_names or [f"feature {i}" for i in range(touches.features.shape[1])]
-    return tuple(
-        f"these features {what}: {few([names[i] for i in np.flatnonzero(which)], 12)}. They {why}; leave out what was "
-        "not measured in the touch"
-        for what, which, why in found
-        if which.any()
-    )
-
-
-def _tells(features: Floats, groups: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Whether each feature is equal within every group and differs between groups of two rows or more on average."""
-    order = np.argsort(groups, kind="stable")
-    starts = np.flatnonzero(np.diff(groups[order], prepend=groups.min() - 1))
-    if 2 * len(starts) > len(groups):
-        return np.zeros(features.shape[1], np.bool_)
-    low, high = (bound.reduceat(features[order], starts) for bound in (np.minimum, np.maximum))
-    return np.asarray((low == high).all(axis=0) & (np.ptp(low, axis=0) > 0.0))
 
 
 @dataclass(frozen=True, eq=False)
 class Split(FrozenArrays):
-    """Indices of touches.
+    """Indices of touches to learn from, to calibrate on and to test on, and folds of the first two.
 
-    Attributes:
-        train: to learn from.
-        calibration: to calibrate on; empty where calibration is by cross-validation within ``train``.
-        test: to test on.
-        inner: fold of each row of ``train``, for the choice of a classifier and for that cross-validation.
-        folds: fold of each row that is calibrated on; the calibration of a row is of other folds where correlations are
-            fitted.
+    ``calibration`` is empty where calibration is by cross-validation within ``train``. ``inner`` is the fold of each
+    row of ``train``; without folds, classifiers are chosen by the touches that are calibrated on, and do not learn from
+    these. ``folds`` are of the rows that are calibrated on: correlations are fitted to ratios whose calibration is of
+    the other folds.
     """
 
     train: NDArray[np.int64]
@@ -254,18 +208,24 @@ class Split(FrozenArrays):
 
 
 def splits_of(touches: RecordedTouches, num_folds: int) -> list[Split]:
-    """Objects in order of recording; of categories and shapes whole objects held out, each in one of the splits."""
+    """Objects in order of recording; of categories and shapes whole objects held out, each in one of the splits.
+
+    Where an object has fewer than four sessions of an action, calibration is across objects: each half of the objects
+    is tested once, and the other half calibrated on.
+    """
     if touches.task == TASKS[0]:
-        return [by_session(touches)]
+        if not _has_few_sessions(touches):
+            return [by_session(touches)]
+        halves = object_folds(touches.objects, touches.objects, 2)
+        return [by_session(touches, halves == half) for half in (0, 1)]
     folds = object_folds(touches.labels, touches.objects, min(num_folds, len(np.unique(touches.objects))))
     return [_held_out(touches, folds == fold) for fold in range(int(folds.max()) + 1)]
 
 
 def for_use(touches: RecordedTouches) -> Split:
     """All touches to learn from and calibrate on, in the same way as for a test, and none to test on."""
-    if touches.task == TASKS[0]:
-        return by_session(touches, is_tested=False)
-    return _held_out(touches, np.zeros(touches.num_touches, np.bool_))
+    nothing = np.zeros(touches.num_touches, np.bool_)
+    return by_session(touches, nothing) if touches.task == TASKS[0] else _held_out(touches, nothing)
 
 
 def _held_out(touches: RecordedTouches, held: NDArray[np.bool_]) -> Split:
@@ -278,25 +238,39 @@ def _held_out(touches: RecordedTouches, held: NDArray[np.bool_]) -> Split:
     return Split(train, np.empty(0, np.int64), np.flatnonzero(held), folds, folds)
 
 
-def by_session(touches: RecordedTouches, is_tested: bool = True) -> Split:
+def by_session(touches: RecordedTouches, tested: NDArray[np.bool_] | None = None) -> Split:
     """Each object's first sessions to learn from, later ones to calibrate on, the last ones to test on (3 : 1 : 1).
 
-    Args:
-        touches: the set.
-        is_tested: False to learn from and calibrate on all sessions (3 : 1).
+    Where an object has fewer than four sessions of an action, the last ones are calibrated on or tested on, so that
+    both are read after as much was learned. ``tested (n,)`` are the touches of objects that are tested, all by default;
+    with none, all sessions are learned from and calibrated on (3 : 1).
     """
-    learned, calibrated = (_LEARNED, _CALIBRATED) if is_tested else (_LEARNED / _CALIBRATED, 1.0)
     place = np.empty(touches.num_touches)
     rank = np.empty(touches.num_touches, np.int64)
     for index, action in np.unique(np.stack([touches.objects, touches.actions]), axis=1).T.tolist():
         here = np.flatnonzero((touches.objects == index) & (touches.actions == action))
         rank[here] = np.unique(touches.sessions[here], return_inverse=True)[1]
         place[here] = (rank[here] + 0.5) / (rank[here].max() + 1)
-    train = np.flatnonzero(place < learned)
-    calibration = np.flatnonzero((place >= learned) & (place < calibrated))
-    blocks = np.minimum((place[train] / learned * 3).astype(np.int64), 2)
-    folds = _calibration_folds(touches, calibration, rank)
-    return Split(train, calibration, np.flatnonzero(place >= calibrated), blocks, folds)
+    learned, calibrated = (_LEARNED, _CALIBRATED) if tested is None or tested.any() else (_LEARNED / _CALIBRATED, 1.0)
+    if not _has_few_sessions(touches):
+        train = np.flatnonzero(place < learned)
+        calibration = np.flatnonzero((place >= learned) & (place < calibrated))
+        blocks = np.minimum((place[train] / learned * 3).astype(np.int64), 2)
+        folds = _calibration_folds(touches, calibration, rank)
+        return Split(train, calibration, np.flatnonzero(place >= calibrated), blocks, folds)
+    counts = touches.session_counts()[touches.objects, touches.actions]
+    last = (counts > 1) & ((place >= _CALIBRATED) | (rank == counts - 1))
+    held = last if tested is None else last & tested
+    calibration = np.flatnonzero(last & ~held)
+    owners = touches.objects[calibration]
+    folds = object_folds(owners, owners, min(_INNER, len(np.unique(owners)))) if len(owners) else owners
+    train = np.flatnonzero(~last)
+    return Split(train, calibration, np.flatnonzero(held), np.empty(0, np.int64), folds.astype(np.int64))
+
+
+def _has_few_sessions(touches: RecordedTouches) -> bool:
+    """Whether an object has too few sessions of an action to learn from, calibrate on and test on its own."""
+    return bool(touches.session_counts()[touches.objects, touches.actions].min() < _SESSIONS)
 
 
 def _calibration_folds(touches: RecordedTouches, rows: NDArray[np.int64], rank: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -28,8 +28,10 @@ class RecordedBank(FrozenArrays):
         ratios: log likelihood ratios of each touch, ``(n, K)``.
         labels, objects, actions, sessions: of each touch, ``(n,)``.
 
+    An object may have no touch with some actions. Searches among objects then use :meth:`among` with what all have.
+
     Raises:
-        BadRecording: an object has no touch with some action.
+        BadRecording: there is no touch.
 
     >>> one = np.zeros(1, np.int64)
     >>> bank = RecordedBank(("mug", "can"), ("press",), np.zeros((1, 2)), one, one, one, one)
@@ -46,31 +48,36 @@ class RecordedBank(FrozenArrays):
     sessions: NDArray[np.int64]
 
     def __post_init__(self) -> None:
-        counts = self._counts()
-        if not counts.size or counts.min() == 0:
-            index, action = (int(i) for i in np.argwhere(counts == 0)[0]) if counts.size else (0, 0)
-            raise BadRecording(
-                f"object {np.unique(self.objects)[index] if counts.size else '-'} has no held-out touch with the "
-                f"action {self.action_names[action]}; every object needs one of each action"
-            )
+        if not len(self.objects):
+            raise BadRecording("a bank needs at least one held-out touch")
         self.freeze()
 
     @property
     def repeats(self) -> int:
-        """Number of different touches with each action that every object has."""
-        return int(self._counts().min())
+        """Number of different touches that every object has with each of its actions."""
+        counts = self._counts()
+        return int(counts[counts > 0].min())
+
+    def actions_of(self, objects: Sequence[int]) -> list[int]:
+        """The actions with which all of some objects have touches."""
+        has = self._counts()[np.searchsorted(np.unique(self.objects), objects)] > 0
+        return [int(action) for action in np.flatnonzero(has.all(axis=0))]
 
     def objects_of(self, label: int) -> list[int]:
         """The objects with a label."""
         return [int(index) for index in np.unique(self.objects[self.labels == label])]
 
-    def among(self, labels: Sequence[str]) -> RecordedBank:
-        """The touches of objects of some labels, with the ratios of these labels only."""
+    def among(self, labels: Sequence[str], actions: Sequence[int] | None = None) -> RecordedBank:
+        """The touches of objects of some labels with some actions, which are numbered anew; ratios of these labels."""
         columns = [self.label_names.index(label) for label in labels]
-        rows = np.flatnonzero(np.isin(self.labels, columns))
-        new = np.array([columns.index(label) for label in self.labels[rows].tolist()], np.int64)
-        arrays = (column[rows] for column in (self.objects, self.actions, self.sessions))
-        return RecordedBank(tuple(labels), self.action_names, self.ratios[rows][:, columns], new, *arrays)
+        chosen = range(len(self.action_names)) if actions is None else actions
+        rows = np.flatnonzero(np.isin(self.labels, columns) & np.isin(self.actions, chosen))
+        new, used = (
+            np.array([order.index(number) for number in given[rows].tolist()], np.int64)
+            for order, given in ((columns, self.labels), (list(chosen), self.actions))
+        )
+        names, ratios = tuple(self.action_names[action] for action in chosen), self.ratios[rows][:, columns]
+        return RecordedBank(tuple(labels), names, ratios, new, self.objects[rows], used, self.sessions[rows])
 
     def _counts(self) -> NDArray[np.int64]:
         """Touches of each object with each action."""
@@ -114,9 +121,11 @@ class RecordedWorld:
         self.reset()
 
     def touch(self, pose: int, rng: np.random.Generator) -> Touch:
-        """The next recording of the current object with an action; ``rng`` is not used."""
+        """The next recording of the current object with an action, of which it must have one; ``rng`` is not used."""
         index, turn = self.objects[self._current], self._orders[self._current]
         rows = np.flatnonzero((self._bank.objects == index) & (self._bank.actions == pose))
+        if not len(rows):
+            raise InvalidArgument(f"object {index} has no recording with the action {self._bank.action_names[pose]}")
         ordered = rows[np.argsort([turn[session] for session in self._bank.sessions[rows].tolist()], kind="stable")]
         used = self._used.get((self._current, pose), 0)
         self._used[self._current, pose] = used + 1

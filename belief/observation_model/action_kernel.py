@@ -13,7 +13,7 @@ of an independent touch. For n touches in one pose with correlation ρ their sum
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, NamedTuple, TypeAlias
 
@@ -22,9 +22,11 @@ import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import log_softmax, softmax
 
+from belief.conflict import MOST_TOUCHES, ConflictTest, ObjectConflict
 from belief.errors import InvalidArgument
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.evidence import SummarisedEvidence
+from belief.observation_model.log_weights import largest_posterior, misfit
 from belief.observation_model.model import ArrayModel, Reads
 from belief.observation_model.outcome_mixture import OutcomeMixture, with_nothing_new
 from belief.observation_model.outcome_table import OutcomeTable
@@ -41,6 +43,9 @@ _ROUNDING = 1e-9  # of correlations
 _ORDERS = 4  # random orders of the poses of an object
 _LONGEST = 12  # touches of a sequence
 _MOST_VALUES = 4_000_000  # logits of all sequences together
+_TESTED_ON = 100, 20  # sequences of the conflict test, if there are as many, and at least
+_MOST_TESTED = 1200
+_MISS = 10.0  # novelty of no contact
 _LARGEST = 1e290  # log likelihood ratios are limited to it, so that sums of them do not overflow
 
 
@@ -62,6 +67,8 @@ class ActionKernelModel(ArrayModel):
         references: log likelihood ratios of N representative touches per pose, ``(P, N, K)``.
         repeats: number of different touches of an object in a pose; one more in the pose repeats a recording and counts
             for nothing. None if every touch is a new one.
+        conflict: test that touches come from the world that the model was fitted to; the features of a touch are then
+            its novelty, ``(1,)``. None without.
     """
 
     name: ClassVar[str] = "action kernel"
@@ -71,6 +78,7 @@ class ActionKernelModel(ArrayModel):
     kernel: Floats
     references: Floats
     repeats: int | None = None
+    conflict: ConflictTest | None = None
 
     def __post_init__(self) -> None:
         self.to_floats("kernel", "references")
@@ -94,7 +102,12 @@ class ActionKernelModel(ArrayModel):
 
     @classmethod
     def fit_to(
-        cls, data: LabelledTouches, *, sessions: ArrayLike | None = None, repeats: int | None = None
+        cls,
+        data: LabelledTouches,
+        *,
+        sessions: ArrayLike | None = None,
+        repeats: int | None = None,
+        is_tested: bool = False,
     ) -> ActionKernelModel:
         """Fit the kernel to sequences of touches of objects outside the reader's training set.
 
@@ -104,6 +117,7 @@ class ActionKernelModel(ArrayModel):
                 in its poses come from one session, the second ones from another. By default the sessions of an object
                 and pose are numbered.
             repeats: see :class:`ActionKernelModel`.
+            is_tested: whether a conflict test is fitted, for touches whose features are their novelty.
         """
         numbers = None
         if sessions is not None:
@@ -112,7 +126,8 @@ class ActionKernelModel(ArrayModel):
                 raise InvalidArgument(f"need a session for each of {len(data.poses)} touches, got {labels.shape}")
             numbers = np.unique(labels, return_inverse=True)[1].astype(np.int64)
         kernel = fit_kernel(data, numbers)
-        return cls(data.shape_labels, kernel, data.logits[data.rows_of_poses(_REFERENCES)], repeats)
+        model = cls(data.shape_labels, kernel, data.logits[data.rows_of_poses(_REFERENCES)], repeats)
+        return replace(model, conflict=_fitted_conflict_test(model, data)) if is_tested else model
 
     @property
     def num_poses(self) -> int:
@@ -124,16 +139,29 @@ class ActionKernelModel(ArrayModel):
         """See :class:`ArrayModel`; the mean over poses."""
         return float(np.diagonal(self.kernel).mean())
 
-    def among(self, labels: Sequence[str]) -> ActionKernelModel:
-        """The model for objects that are known to be of some of the shapes; its touches have their logits only."""
+    def among(self, labels: Sequence[str], poses: Sequence[int] | None = None) -> ActionKernelModel:
+        """The model for objects that are known to be of some of the shapes; its touches have their logits only.
+
+        Args:
+            labels: of the shapes.
+            poses: that it knows, which are numbered anew; all by default.
+        """
         if unknown := [label for label in labels if label not in self.shape_labels]:
             raise InvalidArgument(f"the model does not know {unknown}, it knows {', '.join(self.shape_labels)}")
         columns = [self.shape_labels.index(label) for label in labels]
-        return ActionKernelModel(tuple(labels), self.kernel, self.references[:, :, columns], self.repeats)
+        rows = np.arange(self.num_poses) if poses is None else np.array(poses)
+        references = self.references[rows][:, :, columns]
+        return ActionKernelModel(
+            tuple(labels), self.kernel[np.ix_(rows, rows)], references, self.repeats, self.conflict
+        )
+
+    def missed(self, pose: int) -> Touch:
+        """The touch that a miss is: it tells nothing about the shape, and the conflict test that it is not usual."""
+        return Touch(pose, features=np.array([_MISS]))
 
     def start(self) -> KernelEvidence:
         """See :class:`ArrayModel`."""
-        return KernelEvidence(self)
+        return KernelEvidence(self, conflict=None if self.conflict is None else self.conflict.start())
 
     def statistics_with(self, statistics: _Sums | None, touch: Touch) -> _Sums:
         """The touches in each pose that count, and the sums of their log likelihood ratios."""
@@ -169,13 +197,15 @@ class ActionKernelModel(ArrayModel):
     def to_fields(self) -> dict[str, Any]:
         """See :class:`ArrayModel`."""
         arrays = {"kernel": self.kernel.tolist(), "references": self.references.tolist()}
-        return {**arrays, "repeats": self.repeats}
+        tested = {} if self.conflict is None else {"conflict": self.conflict.to_fields()}
+        return {**arrays, "repeats": self.repeats, **tested}
 
     @classmethod
     def from_fields(cls, shape_labels: tuple[str, ...], fields: Mapping[str, Any]) -> ActionKernelModel:
         """See :class:`ArrayModel`."""
         kernel, references = (np.array(fields[name], np.float64) for name in ("kernel", "references"))
-        return cls(shape_labels, kernel, references, fields["repeats"])
+        test = fields.get("conflict")
+        return cls(shape_labels, kernel, references, fields["repeats"], test and ConflictTest.from_fields(test))
 
     @cached_property
     def _weights(self) -> Floats:
@@ -203,6 +233,23 @@ class KernelEvidence(SummarisedEvidence):
     """
 
     model: ActionKernelModel
+    conflict: ObjectConflict | None = None
+
+    @property
+    def log_bets(self) -> Floats | None:
+        """See :class:`~belief.observation_model.evidence.ObjectEvidence`."""
+        return None if self.conflict is None else self.conflict.log_bets
+
+    def update(self, touch: Touch) -> KernelEvidence:
+        """See :class:`SummarisedEvidence`; a touch without logits is a miss, which only the conflict test counts."""
+        found, conflict, ratios = self, self.conflict, np.zeros(len(self.model.shape_labels))
+        if touch.logits is not None:
+            found, ratios = super().update(touch), _limited(touch.logits)
+        if conflict is not None and touch.features is not None:
+            before = self.log_likelihood
+            surprise = float(misfit(ratios[:, None], before, before + ratios))
+            conflict = conflict.update(touch.features, surprise, float(largest_posterior(before)))
+        return replace(found, conflict=conflict)
 
     def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> OutcomeMixture:
         """The outcomes of the next touch: those of a first touch with the weight it would have, otherwise nothing new.
@@ -215,6 +262,33 @@ class KernelEvidence(SummarisedEvidence):
             weights = np.where(counts < self.model.repeats, weights, 0.0)
         table = self.model.outcome_table(num_outcomes).probs
         return OutcomeMixture(np.ones((table.shape[1], 1)), with_nothing_new(table, weights)[:, :, None])
+
+
+def _fitted_conflict_test(model: ActionKernelModel, data: LabelledTouches) -> ConflictTest | None:
+    """The conflict test from sequences of touches of one object each, in random order; None for too few.
+
+    Sequences are as long as leaves enough of them. Later touches than these are taken as usual as the last of these.
+    """
+    order = np.random.default_rng(1).permutation(len(data.poses))
+    order = order[np.argsort(data.objects[order], kind="stable")]
+    counts = np.bincount(data.objects)
+    fit = [n for least in _TESTED_ON for n in range(MOST_TOUCHES, 1, -1) if (counts // n).sum() >= least]
+    if not fit:
+        return None
+    pieces = [own[: len(own) // fit[0] * fit[0]] for own in np.split(order, counts.cumsum()[:-1])]
+    rows = np.concatenate(pieces).reshape(-1, fit[0])
+    touches = data.batch.take((0, rows[np.sort(np.random.default_rng(2).permutation(len(rows))[:_MOST_TESTED])]))
+    assert touches.features is not None, "novelties"
+    misfits, certainties = np.zeros(touches.poses.shape), np.zeros(touches.poses.shape)
+    for row, sequence in enumerate(touches.sequence(i) for i in range(len(touches))):
+        found = model.start()
+        for step, touch in enumerate(sequence):
+            before, ratios = found.log_likelihood, _limited(touch.require_logits())
+            misfits[row, step] = misfit(ratios[:, None], before, before + ratios)
+            certainties[row, step] = largest_posterior(before)
+            found = found.update(touch)
+    test = ConflictTest.fit(touches.features.astype(np.float64), misfits, np.zeros(len(touches), np.int64), certainties)
+    return None if test is None else test.longer(MOST_TOUCHES)
 
 
 def _limited(ratios: Floats) -> Floats:

@@ -83,8 +83,9 @@ class _OfIndependentTouches:
     """Evidence of a model without a conflict test, whose touches are independent given the shape."""
 
     @property
-    def log_bets(self) -> None:
+    def log_bets(self) -> Floats | None:
         """See :class:`ObjectEvidence`: none, as the model has no test."""
+        return None
 
     def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> Outcomes | None:
         """See :class:`ObjectEvidence`: none, as touches are taken as independent given the shape."""

@@ -23,7 +23,7 @@ def log_means(log_weights: Floats) -> Floats:
     return np.asarray(largest[..., 0] + np.log(np.exp(shares, out=shares).sum(axis=-1) / shares.shape[-1]))
 
 
-def misfit(scores: Floats32, before: Floats, after: Floats) -> Floats:
+def misfit(scores: NDArray[np.floating], before: Floats, after: Floats) -> Floats:
     """How much worse the weights before a touch predict it than the touch itself does, ``(...)``.
 
     That is log Σ_i p(i | o) p(o | i) - log Σ_i p(i | before) p(o | i), over all hypotheses i.

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_softmax
 
-from activetouch.recorded.reader import Reading, read
+from activetouch.recorded.reader import Classifier, Reading, read
 from activetouch.recorded.touches import RecordedTouches, Split
 from activetouch.recorded.world import RecordedBank, RecordedWorld
 from belief.observation_model.action_kernel import ActionKernelModel, touch_weights
@@ -24,18 +25,12 @@ from planners.search import Identification, identify, search
 from planners.stopping import PosteriorThresholds
 
 RANDOM, FIXED, GAIN = "random order", "best fixed order", "information gain"
+_Selectors: TypeAlias = dict[str, ProbeSelector]
 
 
 @dataclass(frozen=True, eq=False)
 class Fold:
-    """A split after reading, calibration and the fit of correlations.
-
-    Attributes:
-        reading: the reader and what it read.
-        bank: the test touches.
-        model: observation model, fitted to the calibration touches.
-        order: names of the actions in the best fixed order on the calibration touches.
-    """
+    """A split after reading: the bank of test touches, the fitted model, and the best fixed order of action names."""
 
     reading: Reading
     bank: RecordedBank
@@ -62,9 +57,11 @@ class Found:
     reward: float
 
 
-def prepare(touches: RecordedTouches, split: Split, threshold: float) -> Fold:
+def prepare(
+    touches: RecordedTouches, split: Split, threshold: float, kinds: Mapping[str, Classifier] | None = None
+) -> Fold:
     """Read a split, and fit what its searches need; they stop at a probability, by which fixed orders are ranked."""
-    reading, test = read(touches, split), split.test
+    reading, test = read(touches, split, kinds), split.test
     names, rows = touches.action_names, reading.calibration_rows
     columns = touches.labels[test], touches.objects[test], touches.actions[test], touches.sessions_of(test)
     bank = RecordedBank(touches.label_names, names, reading.test_ratios, *columns)
@@ -77,13 +74,8 @@ def prepare(touches: RecordedTouches, split: Split, threshold: float) -> Fold:
 def best_order(data: LabelledTouches, sessions: NDArray[np.int64], kernel: Floats, threshold: float) -> tuple[int, ...]:
     """The better of two greedy orders: by the negative log posterior, and by the share of certain objects.
 
-    Better is which needs fewer touches on the calibration data until a label has the probability ``threshold``.
-
-    Args:
-        data: calibration touches.
-        sessions: of each, ``(n,)``; those that have a touch with every action count.
-        kernel: correlations between actions, ``(P, P)``.
-        threshold: probability at which searches stop.
+    Better is which needs fewer touches on the calibration data until a label has the probability ``threshold``. Of the
+    ``sessions (n,)`` those count that have a touch with every action, or all if none has.
     """
     _, group = np.unique(np.stack([data.objects, sessions]), axis=1, return_inverse=True)
     table = np.full((int(group.max()) + 1, data.num_poses, data.num_shapes), np.nan)
@@ -91,8 +83,8 @@ def best_order(data: LabelledTouches, sessions: NDArray[np.int64], kernel: Float
     table[group.ravel(), data.poses] = data.logits
     labels[group.ravel()] = data.shapes
     whole = ~np.isnan(table).any(axis=(1, 2))
-    ratios, labels = table[whole], labels[whole]
-    if len(ratios) == 0 or data.num_poses == 1:
+    ratios, labels = (table[whole], labels[whole]) if whole.any() else (np.nan_to_num(table), labels)
+    if data.num_poses == 1:
         return tuple(range(data.num_poses))
 
     def fused(actions: tuple[int, ...]) -> Floats:
@@ -119,22 +111,34 @@ def best_order(data: LabelledTouches, sessions: NDArray[np.int64], kernel: Float
 
 def identify_all(fold: Fold, seed: Sequence[int], threshold: float, max_touches: int, rounds: int) -> list[Named]:
     """Identify every test object with all deciders, in several rounds, each with another order of sessions."""
-    bank, found = fold.bank, []
-    limit, objects = min(max_touches, bank.repeats * len(bank.action_names)), np.unique(bank.objects).tolist()
-    is_one_session = all(len(np.unique(bank.sessions[bank.objects == index])) == 1 for index in objects)
-    selectors: dict[str, ProbeSelector] = {
-        RANDOM: RandomOrder(),
-        FIXED: GivenOrder(fold.order),
-        GAIN: ShapeInformationGain(fold.model.outcome_table(128)),
-    }
-    for name, selector in selectors.items():
+    found, made = list[Named](), dict[tuple[int, ...], tuple[RecordedBank, ActionKernelModel, _Selectors]]()
+    objects = np.unique(fold.bank.objects).tolist()
+    is_one_session = all(len(np.unique(fold.bank.sessions[fold.bank.objects == index])) == 1 for index in objects)
+    for index in objects:
+        if (actions := tuple(fold.bank.actions_of([index]))) not in made:  # an object is touched with what it has
+            labels = fold.bank.label_names
+            bank, model = fold.bank.among(labels, actions), fold.model.among(labels, actions)
+            made[actions] = bank, model, _selectors(bank, model, fold.order)
+    names = list(dict.fromkeys(name for _, _, selectors in made.values() for name in selectors))
+    for name in names:
         for index in objects:
+            bank, model, selectors = made[tuple(fold.bank.actions_of([index]))]
+            limit = min(max_touches, fold.bank.repeats * len(bank.action_names))
             for number in range(1 if is_one_session and name != RANDOM else rounds):
                 words = [*seed, index, number]
                 world = RecordedWorld(bank, [index], words)
-                result = identify(world, selector, fold.model, bank.action_names, words, threshold, limit)
+                selector = selectors.get(name, selectors[RANDOM])
+                result = identify(world, selector, model, bank.action_names, words, threshold, limit)
                 found.append(Named(name, index, result))
     return found
+
+
+def _selectors(bank: RecordedBank, model: ActionKernelModel, order: Sequence[str]) -> _Selectors:
+    """The rules that differ: with one action there is nothing to choose."""
+    if len(bank.action_names) == 1:
+        return {RANDOM: RandomOrder()}
+    fixed = GivenOrder(tuple(name for name in order if name in bank.action_names))
+    return {RANDOM: RandomOrder(), FIXED: fixed, GAIN: ShapeInformationGain(model.outcome_table(128))}
 
 
 def find_all(
@@ -142,23 +146,28 @@ def find_all(
 ) -> list[Found]:
     """Search for every object of random scenes with all deciders.
 
-    The robot knows which labels lie on the table, as in a search among distinct shapes, but not where. There are no
-    searches where the test objects have fewer than N different labels. A decider is a name for
+    The robot knows which labels lie on the table, as in a search among distinct shapes, but not where. It touches with
+    the actions that all objects of the scene have; a scene without one is left out. There are no searches where the
+    test objects have fewer than N different labels. A decider is a name for
     :func:`planners.registry.make_decider`, or "best fixed order".
     """
     present, found = np.unique(fold.bank.labels), list[Found]()
     if len(present) < num_objects:
         return found
-    limit = min(max_touches, fold.bank.repeats * len(fold.bank.action_names))
     for number in range(num_scenes):
         rng = np.random.default_rng([*seed, number])
         chosen = rng.permutation(present)[:num_objects]
         names = tuple(fold.bank.label_names[index] for index in chosen.tolist())
-        bank, model = fold.bank.among(names), fold.model.among(names)
+        of_labels = [fold.bank.objects_of(int(label)) for label in chosen]
+        objects = [int(rng.choice(of_labels[place])) for place in rng.permutation(num_objects)]
+        if not (actions := fold.bank.actions_of(objects)):
+            continue
+        bank, model = fold.bank.among(names, actions), fold.model.among(names, actions)
+        limit = min(max_touches, fold.bank.repeats * len(actions))
         problem = SearchProblem(names, bank.action_names, num_objects, touch_limit=limit * num_objects)
-        objects = [int(rng.choice(bank.objects_of(int(label)))) for label in rng.permutation(num_objects)]
         scene = int(seed[-1]) * num_scenes + number
-        made = {name: _decider(name, model, fold.order, limit) for name in deciders}
+        order = tuple(name for name in fold.order if name in bank.action_names)
+        made = {name: _decider(name, model, order, limit) for name in deciders}
         for target in range(num_objects):
             words = [*seed, number, target]
             for name, decider in made.items():

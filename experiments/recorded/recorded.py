@@ -5,15 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
 from activetouch.recorded import RecordedTouches, check_recorded, read_recorded
+from activetouch.recorded.checking import Leaks, without_incomplete
 from activetouch.recorded.formats import Format
+from activetouch.recorded.reader import kinds_of
 from activetouch.recorded.touches import splits_of
 from activetouch.sensor import RecordedSensor
 from belief.claims import claim_folder, ends_claims
+from belief.naming import few
+from belief.references import build, find
 from experiments.command_line.arguments import (
     BadArgument,
     Count,
@@ -29,9 +33,12 @@ from experiments.recorded.play import FIXED, Found, Named, find_all, identify_al
 from experiments.recorded.report import RecordedReport
 from planners.registry import find_decider, trained_state
 
+_OBJECTS = 4
+# The value of information is first: it knows how little a repeat tells, which a point-based plan does not
+# (docs/real_touch.md#searches-among-objects-of-known-labels).
 DECIDERS = (
-    "point_based",
     "value_of_information",
+    "point_based",
     "information_gain(max_touches={max_touches})",
     FIXED,
     "random_poses(max_touches={max_touches})",
@@ -44,37 +51,30 @@ def recorded(
     *,
     name: str = "own",
     threshold: float = 0.9,
-    objects: int = 4,
+    objects: int = _OBJECTS,
     scenes: int = 10,
     deciders: Sequence[str] = DECIDERS,
     folds: int = 5,
     rounds: int = 5,
     max_touches: int = 12,
     seed: int = 0,
+    classifier: Any = None,
+    logits: bool = False,
+    drop: bool = False,
+    shuffle: bool = False,
     notes: Sequence[str] = (),
     save: str | Path | None = None,
 ) -> RecordedReport:
     """Identify and search for recorded objects by recordings that were not learned from, with several deciders.
 
-    Args:
-        touches: the set.
-        task: ``objects``, ``categories`` or ``shapes``.
-        name: of the set.
-        threshold: probability of a label at which an object is named.
-        objects: of a search, all with different labels.
-        scenes: per split, each with a search for each object; 0 for no searches.
-        deciders: of searches; "best fixed order" has posterior thresholds and the order ranked on calibration touches.
-            {max_touches} stands for ``max_touches``, or the number of different touches of an object if it is smaller.
-        folds: of objects for categories and shapes.
-        rounds: identifications of each object by each decider, each with another order of its recordings.
-        max_touches: of an object.
-        seed: of orders, scenes and intervals.
-        notes: sentences about how the set was read, for the report.
-        save: folder for the sensor that :meth:`activetouch.sensor.RecordedSensor.fit` makes from all touches.
+    ``name`` is that of the set, ``notes`` say how it was read, and ``classifier`` is one of your own, as of
+    :meth:`activetouch.sensor.RecordedSensor.fit`. All other arguments are the settings of :class:`Recorded`.
 
     Raises:
         BadRecording: there are too few labels, objects or touches.
         CannotWrite: ``save`` cannot be written, or holds a sensor of a scene.
+        InvalidArgument: ``classifier`` is none, or given with ``logits``.
+        BrokenContract: ``classifier`` fails.
         BadArgument: a threshold that a guess reaches, more objects than a split has labels, or a decider that needs a
             file of a sensor's folder.
         UnknownName: there is no such decider.
@@ -82,18 +82,26 @@ def recorded(
     for decider in deciders:
         _require_plain(decider, max_touches)
     touches = touches.for_task(task)
-    remarks, number = check_recorded(touches), len(touches.label_names)
+    touches, dropped = without_incomplete(touches) if drop else (touches, ())
+    touches = touches.in_random_order(seed) if shuffle else touches
+    remarks, number, kinds = check_recorded(touches), len(touches.label_names), kinds_of(touches, classifier, logits)
+    if deciders == DECIDERS and touches.num_actions == 1:
+        deciders = DECIDERS[:3]
     if threshold <= 1.0 / number:
         raise BadArgument(
             f"--threshold must be above {1.0 / number:.3g}, the probability of each of the {number} {task} before the "
             f"first touch, got {threshold:g}"
         )
     splits = splits_of(touches, folds)
-    if scenes and objects > (most := max(len(np.unique(touches.labels[split.test])) for split in splits)):
+    most = max(len(np.unique(touches.labels[split.test])) for split in splits)
+    if objects == _OBJECTS and 1 < most < objects:
+        objects, remarks = most, (*remarks, f"a split has {most} {task} to search among, in place of {objects}")
+    if scenes and objects > most:
         raise BadArgument(f"--objects {objects}: there are {most} to search among; give fewer, or --scenes 0")
     if save is not None:
-        RecordedSensor.fit(touches).save(save)
-    made = [prepare(touches, split, threshold) for split in splits]
+        RecordedSensor.fit(touches, classifier, logits).save(save)
+    leaks = Leaks.of(touches, splits)
+    made = [prepare(touches, split, threshold, kinds) for split in splits]
     named, found = list[Named](), list[Found]()
     for place, fold in enumerate(made):
         named += identify_all(fold, [seed, place], threshold, max_touches, rounds)
@@ -115,9 +123,13 @@ def recorded(
         "rounds": rounds,
         "max_touches": max_touches,
         "seed": seed,
-        "notes": [*notes, *remarks],
+        "classifier": None if classifier is None else f"{classifier!r:.80}",
+        "logits": logits,
+        "drop": drop,
+        "shuffle": shuffle,
+        "notes": [*notes, *dropped, *remarks],
     }
-    return RecordedReport(made, named, found, facts)
+    return RecordedReport(made, named, found, facts, leaks)
 
 
 @dataclass(frozen=True)
@@ -143,13 +155,14 @@ class Recorded:
     """Labels: objects are tested on later recordings, categories and shapes on objects that were not learned from."""
     threshold: Share = 0.9
     """Probability of a label at which an object is named."""
-    objects: Annotated[int, Within(2, 12)] = 4
-    """Number of objects of a search, all with different labels."""
+    objects: Annotated[int, Within(2, 12)] = _OBJECTS
+    """Number of objects of a search, all with different labels; by default fewer where there are no four."""
     scenes: CountOrNone = 10
     """Scenes per split, each with a search for each object; 0 for no searches."""
     deciders: Annotated[tuple[str, ...], NotEmpty()] = DECIDERS
     """Deciders of searches; "best fixed order" has posterior thresholds and the order ranked on calibration touches.
-    {max_touches} stands for --max-touches, or the number of different touches of an object if it is smaller."""
+    {max_touches} stands for --max-touches, or the number of different touches of an object if it is smaller. With one
+    action, the default leaves out those that then differ in nothing."""
     folds: Annotated[int, Within(2, 100)] = 5
     """Folds of objects for categories and shapes."""
     rounds: Count = 5
@@ -158,6 +171,16 @@ class Recorded:
     """Most touches of an object."""
     seed: Seed = 0
     """Seed of orders, scenes and intervals."""
+    classifier: str | None = None
+    """A classifier of your own in place of ours: module:attribute of an object or class with fit and predict_proba."""
+    logits: bool = False
+    """Take the features as logits of a classifier of your own, each named as its label."""
+    action: tuple[str, ...] = ()
+    """Columns that together name the action, such as motion force, in place of the column action."""
+    drop: bool = False
+    """Leave out objects and labels that have too few touches, by name."""
+    shuffle: bool = False
+    """Take the sessions in random order: for sets without an order of recording. Recordings of one time leak."""
     save: Path | None = None
     """Folder for a sensor that is trained in the same way on all touches: TactileSensor.load reads it, and its session
     finds objects that you touch."""
@@ -175,14 +198,21 @@ class Recorded:
         claim_folder(out)
         if self.save is not None:
             claim_folder(self.save)
-        touches, notes = read_recorded(self.data, self.format)
+        classifier = None
+        if self.classifier is not None:
+            made, reference = find("classifier", self.classifier, {}, "activetouch.classifiers")
+            classifier = build(reference.name, made, reference.settings, {}, reference.is_called)
+        touches, notes = read_recorded(self.data, self.format, self.action)
         console = plain_console()
-        console.print(f"{touches.num_touches} touches, actions: {', '.join(touches.action_names)}")
-        for note in (*notes, *check_recorded(touches.for_task(self.task))):
+        console.print(f"{touches.num_touches} touches, actions: {few(touches.action_names, 20)}")
+        for note in notes:
             console.print(f"- {note}")
         names = "threshold", "objects", "scenes", "deciders", "folds", "rounds", "max_touches", "seed"
-        settings = {name: getattr(self, name) for name in names}
-        report = recorded(touches, self.task, name=self.format, notes=notes, save=self.save, **settings)
+        settings = {name: getattr(self, name) for name in (*names, "logits", "drop", "shuffle")}
+        settings |= {"notes": notes, "save": self.save, "classifier": classifier}
+        report = recorded(touches, self.task, name=self.format, **settings)
+        for note in report.facts["notes"][len(notes) :]:
+            console.print(f"- {note}")
         for table in report.tables():
             print(table, end="\n\n")
         for sentence in report.verdict():

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from activetouch.recorded.checking import Leaks
 from belief.files import write_text
 from belief.statistics import cluster_bootstrap
 from belief.table import Table, Value, interval
@@ -24,19 +25,16 @@ _MOSTLY = 0.5  # share of objects that reach the threshold, below which a mean n
 
 @dataclass(frozen=True, eq=False)
 class RecordedReport:
-    """Identifications and searches among recorded objects; it prints as a verdict and tables.
+    """Identifications and searches among recorded objects, in some splits; it prints as a verdict and tables.
 
-    Attributes:
-        folds: the splits after reading.
-        named: identifications.
-        found: searches.
-        facts: about the set and the settings, of JSON types.
+    ``facts`` are about the set and the settings, of JSON types; ``leaks`` are accuracies without what makes a touch.
     """
 
     folds: Sequence[Fold]
     named: Sequence[Named]
     found: Sequence[Found]
     facts: Mapping[str, Any]
+    leaks: Leaks
 
     def tables(self) -> list[Table]:
         """The tables of the report."""
@@ -44,29 +42,41 @@ class RecordedReport:
 
     def verdict(self) -> list[str]:
         """Sentences that say what was found."""
-        shares = {name: self._mean(name, lambda one: one.is_certain) for name in (GAIN, RANDOM, FIXED)}
+        warnings = [f"{text[0].upper()}{text[1:]}." for text in self.leaks.warnings()]
+        sentences = [*warnings, self.leaks.summary()]
+        order = [name for name in (GAIN, RANDOM, FIXED) if name in self.deciders()]
+        shares = {name: self._mean(name, lambda one: one.is_certain) for name in order}
         task, goal = self.facts["task"], f"probability {self.facts['threshold']:g}"
         if min(shares.values()) < _MOSTLY:
             listed = ", ".join(f"{name} {share:.3f}" for name, share in shares.items())
             most = max(len(one.result.poses) for one in self.named)
-            sentences = [
+            sentences.append(
                 f"Few {task} are named with {goal} within {most} touches: {listed} of all attempts. The others stay "
                 "undecided, so that a mean number of touches says little."
-            ]
+            )
         else:
             needed = {name: self._mean(name, lambda one: len(one.poses)) for name in shares}
             listed = ", ".join(f"{name} {needed[name]:.2f} ({shares[name]:.3f})" for name in shares)
-            sentences = [
+            sentences.append(
                 f"Mean touches to name one of {self.facts['labels']} {task} with {goal}, and the share of "
                 f"attempts that reach it: {listed}. Attempts that do not reach it count with all their touches."
-            ]
-        if len(self.facts["actions"]) == 1:
-            sentences.append("There is one action, so that deciders have nothing to choose.")
+            )
+        if len(order) == 1:
+            sentences.append(
+                "There is one action, so that deciders have nothing to choose: random order, best fixed order and "
+                "information gain are the same, and one row shows them."
+            )
+        scenes = len({one.scene for one in self.found})
+        if scenes < (wanted := self.facts["scenes"] * len(self.folds)):
+            sentences.append(
+                f"{wanted - scenes} of {wanted} scenes are left out: their objects have no action in common, or the "
+                f"split has fewer than {self.facts['objects']} {task}."
+            )
         if certain := [one.result for one in self.named if one.decider != FIXED and one.result.is_certain]:
             stated, right = np.mean([(one.stated, one.is_right) for one in certain], axis=0)
             sentences.append(
-                f"The {len(certain)} stops of random order and information gain that reach it state {stated:.3f} and "
-                f"are right in {right:.3f}."
+                f"The {len(certain)} stops{' of random order and information gain' * (len(order) > 1)} that reach it "
+                f"state {stated:.3f} and are right in {right:.3f}."
             )
         return sentences
 
@@ -93,6 +103,12 @@ class RecordedReport:
         result = {
             **self.facts,
             "verdict": verdict,
+            "leaks": {
+                "guess": self.leaks.guess,
+                **self.leaks.groups,
+                "single features": dict(zip(self.leaks.names, self.leaks.single.tolist(), strict=True)),
+                "variance within objects": dict(zip(self.leaks.names, self.leaks.within.tolist(), strict=True)),
+            },
             "kernels": [fold.model.kernel.tolist() for fold in self.folds],
             "tables": rows,
         }
@@ -117,6 +133,10 @@ class RecordedReport:
             *facts["notes"],
         ]
 
+    def deciders(self) -> list[str]:
+        """The names of who chose actions, in the order of the table."""
+        return list(dict.fromkeys(one.decider for one in self.named))
+
     def _by(self, decider: str) -> list[Named]:
         return [one for one in self.named if one.decider == decider]
 
@@ -125,7 +145,7 @@ class RecordedReport:
 
     def _identification(self) -> Table:
         rows: list[Sequence[Value]] = []
-        for decider in (RANDOM, FIXED, GAIN):
+        for decider in self.deciders():
             chosen = self._by(decider)
             touches = cluster_bootstrap(*by_object(chosen, lambda one: len(one.poses)), np.random.default_rng(0))
             right = accuracy_of_objects(*by_object(chosen, lambda one: one.is_right), np.random.default_rng(0))
@@ -136,7 +156,8 @@ class RecordedReport:
                 known, objects = np.array([(one.result.is_right, one.object_index) for one in stops]).T
                 share = accuracy_of_objects(known, objects, np.random.default_rng(0))
                 cells = [f"{np.mean([one.result.stated for one in stops]):.3f}", interval(*share)]
-            rows.append((decider, interval(*touches, spec=".2f"), interval(*right), certain, *cells))
+            shown = decider if len(self.deciders()) > 1 else "the only action"
+            rows.append((shown, interval(*touches, spec=".2f"), interval(*right), certain, *cells))
         how = "by later recordings" if self.facts["task"] == "objects" else "of unseen objects"
         rows.append(("no touch: a guess", "0", f"{1 / self.facts['labels']:.3f}", 0.0, "–", "–"))
         return Table(

@@ -11,7 +11,7 @@ from typing import Any
 from activetouch import TactileSensor
 from activetouch.named_scenes import SCENES
 from activetouch.sensor import RecordedSensor
-from activetouch.session_reader import SensorReader, session_reader
+from activetouch.session_reader import session_reader
 from belief.arrangement import num_states
 from belief.composition import Composition, Counts
 from belief.errors import InvalidArgument
@@ -65,7 +65,7 @@ def session_with(
     is_abstaining = settings.get("abstain")
     is_abstaining = settings.get("arrangement") is None if is_abstaining is None else is_abstaining
     is_free = certificate is None and settings.get("least_area") is None  # misses are not among what is certified
-    if is_abstaining and isinstance(reader, SensorReader) and is_free:
+    if is_abstaining and is_free:
         settings["least_area"] = 0.0  # an image that could be one of no contact is none
     begun = Session(problem, chosen, shape, sensor.model, key, reader=reader, **settings)
     if log is None:

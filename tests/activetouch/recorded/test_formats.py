@@ -133,7 +133,7 @@ def test_an_npz_that_says_it_is_larger_than_memory_is_refused(tmp_path):
         ({"session": np.arange("2024-01-01", "2024-01-07", dtype="datetime64[D]")}, "session is '2024-01-01'; it must"),
         ({"object": np.array([1.0, 1.0, 2.0, 2.0, np.nan, 3.0])}, "row 4 of .* names no object"),
         ({"features": np.full((6, 3), 1e200)}, "features of touch 0 .*hold 1e.200; .*up to 1e.100: use another unit"),
-        ({"features": np.ones(6)}, r"features in .* must be numbers \(n, F\), got float64 \(6,\)"),
+        ({"features": np.ones(6)}, r"features in .* must be numbers \(n, F\), or pictures .*, got float64 \(6,\)"),
         ({"object": np.array([b"\xff"] * 6)}, "cannot be read as .npz of plain arrays"),
     ],
 )
@@ -155,3 +155,54 @@ def test_text_in_another_encoding_is_said(tmp_path, encoding):
     (tmp_path / "a.csv").write_text("object,x\ncafé,1\n", encoding=encoding)
     with pytest.raises(BadRecording, match=r"a\.csv is not text in UTF-8, save it as such"):
         read_recorded(tmp_path, "csv")
+
+
+def test_columns_that_were_measured_where_nothing_was_touched_are_a_control_and_no_features(tmp_path):
+    write_csv(tmp_path, "object,untouched:b,a,untouched: a,b\nmug,1,2,3,4\ncan,5,6,7,8\n")
+    touches, _ = read_recorded(tmp_path, "csv")
+    assert touches.feature_names == ("a", "b")
+    assert touches.features.tolist() == [[2.0, 4.0], [6.0, 8.0]]
+    assert touches.controls["untouched"].tolist() == [[3.0, 1.0], [7.0, 5.0]]  # in the order of the features
+    np.savez(tmp_path / "a.npz", features=np.ones((2, 3)), object=np.array(["mug", "can"]), untouched=np.zeros((2, 1)))
+    assert read_recorded(tmp_path / "a.npz", "npz")[0].controls["untouched"].shape == (2, 1)
+    assert touches.only(touches.objects == 0).controls["untouched"].tolist() == [[7.0, 5.0]]
+
+
+@pytest.mark.parametrize("shape", [(5, 6), (5, 6, 3), (70, 40), (33, 1)])
+def test_pictures_are_rows_of_named_pixels_and_large_ones_are_averaged(shape, tmp_path, rng):
+    pictures = rng.normal(size=(4, *shape))
+    np.savez(tmp_path / "a.npz", features=pictures, object=np.array(list("aabb")))
+    touches, notes = read_recorded(tmp_path / "a.npz", "npz")
+    height, width, colours = min(shape[0], 32), min(shape[1], 32), (*shape, 1)[2]
+    assert touches.features.shape == (4, height * width * colours)
+    assert len(touches.feature_names) == touches.features.shape[1]
+    assert any(f"are read as {height} x {width} pixels" in note for note in notes)
+    if max(shape) <= 32:
+        np.testing.assert_array_equal(touches.features, pictures.reshape(4, -1))
+    if shape == (70, 40):
+        np.testing.assert_allclose(touches.features[:, 0], pictures[:, :2, :1].mean(axis=(1, 2)))
+    assert ("border pixels" in touches.controls) == (min(shape) > 2)
+
+
+@pytest.mark.parametrize("form", ["csv", "npz"])
+def test_an_action_of_several_columns_is_each_of_their_combinations(form, tmp_path):
+    motion, force = ["rub", "press", "rub"], [1, 2, 2]
+    write_csv(tmp_path, "object,motion,force,x\nmug,rub,1,5\nmug,press,2,6\nmug,rub,2,7\n")
+    np.savez(tmp_path / "a.npz", features=np.ones((3, 1)), object=np.array(["mug"] * 3), motion=motion, force=force)
+    touches, _ = read_recorded(tmp_path, form, ("motion", "force"))
+    assert touches.action_names == ("press 2", "rub 1", "rub 2")
+    assert touches.actions.tolist() == [1, 0, 2]
+    assert touches.features.shape == (3, 1)
+    with pytest.raises(BadRecording, match=r"--action speed: .* has no such column"):
+        read_recorded(tmp_path, form, ("motion", "speed"))
+    with pytest.raises(BadRecording, match="has its own actions"):
+        read_recorded(BTS3, "bts3", ("motion",))
+    if form == "csv":
+        with pytest.raises(BadRecording, match=r"'motion' is 'rub', no number .*give --action motion"):
+            read_recorded(tmp_path, form)
+
+
+def test_an_npz_without_objects_says_what_it_has_and_what_is_needed(tmp_path):
+    np.savez(tmp_path / "a.npz", X=np.ones((2, 1)), y=np.ones(2))
+    with pytest.raises(BadRecording, match=r"no array 'features'; it has X, y\. Touches are features"):
+        read_recorded(tmp_path, "npz")

@@ -127,3 +127,105 @@ def test_a_sensor_is_not_saved_over_one_of_a_scene(sensor, tmp_path):
     (tmp_path / "reader.safetensors").touch()
     with pytest.raises(CannotWrite, match="another folder"):
         sensor.save(tmp_path)
+
+
+def pressed(rng, means, forces, sessions=8, noise=0.3):
+    """Recordings of 8 things by two actions, with features that grow with the force of the press."""
+    objects, numbers, actions, levels = (a.ravel() for a in np.indices((8, sessions, 2, len(forces))))
+    rows = means[objects, actions] * np.array(forces)[levels, None] + noise * rng.normal(size=(len(objects), 6))
+    names = tuple(f"thing{i}" for i in range(8))
+    return RecordedTouches(rows, actions, objects, numbers * len(forces) + levels, ("press", "rub"), names)
+
+
+def searched(sensor, feel, runs=6):
+    """Ends of searches among four of eight things by a robot that feels rows, and their numbers of touches."""
+    ends, numbers, rng = [], [], np.random.default_rng(0)
+    for seed in range(runs):
+        things = rng.permutation(8)[:4]
+        names = [sensor.shape_labels[i] for i in things]
+        session = sensor.among(names).session(names[0], num_objects=4, seed=seed)
+        table = rng.permutation(things)
+        while (action := session.ask()) is not None:
+            session.tell(
+                **({"image": feel(table[session.object_index], action.pose)} if hasattr(action, "pose") else {})
+            )
+        ends.append(str(session.outcome))
+        numbers.append(len([step for step in session.steps if step.touch is not None]))
+    return ends, numbers
+
+
+@pytest.fixture(scope="module")
+def of_forces():
+    """The means of things, and a sensor that was trained on presses of 1 and 2 N, as it is saved."""
+    rng = np.random.default_rng(0)
+    means = 0.5 * rng.normal(size=(8, 2, 6)) + rng.normal(size=6)
+    return means, RecordedSensor.fit(pressed(rng, means, (1.0, 2.0)))
+
+
+def test_a_force_never_learned_no_contact_and_noise_end_unsure_and_the_known_world_does_not(of_forces, rng, tmp_path):
+    means, made = of_forces
+    made.save(tmp_path)
+    sensor = TactileSensor.load(tmp_path)
+
+    def replayed(touches):
+        rows = {
+            (i, a): touches.features[(touches.objects == i) & (touches.actions == a)] for i in range(8) for a in (0, 1)
+        }
+        return lambda thing, action: rng.choice(rows[thing, action])
+
+    known = searched(sensor, replayed(pressed(rng, means, (1.0, 2.0))))
+    assert known[0].count("confirmed") >= 5
+    for feel in (
+        replayed(pressed(rng, means, (5.0,))),
+        lambda thing, action: np.zeros(6),
+        lambda thing, action: 3.0 * rng.normal(size=6),
+    ):
+        ends, numbers = searched(sensor, feel)
+        assert ends.count("unsure") >= 4
+        assert np.mean(numbers) < 10  # of 48
+
+
+def test_a_row_like_those_of_no_contact_is_a_miss(rng, tmp_path):
+    touches = pressed(rng, rng.normal(size=(8, 2, 6)) + 3.0, (1.0, 2.0))
+    untouched = 7.0 + 0.1 * rng.normal(size=touches.features.shape)
+    sensor = RecordedSensor.fit(replace(touches, controls={"untouched": untouched}))
+    sensor.save(tmp_path)
+    for one in (sensor, TactileSensor.load(tmp_path)):
+        for row, missed in ((np.full(6, 7.0), True), (untouched[3], True), (touches.features[0], False)):
+            session = one.session("thing0", num_objects=2)
+            session.ask()
+            before = session.belief.probs
+            session.tell(image=row)
+            assert (session.steps[-1].decision.scores.get("is_miss", 0.0) == 1.0) == missed
+            assert np.array_equal(session.belief.probs, before) == missed
+    zeros = RecordedSensor.fit(touches).recorded_reader
+    assert zeros.is_blank(np.zeros(6))
+    assert not any(zeros.is_blank(row) for row in touches.features)
+
+
+def test_few_touches_give_no_conflict_test(rng):
+    few = recordings(rng, THINGS[:3])
+    sensor = RecordedSensor.fit(few)
+    assert sensor.model.conflict is None
+    assert sensor.read(few.features[:1], ["press"])[0].features is None
+
+
+def test_a_label_that_was_never_touched_with_an_action_is_told_nothing_by_it(rng):
+    whole = recordings(rng)
+    touches = whole.only((whole.objects > 0) | (whole.actions == 0))
+    sensor = RecordedSensor.fit(touches)
+    logits = np.array([touch.logits for touch in sensor.read(whole.features, whole.actions.tolist())])
+    assert not logits[whole.actions == 1, 0].any()
+    assert logits[whole.actions == 0, 0].all()
+
+
+def test_logits_as_features_are_read_as_they_are(rng, tmp_path):
+    objects, sessions = (axis.ravel() for axis in np.indices((4, 10)))
+    logits = 3.0 * np.eye(4)[objects] + 2.0 * rng.normal(size=(40, 4))
+    columns = [2, 0, 3, 1]
+    touches = RecordedTouches(
+        logits[:, columns], 0 * objects, objects, sessions, ("press",), tuple("abcd"), feature_names=tuple("cadb")
+    )
+    RecordedSensor.fit(touches, is_logits=True).save(tmp_path)
+    read = np.array([t.logits for t in TactileSensor.load(tmp_path).read(touches.features, [0] * 40)])
+    assert np.corrcoef(read.ravel(), (logits - logits.mean(axis=1, keepdims=True)).ravel())[0, 1] > 0.9

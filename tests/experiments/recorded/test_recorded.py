@@ -8,12 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from activetouch import TactileSensor
-from activetouch.recorded import read_recorded, reader
-from belief.errors import UnknownName
+from activetouch import RecordedSensor, TactileSensor
+from activetouch.errors import BadRecording
+from activetouch.recorded import RecordedTouches, check_recorded, read_recorded, reader
+from activetouch.recorded.checking import Leaks
+from activetouch.recorded.touches import splits_of
+from belief.errors import BrokenContract, CannotWrite, InvalidArgument, UnknownName
 from experiments.command_line.arguments import BadArgument
 from experiments.recorded.play import RANDOM, Named
-from experiments.recorded.recorded import Recorded
+from experiments.recorded.recorded import Recorded, recorded
 from experiments.recorded.report import by_object
 from planners.episode import Episode, Outcome
 from planners.search import Identification
@@ -79,7 +82,7 @@ def test_shares_of_few_objects_have_no_interval_of_width_zero(own):
 
 def test_the_results_hold_every_setting(own):
     result = json.loads((own / "results.json").read_text())
-    names = {field.name for field in fields(Recorded)} - {"data", "format", "out", "save"}
+    names = {field.name for field in fields(Recorded)} - {"data", "format", "action", "out", "save"}
     assert names <= result.keys()
 
 
@@ -105,9 +108,9 @@ def test_the_printed_verdict_says_how_many_objects_are_named(is_easy, tmp_path, 
         assert " ".join(sentence.split()) in " ".join(printed.split())
         assert sentence in report
     if is_easy:
-        assert "0.9, and the share of attempts that reach it: information gain 1.00 (1.000)" in verdict[0]
+        assert "0.9, and the share of attempts that reach it: information gain 1.00 (1.000)" in verdict[-2]
     else:
-        assert re.match("Few objects are named with probability 0.9 within 2 touches: information gain 0.", verdict[0])
+        assert re.match("Few objects are named with probability 0.9 within 2 touches: information gain 0.", verdict[1])
 
 
 def test_the_searches_are_recorded_as_episodes(own):
@@ -162,3 +165,169 @@ def test_an_unknown_decider_is_refused_before_anything_is_read(tmp_path):
 def test_a_decider_that_needs_a_sensor_is_refused_before_anything_is_read(tmp_path):
     with pytest.raises(BadArgument, match=r'best_order needs a file .* is "best fixed order"'):
         Recorded(tmp_path / "nowhere", "csv", deciders=("best_order",), out=tmp_path).run()
+
+
+def as_people_have_them(kind, folder, rng):
+    """A small set of a kind that people record, in a folder, and the options for it."""
+    num, sessions, options = 6, {"three repeats": 3, "two repeats": 2, "a single repeat of some": 3}.get(kind, 5), {}
+    things, numbers, actions = (axis.ravel() for axis in np.indices((num, sessions, 2)))
+    means = 3.0 * rng.normal(size=(num, 2, 4))
+    rows = means[things, actions] + rng.normal(size=(len(things), 4))
+    names, acts = np.array([f"thing{i}" for i in things]), np.array(["press", "rub"])[actions]
+    columns = {"object": names, "action": acts, "session": numbers, **{f"f{i}": rows[:, i] for i in range(4)}}
+    if kind == "two factors of the action":
+        columns |= {"motion": acts, "force": 1 + numbers % 2}
+        del columns["action"]
+        options["action"] = ("motion", "force")
+    if kind == "a random split":
+        del columns["session"]
+        options["shuffle"] = True
+    if kind == "controls":
+        columns |= {f"untouched:f{i}": 0.1 * rng.normal(size=len(things)) for i in range(4)}
+    if kind == "logits":
+        logits = 3.0 * np.eye(num)[things] + 2.0 * rng.normal(size=(len(things), num))
+        columns = {name: columns[name] for name in ("object", "action", "session")}
+        columns |= {f"thing{i}": logits[:, i] for i in range(num)}
+        options["logits"] = True
+    kept = np.ones(len(things), np.bool_)
+    if kind == "missing pairs":
+        kept = ~((things < 2) & (actions == 1)) & ~((things == 5) & (actions == 0))
+    if kind == "a single repeat of some":
+        kept = (things > 1) | (numbers == 0)
+        options["drop"] = True
+    if kind.endswith("pictures"):
+        shape = (40, 6) if kind == "pictures" else (5, 6, 3)
+        pictures = 3.0 * rng.normal(size=(num, *shape))[things] + rng.normal(size=(len(things), *shape))
+        np.savez(folder / "a.npz", features=pictures, object=names, action=acts, session=numbers)
+        return "npz", options
+    lines = [
+        ",".join(columns),
+        *(",".join(map(str, row)) for row in zip(*(c[kept] for c in columns.values()), strict=True)),
+    ]
+    (folder / "a.csv").write_text("\n".join(lines))
+    return "csv", options
+
+
+SETS = (
+    "two factors of the action",
+    "a random split",
+    "three repeats",
+    "two repeats",
+    "a single repeat of some",
+    "missing pairs",
+    "controls",
+    "pictures",
+    "coloured pictures",
+    "logits",
+)
+
+
+@pytest.mark.parametrize("kind", SETS)
+@pytest.mark.usefixtures("one_classifier")
+def test_sets_as_people_have_them_run_at_the_first_try(kind, tmp_path, rng):
+    form, options = as_people_have_them(kind, tmp_path, rng)
+    small = {"objects": 2, "scenes": 1, "rounds": 1, "deciders": ("random_confirm",)}
+    Recorded(tmp_path, form, out=tmp_path / "run", **small, **options).run()
+    result = json.loads((tmp_path / "run" / "results.json").read_text())
+    for name, _, right, *_ in result["tables"]["identification"][:-1]:
+        assert float(right.split()[0]) > 0.4, name
+    assert re.search("names one of the objects rightly in: all features", str(result["verdict"]))
+    assert ("untouched" in result["leaks"]) == (kind == "controls")
+    assert ("border pixels" in result["leaks"]) == kind.endswith("pictures")
+    if kind == "two factors of the action":
+        assert result["actions"] == ["press 1", "press 2", "rub 1", "rub 2"]
+    if kind == "a single repeat of some":
+        assert any(
+            "2 objects are left out as they lack sessions: thing0 (1 of press" in note for note in result["notes"]
+        )
+        assert result["labels"] == 4
+    if kind == "missing pairs":
+        assert any("3 of 6 objects lack sessions: thing0 (0 of rub); thing1 (0 of rub)" in n for n in result["notes"])
+
+
+@pytest.mark.usefixtures("one_classifier")
+def test_what_the_label_is_read_from_without_a_touch_is_said_first(tmp_path, rng):
+    things, numbers = (axis.ravel() for axis in np.indices((6, 8)))
+    means = rng.normal(size=(6, 4))
+    touch = means[things] + rng.normal(size=(48, 4))
+    drift = things[:, None] + 0.02 * rng.normal(size=(48, 3))  # of the sensor, from object to object
+    nuisances = {
+        "temperature": {"temperature": 21.0 + rng.normal(size=6)[things] + 0.02 * rng.normal(size=48)},
+        "label": {"label": things + 1e-3 * rng.normal(size=48)},
+        "the control 'untouched'": {f"untouched:frame {i}": drift[:, i] for i in range(3)},
+        "before contact": {f"before contact {i}": drift[:, i] for i in range(3)},
+    }
+    for said, nuisance in nuisances.items():
+        columns = {"object": things, "session": numbers, **{f"f{i}": touch[:, i] for i in range(4)}, **nuisance}
+        lines = [",".join(columns), *(",".join(map(str, row)) for row in zip(*columns.values(), strict=True))]
+        (tmp_path / "a.csv").write_text("\n".join(lines))
+        touches, _ = read_recorded(tmp_path, "csv")
+        assert said.lower() in recorded(touches, scenes=0, rounds=1).verdict()[0].lower()
+        assert any(said in remark for remark in check_recorded(touches))
+    pictures = rng.normal(size=(48, 6, 6)) + rng.normal(size=(6, 1, 1))[things]
+    pictures[:, 0] = drift[:, :1]
+    np.savez(tmp_path / "a.npz", features=pictures, object=things)
+    assert "'border pixels' alone names" in check_recorded(read_recorded(tmp_path / "a.npz", "npz")[0])[0]
+
+
+def test_real_grasps_give_no_warning_of_a_leak_but_the_accuracy_of_single_features():
+    touches, _ = read_recorded(BTS3, "bts3")
+    assert check_recorded(touches) == ()
+    leaks = Leaks.of(touches, splits_of(touches, 5))
+    assert "One touch names one of the objects rightly in: all features 0.2" in leaks.summary()
+    assert leaks.single.max() < 0.1 < leaks.groups["all features"]
+    assert (leaks.within > 0.01).all()
+
+
+def test_a_classifier_of_ones_own_is_used_and_its_failures_are_said(tmp_path, rng):
+    things, numbers = (axis.ravel() for axis in np.indices((4, 12)))
+    angles = rng.uniform(0.0, 2.0 * np.pi, 48)  # rings about one centre, which discriminants cannot tell apart
+    rings = (1.0 + things)[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    touches = RecordedTouches(rings, 0 * things, things, numbers, ("press",), tuple("abcd"))
+
+    class Radius:
+        def fit(self, rows, labels):
+            self.known = np.array([np.hypot(*rows[labels == k].T).mean() for k in np.unique(labels)])
+
+        def predict_proba(self, rows):
+            scores = np.exp(-10.0 * np.abs(np.hypot(*rows.T)[:, None] - self.known))
+            return scores / scores.sum(axis=1, keepdims=True)
+
+    small = {"scenes": 0, "rounds": 1}
+    right = [
+        float(recorded(touches, **small, **own).tables()[0].rows[0][2].split()[0])
+        for own in ({}, {"classifier": Radius()})
+    ]
+    assert right[1] == 1.0 > right[0]
+    sensor = RecordedSensor.fit(touches, Radius())
+    assert len(sensor.read(rings[:2], ["press"] * 2)) == 2
+    with pytest.raises(CannotWrite, match=r"a classifier of your own is code: .*--logits"):
+        sensor.save(tmp_path / "sensor")
+
+    class Broken(Radius):
+        def predict_proba(self, rows):
+            return np.full((len(rows), 9), 0.1)
+
+    class Raises(Radius):
+        def fit(self, rows, labels):
+            raise KeyError("no")
+
+    for made, words in ((Broken(), r"must give probabilities \(8, 4\), got \(8, 9\)"), (Raises(), "fit failed .*no")):
+        with pytest.raises(BrokenContract, match=words):
+            recorded(touches, **small, classifier=made)
+    with pytest.raises(InvalidArgument, match="a classifier has fit and predict_proba"):
+        recorded(touches, **small, classifier=3)
+    with pytest.raises(BadRecording, match="a feature of the name of each of the objects, and a, b, c, d have none"):
+        recorded(touches, **small, logits=True)
+
+
+@pytest.mark.usefixtures("one_classifier")
+def test_with_one_action_rules_that_are_the_same_have_one_row(rng):
+    things, numbers = (axis.ravel() for axis in np.indices((5, 6)))
+    rows = 3.0 * rng.normal(size=(5, 3))[things] + rng.normal(size=(30, 3))
+    touches = RecordedTouches(rows, 0 * things, things, numbers, ("press",), tuple("abcde"))
+    report = recorded(touches, scenes=1, rounds=1, objects=2)
+    tables = [[row[0] for row in table.rows] for table in report.tables()]
+    assert tables[0] == ["the only action", "no touch: a guess"]
+    assert tables[1] == ["value_of_information", "point_based", "information_gain", "no touch: a guess"]
+    assert any("one row shows them" in sentence for sentence in report.verdict())
