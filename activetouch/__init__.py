@@ -22,11 +22,12 @@ from activetouch.shapes import SHAPES
 
 if TYPE_CHECKING:
     from activetouch.pressing.height_maps import Window, predicted_contacts
-    from activetouch.sensor import RecordedSensor, TactileSensor
+    from activetouch.sensor import RecordedSensor, Sensor, TactileSensor
     from activetouch.world import TouchWorld
 
 _LATER = {
     "RecordedSensor": "activetouch.sensor",
+    "Sensor": "activetouch.sensor",
     "TactileSensor": "activetouch.sensor",
     "TouchWorld": "activetouch.world",
     "calibration_report": "experiments.calibration.calibration_report",
@@ -48,6 +49,7 @@ __all__ = [
     "Quasistatic",
     "RecordedSensor",
     "Scene",
+    "Sensor",
     "TactileSensor",
     "TouchWorld",
     "Window",

@@ -27,6 +27,8 @@ from activetouch.scene import Scene, Variation
 from activetouch.shapes import EXTENDED_SHAPES, KEYED_SHAPES
 from belief.composition import Composition, Counts
 
+_LARGEST_INPUT = 64  # image edge of a classifier for a user's scene [pixels]
+
 
 @dataclass(frozen=True)
 class NamedScene:
@@ -90,3 +92,16 @@ SCENES: Mapping[str, NamedScene] = MappingProxyType(
     }
 )
 """The named scenes."""
+
+
+def as_named(scene: Scene) -> NamedScene:
+    """A scene with the default search: up to four different objects, classifier images of at most 64 pixels.
+
+    Images that cannot be averaged to so few pixels keep their size.
+    """
+    edge = scene.image_shape[0]
+    divisor = max(n for n in range(1, _LARGEST_INPUT + 1) if edge % n == 0)
+    size = divisor * max(1, 16 // divisor)
+    if edge % size and size % edge:  # as of 67 pixels
+        size = edge
+    return NamedScene(scene, num_objects=min(4, len(scene.shapes)), input_size=size)

@@ -13,15 +13,28 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.scene import WorldObject
-from activetouch.sensor import TactileSensor
+from activetouch.scene import Scene, WorldObject
 from belief.errors import InvalidArgument
 from belief.naming import Name, few, one_line
-from belief.problem import Touch
+from belief.problem import SearchProblem, Touch
+from belief.seeding import arrangement_rng
+from belief.synthetic import sample_arrangement
+
+
+class Presses(Protocol):
+    """Presses objects of a scene and reads what they feel like; see :class:`activetouch.TactileSensor`."""
+
+    @property
+    def scene(self) -> Scene:
+        """Where the objects are pressed."""
+
+    def read(self, images: NDArray[np.uint8], poses: Sequence[Name]) -> list[Touch]:
+        """Touches from images ``(N, H, W)`` and the poses that they were felt in."""
 
 
 @dataclass(frozen=True)
@@ -46,13 +59,13 @@ class TouchWorld:
         objects: in order of visit.
     """
 
-    def __init__(self, sensor: TactileSensor, objects: Sequence[WorldObject]) -> None:
+    def __init__(self, sensor: Presses, objects: Sequence[WorldObject]) -> None:
         self._sensor = sensor
         self._objects = tuple(objects)
         self._current = 0
 
     @classmethod
-    def sample(cls, sensor: TactileSensor, arrangement: Sequence[Name], rng: np.random.Generator) -> TouchWorld:
+    def sample(cls, sensor: Presses, arrangement: Sequence[Name], rng: np.random.Generator) -> TouchWorld:
         """Objects of the given shapes, by label or index, with random sizes and orientations.
 
         Raises:
@@ -62,6 +75,12 @@ class TouchWorld:
         if isinstance(arrangement, str):
             raise InvalidArgument(f"the arrangement must be a list of shapes, such as [{arrangement!r}]; got a name")
         return cls(sensor, [sensor.scene.sample_object(shape, rng) for shape in arrangement])
+
+    @classmethod
+    def of_search(cls, sensor: Presses, problem: SearchProblem, seed: int | Sequence[int]) -> TouchWorld:
+        """The world of a search, which the seed alone determines."""
+        rng = arrangement_rng(seed)
+        return cls.sample(sensor, sample_arrangement(problem, rng), rng)
 
     def __repr__(self) -> str:
         labels = self._sensor.scene.shape_labels
@@ -108,7 +127,7 @@ class TouchWorld:
 
 
 def touch_many(
-    sensor: TactileSensor, pending: Sequence[tuple[TouchWorld, int, np.random.Generator]]
+    sensor: Presses, pending: Sequence[tuple[TouchWorld, int, np.random.Generator]]
 ) -> tuple[list[Touch], TouchTime]:
     """Press the current object of many worlds, then read all images in one pass of the network.
 

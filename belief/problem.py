@@ -8,7 +8,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Real
 from typing import TypeAlias, cast
 
@@ -229,6 +229,10 @@ class SearchProblem:
                 "unsure_reward must be None, or at least -1 (a wrong answer) and below 1 (a success), "
                 f"got {self.unsure_reward!r}"
             )
+
+    def with_unsure(self) -> SearchProblem:
+        """The search with the answer "I do not know", of reward 0 unless it has one."""
+        return self if self.unsure_reward is not None else replace(self, unsure_reward=0.0)
 
     @property
     def num_shapes(self) -> int:

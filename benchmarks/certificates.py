@@ -34,7 +34,6 @@ from experiments.robustness.conditions import CONDITIONS, DoesNotApply
 from experiments.scene_choice import SceneChoice
 from experiments.search.certify import CalibrationSearch, candidate_stops, play_calibration
 from experiments.search.comparison import prepared
-from experiments.search.play import with_unsure
 from experiments.search.setting import Setting
 from planners.certified import FALSE_ALARM
 
@@ -157,7 +156,7 @@ def main() -> None:
     parser.add_argument("--worlds", nargs="*", default=[])
     given = parser.parse_args()
     run = prepared(Setting(SceneChoice(given.scene)), given.decider, seed=given.seed, jobs=1)
-    searches = replace(run.searches, problem=with_unsure(run.searches.problem))
+    searches = replace(run.searches, problem=run.searches.problem.with_unsure())
     number = given.calibration + given.fresh
     played = play_calibration(searches, run.deciders[given.decider], number, run.targets, given.max_touches, jobs=1)
     every, first = candidate_stops(played), given.calibration

@@ -23,7 +23,7 @@ from activetouch.distributions import Constant, Uniform
 from activetouch.errors import DuplicateShape
 from activetouch.hand import HANDS, hand_named
 from activetouch.mesh_source import labelled_sources, read_files, warn_of
-from activetouch.named_scenes import SCENES, NamedScene
+from activetouch.named_scenes import SCENES, NamedScene, as_named
 from activetouch.orientations import Inexact, Presentation, Resampled, Tumbled, Upright
 from activetouch.pressing.dynamic import GuardedMove
 from activetouch.pressing.press import Press
@@ -55,7 +55,6 @@ HandName: TypeAlias = Literal[tuple(HANDS)]  # type: ignore[valid-type]
 FidelityName: TypeAlias = Literal[tuple(FIDELITIES)]  # type: ignore[valid-type]
 PresentationName: TypeAlias = Literal[tuple(PRESENTATIONS)]  # type: ignore[valid-type]
 _LONGEST_NAME = 150  # of a folder [bytes]; longer ones end in a digest
-_LARGEST_INPUT = 64  # image edge of a classifier for a user's scene [pixels]
 _FACTORS = re.compile(r"(?:^|,)(\w+)=([^,=]+?)\.\.([^,=]+)")
 
 
@@ -75,19 +74,6 @@ def named_scene(name: str) -> NamedScene:
     if not isinstance(made, Scene | NamedScene):
         raise BadReference(f"{name} is not a scene: it is {made!r:.80}, not an activetouch.Scene or NamedScene")
     return made if isinstance(made, NamedScene) else as_named(made)
-
-
-def as_named(scene: Scene) -> NamedScene:
-    """A scene with the default search: up to four different objects, classifier images of at most 64 pixels.
-
-    Images that cannot be averaged to so few pixels keep their size.
-    """
-    edge = scene.image_shape[0]
-    divisor = max(n for n in range(1, _LARGEST_INPUT + 1) if edge % n == 0)
-    size = divisor * max(1, 16 // divisor)
-    if edge % size and size % edge:  # as of 67 pixels
-        size = edge
-    return NamedScene(scene, num_objects=min(4, len(scene.shapes)), input_size=size)
 
 
 def renderer_named(name: str) -> TactileRenderer:

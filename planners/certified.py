@@ -273,6 +273,11 @@ class Certificate(Tabular):
         write_text(Path(path), sealed_json({"schema": SCHEMA, **asdict(self), "thresholds": limits}) + "\n")
 
     @classmethod
+    def opened(cls, certificate: str | Path | Certificate) -> Certificate:
+        """A certificate, or that of a file; raises as :meth:`load`."""
+        return certificate if isinstance(certificate, Certificate) else cls.load(certificate)
+
+    @classmethod
     def load(cls, path: str | Path) -> Certificate:
         """The certificate of a file.
 

@@ -25,7 +25,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -58,6 +58,16 @@ from planners.session_log import (
     require_same,
     standing_of,
 )
+
+
+class SessionSettings(TypedDict, total=False):
+    """Settings of a :class:`Session` beside its search and what reads its images."""
+
+    arrangement: Sequence[Name | None] | None
+    abstain: bool | None
+    log_bets: ArrayLike
+    least_force: float | None
+    least_area: float | None
 
 
 class AlreadyTold(InvalidArgument):
@@ -116,7 +126,7 @@ class Session:
         self._abstains = arrangement is None if abstain is None else abstain
         if self._abstains:
             decider = decider if isinstance(decider, Abstaining) else Abstaining(decider)
-            problem = problem if problem.unsure_reward is not None else replace(problem, unsure_reward=0.0)
+            problem = problem.with_unsure()
         self.problem, self.model = problem, model
         self.seed, self.target = checked_key(seed), index_of("target", problem.shape_labels, target)
         self.decider, self._log_bets = decider, log_bets

@@ -1,6 +1,7 @@
 """What importing costs, and that the import contracts really bite."""
 
 import ast
+import re
 import shutil
 import subprocess
 import sys
@@ -71,6 +72,7 @@ BROKEN = {
     ("belief/bayes.py", "import planners"): "belief is not allowed to import planners",
     ("planners/search.py", "import activetouch"): "planners is not allowed to import activetouch",
     ("planners/search.py", "import mujoco"): "planners is not allowed to import mujoco",
+    ("activetouch/scene.py", "import experiments"): "activetouch is not allowed to import experiments",
 }
 
 
@@ -85,6 +87,20 @@ def test_imports_that_break_contracts_are_caught(tmp_path):
     assert violated.returncode != 0
     told = " ".join(violated.stdout.split())
     assert [said for said in BROKEN.values() if said not in told] == []
+
+
+LAYERS = ("belief", "planners", "activetouch", "experiments")
+DOORS = {"activetouch/__init__.py", "activetouch/__main__.py"}  # activetouch.compare, python -m activetouch
+
+
+@pytest.mark.parametrize("package", LAYERS)
+def test_no_package_calls_one_above_it_by_a_string(package):
+    above = LAYERS[LAYERS.index(package) + 1 :]
+    for file in (ROOT / package).rglob("*.py"):
+        texts = {node.value for node in ast.walk(ast.parse(file.read_text())) if isinstance(node, ast.Constant)}
+        parts = [text.split(".") for text in texts if isinstance(text, str) and re.fullmatch(r"\w+(\.\w+)+", text)]
+        called = [part for part in parts if part[0] in above and any(ROOT.glob("/".join(part[:2]) + "*"))]
+        assert not called or file.relative_to(ROOT).as_posix() in DOORS, (file, called)
 
 
 POSIX_ONLY = {"crypt", "fcntl", "grp", "nis", "posix", "pty", "pwd", "resource", "spwd", "syslog", "termios", "tty"}

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from activetouch.sensor_files import MODELS, OBSERVATION_FILE, READER_FILE
-from experiments.search.fingerprint import files_digest
+from planners.fingerprint import files_digest
 
 ROOT = Path(__file__).parent.parent
 RECORDS = json.loads((ROOT / "records" / "results" / "searches.json").read_text())

@@ -25,7 +25,6 @@ from activetouch.view.picture import press_picture
 from belief.observation_model.rigid_body_evidence import RigidBodyEvidence, joint_evidence
 from belief.problem import Probe, Reject
 from belief.seeding import touch_rng
-from experiments.search.one_search import problem_of
 from experiments.search.replay_figures import Bodies, Frame, coloured, replay
 
 FOLDER = Path(__file__).parent.parent / "lead"
@@ -85,7 +84,7 @@ class Moment:
 
 def moments(sensor: TactileSensor) -> Iterator[Moment]:
     """The pictures of one search, in order."""
-    problem = problem_of(sensor)
+    problem = sensor.problem()
     episode = sensor.search(TARGET, decider="information_gain", seed=SEED)
     start = joint_evidence(sensor.model.start())
     assert start is not None, "the sensor of this scene has a joint model"

@@ -21,7 +21,7 @@ from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 
-from experiments.search.fingerprint import versions
+from planners.fingerprint import versions
 
 ROOT = Path(__file__).parent.parent.parent
 RECORDS = ROOT / "records"

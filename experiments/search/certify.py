@@ -24,7 +24,7 @@ from belief.statistics.stop_thresholds import CandidateStops, certified_threshol
 from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, Within, check_arguments
 from experiments.parallel import Shared, Task, default_jobs, run_tasks
 from experiments.search.comparison import prepared, setting_of
-from experiments.search.play import EPISODES_PER_BATCH, Searches, made_for, play_episodes, with_unsure
+from experiments.search.play import EPISODES_PER_BATCH, Searches, play_episodes
 from experiments.search.setting import Setting
 from planners import Decider, Episode
 from planners.certified import NEVER, WANTED, Certificate, Certified, Fit, fit_of_search
@@ -242,7 +242,7 @@ class Certify:
         if self.out is not None:
             require_writable_file(self.out)
         player = run.deciders[self.decider]
-        searches = replace(run.searches, problem=with_unsure(run.searches.problem))
+        searches = replace(run.searches, problem=run.searches.problem.with_unsure())
         played = play_calibration(searches, player, self.searches, run.targets, self.max_touches, self.jobs)
         candidates = candidate_stops(played)
         found = certified_thresholds(candidates, self.risk, self.confidence)
@@ -256,7 +256,7 @@ class Certify:
         certificate = Certificate(
             *(self.decider, self.risk, self.confidence, self.searches),
             *(found.thresholds, found.stops, found.wrong, self.max_touches),
-            made_for=made_for(searches.sensor, searches.problem, run.targets, self.decider, player, run.known),
+            made_for=searches.sensor.certified_world(searches.problem, run.targets, self.decider, player, run.known),
             usual=tuple(search.fit for search in played),
         )
         if self.out is not None:

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from activetouch import Scene, TactileSensor
-from activetouch.named_scenes import SCENES, NamedScene
-from activetouch.sensor_files import ANY_OBJECT_FILE, POLICIES
+from activetouch import RecordedSensor, Scene, TactileSensor
+from activetouch.errors import WrongScene
+from activetouch.named_scenes import SCENES, NamedScene, as_named
+from activetouch.sensor_files import ANY_OBJECT_FILE, NOT_SIMULATED, POLICIES
 from belief.errors import UnknownName
 from belief.files import require_writable
 from belief.observation_model.rigid_body import joint_model
@@ -22,9 +23,8 @@ from belief.table import Table, Tabular
 from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments, check_value
 from experiments.command_line.trust import Trust
 from experiments.parallel import default_jobs
-from experiments.scene_choice import SceneChoice, as_named
-from experiments.search.fingerprint import files_digest
-from experiments.search.play import Searches, identity_of, made_for, opened, prepare, sensor_digest, with_unsure
+from experiments.scene_choice import SceneChoice
+from experiments.search.play import Searches, identity_of, prepare
 from experiments.search.run import Cell, Run, RunFolder, read_episode
 from experiments.search.setting import Setting
 from experiments.search.summary import ALL, Summary
@@ -34,6 +34,7 @@ from experiments.sensor_choice import predict_contacts, require_policies
 from planners import Decider
 from planners.abstaining import Abstaining
 from planners.certified import Certificate, NotCertified
+from planners.fingerprint import files_digest
 from planners.registry import DECIDERS, copyable, find_decider
 
 if TYPE_CHECKING:
@@ -221,6 +222,8 @@ def setting_of(
     """The setting of a scene and a sensor, and each of them that is an object without a name."""
     if not isinstance(scene, str | Scene | NamedScene):
         raise BadArgument(f"scene must be a name, a Scene or a NamedScene, got {scene!r:.80}")
+    if isinstance(sensor, RecordedSensor):
+        raise WrongScene(f"{sensor!r} is not of a scene: {NOT_SIMULATED}")
     names = [name for name, named in SCENES.items() if scene is named or scene is named.scene]
     name = scene if isinstance(scene, str) else names[0] if names else "own scene"
     named = None if isinstance(scene, str) or names else scene if isinstance(scene, NamedScene) else as_named(scene)
@@ -255,8 +258,8 @@ def prepared(
         raise UnknownName("reference among --deciders", reference, list(players))
     scene = setting.choice.named if named is None else named
     problem = setting.problem_in(scene)
-    signed = None if certificate is None else opened(certificate)
-    problem = problem if signed is None else with_unsure(problem)
+    signed = None if certificate is None else Certificate.opened(certificate)
+    problem = problem if signed is None else problem.with_unsure()
     chosen = list(dict.fromkeys((targets,) if isinstance(targets, str) else targets)) or list(problem.shape_labels)
     for target in chosen:
         if target not in problem.shape_labels:
@@ -282,7 +285,7 @@ def prepared(
         if isinstance(player, str):
             require_policies(player, chosen, setting.choice.scene, folder)
     files = [] if own_sensor is not None else setting.sensor_files(scene.scene)
-    digest = files_digest(files) if files else sensor_digest(sensor)
+    digest = files_digest(files) if files else sensor.digest
     model = joint_model(sensor.model)
     if ANY_OBJECT_FILE not in [file.name for file in files] and model is not None:
         predict_contacts(sensor.reader, sensor.scene, model.num_hypotheses, jobs)
@@ -302,7 +305,7 @@ def prepared(
         if not names:
             raise NotCertified(f"the certificate is for --deciders {signed.decider!r}, got {', '.join(players)}")
         for name in names:
-            world = made_for(sensor, problem, chosen, signed.decider, made[name], known)
+            world = sensor.certified_world(problem, chosen, signed.decider, made[name], known)
             made[f"certified {name}"] = signed.wrap(made[name], world)
     arguments = {
         "deciders": list(players),

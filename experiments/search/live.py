@@ -10,16 +10,14 @@ from typing import Annotated, Literal
 
 import tyro
 
-from activetouch import TactileSensor
+from activetouch import RecordedSensor, TactileSensor
 from activetouch.named_scenes import SCENES
-from activetouch.sensor import RecordedSensor
 from activetouch.sensor_files import INDEPENDENT_SUFFIX, RECORDED_FILE
 from belief.composition import Counts
 from belief.errors import UnknownName
 from experiments.command_line.arguments import BadArgument, Count, NotNegative, Seed, check_arguments
 from experiments.scene_choice import SceneChoice
 from experiments.search.live_protocol import Conversation, as_line, converse, refusal
-from experiments.search.one_search import session_with
 from experiments.sensor_choice import open_sensor, sensor_folder
 from planners import Session
 from planners.session_log import OtherModel
@@ -85,7 +83,7 @@ class Live:
         finally:
             session.close()
 
-    def _begun(self) -> tuple[Session, TactileSensor]:
+    def _begun(self) -> tuple[Session, TactileSensor | RecordedSensor]:
         """The session, which may go on, and its sensor."""
         check_arguments(self)
         sensor = self._open()
@@ -102,10 +100,15 @@ class Live:
             else:
                 composition = Counts(dict.fromkeys(among, 1))
         log = self.log if self.log is not None else Path(f"runs/live/{time.strftime('%Y-%m-%d-%H%M%S')}.jsonl")
-        rules = self.objects, composition, self.touch_cost
         try:
-            session = session_with(
-                *(sensor, self.target, self.decider, self.seed, *rules, log),
+            session = sensor.session(
+                self.target,
+                self.decider,
+                self.seed,
+                num_objects=self.objects,
+                composition=composition,
+                touch_cost=self.touch_cost,
+                log=log,
                 abstain=not self.never_unsure,
                 least_force=self.least_force,
                 least_area=self.least_area,
@@ -115,7 +118,7 @@ class Live:
         print(f"log: {log}" + f", goes on at step {session.step}" * bool(session.step), file=sys.stderr)
         return session, sensor
 
-    def _open(self) -> TactileSensor:
+    def _open(self) -> TactileSensor | RecordedSensor:
         choice, given = self.choice, self.sensor
         if given is not None and (sensor_folder(given, "") / RECORDED_FILE).exists():
             return TactileSensor.load(sensor_folder(given, ""))

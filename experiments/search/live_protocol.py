@@ -13,8 +13,7 @@ from typing import IO, Any, BinaryIO, NoReturn
 
 import numpy as np
 
-from activetouch import TactileSensor
-from activetouch.sensor import RecordedSensor
+from activetouch import RecordedSensor, TactileSensor
 from belief.errors import InvalidArgument
 from belief.journal import array_from
 from belief.problem import Probe, Touch
@@ -39,7 +38,7 @@ class BadLine(InvalidArgument):
 class Conversation:
     """Answers the requests of one session of a sensor."""
 
-    def __init__(self, session: Session, sensor: TactileSensor) -> None:
+    def __init__(self, session: Session, sensor: TactileSensor | RecordedSensor) -> None:
         self.session, self.sensor = session, sensor
         self._requests: Mapping[str, tuple[Callable[[dict[str, Any]], dict[str, Any]], set[str]]] = {
             "hello": (self._hello, set()),

@@ -5,13 +5,11 @@ The seed alone determines the objects of an episode.
 
 from __future__ import annotations
 
-import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from copy import deepcopy
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, dataclass
 from functools import cached_property, lru_cache
-from pathlib import Path
 from typing import Any, TypeAlias
 
 from activetouch import Scene, TactileSensor, TouchWorld
@@ -19,11 +17,9 @@ from activetouch.scene_description import scene_fields
 from activetouch.world import TouchTime, touch_many
 from belief.problem import SearchProblem, Touch
 from belief.scene_belief import SceneBelief
-from belief.seeding import arrangement_rng, touch_rng
-from belief.synthetic import sample_arrangement
-from experiments.search.fingerprint import digest_of, fingerprint, versions
+from belief.seeding import touch_rng
 from planners import Decider, Episode, InformationState, search_lockstep
-from planners.certified import Certificate
+from planners.fingerprint import digest_of, fingerprint, versions
 from planners.probing import HYPOTHESES, OUTCOMES
 from planners.search import TouchRequest
 
@@ -87,17 +83,6 @@ def identity_of(scene: Scene, problem: SearchProblem, seed: int) -> dict[str, An
     return {"seed": seed, "problem": repr(problem), "scene": scene_fields(scene), "versions": versions()}
 
 
-def sensor_digest(sensor: TactileSensor) -> str:
-    """SHA-256 of all that a sensor object reads with."""
-    return digest_of([sensor.reader.digest, sensor.reader.card.fields(), sensor.model.to_json({})])
-
-
-def make_world(problem: SearchProblem, sensor: TactileSensor, seed: Seed) -> TouchWorld:
-    """The world of the episode with this seed."""
-    rng = arrangement_rng(seed)
-    return TouchWorld.sample(sensor, sample_arrangement(problem, rng), rng)
-
-
 def prepare(searches: Searches, decider: Decider, target: int) -> None:
     """Let a decider with a method ``prepare`` load what it needs, or raise what keeps it from playing."""
     if callable(ready := getattr(getattr(decider, "decider", decider), "prepare", None)):
@@ -109,7 +94,7 @@ def prepare(searches: Searches, decider: Decider, target: int) -> None:
 def _warm_up(searches: Searches) -> None:
     """Touch once and predict a next touch, so that what the first touch of a process loads is not timed."""
     sensor, problem, seed = searches.sensor, searches.problem, (searches.seed, 0, 0)
-    request = TouchRequest(make_world(problem, sensor, seed), 0, touch_rng(seed, 0, 0, 0))
+    request = TouchRequest(TouchWorld.of_search(sensor, problem, seed), 0, touch_rng(seed, 0, 0, 0))
     scene = SceneBelief(problem, sensor.model)
     scene.update(0, touch_many(sensor, [request])[0])
     scene.view().evidence(0).outcome_mixture(OUTCOMES, HYPOTHESES)
@@ -125,7 +110,7 @@ def play_episodes(
     """
     sensor, problem, spent = searches.sensor, searches.problem, [TouchTime()]
     seeds: list[Seed] = [(searches.seed, target, number) for number in numbers]
-    worlds = [make_world(problem, sensor, seed) for seed in seeds]
+    worlds = [TouchWorld.of_search(sensor, problem, seed) for seed in seeds]
     waited = 0.0
 
     def touch_and_time(requests: Sequence[TouchRequest[TouchWorld]]) -> list[Touch]:
@@ -145,38 +130,3 @@ def play_episodes(
     touches = sum(episode.num_touches for episode in episodes)
     seconds = sum(spent, TouchTime())
     return episodes, Seconds(seconds.physics, seconds.network, thinking, touches, seconds.pressed_again)
-
-
-def made_for(
-    sensor: TactileSensor,
-    problem: SearchProblem,
-    targets: Sequence[str],
-    name: str,
-    decider: Decider,
-    known: Mapping[str, object],
-) -> dict[str, Any]:
-    """What a certificate holds for, as JSON types.
-
-    ``known`` are objects by name that deciders hold and that the sensor determines.
-    """
-    targets = [label for label in problem.shape_labels if label in targets]
-    deciders = [fingerprint(decider, target, known) for target in targets]
-    world = {
-        "scene": scene_fields(sensor.scene),
-        "objects and rules": repr(problem),
-        "targets": targets,
-        "decider": name,
-        "settings, code or policies of the decider": digest_of(deciders),
-        "sensor (SHA-256)": sensor_digest(sensor),
-    }
-    return json.loads(json.dumps(world))
-
-
-def with_unsure(problem: SearchProblem) -> SearchProblem:
-    """The rules of a search that stops by a certificate."""
-    return problem if problem.unsure_reward is not None else replace(problem, unsure_reward=0.0)
-
-
-def opened(certificate: str | Path | Certificate) -> Certificate:
-    """A certificate, or that of a file; raises as :meth:`planners.certified.Certificate.load`."""
-    return certificate if isinstance(certificate, Certificate) else Certificate.load(certificate)

@@ -17,7 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from numpy.typing import NDArray
 
-from activetouch import TactileSensor
+from activetouch import TactileSensor, TouchWorld
 from activetouch.placement import WorldObject
 from activetouch.solids.solid import Shape
 from activetouch.view.portrait import portraits
@@ -26,7 +26,6 @@ from belief.observation_model.rigid_body_evidence import RigidBodyEvidence, join
 from belief.problem import Action, Probe, Reject, SearchProblem
 from belief.seeding import touch_rng
 from experiments.reporting.style import INK, PALETTE, figure
-from experiments.search.play import make_world
 from planners import Episode, Outcome, Step
 from planners.episode import ACTION_NAMES
 
@@ -127,7 +126,7 @@ def action_words(action: Action, problem: SearchProblem) -> str:
 
 def replay(sensor: TactileSensor, problem: SearchProblem, episode: Episode) -> list[Frame]:
     """Repeat the touches of an episode of a run with its sensor."""
-    world = make_world(problem, sensor, episode.seed)
+    world = TouchWorld.of_search(sensor, problem, episode.seed)
     uses: Counter[tuple[int, int]] = Counter()
     frames, nothing = [], sensor.model.start()
     evidence = nothing

@@ -40,9 +40,9 @@ from belief.references import ForeignCode
 from experiments.command_line.trust import Trust
 from experiments.parallel import Shared, Task, run_tasks
 from experiments.scene_choice import command
-from experiments.search.fingerprint import commit_of_code, digest_of, fingerprint
 from experiments.search.play import EPISODES_PER_BATCH, Searches, Seconds, play_episodes
 from planners import Decider, Episode
+from planners.fingerprint import commit_of_code, digest_of, fingerprint
 
 _FORMAT = 4
 _FIELDS = {"format": int, "identity": dict, "arguments": dict, "commit": str}

@@ -10,12 +10,12 @@ from activetouch import Scene, TactileSensor
 from activetouch.data.manifest import CollectionPlan, Manifest
 from activetouch.errors import LabelMismatch
 from activetouch.extras import require_extra
-from activetouch.named_scenes import NamedScene
+from activetouch.named_scenes import NamedScene, as_named
 from activetouch.perception.card import read_card
 from activetouch.perception.recipe import RECIPES
 from activetouch.sensor_files import READER_FILE
 from experiments.parallel import default_jobs
-from experiments.scene_choice import as_named, named_scene
+from experiments.scene_choice import named_scene
 from experiments.sensor.calibrate import calibrate, require_enough
 from experiments.sensor.collect import record
 from experiments.sensor.train import in_safe_precision, require_input_size, train_reader

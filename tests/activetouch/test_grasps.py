@@ -20,8 +20,8 @@ from activetouch.perception.reader import TactileReader
 from activetouch.poses import POSE_SETS
 from activetouch.pressing.height_maps import Window, predicted_contacts
 from activetouch.scene import Variation
+from activetouch.sensor.session_reader import SensorReader
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS, READER_FILE, reader_file
-from activetouch.session_reader import SensorReader
 from belief.errors import InvalidArgument, UnknownName
 from belief.observation_model import FixedHypotheses, RigidBodyModel
 from belief.policy_state import expected_gains
@@ -183,10 +183,10 @@ def test_a_finger_that_misses_closes_to_the_middle_and_no_contact_is_seen_beside
     assert not np.delete(image, [4, 9], axis=1).max() > 60
     reader = ANY_OBJECT.bound_to(scene)
     assert np.isfinite(reader.run(image[None])[0]).all()
-    sensor = type("Sensor", (), {"scene": scene})()
-    assert SensorReader(sensor).area(image) == 0.0
+    of_session = SensorReader(scene, reader, None, None)
+    assert of_session.area(image) == 0.0
     seen = grasped(scene, 0, pose=1)[1].image
-    assert SensorReader(sensor).area(seen) > 0.0
+    assert of_session.area(seen) > 0.0
 
 
 @pytest.fixture

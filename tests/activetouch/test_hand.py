@@ -19,11 +19,9 @@ from activetouch.poses import turn
 from activetouch.scene import Scene, Symmetry, Variation
 from activetouch.scene_description import scene_fields
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS, READER_FILE
-from activetouch.session_reader import SensorReader
 from activetouch.shapes import Sphere
 from belief.errors import InvalidArgument, UnknownName
 from belief.problem import Touch
-from experiments.search.one_search import problem_of
 from experiments.sensor.collect import record
 
 COARSE = replace(SCENES["coarse"].scene, press_model=Quasistatic())
@@ -179,7 +177,7 @@ def test_a_sensor_searches_with_a_hand(sensor):
 
 
 def test_a_session_tells_a_grasp_from_no_contact(sensor):
-    reader = SensorReader(sensor)
+    reader = sensor.image_reader
     image = grasped(sensor.scene).image
     blank = np.hstack([np.zeros((4, 4), np.uint8), image[:, 4:]])
     assert reader.area(image) > reader.area(blank) > reader.area(np.zeros_like(image)) == 0.0
@@ -191,5 +189,5 @@ def test_a_hand_searches_by_the_rules_of_the_named_scene():
     scene = SCENES["hard"].scene
     labels = {"shape_labels": scene.shape_labels, "pose_labels": scene.pose_labels}
     alone, held = (SimpleNamespace(**labels, scene=one) for one in (scene, scene.with_hand("parallel")))
-    assert problem_of(held) == problem_of(alone)
-    assert problem_of(held).num_objects == 8
+    assert TactileSensor.problem(held) == TactileSensor.problem(alone)
+    assert TactileSensor.problem(held).num_objects == 8

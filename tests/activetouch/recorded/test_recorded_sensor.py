@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from activetouch import SCENES, RecordedSensor, TactileSensor
+import activetouch
+from activetouch import SCENES, RecordedSensor, Sensor, TactileSensor
 from activetouch.errors import LabelMismatch, WrongScene
 from activetouch.recorded import RecordedTouches
 from activetouch.recorded.reader_file import RECORDED_READER, read_recorded_reader, write_recorded_reader
@@ -61,9 +62,7 @@ def test_a_sensor_names_what_it_touches(sensor, rng):
 def test_what_needs_a_scene_refuses_a_sensor_of_recorded_touches(sensor, tmp_path):
     sensor.save(tmp_path)
     for needs in (
-        lambda: sensor.scene,
-        lambda: sensor.reader,
-        lambda: sensor.search("mug"),
+        lambda: activetouch.compare("coarse", sensor=sensor),
         lambda: TactileSensor.load(tmp_path, SCENES["coarse"].scene),
         lambda: open_sensor(tmp_path, SceneChoice("coarse")),
     ):
@@ -71,6 +70,14 @@ def test_what_needs_a_scene_refuses_a_sensor_of_recorded_touches(sensor, tmp_pat
             needs()
     with pytest.raises(InvalidArgument, match="must be a Scene"):
         TactileSensor.load(tmp_path.parent)
+
+
+def test_a_search_touches_objects_that_the_observation_model_draws(sensor):
+    assert isinstance(sensor, Sensor)
+    found = [sensor.search("mug", seed=(7, 0, number)) for number in range(30)]
+    assert np.mean([one.success for one in found]) > 0.7  # a guess is right in 0.25; fails with probability < 1e-4
+    assert sensor.search("mug", seed=7).to_dict() == found[0].to_dict()
+    assert sensor.search("ball", num_objects=2, composition="independent").arrangement != ()
 
 
 @pytest.mark.parametrize(

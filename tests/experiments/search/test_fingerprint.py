@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.search.fingerprint import fingerprint
 from planners import SequentialDecider
+from planners.fingerprint import fingerprint
 from planners.probing import FixedOrder, RandomOrder
 from planners.stopping import PosteriorThresholds, ThresholdRule
 
@@ -138,7 +138,7 @@ def test_what_it_keeps_for_itself_and_who_holds_itself_do_not_matter():
 
 def test_another_process_finds_the_same_digest():
     code = (
-        "from experiments.search.fingerprint import fingerprint; from planners.stopping import PosteriorThresholds;"
+        "from planners.fingerprint import fingerprint; from planners.stopping import PosteriorThresholds;"
         "print(fingerprint(PosteriorThresholds(0.9)))"
     )
     command = [sys.executable, "-c", code]

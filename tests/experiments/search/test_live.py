@@ -18,7 +18,6 @@ from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
 from activetouch.recorded import RecordedTouches, read_recorded
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
-from activetouch.session_reader import SensorReader
 from belief import Probe, Touch
 from belief.errors import ActiveTouchError, InvalidArgument
 from belief.observation_model import RigidBodyModel
@@ -26,7 +25,6 @@ from belief.seeding import arrangement_rng, touch_rng
 from belief.synthetic import sample_arrangement
 from experiments.search.live import Live
 from experiments.search.live_protocol import MOST_BYTES, Conversation, converse, requests
-from experiments.search.one_search import problem_of, session_with
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.usefixtures("sensors_loaded_once")]
 KEY = (7, 3, 0)  # of sensor.search("cone", seed=7)
@@ -38,11 +36,11 @@ def sensor():
 
 def world():
     rng = arrangement_rng(KEY)
-    return TouchWorld.sample(sensor(), sample_arrangement(problem_of(sensor()), rng), rng)
+    return TouchWorld.sample(sensor(), sample_arrangement(sensor().problem(), rng), rng)
 
 
 def conversation(**settings):
-    return Conversation(session_with(sensor(), "cone", "information_gain", 7, **settings), sensor())
+    return Conversation(sensor().session("cone", "information_gain", 7, **settings), sensor())
 
 
 def asked(talk, **request):
@@ -83,7 +81,7 @@ def test_a_search_over_a_pipe_that_is_killed_is_the_search(tmp_path):
             pending = {"step": (question := says(do="ask"))["step"], **robot.carries_out(question)}
             assert says(do="tell", **pending)["ok"]
         live.kill()
-    begun = session_with(sensor(), "cone", "information_gain", 7, log=log, abstain=False)
+    begun = sensor().session("cone", "information_gain", 7, log=log, abstain=False)
     talk = Conversation(begun, sensor())
     assert asked(talk, do="tell", **pending)["error"] == "AlreadyTold"  # nobody knows whether it was told: tell again
     while (question := asked(talk, do="ask"))["action"] is not None:
@@ -91,7 +89,7 @@ def test_a_search_over_a_pipe_that_is_killed_is_the_search(tmp_path):
     ended = asked(talk, do="reveal", arrangement=[sensor().shape_labels[s] for s in robot.world.arrangement])
     begun.close()
     assert (ended["outcome"], ended["success"]) == (str(expected.outcome), expected.success)
-    session = session_with(sensor(), "cone", "information_gain", 7, log=log, abstain=False)
+    session = sensor().session("cone", "information_gain", 7, log=log, abstain=False)
     assert json.dumps(session.episode.to_dict()) == json.dumps(expected.to_dict())
     assert np.array(ended["log_marginals"]).tobytes() == session.scene.log_marginals().clip(-1e300).tobytes()
     session.close()
@@ -206,7 +204,7 @@ def test_a_misled_robot_is_told_so():
 
 def test_a_sensor_in_an_unknown_state_tells_what_may_be_the_matter(few_hypotheses):
     inferring = TactileSensor.shipped("coarse", unknown_state=True)
-    session = session_with(inferring, "cone", "random_poses", 7)
+    session = inferring.session("cone", "random_poses", 7)
     assert asked(Conversation(session, inferring), do="state")["sensor_health"] == str(session.scene.sensor_health)
     assert repr(session).startswith("Session(step 0, object 0, Belief(")
     session.tell(missed=True)
@@ -226,7 +224,7 @@ def test_images_of_nothing_of_noise_or_of_saturation_give_no_answer(target):
 
 
 def test_a_contact_below_the_stated_area_is_none():
-    reader, robot = SensorReader(sensor()), world()
+    reader, robot = sensor().image_reader, world()
     image, _ = robot.press("front", touch_rng(KEY, 0, 0, 0))
     area, faint = reader.area(image), image // 8
     assert 0.0 < area < (2 * sensor().scene.pad.half_width) ** 2
@@ -242,7 +240,7 @@ def test_a_contact_below_the_stated_area_is_none():
 
 def test_a_place_that_is_a_pose_is_that_pose_and_others_are_evidence_of_one_rigid_body(tmp_path):
     scene, image = sensor().scene, world().press("front", touch_rng(KEY, 0, 0, 0))[0]
-    in_pose, at_place, elsewhere = (session_with(sensor(), "cone", "information_gain", 7) for _ in range(3))
+    in_pose, at_place, elsewhere = (sensor().session("cone", "information_gain", 7) for _ in range(3))
     elsewhere.save(tmp_path / "log")
     quaternion = scene.rotations["z45"]
     in_pose.tell(image=image, pose="z45")
@@ -256,7 +254,7 @@ def test_a_place_that_is_a_pose_is_that_pose_and_others_are_evidence_of_one_rigi
     assert (elsewhere.belief.probs != in_pose.belief.probs).all()
     assert isinstance(elsewhere.ask(), Probe)
     elsewhere.close()
-    again = session_with(sensor(), "cone", "information_gain", 7, log=tmp_path / "log")
+    again = sensor().session("cone", "information_gain", 7, log=tmp_path / "log")
     assert again.scene.log_marginals().tobytes() == elsewhere.scene.log_marginals().tobytes()
     again.close()
     with pytest.raises(InvalidArgument, match="predicted contacts"):
@@ -271,7 +269,7 @@ def test_a_reader_of_any_object_embeds_hypotheses_at_any_place():
     table, width = HypothesisTable(reader, scene), reader.card.embedding
     references, logits = np.ones((6, 1, width)), np.zeros((6, 1, 4))
     model = RigidBodyModel(scene.shape_labels, 16, 1.0, references, logits, hypotheses=table)
-    there = SensorReader(TactileSensor(scene, reader, model))
+    there = TactileSensor(scene, reader, model).image_reader
     quaternion, aim = np.array([0.5, 0.5, 0.5, -0.5]), np.array([0.002, -0.001])
     pose, elsewhere = there.at({"quaternion": quaternion.tolist(), "aim": aim.tolist()})
     listed = replace(scene, poses={"here": quaternion}, aims={"here": (0.002, -0.001)})
@@ -290,7 +288,7 @@ def test_a_reader_of_any_object_embeds_hypotheses_at_any_place():
 
 def test_a_log_of_another_search_is_refused_with_what_differs(tmp_path):
     log = tmp_path / "log.jsonl"
-    session_with(sensor(), "cone", "fixed_poses", 7, log=log).close()
+    sensor().session("cone", "fixed_poses", 7, log=log).close()
     for changed, message in (
         ({"target": "cube"}, "its target is 'cone', not 'cube'"),
         ({"num_objects": 3}, "its num_objects is 4, not 3"),
@@ -301,12 +299,12 @@ def test_a_log_of_another_search_is_refused_with_what_differs(tmp_path):
         ({"decider": "fixed_poses(confirm=0.9)"}, "another decider: its confirm is 0.99, not 0.9"),
     ):
         with pytest.raises(InvalidArgument, match=message):
-            session_with(sensor(), **{"target": "cone", "decider": "fixed_poses", "seed": 7, "log": log, **changed})
+            sensor().session(**{"target": "cone", "decider": "fixed_poses", "seed": 7, "log": log, **changed})
     with pytest.raises(InvalidArgument, match="5 objects cannot all differ"):
-        session_with(sensor(), "cone", "fixed_poses", 7, 5)
+        sensor().session("cone", "fixed_poses", 7, num_objects=5)
     with pytest.raises(InvalidArgument, match=r"another model .* \(was it begun with --unknown-state"):
         Live(target="cone", sensor=Path("paper"), decider="fixed_poses", seed=7, log=log).run()
-    session_with(sensor(), "cone", "fixed_poses", 7, log=log).close()
+    sensor().session("cone", "fixed_poses", 7, log=log).close()
 
 
 def recorded(folder, number):
@@ -407,7 +405,7 @@ class Quits:
 
 
 def test_a_decider_that_exits_ends_no_conversation():
-    talk = Conversation(session_with(sensor(), "cone", Quits(), 7), sensor())
+    talk = Conversation(sensor().session("cone", Quits(), 7), sensor())
     for _ in range(2):
         answer = asked(talk, do="ask", id=1.5)
         assert (answer["error"], answer["id"], answer["step"]) == ("CodeFailed", 1.5, 0)

@@ -7,10 +7,10 @@ import pytest
 import activetouch
 from activetouch import SCENES, Quasistatic, Scene, TactileSensor
 from activetouch.errors import LabelMismatch
+from activetouch.named_scenes import as_named
 from activetouch.pressing.pad import Pad
 from belief.references import UnknownName
 from experiments.command_line.arguments import BadArgument
-from experiments.scene_choice import as_named
 from experiments.sensor.calibrate import Calibrate, TooFewObjects
 from experiments.sensor.train import require_input_size
 from planners.probing import read_order

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -11,11 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from activetouch.perception.reader import TactileReader
 from activetouch.pressing.contact import missed
+from activetouch.recorded.reader import RecordedReader
 from activetouch.recorded.reader_file import digest_of
 from activetouch.rendering import read_out
-from activetouch.sensor import RecordedSensor, TactileSensor
+from activetouch.scene import Scene
 from belief.errors import InvalidArgument
+from belief.observation_model.model import ArrayModel
 from belief.observation_model.rigid_body import joint_model
 from belief.problem import Elsewhere, Touch
 
@@ -27,14 +30,24 @@ _KEYS = {"quaternion", "aim"}
 
 @dataclass(frozen=True, eq=False)
 class SensorReader:
-    """Reads images for sessions of a sensor of a scene (:class:`planners.session_log.ImageReader`)."""
+    """Reads images for sessions of a sensor of a scene (:class:`planners.session_log.ImageReader`).
 
-    sensor: TactileSensor
+    Attributes:
+        scene: of the sensor.
+        reader: of the sensor.
+        model: of the sensor.
+        touches: what the sensor reads in images and poses.
+    """
+
+    scene: Scene
+    reader: TactileReader
+    model: ArrayModel
+    touches: Callable[[NDArray[np.uint8], Sequence[int]], list[Touch]]
 
     @cached_property
     def identity(self) -> str:
         """Digest of all that it reads with."""
-        reader = self.sensor.reader
+        reader = self.reader
         return hashlib.sha256(f"{reader.digest} {reader.card.fields()}".encode()).hexdigest()
 
     def read(self, image: ArrayLike, pose: int) -> tuple[NDArray[np.uint8], Touch, float]:
@@ -47,8 +60,8 @@ class SensorReader:
         Raises:
             InvalidArgument: it is no such image.
         """
-        checked = checked_image(image, self.sensor.scene.image_shape)
-        return checked, self.sensor.read(checked[None], [pose])[0], self.area(checked)
+        checked = checked_image(image, self.scene.image_shape)
+        return checked, self.touches(checked[None], [pose])[0], self.area(checked)
 
     def area(self, image: NDArray[np.uint8]) -> float:
         """Area of the taxels that read more than they do without contact [m²].
@@ -57,13 +70,13 @@ class SensorReader:
         all taxels tells counts as one taxel.
         """
         nothing, limit, limit_of_sum = self._blank
-        if (hand := self.sensor.scene.hand) is not None:
+        if (hand := self.scene.hand) is not None:
             image = np.concatenate(hand.apart(image[None])[0], axis=2)[0]
         differs = np.abs(image - nothing)
         of_taxels = differs if differs.ndim == 2 else differs.max(axis=2)
         number = int((of_taxels > limit).sum())
         number = max(number, int(differs.sum() > limit_of_sum))
-        return number * (2.0 * self.sensor.scene.pad.half_width) ** 2 / image.shape[0] ** 2
+        return number * (2.0 * self.scene.pad.half_width) ** 2 / image.shape[0] ** 2
 
     def at(self, place: Mapping[str, Any]) -> tuple[int, Elsewhere | None]:
         """The pose of a place; if it is none of the poses, the nearest one, and the hypotheses embedded there.
@@ -76,14 +89,14 @@ class SensorReader:
             InvalidArgument: it is no place, or the sensor knows no touches elsewhere than in its poses.
         """
         quaternion, aim = _numbers_of(place)
-        scene = self.sensor.scene
+        scene = self.scene
         turns = np.abs(np.stack([*scene.rotations.values()]) @ quaternion)
         angles = 2.0 * np.arccos(np.minimum(turns, 1.0))
         away = np.linalg.norm(scene.aim_offsets - aim, axis=1) / scene.pad.half_width
         nearest = int(np.argmin(angles + away))
         if np.abs(turns[nearest] - 1.0) < _SAME**2 and away[nearest] < _SAME:
             return nearest, None
-        model, hypotheses, card = joint_model(self.sensor.model), self.sensor.reader.hypotheses, self.sensor.reader.card
+        model, hypotheses, card = joint_model(self.model), self.reader.hypotheses, self.reader.card
         if model is None or hypotheses is None or not (card.imaging is not None or not away.min()):
             raise InvalidArgument(
                 "only a sensor whose belief is about one rigid body takes touches that are in none of its poses "
@@ -98,7 +111,7 @@ class SensorReader:
     @cached_property
     def _blank(self) -> tuple[NDArray[np.float64], float, float]:
         """The mean image of no contact; how much a taxel, and all together, differ from it in 2 of 100 such images."""
-        scene, rng = self.sensor.scene, np.random.default_rng(0)
+        scene, rng = self.scene, np.random.default_rng(0)
         ideal, number = scene.image(missed(scene.pad)), 1 if scene.hand is None else len(scene.hand)
         readings = [read_out(ideal, scene.faults, rng) for _ in range(_BLANKS * number)]
         images = np.stack([np.hstack(readings[i::_BLANKS]) for i in range(_BLANKS)]).astype(np.float64)
@@ -112,34 +125,30 @@ class SensorReader:
 class RecordedRowReader:
     """Reads rows of features for sessions of a sensor of recorded touches."""
 
-    sensor: RecordedSensor
+    reader: RecordedReader
+    touches: Callable[[NDArray[np.float64], Sequence[int]], list[Touch]]
 
     @cached_property
     def identity(self) -> str:
         """Digest of all that it reads with."""
-        return digest_of(self.sensor.recorded_reader)
+        return digest_of(self.reader)
 
     def read(self, image: ArrayLike, pose: int) -> tuple[NDArray[np.float64], Touch, float | None]:
         """The row of features ``(F,)`` as numbers, and the touch that it shows; see :meth:`RecordedSensor.read`.
 
         The area of the contact is 0 for a row that could be one of no contact, and otherwise not known.
         """
-        row, size = np.asarray(image, np.float64), self.sensor.recorded_reader.num_features
+        row, size = np.asarray(image, np.float64), self.reader.num_features
         if row.shape != (size,):
             raise InvalidArgument(f"image must be a row of {size} features of the recordings, got {row.shape}")
-        touch = self.sensor.read(row[None], [pose])[0]
-        return row, touch, 0.0 if self.sensor.recorded_reader.is_blank(row) else None
+        touch = self.touches(row[None], [pose])[0]
+        return row, touch, 0.0 if self.reader.is_blank(row) else None
 
     def at(self, place: Mapping[str, Any]) -> tuple[int, None]:
         """Refused: actions of recordings are no places."""
         raise InvalidArgument(
-            f"this sensor knows the actions {self.sensor.pose_labels} and no places, got {place!r:.80}"
+            f"this sensor knows the actions {self.reader.action_names} and no places, got {place!r:.80}"
         )
-
-
-def session_reader(sensor: TactileSensor) -> SensorReader | RecordedRowReader:
-    """What reads the images of a sensor."""
-    return RecordedRowReader(sensor) if isinstance(sensor, RecordedSensor) else SensorReader(sensor)
 
 
 def checked_image(image: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.uint8]:

@@ -1,0 +1,117 @@
+"""What every sensor does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Protocol, Unpack, runtime_checkable
+
+from numpy.typing import NDArray
+
+from belief.composition import Composition, Counts
+from belief.naming import Name
+from belief.observation_model.model import ArrayModel
+from belief.problem import SearchProblem, Touch
+from planners import Decider, Episode, Session
+from planners.certified import Certificate
+from planners.session import SessionSettings
+from planners.session_log import ImageReader
+
+
+@runtime_checkable
+class Sensor(Protocol):
+    """Reads touches of objects of known shapes, and searches with them."""
+
+    @property
+    def shape_labels(self) -> tuple[str, ...]:
+        """What it can tell apart, K labels."""
+
+    @property
+    def pose_labels(self) -> tuple[str, ...]:
+        """How it can touch, P labels."""
+
+    @property
+    def model(self) -> ArrayModel:
+        """Turns what it reads into evidence."""
+
+    def read(self, images: NDArray[Any], poses: Sequence[Name]) -> list[Touch]:
+        """Touches from N images, or rows of features, and the N poses that they were felt in."""
+
+    @property
+    def image_reader(self) -> ImageReader:
+        """What reads the images, or rows of features, that a session is told."""
+
+    def problem(
+        self,
+        num_objects: int | None = None,
+        composition: Composition | Counts | str | None = None,
+        touch_cost: float = 0.02,
+    ) -> SearchProblem:
+        """The rules of a search; arguments as of :meth:`search`."""
+
+    def search(
+        self,
+        target: Name,
+        decider: str | Decider = "information_gain",
+        seed: int | Sequence[int] = 0,
+        *,
+        num_objects: int | None = None,
+        composition: Composition | Counts | str | None = None,
+        touch_cost: float = 0.02,
+    ) -> Episode:
+        """Search for an object of the target's shape among simulated objects.
+
+        The same seed gives the same objects and touches.
+
+        Args:
+            target: label or index of the shape.
+            decider: its name, as ``compare --deciders`` takes it, or an object with ``decide(info, rng)``.
+            seed: of the search, or its key.
+            num_objects: number of objects; by default the usual one of the sensor.
+            composition: "distinct", "independent", or a :class:`belief.Composition` or :class:`belief.Counts`; by
+                default the usual one of the sensor. Where the exact sum over distinct objects is too large, they are
+                then independent, with a warning.
+            touch_cost: cost λ of one touch, in units of a success.
+
+        Returns:
+            The episode, which prints as its steps.
+
+        Raises:
+            UnknownName: no shape or no decider has this name.
+            InvalidArgument: a number is out of its range, or a seed is none.
+        """
+
+    def session(
+        self,
+        target: Name,
+        decider: str | Decider = "information_gain",
+        seed: int | Sequence[int] = 0,
+        *,
+        num_objects: int | None = None,
+        composition: Composition | Counts | str | None = None,
+        touch_cost: float = 0.02,
+        log: str | Path | None = None,
+        certificate: str | Path | Certificate | None = None,
+        **settings: Unpack[SessionSettings],
+    ) -> Session:
+        """A search whose touches somebody else makes, such as a robot; it reads the images that it is told.
+
+        Args:
+            target: label or index of the shape.
+            decider: as of :meth:`search`.
+            seed: of the decider.
+            num_objects: as of :meth:`search`.
+            composition: as of :meth:`search`.
+            touch_cost: as of :meth:`search`.
+            log: file for all that is told, each on disk before the next question; if it exists, its search goes
+                on, with its own settings alone.
+            certificate: of :func:`activetouch.certify`, or its file: it says where an object is confirmed.
+            settings: of :class:`planners.Session`. Where it may abstain and there is no certificate, an image that
+                could be one of no contact is a miss, unless ``least_area`` is given.
+
+        Raises:
+            UnknownName: no shape or no decider has this name.
+            InvalidArgument: a number is out of its range, or the log is of another search, decider or limit.
+            NotCertified: the certificate was made for another search.
+            CorruptFile, CannotWrite: the log cannot be read or written.
+        """

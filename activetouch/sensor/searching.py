@@ -1,0 +1,82 @@
+"""The rules of a search with a sensor, its decider, and the session that a log may hold."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from belief.arrangement import num_states
+from belief.composition import Composition, Counts
+from belief.errors import InvalidArgument
+from belief.naming import Name, index_of
+from belief.observation_model.model import ArrayModel
+from belief.problem import SearchProblem
+from belief.seeding import checked_key
+from planners import Decider, Session, make_decider
+from planners.session import SessionSettings
+from planners.session_log import ImageReader, differences
+
+
+def problem_of(
+    usual: SearchProblem,
+    touches_per_object: int,
+    num_objects: int | None,
+    composition: Composition | Counts | str | None,
+    touch_cost: float,
+) -> SearchProblem:
+    """The usual search of a sensor, with some rules of another kind.
+
+    Where the exact sum over the usual, different objects is too large, they are independent, with a warning.
+    """
+    if num_objects is None:
+        most = composition.total if isinstance(composition, Counts) else usual.num_objects
+        num_objects = min(usual.num_objects, most)
+    problem = replace(
+        usual,
+        num_objects=num_objects,
+        composition=Composition(composition) if isinstance(composition, str) else composition or usual.composition,
+        touch_cost=touch_cost,
+        touch_limit=touches_per_object * num_objects,
+    )
+    try:
+        if composition is None and problem.counts is not None:
+            num_states(problem.counts, num_objects)
+    except InvalidArgument as error:
+        warnings.warn(f"the objects are taken to be independent, so that two may be alike: {error}", stacklevel=4)
+        problem = replace(problem, composition=Composition.INDEPENDENT)
+    return problem
+
+
+def player_of(
+    problem: SearchProblem, model: ArrayModel, target: Name, decider: str | Decider, seed: int | Sequence[int]
+) -> tuple[int, tuple[int, ...], Decider]:
+    """Index of the target, key of the search, and the decider."""
+    shape, words = index_of("target", problem.shape_labels, target), checked_key(seed)
+    key = (*words, shape, 0) if len(words) == 1 else words
+    return shape, key, make_decider(decider, model.outcome_table(), model) if isinstance(decider, str) else decider
+
+
+def begun(session: Session, decider: Decider, log: str | Path | None, reader: ImageReader) -> Session:
+    """The session, or the one that goes on in its log."""
+    if log is None:
+        return session
+    if not Path(log).exists():
+        session.save(log)
+        return session
+    found = Session.load(log, model=session.model, decider=decider, reader=reader)
+    checked = dict.fromkeys(("arrangement", "decider", "stop_rule"))  # by load, or of no matter
+    if other := differences({**found.set_up, **checked}, {**session.set_up, **checked}):
+        found.close()
+        raise InvalidArgument(f"{log} is the log of another search: {'; '.join(other)}")
+    return found
+
+
+def with_misses(settings: SessionSettings) -> SessionSettings:
+    """Settings of a session in which an image that could be one of no contact is none, where it may abstain."""
+    is_abstaining = settings.get("abstain")
+    is_abstaining = settings.get("arrangement") is None if is_abstaining is None else is_abstaining
+    if is_abstaining and settings.get("least_area") is None:
+        return {**settings, "least_area": 0.0}
+    return settings

@@ -1,0 +1,337 @@
+"""A tactile sensor: a scene, the reader of its images, and the observation model of what is read."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Unpack, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activetouch.distributions import Constant
+from activetouch.errors import SceneShift
+from activetouch.mesh_source import read_objects
+from activetouch.named_scenes import SCENES, as_named
+from activetouch.perception.cached_arrays import announced
+from activetouch.perception.hypothesis_table import HypothesisTable
+from activetouch.perception.reader import TactileReader
+from activetouch.scene import Scene
+from activetouch.scene_description import in_words, scene_fields
+from activetouch.sensor.recorded import RecordedSensor
+from activetouch.sensor.searching import begun, player_of, problem_of, with_misses
+from activetouch.sensor.session_reader import SensorReader
+from activetouch.sensor_files import (
+    INDEPENDENT_SUFFIX,
+    MODELS,
+    RECORDED_FILE,
+    FittedModel,
+    files_for,
+    is_of_objects,
+    require_model,
+)
+from activetouch.world import TouchWorld
+from belief.composition import Composition, Counts
+from belief.errors import InvalidArgument, UnknownName
+from belief.naming import Name, few, index_of, one_line
+from belief.observation_model.model import ArrayModel
+from belief.observation_model.sensor_health import SensorHealthModel
+from belief.problem import SearchProblem, Touch
+from planners import Decider, Episode, Session, make_decider, search
+from planners.certified import Certificate, NotCertified
+from planners.fingerprint import digest_of, fingerprint
+from planners.session import SessionSettings
+
+if TYPE_CHECKING:
+    from activetouch.shapes import Shape
+
+
+@dataclass(frozen=True, eq=False)
+class TactileSensor:
+    """A scene with the reader trained for it and the observation model fitted to both.
+
+    Attributes:
+        scene: where presses come from.
+        reader: reads their images.
+        model: turns what it reads into evidence.
+        shift: how the scene differs from the one that reader and model were made for, in words; empty where it is
+            the same.
+        with_logits: whether touches for a joint model have logits too. The model reads their features alone; deciders
+            that judge single touches, environments and the records of searches read logits. A reader that embeds
+            hypotheses takes 0.2 to 0.4 ms for the logits of a touch.
+        folder: where its files lie; None if it was put together from parts.
+
+    Raises:
+        LabelMismatch: reader or observation model were made for other shapes or poses.
+    """
+
+    scene: Scene
+    reader: TactileReader
+    model: ArrayModel
+    shift: tuple[str, ...] = ()
+    with_logits: bool = True
+    folder: Path | None = None
+
+    def __post_init__(self) -> None:
+        self.reader.card.require_labels(self.scene.shape_labels, self.scene.pose_labels)
+        require_model(self.model, self.scene)
+
+    @overload
+    @classmethod
+    def load(cls, folder: str | Path, scene: None = None) -> RecordedSensor: ...
+
+    @overload
+    @classmethod
+    def load(
+        cls,
+        folder: str | Path,
+        scene: Scene,
+        anyway: bool = False,
+        independent: bool = False,
+        unknown_state: bool = False,
+    ) -> TactileSensor: ...
+
+    @classmethod
+    def load(
+        cls,
+        folder: str | Path,
+        scene: Scene | None = None,
+        anyway: bool = False,
+        independent: bool = False,
+        unknown_state: bool = False,
+    ) -> TactileSensor | RecordedSensor:
+        """The sensor whose reader and observation model lie in a folder.
+
+        A scene that differs from theirs by another press, other faults, sizes, forces or orientations is a known shift:
+        a warning and :attr:`shift` tell it.
+
+        Args:
+            folder: of the two.
+            scene: in which to use it; none for a :class:`RecordedSensor`, which no scene simulates.
+            anyway: whether to use it, without a warning, in a scene that it was not made for.
+            independent: whether to use its model that takes touches as independent given the shape.
+            unknown_state: whether the state of the sensor is inferred from its touches: forces, stiffness, noise,
+                broken taxels, a shifted or blurred image, hysteresis. Its reader of any object then reads all scenes.
+
+        Raises:
+            CorruptFile: one of the files is damaged or missing.
+            NoIndependentModel: the sensor has only a joint model.
+            LabelMismatch: they were made for other shapes or poses than the scene's.
+            WrongScene: they were made for a scene that differs by more than a known shift, or for recorded touches.
+            InvalidArgument: ``scene`` is no scene.
+        """
+        folder = Path(folder)
+        if scene is None and (folder / RECORDED_FILE).exists():
+            return RecordedSensor.read_folder(folder)
+        if not isinstance(scene, Scene):
+            raise InvalidArgument(f"the scene must be a Scene, such as SCENES['coarse'].scene; got {scene!r:.80}")
+        path, fitted, shift = files_for(folder, scene, anyway, independent, unknown_state)
+        reader = TactileReader.load(path).bound_to(scene)
+        with announced("preparing the sensor: up to two minutes the first time, then kept in the cache"):
+            model = cls._model(reader, scene, fitted, unknown_state)
+        if shift and not anyway:
+            warnings.warn(
+                f"the sensor in {folder} is used outside the scene it was made for: {in_words(shift)}",
+                SceneShift,
+                stacklevel=2,
+            )
+        return cls(scene, reader, model, shift=shift, folder=folder)
+
+    @staticmethod
+    def _model(reader: TactileReader, scene: Scene, fitted: FittedModel | None, unknown_state: bool) -> ArrayModel:
+        """The observation model of a reader in a scene; one that is not in a file is made, and kept in the cache."""
+        if fitted is None or (reader.card.imaging is not None and not is_of_objects(fitted.scene, scene)):
+            from activetouch.perception.preparation import prepared  # which sensors of known objects do not need
+
+            model: ArrayModel = prepared(reader, scene)
+        else:
+            model = fitted.model
+        if reader.hypotheses is not None:
+            model = model.with_hypotheses(HypothesisTable(reader, scene))
+        if unknown_state:
+            from activetouch.perception.sensor_worlds import sensor_health  # which others do not need
+
+            model = sensor_health(model, reader, scene)
+        return model
+
+    @classmethod
+    def shipped(
+        cls, name: str = "gel", scene: Scene | None = None, anyway: bool = False, *, unknown_state: bool = False
+    ) -> TactileSensor:
+        """A sensor that comes with the package, in the scene that it was made for or in another. See :meth:`load`.
+
+        Args:
+            name: of a scene, for the sensor whose belief is about one rigid body; or ``paper-independent``, for the
+                sensor that reads shapes only and takes touches as independent given the shape.
+            scene: in which to use it.
+            anyway: as in :meth:`load`.
+            unknown_state: as in :meth:`load`.
+
+        Raises:
+            UnknownName: there is no such sensor.
+        """
+        known = sorted(folder.name for folder in MODELS.iterdir() if folder.is_dir())
+        if name not in known:
+            raise UnknownName("sensor", name, known)
+        of_scene = name.removesuffix(INDEPENDENT_SUFFIX)
+        scene = SCENES[of_scene].scene if scene is None else scene
+        return cls.load(MODELS / name, scene, anyway, unknown_state=unknown_state)
+
+    def with_objects(self, objects: Mapping[str, Shape | Path | str] | Sequence[Path | str] | Path) -> TactileSensor:
+        """The sensor among other objects, whose contacts its reader of any object predicts; nothing is trained.
+
+        Args:
+            objects: solids or meshes, or mesh files ``path[@scale]``, by label; or what
+                :func:`~activetouch.mesh_source.read_meshes` takes. Their sizes do not vary.
+
+        Raises:
+            InvalidArgument: fewer than two objects, or the sensor is not from a folder.
+            LabelMismatch, WrongScene: its folder has no reader of any object.
+            BadMesh, FileNotFoundError: see :func:`~activetouch.mesh_source.read_meshes`.
+        """
+        if self.folder is None:
+            raise InvalidArgument("a sensor that was put together from parts has no reader of other objects: load one")
+        variation = replace(self.scene.variation, size=Constant(1.0))
+        scene = replace(self.scene, shapes=read_objects(objects), variation=variation)
+        is_inferred = isinstance(self.model, SensorHealthModel)
+        return replace(self.load(self.folder, scene, unknown_state=is_inferred), with_logits=self.with_logits)
+
+    @property
+    def shape_labels(self) -> tuple[str, ...]:
+        """What it can tell apart."""
+        return tuple(self.model.shape_labels)
+
+    @property
+    def pose_labels(self) -> tuple[str, ...]:
+        """How it can touch."""
+        return self.scene.pose_labels
+
+    def __repr__(self) -> str:
+        name = self.reader.card.backbone
+        return one_line(TactileSensor, few(self.scene.shape_labels), f"network {name}", type(self.model).__name__)
+
+    def read(self, images: NDArray[np.uint8], poses: Sequence[Name]) -> list[Touch]:
+        """Touches from images ``(N, H, W)`` and the poses they were felt in."""
+        labels = self.scene.pose_labels
+        indices = [index_of("pose", labels, pose) for pose in poses]
+        read, features = self.reader.run(images)
+        if (hypotheses := self.reader.hypotheses) is None:
+            return [Touch(*touch) for touch in zip(indices, read, features, strict=True)]
+        # The logits of one image at a time, as their last bits depend on those they are computed with.
+        logits = [hypotheses.shape_logits(row[None])[0] if self.with_logits else None for row in read]
+        return [Touch(*touch) for touch in zip(indices, logits, read, strict=True)]
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of all that it reads with."""
+        return digest_of([self.reader.digest, self.reader.card.fields(), self.model.to_json({})])
+
+    def problem(
+        self,
+        num_objects: int | None = None,
+        composition: Composition | Counts | str | None = None,
+        touch_cost: float = 0.02,
+    ) -> SearchProblem:
+        """The rules of a search; by default those of the named scene, or of up to four different objects."""
+        hand = self.scene.hand
+        known = [one for one in SCENES.values() if self.scene in (one.scene, hand and one.scene.with_hand(hand))]
+        named = known[0] if known else as_named(self.scene)
+        usual = SearchProblem(self.shape_labels, self.pose_labels, named.num_objects, named.composition)
+        return problem_of(usual, named.touches_per_object, num_objects, composition, touch_cost)
+
+    def search(
+        self,
+        target: Name,
+        decider: str | Decider = "information_gain",
+        seed: int | Sequence[int] = 0,
+        *,
+        num_objects: int | None = None,
+        composition: Composition | Counts | str | None = None,
+        touch_cost: float = 0.02,
+    ) -> Episode:
+        """Search for an object of the target's shape among simulated objects of the scene.
+
+        ``seed=7`` is the first search for this target in ``activetouch compare --seed 7``; the key ``(7, 3, 12)`` is
+        search number 12 for the target with index 3. See :meth:`Sensor.search`.
+        """
+        problem = self.problem(num_objects, composition, touch_cost)
+        shape, key, player = player_of(problem, self.model, target, decider, seed)
+        return search(TouchWorld.of_search(self, problem, key), player, problem, shape, self.model, key)
+
+    def session(
+        self,
+        target: Name,
+        decider: str | Decider = "information_gain",
+        seed: int | Sequence[int] = 0,
+        *,
+        num_objects: int | None = None,
+        composition: Composition | Counts | str | None = None,
+        touch_cost: float = 0.02,
+        log: str | Path | None = None,
+        certificate: str | Path | Certificate | None = None,
+        **settings: Unpack[SessionSettings],
+    ) -> Session:
+        """A search whose touches somebody else makes, such as a robot; it reads the images that it is told.
+
+        It asks for what :meth:`search` with the same seed would do, given the same touches, if ``abstain`` is False.
+        See :meth:`Sensor.session`.
+        """
+        problem = self.problem(num_objects, composition, touch_cost)
+        shape, key, player = player_of(problem, self.model, target, decider, seed)
+        if certificate is None:
+            settings = with_misses(settings)  # which are not among what is certified
+        else:
+            problem = problem.with_unsure()
+            player = self._certified(problem, shape, decider, Certificate.opened(certificate))
+        reader = self.image_reader
+        return begun(Session(problem, player, shape, self.model, key, reader=reader, **settings), player, log, reader)
+
+    @property
+    def image_reader(self) -> SensorReader:
+        """What reads the images that a session is told."""
+        return SensorReader(self.scene, self.reader, self.model, self.read)
+
+    def certified_world(
+        self,
+        problem: SearchProblem,
+        targets: Sequence[str],
+        name: str,
+        decider: Decider,
+        known: Mapping[str, object],
+    ) -> dict[str, Any]:
+        """What a certificate of searches with the sensor holds for, as JSON types.
+
+        Args:
+            problem: rules of the searches.
+            targets: labels of the shapes that are searched for.
+            name: of the decider, as on the command line.
+            decider: the decider.
+            known: objects by name that deciders hold and that the sensor determines.
+        """
+        targets = [label for label in problem.shape_labels if label in targets]
+        world = {
+            "scene": scene_fields(self.scene),
+            "objects and rules": repr(problem),
+            "targets": targets,
+            "decider": name,
+            "settings, code or policies of the decider": digest_of([fingerprint(decider, t, known) for t in targets]),
+            "sensor (SHA-256)": self.digest,
+        }
+        return dict(json.loads(json.dumps(world)))
+
+    def _certified(
+        self, problem: SearchProblem, target: int, decider: str | Decider, certificate: Certificate
+    ) -> Decider:
+        """The decider of a certificate, which stops by it."""
+        label, targets = problem.shape_labels[target], certificate.made_for["targets"]
+        if decider != certificate.decider:
+            raise NotCertified(f"the certificate is for the decider {certificate.decider!r}, not {decider!r:.80}")
+        if label not in targets:
+            raise NotCertified(f"the certificate is for the targets {', '.join(targets)}, not {label}")
+        table = self.model.outcome_table()
+        made = make_decider(certificate.decider, table, self.model)
+        known = {"observation model": self.model, "outcome table": table}
+        return certificate.wrap(made, self.certified_world(problem, targets, certificate.decider, made, known))
