@@ -13,14 +13,13 @@ import scipy  # whose parts load at first use
 
 from activetouch.errors import BadMesh, MeshWarning
 from activetouch.solids.raster import Surface
-from activetouch.solids.solid import Floats, Geom, Ints, frame_across
-from activetouch.solids.triangles import around_origin, examined, is_convex, portions
+from activetouch.solids.solid import Floats, Geom, Ints
+from activetouch.solids.triangles import examined, is_convex
 from belief.errors import InvalidArgument
 
 _MIN_RADIUS, _MAX_RADIUS = 0.0005, 0.3  # of the bounding ball [m]; objects may be much larger than the pad
 _VAST = 1e100  # squares of longer lengths may not be finite [m]
 _ORDINARY = (0.005, 0.15)  # radii for which an error message suggests a unit [m]
-_MOST_PAIRS = 1 << 18  # of a triangle and a ray, tested at a time; limits memory to about 100 MB
 _UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254}
 
 
@@ -122,10 +121,6 @@ class Mesh:
         """The triangles, prepared for height maps."""
         return Surface.of(self.vertices, self.faces)
 
-    def entry_distance(self, origins: Floats, direction: Floats) -> Floats:
-        """See :class:`Shape`."""
-        return first_entry(self.vertices, self.faces, origins, direction)
-
     @cached_property
     def digest(self) -> str:
         """SHA-256 of the triangles, with vertices rounded to the nanometre."""
@@ -157,38 +152,3 @@ class Mesh:
             f"its farthest point is {radius:.4g} m from its origin, allowed are {_MIN_RADIUS} m to {_MAX_RADIUS} m. "
             f"Lengths are in metres{hint}"
         )
-
-
-def first_entry(vertices: Floats, faces: Ints, origins: Floats, direction: Floats) -> Floats:
-    """Distance along rays to the first triangle, whichever side it shows [m]; ``inf`` if there is none.
-
-    A grid of rays is faster with :func:`activetouch.solids.raster.heights`. No ray passes between two triangles with a
-    common edge: the signed areas that decide this differ only in sign.
-
-    Args:
-        vertices: ``(v, 3)`` [m].
-        faces: corners of the triangles, ``(f, 3)``.
-        origins: ray starts, ``(3, n)`` [m].
-        direction: one unit vector ``(3,)`` shared by all rays.
-
-    Returns:
-        ``(n,)``, in ``[0, inf]``.
-    """
-    frame = frame_across(direction)
-    order = np.argsort(frame[1] @ origins)
-    ray_x, ray_y, ray_start = np.vstack([frame, direction]) @ origins[:, order]
-    nearest = np.full(ray_x.size, np.inf)
-    x, y = (vertices @ frame[0])[faces].T, (vertices @ frame[1])[faces].T  # (3, f)
-    depth = vertices @ direction
-    begin = np.searchsorted(ray_y, y.min(axis=0), side="left")
-    num_rays = np.searchsorted(ray_y, y.max(axis=0), side="right") - begin
-    for some in portions(num_rays, _MOST_PAIRS):
-        count = num_rays[some]
-        triangle = np.arange(some.start, some.stop).repeat(count)
-        ray = np.arange(len(triangle)) + (begin[some] - np.cumsum(count) + count).repeat(count)
-        corners = np.stack([x[:, triangle] - ray_x[ray], y[:, triangle] - ray_y[ray]], axis=1)
-        hit, weights, total = around_origin(corners)
-        distance = (weights * depth[faces[triangle[hit]]].T).sum(axis=0) / total - ray_start[ray[hit]]
-        ahead = distance >= 0.0
-        np.minimum.at(nearest, order[ray[hit[ahead]]], distance[ahead])
-    return nearest
