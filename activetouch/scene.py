@@ -106,11 +106,12 @@ class Scene:
         solids = {k: MeshSource.parse(v).read() if isinstance(v, Path | str) else v for k, v in self.shapes.items()}
         object.__setattr__(self, "shapes", solids)
         for label, solid in self.solids.items():
-            members = ("bounding_radius", "geom", "entry_distance")  # of the class, so that no property is computed
-            if not all(hasattr(type(solid), member) or hasattr(solid, member) for member in members):
+            members = ("bounding_radius", "geom", "surface")  # of the class, so that no property is computed
+            if missing := [m for m in members if not (hasattr(type(solid), m) or hasattr(solid, m))]:
                 raise BadMesh(
-                    f"the shape {label!r} is {solid!r}; a shape is a solid such as Sphere(0.02), or the path of a mesh "
-                    "file (STL, OBJ, PLY); 'mug.stl@0.001' is the text for one in millimetres"
+                    f"the shape {label!r} is {solid!r}, without {', '.join(missing)}; a shape is a solid such as "
+                    "Sphere(0.02), or the path of a mesh file (STL, OBJ, PLY); 'mug.stl@0.001' is the text for one in "
+                    "millimetres"
                 )
         require_renderer(self.renderer)
         require_faults(self.faults)

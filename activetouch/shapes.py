@@ -1,17 +1,10 @@
-"""Tables of shapes: solids with exact ray geometry and a collision geom for MuJoCo.
-
-The touch image needs, for every taxel, the distance at which a ray along the pad's normal enters the solid. All solids
-compute it in closed form or to rounding.
+"""Tables of shapes: solids by their triangles, which touches feel, with a collision geom for MuJoCo.
 
 To add a shape, add an entry to a table: a solid of another size, a mesh
 (``SHAPES | {"mug": Mesh.from_file("mug.stl", scale=0.001)}``), a :class:`Family` of solids that differ in their
-proportions, or an object of your own class with the members of :class:`Shape`. K, labels, planners and reports follow
+proportions, or an object of your own class with the members of :class:`Shape`, whose surface is
+:meth:`activetouch.solids.raster.Surface.of` its triangles. K, labels, planners and reports follow
 from the table of the scene.
-
-    >>> import numpy as np
-    >>> sphere = SHAPES["sphere"]
-    >>> sphere.entry_distance(np.array([[-0.05], [0.0], [0.0]]), np.array([1.0, 0.0, 0.0]))
-    array([0.03])
 """
 
 from __future__ import annotations
@@ -25,9 +18,23 @@ import scipy  # whose parts load at first use
 from activetouch.errors import BadMesh
 from activetouch.solids.family import Family
 from activetouch.solids.mesh import Mesh
-from activetouch.solids.round import Capsule, Cone, Cylinder, Dome, Ellipsoid, Frustum, Sphere, Torus
-from activetouch.solids.solid import Floats, Geom, Shape, corners
-from activetouch.solids.straight import Box, Cut, Prism, Union, Wedge
+from activetouch.solids.primitives import (
+    Box,
+    Capsule,
+    Cone,
+    Cut,
+    Cylinder,
+    Dome,
+    Ellipsoid,
+    Frustum,
+    Prism,
+    Solid,
+    Sphere,
+    Torus,
+    Union,
+    Wedge,
+)
+from activetouch.solids.solid import Geom, Shape
 
 __all__ = [
     "EXTENDED_SHAPES",
@@ -97,34 +104,20 @@ KEYED_SHAPES: Mapping[str, Shape] = MappingProxyType(
 )
 """Three families of shapes that differ in one place, as keys, connectors and shafts do."""
 
-_SYMMETRIC = (Box, Capsule, Cone, Cylinder, Dome, Ellipsoid, Frustum, Prism, Sphere, Torus, Wedge)
-_DIGITS = 9  # of corners [m]
+_SAME = 1e-8  # distance of corners that are one [m]
 
 
 def is_own_mirror_image(shape: Shape) -> bool:
-    """Whether a solid is known to be its own mirror image, up to a rotation, so that its touches may be mirrored.
+    """Whether a solid is its own mirror image by one of the 24 reflections of a cube, so that touches may be mirrored.
 
-    Cuts and unions are if one of the 24 reflections of a cube keeps them. Of meshes and of solids of other
-    classes it is not known.
+    Of meshes and of solids of other classes it is not known.
 
     >>> cube = Box((1.0, 1.0, 1.0))
     >>> is_own_mirror_image(cube), is_own_mirror_image(Cut(cube, ((1.0, 2.0, 3.0, 1.0),)))
     (True, False)
     """
-    if type(shape) in _SYMMETRIC:
-        return True
-    turns = np.rint(scipy.spatial.transform.Rotation.create_group("O").as_matrix())
-    return any(_is_kept(shape, -turn) for turn in turns)
-
-
-def _is_kept(shape: Shape, reflection: Floats) -> bool:
-    """Whether a reflection keeps a solid."""
-    if isinstance(shape, Union):
-        return all(_is_kept(part, reflection) for part in shape.parts)
-    if type(shape) not in (Cut, *_SYMMETRIC):
+    if not isinstance(shape, Solid):
         return False
-    found = corners(shape.geom)
-    here, there = (
-        np.unique(np.round(points, _DIGITS) + 0.0, axis=0) for points in (found, found @ reflection)
-    )  # no -0
-    return np.array_equal(here, there)
+    corners = shape.surface.vertices.T
+    tree, turns = scipy.spatial.cKDTree(corners), scipy.spatial.transform.Rotation.create_group("O").as_matrix()
+    return any(np.max(tree.query(corners @ -turn)[0]) < _SAME for turn in np.rint(turns))

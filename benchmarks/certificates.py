@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from activetouch import Scene
-from activetouch.solids.round import Cone
+from activetouch.solids.primitives import Cone
 from belief.statistics import clopper_pearson_interval, cluster_bootstrap, paired_bootstrap
 from belief.statistics.exchangeability import log_e_values
 from belief.statistics.stop_thresholds import CandidateStops, certified_thresholds

@@ -16,7 +16,7 @@ from activetouch.orientations import Upright
 from activetouch.perception import backbones
 from activetouch.perception.backbones import BACKBONES, SmallCNN
 from activetouch.rendering import RENDERERS, PressureRenderer, read_out
-from activetouch.solids.round import Sphere
+from activetouch.solids.primitives import Sphere
 from belief.calibration import TemperatureScaling
 from belief.observation_model import ConfusionModel, OutcomeTable
 from belief.observation_model import registry as models

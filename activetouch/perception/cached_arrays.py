@@ -24,6 +24,7 @@ from belief.sealed_tensors import read_tensors, write_tensors
 _KIND, _NAME = "activetouch-cached-1", "array"
 _ARRAY = ".safetensors"
 _LINE = ContextVar("_LINE", default="")
+_GEOMETRY = 2  # number of the rules by which shapes become height maps; values made by earlier ones are not read
 T = TypeVar("T")
 
 
@@ -86,7 +87,8 @@ def require_name(path: Path, name: object) -> None:
 
 
 def _place(key: Mapping[str, Any], suffix: str) -> Path:
-    digest = hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()
+    versioned = {**key, "geometry": _GEOMETRY}
+    digest = hashlib.sha256(json.dumps(versioned, sort_keys=True).encode()).hexdigest()
     return cache_folder() / f"{digest}{suffix}"
 
 

@@ -13,10 +13,8 @@ from numpy.typing import NDArray
 
 from activetouch.placement import Placement
 from activetouch.poses import to_matrix
-from activetouch.pressing.height_maps import ray_distances
 from activetouch.pressing.pad import Pad
-from activetouch.solids.mesh import Mesh
-from activetouch.solids.raster import heights
+from activetouch.solids.raster import foremost
 from activetouch.solids.solid import Floats
 
 
@@ -66,7 +64,8 @@ class Contact:
 
     Attributes:
         pad: the pressed pad.
-        gap: distance of the object's surface behind its first point of contact [m], ≥ 0; ``inf`` beside the object.
+        gap: distance of the object's surface behind its first point of contact [m], ≥ 0; ``inf`` beside the object. It
+            may be too large where it is larger than the pad's maximal depth, which no press closes.
         force: normal force in the pause [N]; 0 for a miss.
         indentation: of the pad's surface [m], ≥ 0.
         pressure: on every taxel [Pa]; its integral is ``force`` unless the layer bottomed out.
@@ -146,7 +145,7 @@ def _keep_freed_memory() -> None:
     """Let the C library of Linux keep the memory that presses need.
 
     It returns free memory above twice its largest freed block to the system, and asks for it again in the next press,
-    which can double the time of the rays. After a block of 8 MB it does not.
+    which can double the time of the height map. After a block of 8 MB it does not.
     """
     np.empty(2**20)
 
@@ -154,7 +153,8 @@ def _keep_freed_memory() -> None:
 def surface_gap(pad: Pad, placement: Placement) -> Floats:
     """Gap between the pad and an object that just touches it, ``(num_taxels, num_taxels)`` [m].
 
-    The smallest value is 0. It is ``inf`` beside the object, and everywhere for a miss.
+    The smallest value is 0. It is ``inf`` beside the object, and everywhere for a miss. Gaps that are larger than the
+    pad's maximal depth, which no press closes, may be too large.
     """
     return first_touch(pad, placement)[0]
 
@@ -162,14 +162,9 @@ def surface_gap(pad: Pad, placement: Placement) -> Floats:
 def first_touch(pad: Pad, placement: Placement) -> tuple[Floats, float]:
     """:func:`surface_gap`, and the distance of the object's centre from the pad [m], ``nan`` for a miss."""
     _keep_freed_memory()
-    shape, rotation = placement.shape, to_matrix(placement.orientation)
-    if isinstance(shape, Mesh):
-        pixel = 2 * pad.half_width / pad.num_taxels
-        turn, place = rotation[None] * placement.scale, np.asarray(placement.offset)[None]
-        reached = heights(shape.surface, turn, place, pixel, pad.num_taxels)[0]
-        touching = float(reached.max())
-        return (touching - reached, touching) if np.isfinite(touching) else (-reached, np.nan)
-    distance, clearance = ray_distances(shape, rotation, placement.scale, placement.offset, pad.ray_starts)
-    nearest = float(distance.min())
-    square = distance.reshape(pad.num_taxels, pad.num_taxels)
-    return (square - nearest, clearance - nearest) if np.isfinite(nearest) else (square, np.nan)
+    shape, turn = placement.shape, to_matrix(placement.orientation) * placement.scale
+    within = np.inf if shape.geom.presses == "surface" else pad.max_depth  # all of what a simulation takes a hull of
+    pixel = 2 * pad.half_width / pad.num_taxels
+    reached = foremost(shape.surface, turn, np.asarray(placement.offset), pixel, pad.num_taxels, within)
+    touching = float(reached.max())
+    return (touching - reached, touching) if np.isfinite(touching) else (-reached, np.nan)

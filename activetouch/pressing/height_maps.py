@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from activetouch.poses import to_matrices
 from activetouch.pressing.pad import Pad
-from activetouch.solids.mesh import Mesh
 from activetouch.solids.raster import heights
 from activetouch.solids.solid import Floats, Shape
 from belief.errors import InvalidArgument
@@ -99,26 +98,7 @@ def predicted_contacts(
     if not np.issubdtype(dtype, np.floating):
         raise InvalidArgument(f"dtype must be of floats, as heights are infinite beside the body; got {dtype!r}")
     matrices, num = to_matrices(turns), window.num_pixels
-    if isinstance(body, Mesh):
-        return heights(body.surface, matrices * sizes[:, None, None], places, window.edge / num, num, dtype)
-    z, y = (axis.ravel() for axis in np.meshgrid(window.centres, window.centres, indexing="ij"))
-    starts = np.stack([np.ones_like(y), y, z])
-    maps = np.empty((len(turns), num * num), dtype)
-    for matrix, place, size, reached in zip(matrices, places, sizes.tolist(), maps, strict=True):
-        distance, clearance = ray_distances(body, matrix, size, place, starts)
-        reached[:] = clearance - distance
-    return maps.reshape(-1, num, num)
-
-
-def ray_distances(body: Shape, rotation: Floats, scale: float, offset: Floats, starts: Floats) -> tuple[Floats, float]:
-    """Distance of a body, ``inf`` beside it, and of its centre from taxels at (1, y, z), ``starts`` ``(3, m)`` [m]."""
-    to_object = rotation.T / scale  # the object's frame, at nominal size
-    clearance = 2 * (body.bounding_radius * scale)
-    to_start = to_object.copy()  # from (1, y, z) of a taxel on the face of the pad, the plane x = 0
-    to_start[:, 0] = -(to_object @ (clearance, *offset))
-    distance = body.entry_distance(to_start @ starts, rotation[0])
-    distance *= scale
-    return distance, clearance
+    return heights(body.surface, matrices * sizes[:, None, None], places, window.edge / num, num, dtype)
 
 
 def _checked(rotations: ArrayLike, offsets: ArrayLike, scales: ArrayLike) -> tuple[Floats, Floats, Floats]:

@@ -56,13 +56,6 @@ class Pad:
         z, y = np.meshgrid(edge * self.half_width, edge * self.half_width, indexing="ij")
         return np.stack([np.zeros(z.size), y.ravel(), z.ravel()])
 
-    @cached_property
-    def ray_starts(self) -> Floats:
-        """A one and the centre (y, z) of each taxel, ``(3, num_taxels²)`` [m], for a matrix that moves and turns."""
-        starts = self.taxel_centres.copy()
-        starts[0] = 1.0
-        return starts
-
     def indentation(self, gap: Floats, force: float) -> float:
         """Depth δ of the deepest taxel under a normal force, in ``[0, max_depth]`` [m].
 

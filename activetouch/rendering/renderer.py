@@ -15,7 +15,7 @@ from activetouch.placement import Placement
 from activetouch.pressing.contact import Contact, Trace, elastic_contact, missed, surface_gap
 from activetouch.pressing.pad import Pad
 from activetouch.shapes import SHAPES
-from activetouch.solids.round import Sphere
+from activetouch.solids.primitives import Sphere
 from activetouch.solids.solid import Floats
 from belief.errors import BrokenContract
 from belief.validation import require_count

@@ -1,1 +1,1 @@
-"""Solids with exact ray geometry and a collision geom for MuJoCo."""
+"""Solids as triangles, their height maps, and a collision geom for MuJoCo."""

@@ -1,7 +1,7 @@
 """Families of solids: one kind of solid, whose proportions differ from object to object.
 
 >>> from activetouch.distributions import Uniform
->>> from activetouch.solids.round import Cylinder
+>>> from activetouch.solids.primitives import Cylinder
 >>> rods = Family(Cylinder(radius=0.016, half_length=0.020), half_length=Uniform(0.010, 0.040))
 >>> round(rods.sample(np.random.default_rng(0)).half_length, 4)
 0.0291
@@ -120,7 +120,7 @@ class Family:
 def numbers_of(solid: object) -> dict[str, float]:
     """The fields of a dataclass that are numbers, by name; none of anything else.
 
-    >>> from activetouch.solids.round import Cylinder
+    >>> from activetouch.solids.primitives import Cylinder
     >>> numbers_of(Cylinder(radius=0.016, half_length=0.020))
     {'radius': 0.016, 'half_length': 0.02}
     """

@@ -14,12 +14,11 @@ import scipy  # whose parts load at first use
 from activetouch.errors import BadMesh, MeshWarning
 from activetouch.solids.raster import Surface
 from activetouch.solids.sizes import size_problem
-from activetouch.solids.solid import Floats, Geom, Ints, frame_across
-from activetouch.solids.triangles import around_origin, examined, is_convex, portions
+from activetouch.solids.solid import Floats, Geom, Ints
+from activetouch.solids.triangles import examined, is_convex
 from belief.errors import InvalidArgument
 
 _VAST = 1e100  # squares of longer lengths may not be finite [m]
-_MOST_PAIRS = 1 << 18  # of a triangle and a ray, tested at a time; limits memory to about 100 MB
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -123,10 +122,6 @@ class Mesh:
         """The triangles, prepared for height maps."""
         return Surface.of(self.vertices, self.faces)
 
-    def entry_distance(self, origins: Floats, direction: Floats) -> Floats:
-        """See :class:`Shape`."""
-        return first_entry(self.vertices, self.faces, origins, direction)
-
     @cached_property
     def digest(self) -> str:
         """SHA-256 of the triangles, with vertices rounded to the nanometre."""
@@ -141,38 +136,3 @@ class Mesh:
 
     def __repr__(self) -> str:
         return f"Mesh({self.name!r}, {len(self.faces)} triangles, sha256 {self.digest[:12]})"
-
-
-def first_entry(vertices: Floats, faces: Ints, origins: Floats, direction: Floats) -> Floats:
-    """Distance along rays to the first triangle, whichever side it shows [m]; ``inf`` if there is none.
-
-    A grid of rays is faster with :func:`activetouch.solids.raster.heights`. No ray passes between two triangles with a
-    common edge: the signed areas that decide this differ only in sign.
-
-    Args:
-        vertices: ``(v, 3)`` [m].
-        faces: corners of the triangles, ``(f, 3)``.
-        origins: ray starts, ``(3, n)`` [m].
-        direction: one unit vector ``(3,)`` shared by all rays.
-
-    Returns:
-        ``(n,)``, in ``[0, inf]``.
-    """
-    frame = frame_across(direction)
-    order = np.argsort(frame[1] @ origins)
-    ray_x, ray_y, ray_start = np.vstack([frame, direction]) @ origins[:, order]
-    nearest = np.full(ray_x.size, np.inf)
-    x, y = (vertices @ frame[0])[faces].T, (vertices @ frame[1])[faces].T  # (3, f)
-    depth = vertices @ direction
-    begin = np.searchsorted(ray_y, y.min(axis=0), side="left")
-    num_rays = np.searchsorted(ray_y, y.max(axis=0), side="right") - begin
-    for some in portions(num_rays, _MOST_PAIRS):
-        count = num_rays[some]
-        triangle = np.arange(some.start, some.stop).repeat(count)
-        ray = np.arange(len(triangle)) + (begin[some] - np.cumsum(count) + count).repeat(count)
-        corners = np.stack([x[:, triangle] - ray_x[ray], y[:, triangle] - ray_y[ray]], axis=1)
-        hit, weights, total = around_origin(corners)
-        distance = (weights * depth[faces[triangle[hit]]].T).sum(axis=0) / total - ray_start[ray[hit]]
-        ahead = distance >= 0.0
-        np.minimum.at(nearest, order[ray[hit[ahead]]], distance[ahead])
-    return nearest

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from activetouch.solids.solid import Floats, Ints
 from activetouch.solids.triangles import are_star_shaped, normals, portions
+from activetouch.solids.vectors import Floats, Ints
 
 _MOST = 1 << 18  # rows, or pixels, written at a time; limits memory to about 100 MB
 _PORTION = 1 << 14  # pixels, or triangles, at a time, so that arrays stay in the processor's cache
@@ -23,6 +23,8 @@ _SLACK = 1e-9  # widening of triangles along the rows, far above rounding [pixel
 _STARTS, _ENDS = (0, 0, 1), (2, 1, 2)  # corners of the edges low to high, low to middle, middle to high
 # Low, middle and high corner by a > b, b > c, c > a, in binary from the right; the last cannot be.
 _ORDERS = np.array([(0, 1, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0), (0, 1, 2), (1, 0, 2), (0, 2, 1), (0, 1, 2)]).T.copy()
+_DROP = 0.125  # of the greatest height below the highest vertex, that is first thought of [pixels]
+_FEW = 300  # triangles, of which none is left out, because to find out which would take longer
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,8 +34,8 @@ class Surface:
     Attributes:
         vertices: ``(3, v)`` [m].
         faces: corners of the triangles, ``(3, f)``.
-        normals: that point outwards, of any length, ``(3, f)``, of star-shaped bodies and their unions, of which no
-            triangle that faces away is met; None for others: a surface that crosses itself may show its inside.
+        normals: that point outwards, of any length, ``(3, f)``, of surfaces of which no triangle that faces away is
+            met; None for others: a surface that crosses itself may show its inside.
     """
 
     vertices: Floats
@@ -41,10 +43,18 @@ class Surface:
     normals: Floats | None
 
     @classmethod
-    def of(cls, vertices: Floats, faces: Ints) -> Surface:
-        """Of vertices ``(v, 3)`` [m] and triangles ``(f, 3)``, whichever way they face."""
+    def of(cls, vertices: Floats, faces: Ints, is_sound: bool = False) -> Surface:
+        """Of vertices ``(v, 3)`` [m] and triangles ``(f, 3)``.
+
+        Args:
+            vertices: of the triangles.
+            faces: their corners.
+            is_sound: whether the triangles are known to face outwards, and the surface to be closed without crossing
+                itself, or to be several such surfaces. By default they may face either way, and only those of
+                star-shaped bodies are found to be sound.
+        """
         corners = np.ascontiguousarray(vertices.T), np.ascontiguousarray(faces.T)
-        if not are_star_shaped(vertices, faces):
+        if not is_sound and not are_star_shaped(vertices, faces):
             return cls(*corners, None)
         return cls(*corners, np.ascontiguousarray(normals(vertices, faces).T))
 
@@ -70,74 +80,124 @@ def heights(
     maps = np.full((len(turns), num_pixels, num_pixels), -np.inf, dtype)
     axes = turns.transpose(1, 0, 2)[::-1] * np.array([1 / pixel, 1 / pixel, -1.0])[:, None, None]
     shifts = places.T[::-1, :, None] / pixel + (num_pixels - 1) / 2
-    step = max(1, _PORTION // max(num_pixels**2, surface.faces.shape[1]))
+    faces, num_faces, num_vertices = surface.faces, surface.faces.shape[1], surface.vertices.shape[1]
+    step = max(1, _PORTION // max(num_pixels**2, num_faces))
     for first in range(0, len(turns), step):
         some = slice(first, first + step)
         corners = axes[:, some] @ surface.vertices  # row and column [pixels] and height [m], (3, b, v)
         corners[:2] += shifts[:, some]
-        visible = None if surface.normals is None else (-axes[2, some] @ surface.normals < 0.0)
-        _draw(corners, surface.faces, visible, maps[some])
+        if surface.normals is None:
+            shown = np.arange(corners.shape[1] * num_faces)
+        else:
+            shown = (axes[2, some] @ surface.normals > 0.0).ravel().nonzero()[0]
+        image = shown // num_faces
+        of_face = faces.take(shown - image * num_faces, axis=1)
+        of_face += image * num_vertices
+        row = corners[0].take(of_face)
+        low, high = np.ceil(row.min(axis=0)), np.floor(row.max(axis=0))
+        crossed = (np.maximum(low, 0.0) <= np.minimum(high, num_pixels - 1)).nonzero()[0]
+        point = corners.reshape(3, -1).take(of_face.take(crossed, axis=1), axis=1)
+        _draw(point, num_pixels, image.take(crossed) * num_pixels**2, maps[some].reshape(-1))
     return maps
 
 
-def _draw(corners: Floats, faces: Ints, visible: NDArray[np.bool_] | None, maps: NDArray[Any]) -> None:
-    """Write the triangles ``(3, f)`` into ``maps`` ``(b, N, N)``.
+def foremost(surface: Surface, turn: Floats, place: Floats, pixel: float, num_pixels: int, within: float) -> Floats:
+    """The map of :func:`heights` ``(num_pixels, num_pixels)`` for one orientation, down to a depth.
+
+    Heights up to ``within`` below the greatest [m] are those of :func:`heights`. Farther down, a map may show what lies
+    behind or nothing, because triangles that end lower are left out.
+    """
+    reached = np.empty((num_pixels, num_pixels))
+    reached.fill(-np.inf)
+    axes = turn[::-1] / [[pixel], [pixel], [-1.0]]
+    corners = axes @ surface.vertices  # row and column [pixels] and height [m], (3, v)
+    corners[:2] += (place[::-1] / pixel + (num_pixels - 1) / 2)[:, None]
+    is_small = surface.faces.shape[1] <= _FEW
+    lowest = -np.inf if is_small else _highest(corners, num_pixels) - _DROP * pixel  # at most the greatest height
+    one, other, third = surface.faces
+    while True:
+        if lowest > -np.inf:  # few of these face away, and none of those is the foremost
+            reaching = corners[2] >= lowest - within
+            shown = reaching.take(one)
+            shown |= reaching.take(other)
+            shown |= reaching.take(third)
+            some = surface.faces.take(shown.nonzero()[0], axis=1)
+        elif surface.normals is not None:
+            some = surface.faces.compress(axes[2] @ surface.normals > 0.0, axis=1)
+        else:
+            some = surface.faces
+        _draw(corners.take(some, axis=1), num_pixels, 0.0, reached.reshape(-1))
+        if (found := reached.max()) >= lowest:
+            return reached
+        lowest = found  # the highest corner lies between pixels: less high ones count as well
+
+
+def _highest(corners: Floats, num_pixels: int) -> float:
+    """The greatest height of a vertex over the square; ``-inf`` if there is none."""
+    row, column, height = corners[:, corners[2].argmax()].tolist()
+    if -0.5 <= row <= num_pixels - 0.5 and -0.5 <= column <= num_pixels - 0.5:
+        return float(height)
+    inside = (np.abs(corners[:2] - (num_pixels - 1) / 2) <= num_pixels / 2).all(axis=0)
+    return float(corners[2].max(initial=-np.inf, where=inside))
+
+
+def _draw(point: Floats, size: int, image: Floats | float, pixels: NDArray[Any]) -> None:
+    """Write triangles into maps ``(b * size * size,)``, whose heights are replaced by greater ones.
 
     Args:
-        corners: row, column and height of every vertex in every map, ``(3, b, v)``.
-        faces: their corners.
-        visible: which of them to write, ``(b, f)``; all by default.
-        maps: heights, replaced by greater ones.
+        point: row, column and height of their corners, ``(3 coordinates, 3 corners, k)``.
+        size: rows of a map.
+        image: where the map of each begins, ``(k,)``, or of all.
+        pixels: the maps.
     """
-    _, num_maps, num_vertices = corners.shape
-    size, num_faces = maps.shape[-1], faces.shape[1]
-    shown = np.arange(num_maps * num_faces) if visible is None else visible.ravel().nonzero()[0]
-    image = shown // num_faces
-    of_face = faces.take(shown - image * num_faces, axis=1)
-    of_face += image * num_vertices
-    row = corners[0].take(of_face)
-    low, high = np.ceil(row.min(axis=0)), np.floor(row.max(axis=0))
-    crossed = (np.maximum(low, 0.0) <= np.minimum(high, size - 1)).nonzero()[0]
-    greater = row.take(crossed, axis=1)
-    greater = (greater > greater.take((1, 2, 0), axis=0)).view(np.int8)
+    row, number = point[0], point.shape[2]
+    greater = (row > row.take((1, 2, 0), axis=0)).view(np.int8)
     order = _ORDERS.take(greater[0] + 2 * greater[1] + 4 * greater[2], axis=1)  # low, middle, high
-    point = corners.reshape(3, -1).take(of_face.ravel().take(order * len(shown) + crossed), axis=1)  # (3, 3, k)
+    order *= number
+    order += np.arange(number)
+    point = point.reshape(3, -1).take(order, axis=1)
 
-    edge = point.take(_ENDS, axis=1) - point.take(_STARTS, axis=1)
+    edge = point.take(_ENDS, axis=1)
+    edge -= point.take(_STARTS, axis=1)
     slope = edge[1:] / np.maximum(edge[0], _FLAT)  # of column and height, (2, 3, k)
     begin = np.ceil(point[0])
-    begin[2] = high.take(crossed) + 1.0
-    begin = begin.clip(0.0, size)
-    first, count = begin[:2], (begin[1:] - begin[:2]).astype(np.intp)  # rows of the lower and of the upper half, (2, k)
+    begin[2] = np.floor(point[0, 2]) + 1.0
+    np.minimum(np.maximum(begin, 0.0, out=begin), size, out=begin)
+    first, count = begin[:2], (begin[1:] - begin[:2]).astype(np.intp).ravel()  # rows of the lower and of the upper half
     column, height = point[1:, 0] + edge[0, 1] * slope[:, 0] - point[1:, 1]  # of the long edge beside the middle corner
-    half = np.empty((9, *first.shape))  # column and height at the long edge, column at the other, place in the maps,
+    column[np.abs(column) < _NARROW] = np.inf
+    half = np.empty((10, *first.shape))  # column and height at the long edge, column at the other, place in the maps,
     half[4:6], half[6], half[7] = slope[:, :1], slope[0, 1:], size  # their slopes along the rows,
-    half[8] = height / np.where(np.abs(column) < _NARROW, np.inf, column)  # and that of the height along the columns
+    half[8] = height / column  # and that of the height along the columns
     np.multiply(first - point[0, 0], half[4:6], out=half[:2])
     half[:2] += point[1:, :1]
     np.multiply(first - point[0, :2], half[6], out=half[2])
     half[2] += point[1, :2]
-    half[3] = (image.take(crossed) * size + first) * size
-    half, count = half.reshape(9, -1), count.ravel()
+    np.multiply(first, size, out=half[3])
+    half[3] += image
+    half = half.reshape(10, -1)
     for some in portions(count, _MOST):
-        _draw_rows(half[:, some], count[some], size, maps.reshape(-1))
+        _draw_rows(half[:, some], count[some], size, pixels)
 
 
 def _draw_rows(half: Floats, count: Ints, size: int, pixels: NDArray[Any]) -> None:
     """Write halves of triangles with ``count`` rows each; see :func:`_draw`."""
-    owner = np.arange(len(count)).repeat(count)
-    row = half.take(owner, axis=1)
-    along = np.arange(len(owner)) - (count.cumsum() - count).take(owner)
-    row[4:8] *= along
+    half[9] = count.cumsum() - count  # how many rows come before
+    row = half.repeat(count, axis=1)
+    row[4:8] *= np.arange(row.shape[1]) - row[9]
     row[:4] += row[4:8]
-    column, height, other, place, *_, slope = row
+    column, value, other, place, *_, slope, _ = row
     left, right = np.minimum(column, other), np.maximum(column, other)
     start, stop = np.ceil(left - _SLACK), np.floor(right + _SLACK)
     np.maximum(start, 0.0, out=start)
     np.minimum(stop, size - 1, out=stop)
     stop -= start
-    count = np.maximum(stop + 1.0, 0.0).astype(np.intp)
-    value = height + (np.minimum(np.maximum(start, left), right) - column) * slope
+    stop += 1.0
+    count = np.maximum(stop, 0.0, out=stop).astype(np.intp)
+    np.minimum(np.maximum(start, left, out=left), right, out=left)  # heights stay those of the triangle
+    left -= column
+    left *= slope
+    value += left
     place += start
     for some in portions(count, _MOST):
         _draw_pixels(place[some].astype(np.intp), value[some], slope[some], count[some], pixels)
@@ -145,11 +205,11 @@ def _draw_rows(half: Floats, count: Ints, size: int, pixels: NDArray[Any]) -> No
 
 def _draw_pixels(place: Ints, value: Floats, slope: Floats, count: Ints, pixels: NDArray[Any]) -> None:
     """Write parts of rows that begin at ``place``, with ``count`` pixels each."""
-    owner = np.arange(len(count)).repeat(count)
-    along = np.arange(len(owner)) - (count.cumsum() - count).take(owner)
-    values = slope.take(owner)
-    values *= along
-    values += value.take(owner)
-    index = place.take(owner)
-    index += along
+    before = count.cumsum()
+    index = np.arange(before[-1] if len(count) else 0)
+    before -= count
+    values = (index - before.repeat(count)) * slope.repeat(count)
+    values += value.repeat(count)
+    place -= before
+    index += place.repeat(count)
     np.maximum.at(pixels, index, values.astype(pixels.dtype, copy=False))

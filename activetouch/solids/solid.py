@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass
-from typing import Any, ClassVar, Literal, Protocol, cast
+from dataclasses import dataclass
+from typing import Literal, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from activetouch.errors import BadMesh
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
+from activetouch.solids.raster import Surface
+from activetouch.solids.vectors import Floats as Floats
+from activetouch.solids.vectors import Ints as Ints
+from activetouch.solids.vectors import on_spiral as on_spiral
 
 FINITE = 1e308
 """Largest number that an argument may be."""
-_NUM_FACETS = 64  # sides of the mesh that stands for a cylinder
-
-PARALLEL = 1e-12
-"""Sine of the angle below which a ray counts as parallel to a plane."""
 
 
 @dataclass(frozen=True)
@@ -46,23 +42,16 @@ class Shape(Protocol):
     def __hash__(self) -> int: ...
 
     @property
+    def surface(self) -> Surface:
+        """Its triangles, which a touch feels."""
+
+    @property
     def bounding_radius(self) -> float:
         """Radius of a ball around the origin that contains the solid, the smallest one if known [m]."""
 
     @property
     def geom(self) -> Geom:
         """Collision geometry for MuJoCo."""
-
-    def entry_distance(self, origins: Floats, direction: Floats) -> Floats:
-        """Distance at which rays enter the solid [m]; ``inf`` for a miss.
-
-        Args:
-            origins: ray starts, ``(3, n)`` [m], all outside the solid, object frame.
-            direction: unit vector ``(3,)`` of all rays, object frame.
-
-        Returns:
-            ``(n,)``, in ``[0, inf]``.
-        """
 
 
 def require_lengths(solid: object, *lengths: float) -> None:
@@ -73,112 +62,6 @@ def require_lengths(solid: object, *lengths: float) -> None:
     """
     if not (np.isfinite(lengths).all() and min(lengths) > 0.0):
         raise ValueError(f"a solid needs finite lengths above zero, got {solid}")
-
-
-class Sized:
-    """Base of solids whose fields are all above zero, most of them lengths [m]."""
-
-    def __post_init__(self) -> None:
-        require_lengths(self, *self._sizes)
-
-    @property
-    def _sizes(self) -> tuple[float, ...]:
-        return tuple(np.hstack(astuple(cast(Any, self))).tolist())
-
-
-_NUM_SIZES = {"sphere": 1, "cylinder": 2, "capsule": 2, "box": 3, "ellipsoid": 3}
-
-
-class Primitive(Sized):
-    """Base of solids that MuJoCo has: their fields are its sizes of the geom ``_kind``."""
-
-    _kind: ClassVar[str]
-
-    def __post_init__(self) -> None:
-        if len(self._sizes) != _NUM_SIZES[self._kind]:
-            raise ValueError(f"a {self._kind} must have {_NUM_SIZES[self._kind]} lengths, got {self}")
-        super().__post_init__()
-
-    @property
-    def geom(self) -> Geom:
-        """See :class:`Shape`."""
-        return Geom(self._kind, (*self._sizes, 0.0, 0.0)[:3])
-
-
-def entered(enter: Floats, leave: Floats) -> Floats:
-    """Distances at which rays enter a convex solid, ``inf`` where they leave first, or if it is behind them."""
-    return np.where((enter <= leave) & (enter >= 0.0), enter, np.inf)
-
-
-def clip(enter: Floats, leave: Floats, height: Floats, slope: float) -> None:
-    """Intersect the intervals ``[enter, leave]`` of the rays, in place, with the half-space below a plane.
-
-    Applied to every plane of a convex solid, this is the slab method.
-
-    Args:
-        enter: distances at which the rays enter, ``(n,)`` [m].
-        leave: distances at which they leave, ``(n,)`` [m]; below ``enter`` for a miss.
-        height: height of the ray starts above the plane, ``(n,)`` [m].
-        slope: height gained per metre of ray, the same for all.
-    """
-    if slope < -PARALLEL:
-        np.maximum(enter, height / -slope, out=enter)
-    elif slope > PARALLEL:
-        np.minimum(leave, height / -slope, out=leave)
-    else:
-        leave[height > 0.0] = -np.inf
-
-
-def between(along: Floats, slope: float, extent: float) -> tuple[Floats, Floats]:
-    """Distances at which rays enter and leave the space between two planes at ``extent`` on both sides of the origin.
-
-    Args:
-        along: position of the ray starts across the planes, ``(n,)`` [m].
-        slope: change of it per metre of ray, the same for all.
-        extent: distance of each plane from the origin [m].
-    """
-    if abs(slope) <= PARALLEL:
-        leave = np.where(np.abs(along) <= extent, np.inf, -np.inf)
-        return np.full_like(leave, -np.inf), leave
-    middle, half_chord = along / -slope, extent / abs(slope)
-    enter = middle - half_chord
-    middle += half_chord
-    return enter, middle
-
-
-def ring(radius: float, z: float, num_points: int) -> Floats:
-    """Corners of a regular polygon around the z axis, the first on the x axis, ``(num_points, 3)`` [m]."""
-    angle = np.linspace(0.0, 2 * np.pi, num_points, endpoint=False)
-    return np.column_stack([np.cos(angle) * radius, np.sin(angle) * radius, np.full(num_points, z)])
-
-
-def on_spiral(heights: Floats) -> Floats:
-    """Unit vectors of these heights along z, turned by the golden angle from one to the next, ``(n, 3)``."""
-    angle, radius = np.pi * (1.0 + np.sqrt(5.0)) * (np.arange(len(heights)) + 0.5), np.sqrt(1.0 - heights**2)
-    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), heights])
-
-
-def frame_across(direction: Floats) -> Floats:
-    """Unit vectors x and y that form a right-handed frame with z = −direction, ``(2, 3)``."""
-    x = np.cross(np.eye(3)[np.argmin(np.abs(direction))], direction)
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(x, direction)])
-
-
-def corners(geom: Geom) -> Floats:
-    """Points whose convex hull stands for a geom.
-
-    Raises:
-        ValueError: it is neither a box, nor a cylinder, nor a mesh.
-    """
-    if geom.vertices is not None:
-        return geom.vertices
-    if geom.type == "box":
-        return np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, 8).T * geom.size
-    if geom.type == "cylinder":
-        radius, half_length = geom.size[:2]
-        return np.vstack([ring(radius, z, _NUM_FACETS) for z in (-half_length, half_length)])
-    raise ValueError(f"only boxes, cylinders and polyhedra can be cut or joined, got a {geom.type}")
 
 
 def require_hash(label: str, solid: Shape) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import NDArray
 
-from activetouch.solids.solid import Floats, Ints, frame_across, on_spiral
+from activetouch.solids.vectors import Floats, Ints, frame_across, on_spiral
 
 MOST_INSIDE = 0.1
 """Largest share of the rays from outside that may first meet the inside of a surface, through its holes."""

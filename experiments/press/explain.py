@@ -161,7 +161,7 @@ def inventory(named: NamedScene) -> list[Item]:
         Item(len(scene.shapes), "shapes", ", ".join(scene.shape_labels)),
         Item(len(families), "families", f"whose proportions differ by object: {', '.join(families)}"),
         Item(len(scene.poses), "poses", "sides of an object to turn to the pad"),
-        Item(pad.num_taxels**2, "points of the pad", f"one ray each, {spacing:.2f} mm apart"),
+        Item(pad.num_taxels**2, "points of the pad", f"one height each, {spacing:.2f} mm apart"),
         Item(len(scene.faults), "faults of the sensor", ", ".join(type(fault).__name__ for fault in scene.faults)),
     ]
     if scene.hand is not None:

@@ -76,7 +76,7 @@ def test_the_score_of_a_grasp_is_the_sum_of_its_fingers(path):
 def test_opposed_pads_see_an_offset_mirrored():
     scene = replace(EXACT, pad=replace(EXACT.pad), shapes={"ball": Sphere(0.015)}, aims={"front": (0.006, 0.0)})
     first, second = np.split(grasped(scene.with_hand("parallel"), shape=0, pose=0).image, 2, axis=1)
-    assert np.array_equal(second, first[:, ::-1])
+    np.testing.assert_allclose(second.astype(int), first[:, ::-1], atol=1)  # of the facets of the ball
     assert not np.array_equal(second, first)
 
 

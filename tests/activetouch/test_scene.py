@@ -106,7 +106,7 @@ class _OwnBox(Box):
         (Cut(Box((0.016,) * 3), ((1.0, 1.0, 1.0, 0.022),)), True),
         (Cut(Box((0.016,) * 3), ((1.0, 2.0, 3.0, 0.02),)), False),
         (Union((Box((0.016,) * 3), Cut(Box((0.02,) * 3), ((1.0, 2.0, 3.0, 0.02),)))), False),
-        (_OwnBox((0.016,) * 3), False),
+        (_OwnBox((0.016,) * 3), True),
     ],
 )
 def test_images_are_mirrored_only_where_every_shape_is_its_own_mirror_image(shape, is_mirrored):
@@ -156,10 +156,18 @@ def test_a_variation_that_is_no_distribution_is_refused(name, given):
         Variation(**{name: given})
 
 
+def test_a_shape_without_triangles_is_refused_by_what_it_lacks():
+    class Ball:
+        bounding_radius, geom = 0.02, SHAPES["sphere"].geom
+
+    with pytest.raises(BadMesh, match=r"'ball' is .*, without surface; a shape is"):
+        Scene(shapes={"ball": Ball()})
+
+
 def test_a_shape_without_a_hash_is_refused_at_once():
     class Ball:
         bounding_radius, geom = 0.02, SHAPES["sphere"].geom
-        entry_distance = staticmethod(SHAPES["sphere"].entry_distance)
+        surface = SHAPES["sphere"].surface
         __hash__ = None
 
     with pytest.raises(BadMesh, match=r"'ball' has no hash.*make Ball a frozen dataclass"):

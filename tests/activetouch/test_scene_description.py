@@ -18,7 +18,7 @@ from activetouch.rendering import GelSightRenderer, Noise, PressureRenderer
 from activetouch.scene import Variation
 from activetouch.scene_description import require_scene, scene_differences, scene_fields
 from activetouch.shapes import Mesh
-from activetouch.solids.straight import Box
+from activetouch.solids.primitives import Box
 from belief.files import sealed_json, unsealed_json
 
 GEL = Scene()

@@ -25,7 +25,11 @@ from activetouch.shapes import (
     Torus,
     Wedge,
 )
+from activetouch.solids.primitives import TOLERANCE
+from activetouch.solids.triangles import are_star_shaped, examined
+from tests.rays import entry
 
+FACETS = TOLERANCE + 1e-9  # [m]
 every_shape = pytest.mark.parametrize("name", list(EXTENDED_SHAPES))
 
 
@@ -64,7 +68,7 @@ def random_rays(rng, reach=0.06, n=400):
 def assert_first_contact(name, origins, direction, tolerance):
     """Every ray that enters ends on the surface, and no ray crosses the solid before its end."""
     level = LEVEL[name]
-    distance = EXTENDED_SHAPES[name].entry_distance(origins, direction)
+    distance = entry(EXTENDED_SHAPES[name], origins, direction)
     assert not np.isnan(distance).any()
     hit = np.isfinite(distance)
     np.testing.assert_allclose(level(*origins[:, hit] + np.outer(direction, distance[hit])), 0.0, atol=tolerance)
@@ -100,7 +104,7 @@ def mujoco_distances(shape, rays):
 def errors_against_mujoco(shape, rng, most_missed):
     """Differences on rays both hit; rays only one of them hits may only be grazing ones, at most this share."""
     rays = [random_rays(rng, n=40) for _ in range(100)]
-    ours = np.concatenate([shape.entry_distance(*ray) for ray in rays])
+    ours = np.concatenate([entry(shape, *ray) for ray in rays])
     theirs = mujoco_distances(shape, rays)
     hit = np.isfinite(ours) & np.isfinite(theirs)
     assert hit.sum() > 300
@@ -115,8 +119,10 @@ def errors_against_mujoco(shape, rng, most_missed):
     + [Ellipsoid((0.004, 0.010, 0.030))],
     ids=repr,
 )
-def test_primitives_and_polyhedra_agree_with_mujocos_rays_to_a_micrometre(shape, rng):
-    assert errors_against_mujoco(shape, rng, most_missed=0.005).max() < 1e-6
+def test_primitives_and_polyhedra_agree_with_mujocos_rays_up_to_the_facets(shape, rng):
+    errors = errors_against_mujoco(shape, rng, most_missed=0.005)
+    assert np.median(errors) < TOLERANCE
+    assert np.quantile(errors, 0.99) < 2e-4  # most on steep sides
 
 
 @pytest.mark.mujoco
@@ -132,16 +138,35 @@ def test_primitives_and_polyhedra_agree_with_mujocos_rays_to_a_micrometre(shape,
 )
 def test_round_solids_agree_with_their_polygonal_meshes_up_to_the_facets(shape, rng):
     errors = errors_against_mujoco(shape, rng, most_missed=0.02)
-    assert np.quantile(errors, 0.99) < 3e-5
+    assert np.quantile(errors, 0.99) < 6e-5  # most on steep sides
     assert errors.max() < 7e-4  # at the rim
 
 
 @every_shape
 def test_every_ray_ends_where_it_first_meets_the_surface(name, rng):
     for _ in range(20):
-        assert_first_contact(name, *random_rays(rng), tolerance=1e-12)
-    distance = EXTENDED_SHAPES[name].entry_distance(*random_rays(rng))
+        assert_first_contact(name, *random_rays(rng), tolerance=FACETS)
+    distance = entry(EXTENDED_SHAPES[name], *random_rays(rng))
     assert np.isfinite(distance).sum() > 50
+
+
+@every_shape
+def test_the_triangles_of_a_solid_are_closed_and_face_outwards(name):
+    vertices, faces = EXTENDED_SHAPES[name].triangles()
+    assert are_star_shaped(vertices, faces) or name == "torus"
+    found = examined(vertices, faces)
+    assert (found.problem, found.remarks) == (None, ())
+    assert np.array_equal(found.faces, faces)
+
+
+@pytest.mark.parametrize("radius", [0.0002, 0.005, 0.05, 0.3])
+def test_a_ball_of_any_size_is_right_to_what_a_pad_feels_and_no_finer(radius):
+    vertices, faces = Sphere(radius).triangles()
+    across = np.cross(*(vertices[faces[:, i]] - vertices[faces[:, 0]] for i in (1, 2)))
+    nearest = np.abs((across * vertices[faces[:, 0]]).sum(axis=1)) / np.linalg.norm(across, axis=1)  # of each plane
+    inside, outside = radius - nearest.min(), np.linalg.norm(vertices, axis=1).max() - radius
+    assert 0.3 * TOLERANCE < inside < 1.01 * TOLERANCE
+    assert outside == pytest.approx(TOLERANCE)
 
 
 @every_shape
@@ -154,7 +179,7 @@ def test_rays_along_faces_edges_and_axes_are_sound(name, axis, sign):
     direction = np.roll([sign, 0.0, 0.0], axis)
     across = np.array(np.meshgrid(ticks, ticks)).reshape(2, -1)
     origins = np.roll(np.stack([np.full(across.shape[1], -0.06 * sign), *across]), axis, axis=0)
-    assert_first_contact(name, origins, direction, tolerance=1e-12)
+    assert_first_contact(name, origins, direction, tolerance=FACETS)
 
 
 sizes = st.sampled_from([0.0, 1e-300, 1e-17, 1e-13, 1e-9, 1e-6, 1e-3, 0.5, 1.0])
@@ -168,14 +193,14 @@ def test_rays_nearly_along_faces_edges_and_axes_are_sound(name, tilt, seed):
     direction = np.array(tilt) / np.linalg.norm(tilt)
     special = [0.0, 0.010, 0.016, 0.020, 1e-12, 0.016 + 1e-12, 0.020 - 1e-12]
     points = rng.choice(special, size=(3, 200)) * rng.choice([-1.0, 1.0], size=(3, 200))
-    assert_first_contact(name, points - 0.1 * direction[:, None], direction, tolerance=1e-9)
+    assert_first_contact(name, points - 0.1 * direction[:, None], direction, tolerance=FACETS)
 
 
 @every_shape
 def test_no_point_lies_outside_the_bounding_radius(name, rng):
     shape = EXTENDED_SHAPES[name]
     origins, direction = random_rays(rng)
-    distance = shape.entry_distance(origins, direction)
+    distance = entry(shape, origins, direction)
     points = (origins + distance * direction[:, None])[:, np.isfinite(distance)]
     assert np.linalg.norm(points, axis=0).max() <= shape.bounding_radius + 1e-12
     assert 0.019 < shape.bounding_radius < 0.034  # sizes of the tables are alike
@@ -184,7 +209,7 @@ def test_no_point_lies_outside_the_bounding_radius(name, rng):
 @every_shape
 def test_what_lies_behind_a_ray_is_missed(name, rng):
     origins, direction = random_rays(rng)
-    assert np.isinf(EXTENDED_SHAPES[name].entry_distance(origins, -direction)).all()
+    assert np.isinf(entry(EXTENDED_SHAPES[name], origins, -direction)).all()
 
 
 @pytest.mark.parametrize(
@@ -207,8 +232,8 @@ def test_what_lies_behind_a_ray_is_missed(name, rng):
     ],
 )
 def test_distances_by_hand(shape, origin, direction, expected):
-    distance = shape.entry_distance(np.array(origin, float)[:, None], np.array(direction, float))
-    assert distance[0] == pytest.approx(expected)
+    distance = entry(shape, np.array(origin, float)[:, None], np.array(direction, float))
+    assert distance[0] == pytest.approx(expected, abs=2e-4)  # a hundred times as large as objects are
 
 
 @pytest.mark.parametrize(
@@ -257,7 +282,7 @@ def test_a_box_and_an_ellipsoid_have_three_lengths(make):
 @every_shape
 def test_a_shape_is_a_value(name, rng):
     shape = EXTENDED_SHAPES[name]
-    shape.entry_distance(*random_rays(rng))  # fills whatever is cached
+    entry(shape, *random_rays(rng))  # fills whatever is cached
     twin = eval(repr(shape))  # the repr is complete
     assert (twin, hash(twin), repr(twin)) == (shape, hash(shape), repr(shape))
     assert pickle.loads(pickle.dumps(shape)) == shape

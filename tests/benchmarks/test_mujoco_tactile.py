@@ -45,4 +45,4 @@ def test_on_a_sphere_the_two_depths_follow_from_each_other():
     # A taxel h below the surface along x is at the distance √((√(R² − r²) − h)² + r²) from the centre.
     r = np.linalg.norm(PAD.taxel_centres[1:], axis=0)[inside]
     expected = radius - np.hypot(np.sqrt(radius**2 - r**2) - ours[inside], r)
-    np.testing.assert_allclose(sensor.depth(placement, touching - DEPTH)[inside], expected, atol=1e-9)
+    np.testing.assert_allclose(sensor.depth(placement, touching - DEPTH)[inside], expected, rtol=0, atol=2e-5)  # facets

@@ -14,12 +14,10 @@ import numpy as np
 import scipy  # whose parts load at first use
 
 from activetouch.poses import random_orientation, to_matrix
+from activetouch.solids.primitives import hull, joined, turned
 from activetouch.solids.raster import Surface
-from activetouch.solids.solid import Floats, Ints
 from activetouch.solids.triangles import tetrahedra
-
-Triangles = tuple[Floats, Ints]
-"""Vertices ``(v, 3)`` [m] and triangles ``(f, 3)``, counter-clockwise from outside."""
+from activetouch.solids.vectors import Floats, Triangles
 
 _MM = 1e-3
 _ROUND = 64  # corners of what stands for a circle
@@ -36,7 +34,7 @@ def random_body(number: int) -> Surface:
     parts = [_part(rng)]
     if rng.uniform() > _ALONE:
         parts += [_beside(_part(rng), parts[0], rng) for _ in range(rng.integers(1, 4))]
-    vertices, faces = _joined(parts)
+    vertices, faces = joined(parts)
     if rng.uniform() < _EXTREME:
         vertices = vertices * np.exp(rng.uniform(-1.2, 0.7, 3))
     volumes = tetrahedra(vertices, faces)
@@ -56,17 +54,7 @@ def _polytope(rng: np.random.Generator, normals: Floats, offsets: Floats, cuts: 
         for normal in _directions(rng, int(rng.integers(1, 3))):
             reach = (points @ normal).max()
             normals, offsets = np.vstack([normals, normal]), np.append(offsets, rng.uniform(0.4, 0.98) * reach)
-    return _hull(scipy.spatial.HalfspaceIntersection(np.column_stack([normals, -offsets]), np.zeros(3)).intersections)
-
-
-def _hull(points: Floats) -> Triangles:
-    hull = scipy.spatial.ConvexHull(points)
-    used, faces = np.unique(hull.simplices, return_inverse=True)
-    vertices, faces = points[used], faces.reshape(-1, 3)
-    normals = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]])
-    inwards = (normals * hull.equations[:, :3]).sum(axis=1) < 0.0
-    faces[inwards] = faces[inwards, ::-1]
-    return vertices, faces
+    return hull(scipy.spatial.HalfspaceIntersection(np.column_stack([normals, -offsets]), np.zeros(3)).intersections)
 
 
 def _directions(rng: np.random.Generator, number: int) -> Floats:
@@ -118,19 +106,19 @@ def _ellipsoid(rng: np.random.Generator) -> Triangles:
 
 def _half_ball(rng: np.random.Generator) -> Triangles:
     vertices = _ball()[0] * rng.uniform(9, 24) * _MM
-    return _hull(np.where(vertices[:, 2:] < rng.uniform(-12, 0) * _MM, [1.0, 1.0, 0.0], 1.0) * vertices)
+    return hull(np.where(vertices[:, 2:] < rng.uniform(-12, 0) * _MM, [1.0, 1.0, 0.0], 1.0) * vertices)
 
 
 def _capsule(rng: np.random.Generator) -> Triangles:
     vertices, length = _ball()[0] * rng.uniform(6, 18) * _MM, rng.uniform(4, 24) * _MM
     top = rng.uniform(0.4, 1.0) if rng.uniform() < 0.4 else 1.0  # a rounded cone where it is smaller
-    return _hull(np.vstack([vertices - [0, 0, length / 2], vertices * top + [0, 0, length / 2]]))
+    return hull(np.vstack([vertices - [0, 0, length / 2], vertices * top + [0, 0, length / 2]]))
 
 
 def _rounded_box(rng: np.random.Generator) -> Triangles:
     corners = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, 8).T * rng.uniform(2, 18, 3)
     ball = _ball(1)[0] * rng.uniform(1, 8)
-    return _hull((corners[:, None] + ball).reshape(-1, 3) * _MM)
+    return hull((corners[:, None] + ball).reshape(-1, 3) * _MM)
 
 
 def _blob(rng: np.random.Generator) -> Triangles:
@@ -175,21 +163,7 @@ def _turned_part(rng: np.random.Generator) -> Triangles:
 
 def _turned(profile: Floats) -> Triangles:
     """The surface of a closed profile of (radius, height) [mm], outside on its right, turned about z."""
-    corners, number = 48, len(profile)
-    angles = 2 * np.pi * np.arange(corners) / corners
-    radius, height = profile.T * _MM
-    vertices = np.stack(
-        [np.outer(np.cos(angles), radius), np.outer(np.sin(angles), radius), np.tile(height, (corners, 1))], axis=2
-    )
-    return vertices.reshape(-1, 3), _quads(corners, number)
-
-
-def _quads(rows: int, columns: int) -> Ints:
-    """Triangles between the neighbours of a grid that is closed both ways."""
-    here = np.arange(rows * columns).reshape(rows, columns)
-    right, up = np.roll(here, -1, axis=1), np.roll(here, -1, axis=0)
-    across = np.roll(right, -1, axis=0)
-    return np.concatenate([np.stack([here, up, across], 2), np.stack([here, across, right], 2)]).reshape(-1, 3)
+    return turned(np.column_stack([profile * _MM, np.full(len(profile), 48)]), closed=True)
 
 
 def _star(rng: np.random.Generator) -> Triangles:
@@ -217,11 +191,11 @@ def _ball(level: int = 3) -> Triangles:
     """A unit ball, from an icosahedron whose triangles are halved ``level`` times."""
     golden = (1 + 5**0.5) / 2
     points = np.array([(a, b * golden, 0.0) for a in (-1.0, 1.0) for b in (-1.0, 1.0)])
-    vertices, faces = _hull(np.vstack([points, np.roll(points, 1, axis=1), np.roll(points, 2, axis=1)]))
+    vertices, faces = hull(np.vstack([points, np.roll(points, 1, axis=1), np.roll(points, 2, axis=1)]))
     for _ in range(level):
         middles = (vertices[faces] + vertices[np.roll(faces, -1, axis=1)]).reshape(-1, 3) / 2
         vertices = np.vstack([_on_ball(vertices), np.unique(np.round(_on_ball(middles), 9), axis=0)])
-        vertices, faces = _hull(_on_ball(vertices))
+        vertices, faces = hull(_on_ball(vertices))
     return _on_ball(vertices), faces
 
 
@@ -249,9 +223,3 @@ def _beside(part: Triangles, first: Triangles, rng: np.random.Generator) -> Tria
     if tetrahedra(vertices, faces).sum() < 0.0:  # two axes were exchanged
         faces = faces[:, ::-1]
     return vertices * rng.uniform(0.25, 0.9) + place, faces
-
-
-def _joined(parts: list[Triangles]) -> Triangles:
-    starts = np.cumsum([0, *(len(vertices) for vertices, _ in parts[:-1])])
-    faces = [part[1] + start for part, start in zip(parts, starts, strict=True)]
-    return np.vstack([part[0] for part in parts]), np.vstack(faces)

@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 
+from activetouch.perception import cached_arrays
 from activetouch.perception.cached_arrays import announced, cached_array
 
 
@@ -34,6 +35,14 @@ def test_an_array_is_computed_once_and_is_the_same_from_the_file(cache):
     assert np.array_equal(first, second)
     assert first.dtype == second.dtype == np.float32
     assert len(list(cache.iterdir())) == 1
+
+
+def test_an_array_of_other_height_maps_is_not_read(cache, monkeypatch):
+    make = Computed()
+    cached_array({"of": 1}, make)
+    monkeypatch.setattr(cached_arrays, "_GEOMETRY", 1)
+    cached_array({"of": 1}, make)
+    assert make.times == 2
 
 
 @pytest.mark.parametrize("damage", [b"", b"no tensors", None])

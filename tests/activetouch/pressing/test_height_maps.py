@@ -28,7 +28,10 @@ def test_the_gap_of_a_press_is_how_far_the_surface_lies_behind_its_highest_point
     maps = predicted_contacts(BODIES[name], rotations, offsets, Window.of(PAD), scales)
     for heights, *placed in zip(maps, scales, rotations, offsets, strict=True):
         gap, touching = first_touch(PAD, Placement(BODIES[name], *placed))
-        np.testing.assert_allclose(heights.max() - heights, gap, rtol=0, atol=1e-12)
+        expected = heights.max() - heights
+        felt = expected <= PAD.max_depth
+        np.testing.assert_allclose(gap[felt], expected[felt], rtol=0, atol=1e-12)
+        assert (gap >= expected - 1e-12).all()  # farther down, a gap may be too large
         assert heights.max() == pytest.approx(touching, abs=1e-12)
 
 

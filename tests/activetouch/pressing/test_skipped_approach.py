@@ -11,7 +11,7 @@ from activetouch.pressing.dynamic import GuardedMove
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.rig import Rig
 from activetouch.shapes import EXTENDED_SHAPES, Sphere
-from activetouch.solids.round import Torus
+from activetouch.solids.primitives import Torus
 
 pytestmark = pytest.mark.mujoco
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])

@@ -12,6 +12,7 @@ from activetouch.errors import BadMesh, MeshWarning
 from activetouch.shapes import Mesh
 from activetouch.solids.mesh_file import SurfaceBuilder, read_surface
 from activetouch.solids.polygons import ears
+from tests.rays import entry
 
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
 QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
@@ -177,7 +178,7 @@ def test_a_concave_face_leaves_its_notch_open_whichever_corner_it_begins_with(st
     assert len(mesh.faces) == 20
     middle = np.array([0.15 / 18, 0.15 / 18, 0.0025])  # centre of mass; a pad on the top feels the two arms alone
     at = np.array([(15, 5, 9), (5, 15, 9), (5, 5, 9), (15, 15, 9), (11, 11, 9), (10.5, 18, 9)]) * 1e-3 - middle
-    felt = mesh.entry_distance(at.T, np.array([0.0, 0.0, -1.0]))
+    felt = entry(mesh, at.T, np.array([0.0, 0.0, -1.0]))
     np.testing.assert_allclose(felt, [0.004] * 3 + [np.inf] * 3, atol=1e-8)
 
 

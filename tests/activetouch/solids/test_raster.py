@@ -1,5 +1,7 @@
 """Height maps of triangles: the same as rays one by one, whichever way triangles face, without a leak at an edge."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import trimesh
@@ -7,8 +9,8 @@ import trimesh
 from activetouch.poses import random_orientation, to_matrix
 from activetouch.shapes import Box
 from activetouch.solids import raster
-from activetouch.solids.mesh import first_entry
-from activetouch.solids.raster import Surface, heights
+from activetouch.solids.raster import Surface, foremost, heights
+from tests.rays import entry
 
 PIXEL, NUM = 0.001, 40
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=0.014)
@@ -35,7 +37,7 @@ def ray_heights(vertices, faces, turn, place, pixel=PIXEL, num=NUM):
     z, y = (axis.ravel() for axis in np.meshgrid(at - place[1], at - place[0], indexing="ij"))
     origins = np.linalg.inv(turn) @ np.stack([np.full(y.size, -0.2), y, z])
     scale = np.cbrt(np.linalg.det(turn))
-    found = first_entry(vertices, faces, origins, turn[0] / scale)
+    found = entry(SimpleNamespace(surface=Surface(vertices.T, faces.T, None)), origins, turn[0] / scale)
     return (0.2 - found * scale).reshape(num, num)
 
 
@@ -94,7 +96,7 @@ def test_no_pixel_on_an_edge_or_a_corner_is_left_out(towards, two_sided, rng):
     places = -points * (1 - 1e-9)  # every point in the middle of a window of one pixel, none on the silhouette
     maps = heights(surface, np.broadcast_to(turn, (len(places), 3, 3)), places, PIXEL, 1).ravel()
     origins = turn.T @ np.stack([np.full(len(places), -0.1), *-places.T])
-    expected = 0.1 - Box((0.01, 0.01, 0.01)).entry_distance(origins, turn[0])
+    expected = 0.1 - entry(Box((0.01, 0.01, 0.01)), origins, turn[0])
     np.testing.assert_allclose(maps, expected, rtol=0, atol=1e-9)
 
 
@@ -111,3 +113,32 @@ def test_a_map_depends_neither_on_the_others_nor_on_the_size_of_a_portion(rng):
     single = heights(surface, turns, places, PIXEL, 16, np.float32)
     assert single.dtype == np.float32
     np.testing.assert_array_equal(single, together.astype(np.float32))
+
+
+@pytest.mark.parametrize(
+    "mesh", [BALL, TORUS, CUBE, TWO, CROSSED], ids=["ball", "torus", "cube", "two", "crosses itself"]
+)
+@pytest.mark.parametrize("reach", [0.005, 0.03])
+def test_the_foremost_part_of_a_map_is_that_of_the_whole(mesh, reach, rng):
+    surface, depth, met = Surface.of(mesh.vertices, mesh.faces), 0.003, 0
+    for _ in range(40):
+        turn = to_matrix(random_orientation(rng)) * rng.uniform(0.5, 1.4)
+        place = rng.uniform(-reach, reach, 2)
+        whole = heights(surface, turn[None], place[None], PIXEL, 24)[0]
+        part = foremost(surface, turn, place, PIXEL, 24, depth)
+        near = whole >= whole.max() - depth
+        np.testing.assert_allclose(part[near], whole[near], rtol=0, atol=1e-12)
+        assert (part[~near] <= whole[~near] + 1e-12).all()
+        met += np.isfinite(whole).any()
+    assert met > 10
+
+
+def test_a_tip_between_two_pixels_does_not_hide_what_lies_beside_it():
+    ball, num = BALL.copy(), 24
+    ball.vertices[ball.vertices[:, 0].argmin(), 0] -= 0.02  # a needle, thinner than a pixel
+    surface = Surface.of(ball.vertices, ball.faces)
+    for place in ([0.0, 0.0], [0.0005, 0.0005], [0.0003, -0.0004]):
+        whole = heights(surface, np.eye(3)[None], np.array([place]), 2 * PIXEL, num)[0]
+        part = foremost(surface, np.eye(3), np.array(place), 2 * PIXEL, num, 0.003)
+        near = whole >= whole.max() - 0.003
+        np.testing.assert_allclose(part[near], whole[near], rtol=0, atol=1e-12)

@@ -23,7 +23,7 @@ EXAMPLE = Path(__file__).parents[3] / "examples" / "04_a_mesh_of_your_own.py"
 def test_a_cup_from_a_file_is_learned_and_searched_for(tmp_path):
     cup = tmp_path / "cup.obj"
     runpy.run_path(str(EXAMPLE))["write_cup"](cup)
-    assert Mesh.from_file(cup).entry_distance  # closed, the right way round, of a size that can be felt
+    assert Mesh.from_file(cup).surface  # closed, the right way round, of a size that can be felt
     choice = SceneChoice(meshes=(cup,), fidelity="quasistatic")
     data, trained, sensor = tmp_path / "touches", tmp_path / "trained", tmp_path / "sensor"
     Collect(choice, out=data, plan=PlanArguments(train=12, calibration=6, test=4), jobs=1).run()
