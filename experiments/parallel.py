@@ -57,9 +57,6 @@ class Shared(Generic[T]):
     """A large value of many tasks: each worker process reads it once, from a temporary file.
 
     Objects of classes that a script or a notebook defines are sent with their code.
-
-    Args:
-        value: what the tasks share.
     """
 
     def __init__(self, value: T) -> None:

@@ -64,10 +64,6 @@ def named_scene(name: str) -> NamedScene:
     Args:
         name: key of :data:`SCENES`, registered name, or ``module:attribute`` of a ``Scene``, a ``NamedScene`` or a
             function that returns one.
-
-    Raises:
-        UnknownName: There is no such name; the message suggests the nearest.
-        BadReference: The name cannot be parsed, or is not the name of a scene.
     """
     found, reference = find("scene", name, SCENES, "activetouch.scenes")
     made = build(reference.name, found, reference.settings, {}, reference.is_called)
@@ -82,11 +78,6 @@ def renderer_named(name: str) -> TactileRenderer:
     Args:
         name: key of :data:`RENDERERS`, registered name, or ``module:attribute`` of a renderer or of a class or
             function that makes one.
-
-    Raises:
-        UnknownName: There is no such name; the message suggests the nearest.
-        BadReference: The name cannot be parsed, or a renderer that is ready has settings.
-        WrongRenderer: The name is not that of a renderer.
     """
     found, reference = find("renderer", name, RENDERERS, "activetouch.renderers")
     is_plain = callable(found) and hasattr(found, "isotropic") and not isinstance(found, type)
@@ -144,14 +135,9 @@ def with_families(shapes: Mapping[str, Any], families: Sequence[str]) -> tuple[d
     """Shapes, of which some become families, and the range of the sizes of all objects; None if they stay as they are.
 
     Args:
-        shapes: by label.
         families: each as ``SHAPE:PARAMETER=LOW..HIGH``; factors on the nominal number are uniform in that range.
             Several parameters are separated by commas. The nominal solid of a family gets other parameters. Or
             ``size=LOW..HIGH``, for all objects.
-
-    Raises:
-        UnknownName: there is no such shape, or it has no such parameter.
-        InvalidArgument: the text cannot be read, a shape is named twice, or a solid cannot be built.
 
     >>> from activetouch.shapes import Cylinder
     >>> with_families({"rod": Cylinder(0.016, 0.020)}, ["rod:half_length=0.5..2"])[0]["rod"]
@@ -266,12 +252,7 @@ class SceneChoice:
 
     @classmethod
     def from_dict(cls, fields: Mapping[str, Any], trust: Trust) -> SceneChoice:
-        """The choice from :meth:`to_dict`, in a file.
-
-        Raises:
-            FileNamesCode: scene or renderer is code that may not be used.
-            BadArgument: a field is of a wrong type.
-        """
+        """The choice from :meth:`to_dict`, in a file."""
         trust.require([fields["scene"], fields.get("renderer")])
         names = {field.name for field in dataclasses.fields(cls)}
         without_effect = (None, False, 1.0)  # options of earlier versions

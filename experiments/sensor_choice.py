@@ -45,18 +45,7 @@ class NoSensor(ActiveTouchError, FileNotFoundError):
 
 
 def require_policies(decider: str, targets: Sequence[str], scene: str, sensor: Path) -> None:
-    """Check that a decider has all trained policies that it needs.
-
-    Args:
-        decider: name of the decider.
-        targets: labels of the target shapes.
-        scene: name of the scene.
-        sensor: folder of the sensor.
-
-    Raises:
-        MissingPolicy: There is no policy for a target; the message names the commands that train it.
-        BadPolicy: A policy is damaged or belongs to another decider.
-    """
+    """Check that a decider has all trained policies that it needs."""
     if (state := trained_state(decider)) is None:
         return
     try:
@@ -176,13 +165,7 @@ def open_collection(folder: Path, scene: str, repeats: bool) -> Manifest:
     """Read the manifest of a collection.
 
     Args:
-        folder: folder of the collection.
-        scene: name of its scene, for the message.
         repeats: whether the collection must contain repeated touches.
-
-    Raises:
-        NoCollection: There is no collection; the message names the command that records one.
-        CorruptFile: The manifest is damaged.
     """
     try:
         return read_manifest(folder)
@@ -199,15 +182,9 @@ def require_collection(
     """Check that a collection has the scene of a reader and of the results; print accepted differences to stderr.
 
     Args:
-        folder: folder of the collection.
-        manifest: manifest of the collection.
         card: of the reader that is to read it; None if one is to be trained on it.
         scene: name of the scene that results will be filed under; None if the user names the folder of the results.
         anyway: whether to accept all differences.
-
-    Raises:
-        LabelMismatch: The collection has other shapes or poses than the reader.
-        WrongScene: It differs by more than a known shift, or the reader cannot read its images.
     """
     wanted: dict[str, Mapping[str, Any] | None] = {}
     if card is not None:

@@ -70,15 +70,7 @@ class ModelScores:
 def score_model(
     name: str, model: ArrayModel, sequences: Mapping[str, Sequences], confidence: float, rng: np.random.Generator
 ) -> ModelScores:
-    """Scores of a fitted model by number of touches and at stopping, for every kind of sequence.
-
-    Args:
-        name: name of the model.
-        model: the fitted model.
-        sequences: test sequences by kind.
-        confidence: posterior at which a search stops.
-        rng: random generator for null quantiles.
-    """
+    """Scores of a fitted model by number of touches and at stopping, for every kind of sequence."""
     fused: dict[str, list[Fused]] = {}
     stopped: dict[str, CalibrationAtStop | None] = {}
     for kind, of_kind in sequences.items():

@@ -31,9 +31,7 @@ class Rounds(TouchRounds):
         """Rounds of a collection's split, whose touches are ordered by object, round and pose.
 
         Args:
-            truth: what was touched.
             touches: what a reader made of it, as one sequence.
-            num_poses: P.
         """
         by_object = (len(np.unique(truth.object_ids)), -1, num_poses)
         each = len(truth.object_ids) // by_object[0]

@@ -33,11 +33,7 @@ def loading() -> Iterator[None]:
 
 @contextmanager
 def running() -> Iterator[None]:
-    """On Ctrl-C or SIGTERM, stop the command and its workers, print a message and end the process.
-
-    Raises:
-        SystemExit: 130 after Ctrl-C, 143 after SIGTERM.
-    """
+    """On Ctrl-C or SIGTERM, stop the command and its workers, print a message and end the process."""
     code = 0
     with _handled_by(_stop):
         try:

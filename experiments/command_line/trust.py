@@ -37,11 +37,7 @@ class Trust:
         return self.everything or name in self.known or ":" not in name.partition("(")[0]
 
     def require(self, names: Iterable[str | None]) -> None:
-        """Check the names of scenes, renderers or deciders that the file holds.
-
-        Raises:
-            FileNamesCode: one of them is ``module:attribute``, and may not be used.
-        """
+        """Check the names of scenes, renderers or deciders that the file holds."""
         unknown = [str(name) for name in names if name and not self.allows(str(name))]  # a file may hold other types
         if unknown:
             raise FileNamesCode(

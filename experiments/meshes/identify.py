@@ -62,10 +62,7 @@ def name_object(
     The same seed gives the same touch of an object in a pose, whatever the order.
 
     Args:
-        setting: bodies and sensor.
-        obj: the object.
         seed: of the touches and of the first pose.
-        max_touches: at most the number of poses.
         threshold: at which to stop, in (0, 1]; 1 does not stop.
         order: of the poses; by default, each one after a random first is expected to tell most.
     """

@@ -95,14 +95,7 @@ class MeshResult(Tabular, ABC):
         return "\n\n".join([*self.left_out, *map(str, self.twins), super().__str__()])
 
     def save(self, folder: Path | str) -> Path:
-        """Write ``report.html``, with the bodies that were still possible after each touch, and the table as CSV.
-
-        Returns:
-            Path of the report.
-
-        Raises:
-            CannotWrite: the disk is full, or the folder is not writable.
-        """
+        """Write ``report.html``, with the bodies that were still possible after each touch, and the table as CSV."""
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
         table = self.table()

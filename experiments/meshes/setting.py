@@ -95,17 +95,11 @@ class MeshSetting:
         """Embed bodies that are not in the cache yet, and fit temperature and drift to simulated touches.
 
         Args:
-            solids: by label.
             sensor: a shipped sensor with a reader of any object, or a folder of one.
-            plan: views of each body.
             levels: of cells, coarse first; chosen by the number of bodies by default.
-            effort: how far beliefs are refined.
             look: how closely the bodies that are still possible are looked at.
             pressed: number of simulated objects that temperature and drift are fitted to.
             jobs: number of processes; as many as processors by default.
-
-        Raises:
-            InvalidArgument: there are no bodies, or the sensor has no reader of any object.
         """
         if not solids:
             raise InvalidArgument("there are no bodies: give at least one mesh")

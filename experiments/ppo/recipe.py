@@ -41,9 +41,6 @@ class PPORecipe:
         beta: weight of the shaping reward (decision 0031).
         touch_cost, touch_limit: λ and T_max of the task.
         target_prob: prior probability of the target in training, or a range from which every test draws it.
-
-    Raises:
-        BadArgument: A setting is out of its range; the message names it.
     """
 
     state: State = "paper"

@@ -100,12 +100,7 @@ class Training:
         return self.folder / f"{name}-{hashlib.sha256(told.encode()).hexdigest()[:8]}.safetensors"
 
     def run(self) -> tuple[Policy, Score]:
-        """Finish the training, and score the policy on the test bank.
-
-        Raises:
-            BadPolicy: The file of the finished policy is damaged.
-            TrainingDiverged: Outputs of the policy are not finite.
-        """
+        """Finish the training, and score the policy on the test bank."""
         if not self.path.exists():
             with _global_generators_kept():
                 trained = self._train()
@@ -189,7 +184,6 @@ def play(choose: Callable[[BankEpisodes], NDArray[np.int64]], episodes: BankEpis
     Args:
         choose: function from the episodes to actions ``(B,)``.
         episodes: B episodes; they are reset first.
-        seed: seed of the episodes.
     """
     rng, rows = np.random.default_rng(seed), np.arange(episodes.num_envs)
     episodes.restart(rows, rng)
@@ -209,7 +203,6 @@ def policy_of(learner: PPO, card: PolicyCard) -> Policy:
 
     Args:
         learner: a PPO with an ``MlpPolicy`` of tanh units.
-        card: card of the policy.
     """
     from torch import nn
 
@@ -261,11 +254,7 @@ def make_bank(reader: TactileReader, data: Path, split: str) -> TouchBank:
 
 
 def kept_bank(reader: TactileReader, data: Path, split: str, folder: Path) -> TouchBank:
-    """The bank in a folder, if it is :func:`make_bank` of the same collection and reader; otherwise it is made there.
-
-    Raises:
-        CorruptFile: A file of the bank in the folder was changed.
-    """
+    """The bank in a folder, if it is :func:`make_bank` of the same collection and reader; otherwise made there."""
     if (folder / MANIFEST).is_file():
         found = TouchBank.open(folder)
         if dict(found.source) == _source(reader, data, split):

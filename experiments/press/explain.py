@@ -55,9 +55,6 @@ def explain(
     """What a scene models, which of its shapes feel alike, and how long a press takes.
 
     Args:
-        named: the scene, and its search.
-        name: of the scene.
-        presses: number of presses to measure.
         compare: whether to look for shapes that feel nearly alike.
         jobs: number of processes that make views of shapes.
     """

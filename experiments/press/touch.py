@@ -40,19 +40,8 @@ def close_hand(
     """Close the hand of a scene on a new random object, step by step in MuJoCo.
 
     Args:
-        scene: the world, with a hand.
-        shape: label of the object's shape.
-        pose: label of the pose.
         seed: of the object's size and orientation and of the grasp.
         menagerie: a copy of MuJoCo Menagerie, whose Allegro hand closes instead of pads that slide.
-
-    Returns:
-        The model, what the fingers feel, and the positions of its joints in every step.
-
-    Raises:
-        UnknownName: the scene has no such shape or pose.
-        FileNotFoundError: the menagerie has no Allegro hand.
-        UnstablePress: the forces do not settle.
     """
     from activetouch.pressing.allegro import ALLEGRO_LAW, ALLEGRO_PAD, AllegroFingers  # these load MuJoCo
     from activetouch.pressing.closing import Closing, SlidingPads

@@ -42,11 +42,7 @@ class Section:
 def write_page(
     path: Path, title: str, sections: Sequence[Section], template: str = "page.html", **values: object
 ) -> None:
-    """Write a page, atomically, with a template that extends ``page.html`` and its further values.
-
-    Raises:
-        CannotWrite: The disk is full, or the folder is not writable.
-    """
+    """Write a page, atomically, with a template that extends ``page.html`` and its further values."""
     environment = Environment(
         loader=PackageLoader("experiments.reporting"), undefined=StrictUndefined, autoescape=True, trim_blocks=True
     )

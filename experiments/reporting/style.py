@@ -85,11 +85,7 @@ class Picture:
         return found
 
     def write(self, folder: Path) -> None:
-        """Write NAME.svg and NAME.png.
-
-        Raises:
-            CannotWrite: The disk is full, or the folder is not writable.
-        """
+        """Write NAME.svg and NAME.png."""
         for suffix, content in self._files.items():
             with atomic_path(folder / f"{self.name}.{suffix}") as temporary:
                 temporary.write_bytes(content)

@@ -229,11 +229,7 @@ def applicable_conditions(scene: Scene, names: Sequence[str] = ()) -> tuple[dict
     """The scenes of the conditions that apply, the unchanged scene first, and why the others do not apply.
 
     Args:
-        scene: in which the sensor was trained.
         names: of the conditions to choose from; all by default.
-
-    Raises:
-        UnknownName: there is no such condition.
     """
     for name in names:
         if name not in CONDITIONS:

@@ -106,17 +106,10 @@ def robustness(
     """Search among the same objects under changed conditions.
 
     Args:
-        sensor: to measure.
         named: the scene that the sensor was trained in, and its search.
-        name: of the scene.
         conditions: keys of :data:`~experiments.robustness.conditions.CONDITIONS`; all by default.
         searches: for every target, by information gain, under every condition.
-        seed: of the searches.
         jobs: number of processes; the results do not depend on it.
-
-    Raises:
-        UnknownName: there is no such condition.
-        UnstablePress: an object could not be pressed.
     """
     scenes, left_out = applicable_conditions(named.scene, conditions)
     shared = Shared(scenes)

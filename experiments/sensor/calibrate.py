@@ -179,15 +179,9 @@ def calibrate(
     """Fit observation models to the calibration split of a collection, keep the best, and evaluate on the test split.
 
     Args:
-        reader: reader of the touches.
         data: folder of the collection, whose objects are better touched several times in every pose.
         scene: scene of the touches, if it is known; without it, no model is about one rigid body.
         models: functions that fit the models to choose from, by name; all by default.
-        seed: seed of the intervals.
-
-    Raises:
-        BadArgument: A model does not work with this reader.
-        BadReference: No command could read the file of the chosen model.
     """
     manifest = read_manifest(data)
     candidates = candidate_models(models, reader, scene)
@@ -239,11 +233,7 @@ def best_order(model: ArrayModel, rounds: TouchBatch, shapes: NDArray[np.int64])
 
 
 def scene_of(manifest: Manifest, trust: Trust) -> Scene | None:
-    """The scene of a collection that the command line chose; None where a program did.
-
-    Raises:
-        FileNamesCode: the scene is code that may not be used.
-    """
+    """The scene of a collection that the command line chose; None where a program did."""
     return None if manifest.choice is None else SceneChoice.from_dict(manifest.choice, trust).named.scene
 
 
@@ -253,10 +243,6 @@ def candidate_models(asked: Mapping[str, Fit], reader: TactileReader, scene: Sce
     Args:
         asked: by name; all if there are none.
         reader: of the touches; a joint model works only with one that embeds hypotheses.
-        scene: of the touches, if it is known.
-
-    Raises:
-        BadArgument: a model works with hypotheses, which this reader does not embed.
     """
     all_joint = fits("embeddings")
     joint = {name: fit for name, fit in (asked or all_joint).items() if name in all_joint}
@@ -277,11 +263,7 @@ class TooFewObjects(ActiveTouchError, ValueError):
 
 
 def require_enough(manifest: Manifest, data: Path) -> None:
-    """Refuse a collection with which no model can be chosen, before any image is read.
-
-    Raises:
-        TooFewObjects: it has too few objects, or all are of one shape.
-    """
+    """Refuse a collection with which no model can be chosen, before any image is read."""
     plan, num_shapes = manifest.plan, len(manifest.shape_labels)
     if num_shapes < 2:
         raise TooFewObjects(f"{data} has objects of one shape, {manifest.shape_labels[0]}; a sensor tells shapes apart")
@@ -298,12 +280,6 @@ def evaluate(model: ArrayModel, touches: TouchBatch, truth: TouchSet, rng: np.ra
     """Accuracy and calibration of single touches, and of an object's first round of poses fused.
 
     Intervals of single-touch figures resample objects, because touches of one object err together.
-
-    Args:
-        model: to be evaluated.
-        touches: all as one sequence.
-        truth: what they are of.
-        rng: of the intervals.
     """
     logits = touches.require_logits()[0]
     num_objects, num_poses = len(np.unique(truth.object_ids)), model.num_poses

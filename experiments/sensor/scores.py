@@ -47,7 +47,6 @@ def accuracy_of_objects(
     Args:
         right: whether each touch is right, or the fraction that is, ``(n,)``.
         objects: which object each is of, ``(n,)``.
-        rng: of the bootstrap.
 
     >>> found = accuracy_of_objects(np.ones(60), np.arange(60) // 6, np.random.default_rng(0))
     >>> [round(x, 2) for x in found]     # ten objects

@@ -132,18 +132,8 @@ def train_reader(
     """Train a network on a collection; after an interruption, the same call continues.
 
     Args:
-        data: folder of the collection.
         out: folder for ``reader.safetensors`` and the state of the training.
-        recipe: settings of the training.
-        backbone: a key of :data:`activetouch.perception.backbones.BACKBONES`.
         input_size: edge that images are brought to [pixels].
-        jobs: number of threads.
-
-    Returns:
-        The reader, which has been written to ``out``.
-
-    Raises:
-        BadArgument: The network cannot read images of this size, or the collection has aims.
     """
     import torch
 
@@ -185,18 +175,9 @@ def train_any_object(
     """Train a reader of any object on random bodies; after an interruption, the same call continues.
 
     Args:
-        scene: scene whose pad and renderer it learns.
         out: folder for ``any_object.safetensors`` and the state of the training.
         steps: number of steps; that of :class:`~activetouch.perception.contact_training.ContactRecipe` by default.
         seed: seed of the training; that of the recipe by default.
-        device: ``"cpu"`` or ``"cuda"``.
-        jobs: number of threads.
-
-    Returns:
-        The reader, which has been written to ``out``.
-
-    Raises:
-        BadArgument: the device is ``"cuda"``, and torch finds none.
     """
     import torch
 
@@ -233,10 +214,6 @@ def require_input_size(size: int, edge: int, backbone: str) -> None:
     Args:
         size: asked for with --input-size [pixels].
         edge: of the images [pixels].
-        backbone: a key of :data:`activetouch.perception.backbones.BACKBONES`.
-
-    Raises:
-        BadArgument: they cannot, or the network needs larger ones.
     """
     smallest = BACKBONES[backbone].smallest_image
     if size < smallest:
