@@ -76,8 +76,7 @@ def _end_at_once(number: int, frame: FrameType | None) -> None:
 def _stop(number: int, frame: FrameType | None) -> None:
     """Raise an exception as Python does at Ctrl-C; a second SIGTERM ends the process at once.
 
-    From now on, neither errors of threads nor warnings are printed: joblib's thread may be handing out a task as it
-    stops. The process ends soon; one line says why.
+    Silences errors of threads and warnings, because joblib's thread may be handing out a task as it stops.
     """
     threading.excepthook = lambda error: None
     warnings.simplefilter("ignore")

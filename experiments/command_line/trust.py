@@ -15,13 +15,7 @@ class FileNamesCode(ActiveTouchError, ValueError):
 
 @dataclass(frozen=True)
 class Trust:
-    """Which code a file may name.
-
-    Attributes:
-        source: the file, or the folder that holds it.
-        known: names on the command line.
-        everything: whether the command line has ``--trust``.
-    """
+    """Code that a file may name: what is ``known`` from the command line, and ``everything`` with ``--trust``."""
 
     source: Path
     known: Collection[str] = ()

@@ -67,7 +67,7 @@ def recorded(
 ) -> RecordedReport:
     """Identify and search for recorded objects by recordings that were not learned from, with several deciders.
 
-    ``name`` is that of the set, ``notes`` say how it was read, and ``classifier`` is one of your own, as of
+    ``name`` is the name of the set, ``notes`` say how it was read, and ``classifier`` is one of your own, as in
     :meth:`activetouch.sensor.RecordedSensor.fit`. All other arguments are the settings of :class:`Recorded`.
     """
     for decider in deciders:

@@ -24,14 +24,7 @@ written: list[Path] = []
 
 @dataclass(frozen=True)
 class Section:
-    """A section of a page.
-
-    Attributes:
-        title: heading.
-        sentences: paragraphs.
-        tables: tables below the figures.
-        pictures: figures, side by side on a wide page.
-    """
+    """A section of a page; tables are below the figures, which are side by side on a wide page."""
 
     title: str
     sentences: Sequence[str] = ()

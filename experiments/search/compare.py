@@ -69,11 +69,7 @@ class Compare:
 
     @classmethod
     def from_config(cls, path: Path) -> Compare:
-        """The comparison that a ``run.json`` records, with the default number of jobs.
-
-        Args:
-            path: the file, or the folder of the run.
-        """
+        """The comparison that a ``run.json``, or a folder with one, records, with the default number of jobs."""
         file = path / "run.json" if path.is_dir() else path
         if not require_regular_file(file, BadArgument).exists():
             raise BadArgument(f"--config {path} is not the run.json of a comparison: there is no file {file}")

@@ -40,12 +40,7 @@ class Export:
 
 
 def write_figures(comparison: Comparison, folder: Path, kind: str = "pdf", style: str | None = None) -> list[Path]:
-    """Write every figure of a comparison, and every table as LaTeX (booktabs).
-
-    Args:
-        comparison: a comparison that was played, or was read by :meth:`Comparison.load`.
-        style: matplotlib style, by name or file; its ``figure.figsize`` also sets the size of the figures.
-    """
+    """Write all figures, and all tables as LaTeX (booktabs); a ``style`` also sets the size of the figures."""
     import matplotlib.style
     from matplotlib import rc_params_from_file
 

@@ -76,7 +76,7 @@ class Setting:
         return sensor_folder(self.sensor, self.choice.scene)
 
     def sensor_files(self, scene: Scene) -> list[Path]:
-        """The files that determine what the sensor reads in a scene; of a reader of any object, that alone."""
+        """The files that determine what the sensor reads in a scene; for a reader of any object, its file alone."""
         independent = self.observation_model == "independent"
         reader = reader_file(self.sensor_folder, scene, independent, self.unknown_state)
         return [
@@ -85,7 +85,7 @@ class Setting:
         ]
 
     def open_sensor(self, named: NamedScene | None = None, jobs: int | None = None) -> TactileSensor:
-        """The sensor, once it is checked that it fits the scene, or a scene object in its place."""
+        """The sensor, after a check that it fits the scene, or ``named`` in place of the setting's scene."""
         scene = self.choice if named is None else named
         independent = self.observation_model == "independent"
         return open_sensor(self.sensor, scene, self.anyway, independent, self.unknown_state, jobs)

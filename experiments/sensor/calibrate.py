@@ -112,12 +112,10 @@ class Calibration(Tabular):
     """A reader with its observation model, and how good both are on objects that neither was fitted to.
 
     Attributes:
-        reader: reader of the touches.
         choice: observation model with the cross-validated losses of all candidates.
         independent: best model that takes touches as independent, beside a joint model; None for any other.
         order: labels of the poses in the best fixed order, each with the NLL of the shape after it [nats].
         evaluation: figures of test objects, as in ``evaluation.json``.
-        scene: fields of the scene of the touches.
     """
 
     reader: TactileReader
@@ -128,11 +126,7 @@ class Calibration(Tabular):
     scene: Mapping[str, Any]
 
     def save(self, folder: Path) -> None:
-        """Write a sensor, from which :meth:`activetouch.TactileSensor.load` reads.
-
-        Raises:
-            CannotWrite: The disk is full, or the folder is not writable.
-        """
+        """Write a sensor, which :meth:`activetouch.TactileSensor.load` reads."""
         self.reader.save(folder / READER_FILE)
         write_text(folder / OBSERVATION_FILE, self.choice.model.to_json({"scene": self.scene}) + "\n")
         if self.independent is not None:
@@ -143,7 +137,7 @@ class Calibration(Tabular):
         write_text(folder / "evaluation.json", json.dumps(self.evaluation, indent=1) + "\n")
 
     def table(self) -> Table:
-        """How single touches and fused ones are read and calibrated; ``evaluation.json`` has all confusions."""
+        """Accuracy and calibration of single touches and fused ones; ``evaluation.json`` has all confusions."""
         e = self.evaluation
         losses = ", ".join(
             f"{name} {loss:.4f}" for name, loss in sorted(self.choice.losses.items(), key=lambda p: p[1])
@@ -215,13 +209,8 @@ def calibrate(
 def best_order(model: ArrayModel, rounds: TouchBatch, shapes: NDArray[np.int64]) -> tuple[tuple[int, ...], Floats]:
     """The best fixed order of poses on calibration objects, and the NLL of the shape after each of its touches [nats].
 
-    The order is greedy: each pose is the one with which the touches so far leave the lowest NLL. The model was fitted
-    to these objects, so the NLL is lower than on others.
-
-    Args:
-        model: observation model.
-        rounds: touches of each object, the first of them one in every pose in order.
-        shapes: true shapes of the objects.
+    Greedy: each pose leaves the lowest NLL. The model was fitted to these objects, so the NLL is lower than on others.
+    The first touches in ``rounds`` are one in every pose, in order.
     """
     batch, truth = rounds.sequences(np.arange(min(_RANKED, len(shapes)))), shapes[:_RANKED]
 
@@ -238,12 +227,7 @@ def scene_of(manifest: Manifest, trust: Trust) -> Scene | None:
 
 
 def candidate_models(asked: Mapping[str, Fit], reader: TactileReader, scene: Scene | None) -> Mapping[str, Fit]:
-    """The observation models to choose from: those asked for, or all that the reader and the scene allow.
-
-    Args:
-        asked: by name; all if there are none.
-        reader: of the touches; a joint model works only with one that embeds hypotheses.
-    """
+    """The models asked for, or all that the reader and the scene allow: joint ones need embedded hypotheses."""
     all_joint = fits("embeddings")
     joint = {name: fit for name, fit in (asked or all_joint).items() if name in all_joint}
     others = {name: fit for name, fit in (asked or fits()).items() if name not in all_joint}
@@ -277,10 +261,7 @@ def require_enough(manifest: Manifest, data: Path) -> None:
 
 
 def evaluate(model: ArrayModel, touches: TouchBatch, truth: TouchSet, rng: np.random.Generator) -> dict[str, Any]:
-    """Accuracy and calibration of single touches, and of an object's first round of poses fused.
-
-    Intervals of single-touch figures resample objects, because touches of one object err together.
-    """
+    """Scores of single touches, with intervals over objects, and of an object's first round of poses fused."""
     logits = touches.require_logits()[0]
     num_objects, num_poses = len(np.unique(truth.object_ids)), model.num_poses
     raw = TemperatureScaling(1.0, "ok").predict_proba(logits)

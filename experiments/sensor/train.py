@@ -129,12 +129,7 @@ class Train:
 def train_reader(
     data: Path, out: Path, recipe: TrainingRecipe, backbone: str, input_size: int, jobs: int = 1
 ) -> TactileReader:
-    """Train a network on a collection; after an interruption, the same call continues.
-
-    Args:
-        out: folder for ``reader.safetensors`` and the state of the training.
-        input_size: edge that images are brought to [pixels].
-    """
+    """Train a network on a collection, or continue; ``input_size`` is the edge that images are brought to [pixels]."""
     import torch
 
     from activetouch.perception.export import export_reader, fixed_hypotheses
@@ -172,13 +167,7 @@ def in_safe_precision(recipe: TrainingRecipe, input_size: int) -> TrainingRecipe
 def train_any_object(
     scene: Scene, out: Path, steps: int | None = None, seed: int | None = None, device: str = "cpu", jobs: int = 1
 ) -> TactileReader:
-    """Train a reader of any object on random bodies; after an interruption, the same call continues.
-
-    Args:
-        out: folder for ``any_object.safetensors`` and the state of the training.
-        steps: number of steps; that of :class:`~activetouch.perception.contact_training.ContactRecipe` by default.
-        seed: seed of the training; that of the recipe by default.
-    """
+    """Train a reader of any object on random bodies, or continue; ``out`` gets it and the state of the training."""
     import torch
 
     from activetouch.perception.contact_training import ContactRecipe, ContactTrainer, export
@@ -209,12 +198,7 @@ def _split(data: Path, name: str, size: int) -> TouchSet:
 
 
 def require_input_size(size: int, edge: int, backbone: str) -> None:
-    """Check that images can be brought to the size that a network is to see.
-
-    Args:
-        size: asked for with --input-size [pixels].
-        edge: of the images [pixels].
-    """
+    """Check that images with an ``edge`` can be brought to the ``size`` that a network is to see [pixels]."""
     smallest = BACKBONES[backbone].smallest_image
     if size < smallest:
         raise BadArgument(f"--input-size must be at least {smallest} for the backbone {backbone!r}, got {size}")
