@@ -88,11 +88,7 @@ class LogUniform(_Range):
 
 
 def require_distribution(name: str, given: object) -> None:
-    """Check that something is a distribution; the message calls it by the name.
-
-    Raises:
-        InvalidArgument: it cannot be sampled.
-    """
+    """Check that something is a distribution; the message calls it by the name."""
     if isinstance(given, type) or not callable(getattr(given, "sample", None)):
         raise InvalidArgument(
             f"{name} must be a distribution such as Uniform(0.9, 1.1) or Constant(1.0), got {given!r}"

@@ -28,11 +28,7 @@ EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 
 def require_extra(extra: str) -> None:
-    """Check that an extra, a key of :data:`EXTRAS`, is installed, before any work.
-
-    Raises:
-        MissingPackage: one of its modules is missing; the message says how to install it.
-    """
+    """Check that an extra, a key of :data:`EXTRAS`, is installed, before any work."""
     missing = [name for name in EXTRAS[extra] if find_spec(name) is None]
     if missing:
         raise missing_package(missing, extra)

@@ -257,12 +257,7 @@ HANDS: Mapping[str, Callable[[], Hand]] = MappingProxyType(
 
 
 def hand_named(hand: Hand | str) -> Hand:
-    """The hand itself, or the one of a name.
-
-    Raises:
-        UnknownName: there is no hand of this name.
-        InvalidArgument: it is neither.
-    """
+    """The hand itself, or the one of a name."""
     if isinstance(hand, str):
         if hand not in HANDS:
             raise UnknownName("hand", hand, list(HANDS))
@@ -273,10 +268,6 @@ def hand_named(hand: Hand | str) -> Hand:
 
 
 def require_no_hand(hand: Hand | None, what: str) -> None:
-    """Check that there is no hand.
-
-    Raises:
-        WrongScene: there is one.
-    """
+    """Check that there is no hand."""
     if hand is not None:
         raise WrongScene(f"{what} takes single touches, and the scene has a hand of {len(hand)}; leave it out")

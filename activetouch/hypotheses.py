@@ -49,7 +49,6 @@ def sizes(distribution: Distribution, num: int) -> Floats:
     """Sizes that cover a distribution evenly, ``(num,)``: its quantiles at multiples of the golden ratio, modulo 1.
 
     Args:
-        distribution: of sizes.
         num: how many; the first are the same for every ``num``.
     """
     return quantiles(distribution, kronecker(_GOLDEN, num))
@@ -88,7 +87,6 @@ def quantiles(distribution: Distribution, shares: Floats) -> Floats:
     """Values below which given shares of a distribution lie, approximately, ``(n,)``.
 
     Args:
-        distribution: which is sampled.
         shares: in [0, 1], ``(n,)``.
     """
     rng = np.random.default_rng(0)

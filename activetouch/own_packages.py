@@ -13,11 +13,7 @@ class NameInTheWay(ImportError):
 
 
 def require_own_packages(*names: str) -> None:
-    """Check that packages are those of this installation.
-
-    Raises:
-        NameInTheWay: a folder or file of the user's comes first.
-    """
+    """Check that packages are those of this installation."""
     for name in names:
         spec = PathFinder.find_spec(name)
         if spec is None:  # an editable installation, whose finder comes last

@@ -79,11 +79,7 @@ def random_orientation(rng: np.random.Generator) -> Quaternion:
 
 
 def require_unit(what: str, quaternion: Sequence[float] | Quaternion) -> None:
-    """Check that four numbers are a unit quaternion; others would stretch objects.
-
-    Raises:
-        InvalidArgument: they are not.
-    """
+    """Check that four numbers are a unit quaternion; others would stretch objects."""
     if len(quaternion) != 4 or not abs(math.hypot(*quaternion) - 1.0) <= _UNIT_SLACK:
         raise InvalidArgument(
             f"{what} must be a unit quaternion (w, x, y, z), got {np.asarray(quaternion).tolist()}; divide it by its "
@@ -144,7 +140,6 @@ def aimed(
     """Every pose with every lateral offset: the ``poses`` and the ``aims`` of a scene.
 
     Args:
-        poses: by label.
         offsets: of the object's centre from the approach axis, along y and along z [m].
 
     >>> poses, aims = aimed(POSES, [(0.0, 0.0), (0.005, 0.0)])
@@ -158,12 +153,7 @@ def aimed(
 def checked_aims(
     given: Mapping[str, tuple[float, float]], poses: Mapping[str, Quaternion]
 ) -> dict[str, tuple[float, float]]:
-    """The aims that differ from zero, in the order of the poses.
-
-    Raises:
-        UnknownName: an aim is of a pose that the scene does not have.
-        InvalidArgument: an aim is not two finite numbers.
-    """
+    """The aims that differ from zero, in the order of the poses."""
     for label, aim in given.items():
         if label not in poses:
             raise UnknownName("pose", label, list(poses))

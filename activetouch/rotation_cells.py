@@ -47,11 +47,7 @@ def _grid(level: int) -> tuple[Floats, Floats]:
 
 
 def centres(level: int) -> Floats:
-    """Orientations in the middle of the cells of a level, unit quaternions ``wxyz``, ``(N, 4)``.
-
-    Raises:
-        ValueError: there is no such level.
-    """
+    """Orientations in the middle of the cells of a level, unit quaternions ``wxyz``, ``(N, 4)``."""
     return _grid(level)[0]
 
 
@@ -75,11 +71,7 @@ def views(directions: int, rolls: int) -> Floats:
     others show the same height maps, turned by quarters.
 
     Args:
-        directions: D.
         rolls: R, a multiple of 4.
-
-    Raises:
-        InvalidArgument: a number is less than 1, or R is no multiple of 4.
     """
     require_count("directions", directions)
     require_count("rolls / 4", rolls / 4 if rolls % 4 else rolls // 4)

@@ -88,8 +88,6 @@ def scene_differences(
     """The fields in which two scenes differ; known shifts come last.
 
     Args:
-        made_for: fields of the original scene, from :func:`scene_fields`.
-        here: fields of the current scene.
         surroundings: whether to include fields that do not change touches.
     """
     names = [name for name in {**here, **made_for} if surroundings or name not in SURROUNDINGS]
@@ -103,16 +101,7 @@ def require_scene(
     """Check that a sensor, collection or bank is used in its own scene, or in one with a known shift.
 
     Args:
-        what: name of the checked object, for messages.
-        made_for: fields of its scene, if known.
-        here: fields of the current scene.
         anyway: whether to accept all differences.
-
-    Returns:
-        The accepted differences as text.
-
-    Raises:
-        WrongScene: there are differences beyond known shifts.
     """
     if made_for is None:
         unknown = f"{what} does not say for which scene it was made"

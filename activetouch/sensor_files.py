@@ -35,7 +35,6 @@ def observation_file(folder: Path, independent: bool = False) -> Path:
     """The file of a sensor's observation model.
 
     Args:
-        folder: of the sensor.
         independent: whether to prefer, beside a joint model, the one that takes touches as independent given the shape.
     """
     other = folder / INDEPENDENT_FILE
@@ -57,12 +56,7 @@ class FittedModel(NamedTuple):
 
 
 def fitted_model(folder: Path, independent: bool = False) -> FittedModel:
-    """The observation model in a folder, see :func:`observation_file`, and what it was fitted to.
-
-    Raises:
-        CorruptFile: it is damaged, was changed since, or is missing.
-        NoIndependentModel: the sensor has only a joint model.
-    """
+    """The observation model in a folder, see :func:`observation_file`, and what it was fitted to."""
     path = observation_file(folder, independent)
     try:
         text = require_regular_file(path).read_text(encoding="utf-8")
@@ -89,22 +83,11 @@ def files_for(
     """What a sensor is made of in a scene, found without loading its network.
 
     Args:
-        folder: of readers and observation models.
-        scene: in which they are to be used.
         anyway: whether to use them whatever the differences are, as long as the network can read the images at all.
         independent: whether the model that takes touches as independent given the shape is to be used.
-        unknown_state: see :func:`reader_file`.
 
     Returns:
-        The file of the reader; the observation model, or None where it is to be made for the scene; and the differences
         of the scene from the sensor's own, in words: known shifts, and with ``anyway`` all others too.
-
-    Raises:
-        CorruptFile: one of the files is damaged or missing.
-        NoIndependentModel: the sensor has only a joint model.
-        LabelMismatch: it was made for other shapes or poses than the scene's.
-        WrongScene: it was made for a scene that differs by more than a known shift.
-        InvalidArgument: the scene has one shape.
     """
     if len(scene.shapes) < 2:
         raise InvalidArgument("one shape: nothing to tell apart; add a mesh or leave out --only")
@@ -137,17 +120,9 @@ def reader_file(folder: Path, scene: Scene, independent: bool = False, unknown_s
     image that is shifted or blurred.
 
     Args:
-        folder: of the sensor.
-        scene: in which it is used.
         independent: whether touches are to be taken as independent given the shape, which the reader of any object
             cannot; the reader of the own objects then reads them in any state of the sensor.
         unknown_state: whether the state of the sensor is to be inferred, which only the reader of any object can.
-
-    Raises:
-        CorruptFile: a file is damaged.
-        InvalidArgument: the state is to be inferred, and the sensor has no reader of any object, or the scene a hand.
-        NoIndependentModel: only the reader of any object reads this scene, and touches are to be taken as independent.
-        WrongScene: the sensor is of recorded touches.
     """
     require_simulated(folder)
     own, other = folder / READER_FILE, folder / ANY_OBJECT_FILE
@@ -195,11 +170,7 @@ def is_of_objects(model_scene: Mapping[str, Any] | None, scene: Scene) -> bool:
 
 
 def require_model(model: ArrayModel, scene: Scene) -> None:
-    """Check that an observation model is about the shapes and poses of a scene.
-
-    Raises:
-        LabelMismatch: it is about others.
-    """
+    """Check that an observation model is about the shapes and poses of a scene."""
     shapes, poses = scene.shape_labels, scene.pose_labels
     if model.shape_labels != shapes or model.num_poses != len(poses):
         raise LabelMismatch(

@@ -26,9 +26,6 @@ def claim_folder(folder: Path) -> None:
 
     The claim ends with the function that is decorated with :func:`ends_claims`, or with this process. A process may
     claim a folder several times.
-
-    Raises:
-        CannotWrite: the folder cannot be written, or another process has claimed it.
     """
     require_writable(folder)
     if (path := folder.resolve()) in _CLAIMED:
@@ -57,11 +54,7 @@ def ends_claims(function: Callable[P, T]) -> Callable[P, T]:
 
 
 def lock(handle: int, in_use: str) -> bool:
-    """Lock an open file or folder until its handle is closed; False where there are no such locks.
-
-    Raises:
-        CannotWrite: another handle has the lock; this one was closed.
-    """
+    """Lock an open file or folder until its handle is closed; False where there are no such locks."""
     try:
         import fcntl
     except ImportError:  # Windows

@@ -76,7 +76,6 @@ class CellLikelihood(Protocol):
         """Of all touches together, for the parts of some cells, ``(m, F)``.
 
         Args:
-            touches: one or more.
             level: of the parts, 1 or more.
             bodies: ``(m,)``.
             parents: the cells of level - 1 that are divided, ``(m,)``; the parts of cell c are c F … c F + F - 1.

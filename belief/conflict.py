@@ -212,9 +212,6 @@ class ConflictTest(FrozenArrays):
             misfits: to the earlier touches of the sequence, ``(S, T)``; those of first touches are not used.
             shapes: of the objects, ``(S,)``.
             certainties: largest posterior of a shape before each touch, ``(S, T)``; the same for all by default.
-
-        Returns:
-            The test; None for fewer than 20 objects, which cannot tell what is rare.
         """
         num_objects, length, _ = embeddings.shape
         if num_objects < _FEWEST_OBJECTS:
@@ -318,7 +315,6 @@ class ObjectConflict:
 
         Args:
             embedding: ``(D,)``.
-            misfit: to the earlier touches.
             certainty: largest posterior of a shape before the touch, in [0, 1].
         """
         step, test = self.num_touches, self.test

@@ -54,11 +54,7 @@ class Journal:
 
     @classmethod
     def create(cls, path: Path, lines: Sequence[Mapping[str, Any]]) -> Journal:
-        """A new journal with its first lines, which are JSON types; :func:`read_journal` gives them back.
-
-        Raises:
-            CannotWrite: the file exists, or cannot be written.
-        """
+        """A new journal with its first lines, which are JSON types; :func:`read_journal` gives them back."""
         content = b"".join(_sealed(number, line) for number, line in enumerate(lines))
         try:
             with atomic_path(path, only_new=True) as temporary:
@@ -73,12 +69,7 @@ class Journal:
 
     @classmethod
     def opened(cls, path: Path) -> tuple[Journal, list[dict[str, Any]]]:
-        """A journal to go on with, and its lines; a line that was begun and not finished is removed.
-
-        Raises:
-            CannotWrite: it cannot be written, or another process has it open.
-            CorruptFile: as :func:`read_journal`.
-        """
+        """A journal to go on with, and its lines; a line that was begun and not finished is removed."""
         require_regular_file(path)
         handle = _locked(path)
         try:
@@ -90,11 +81,7 @@ class Journal:
         return cls(path, handle, len(lines), size), lines
 
     def append(self, line: Mapping[str, Any]) -> None:
-        """Write a line; it is on disk when this returns.
-
-        Raises:
-            CannotWrite: it cannot be written; the file is as before.
-        """
+        """Write a line; it is on disk when this returns."""
         content = _sealed(self._num_lines, line)
         try:
             done = 0

@@ -76,12 +76,7 @@ class ReadableScene:
         return Belief.of_normalised(self.labels, self._log_marginals[self._object(object_index)].copy())
 
     def prob_present(self, target: Name) -> float:
-        """Probability that an object has the target shape.
-
-        Raises:
-            UnknownName: no shape has the target's name.
-            ValueError: a target out of range.
-        """
+        """Probability that an object has the target shape."""
         target = self._shape(target)
         if self._counts is None:
             probs = np.minimum(np.exp(self._log_marginals[:, target]), 1.0)

@@ -23,17 +23,7 @@ STATE = "activetouch-state-1"
 def write_tensors(
     path: Path, tensors: Mapping[str, NDArray[Any]], fields: Mapping[str, Any], kind: str = STATE
 ) -> None:
-    """Write arrays by name and JSON fields into one file, atomically; equal content gives equal bytes.
-
-    Args:
-        path: of the file.
-        tensors: the arrays.
-        fields: of JSON types.
-        kind: name and version of the format.
-
-    Raises:
-        CannotWrite: there is no room, or no permission.
-    """
+    """Write arrays by name and JSON fields into one file, atomically; equal content gives equal bytes."""
     from safetensors.numpy import save_file
 
     arrays = {name: np.ascontiguousarray(array).reshape(np.shape(array)) for name, array in tensors.items()}
@@ -44,11 +34,7 @@ def write_tensors(
 
 
 def read_tensors(path: Path, kind: str = STATE) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-    """The arrays and fields from :func:`write_tensors`.
-
-    Raises:
-        CorruptFile: the file is missing, truncated, of another kind, or was changed after it was written.
-    """
+    """The arrays and fields from :func:`write_tensors`."""
     with _opened(path) as file:
         header = _header(file.metadata(), kind)
         arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
@@ -58,11 +44,7 @@ def read_tensors(path: Path, kind: str = STATE) -> tuple[dict[str, NDArray[Any]]
 
 
 def read_fields(path: Path, kind: str = STATE) -> dict[str, Any]:
-    """The fields alone, from the header: their digest is checked, that of the arrays is not.
-
-    Raises:
-        CorruptFile: the file is missing, truncated, of another kind, or its header was changed.
-    """
+    """The fields alone, from the header: their digest is checked, that of the arrays is not."""
     with _opened(path) as file:
         return dict(_header(file.metadata(), kind)["fields"])
 

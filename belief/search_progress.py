@@ -113,10 +113,7 @@ def success_of(outcome: Outcome | None, target: int, arrangement: Sequence[int],
     """Whether a target was confirmed, or all objects were rejected and none was a target.
 
     Args:
-        outcome: how the search ended.
-        target: index of the shape sought.
         arrangement: true shape of every object, :data:`belief.scene_belief.UNKNOWN` where nobody knows it.
-        object_index: the last current object.
 
     Returns:
         None where it cannot be said: nothing of the arrangement is known, or not what matters.

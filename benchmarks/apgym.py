@@ -2,10 +2,9 @@
 
 Run: OMP_NUM_THREADS=1 python benchmarks/apgym.py        (needs the extra apgym; some minutes)
 
-A glimpse of 5 × 5 pixels moves over an image, which contains a circle or a square (in DoubleCircleSquare two of them),
-and after every glimpse the player states a probability of each class. All players here know how the images are made:
-their belief is a uniform distribution over the images that agree with all glimpses, so that they differ only in where
-they look. The agents of the published rows learn from the environment instead, and do not know it.
+A glimpse of 5 × 5 pixels moves over an image with a circle or a square (in DoubleCircleSquare two of them). All players
+here know how the images are made: their belief is uniform over the images that agree with all glimpses, so they differ
+only in where they look. The agents of the published rows learn from the environment instead.
 """
 
 from __future__ import annotations
@@ -44,13 +43,9 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Generator:
-    """All images that a task can show, each the brightest of one or two images of a single object.
+    """All images that a task can show; each is the brightest of one or two images of a single object.
 
-    Attributes:
-        singles: images of one object, ``(S, H, W)``.
-        members: the images of one object that make an image, ``(N, 1 or 2)``.
-        labels: class of each image, ``(N,)``.
-        num_classes: K.
+    Shapes: ``singles (S, H, W)``, ``members (N, 1 or 2)`` (indices of the singles of an image), ``labels (N,)``.
     """
 
     singles: Floats
@@ -97,13 +92,7 @@ class Generator:
 
 @dataclass
 class Player:
-    """An exact belief about the image, and a rule for the next glimpse.
-
-    Attributes:
-        generator: all images of the task.
-        move: from the player to the direction of the next step, ``(2,)`` in the unit circle (x, y).
-        rng: chance of the rule.
-    """
+    """An exact belief about the image, and the rule ``move`` for the next step, ``(2,)`` in the unit circle (x, y)."""
 
     generator: Generator
     move: Callable[[Player], Floats]
@@ -139,11 +128,7 @@ class Player:
 
 
 def inform(player: Player) -> Floats:
-    """Go towards the place with the highest expected information about the class per step to it.
-
-    The mutual information of the class and the glimpse is exact for the images that are still possible, at each place
-    where the glimpse covers whole pixels; of more than a number of images, some are drawn.
-    """
+    """Go where a glimpse tells most about the class per step: exact over the possible images, or a sample of many."""
     generator, images = player.generator, player.images
     if len(images) > MOST_WEIGHED:
         images = player.rng.choice(images, MOST_WEIGHED, replace=False)
@@ -182,7 +167,6 @@ def _ranks(codes: Ints) -> Ints:
 
 
 def wander(player: Player) -> Floats:
-    """A step of full length in a random direction."""
     angle = player.rng.uniform(0.0, 2.0 * np.pi)
     return np.array([np.cos(angle), np.sin(angle)])
 
@@ -207,13 +191,7 @@ def _raster(place: Floats, row: float) -> Iterator[Floats]:
 
 @dataclass(frozen=True)
 class Played:
-    """What a player stated in each step of each episode, ``(episodes, steps)``.
-
-    Attributes:
-        right: whether the likeliest class is the true one.
-        true_probs: probability of the true class.
-        stated: probability of the likeliest class.
-    """
+    """Results of each step, ``(episodes, steps)``; ``stated`` is the probability of the likeliest class."""
 
     right: NDArray[np.bool_]
     true_probs: Floats
@@ -267,7 +245,6 @@ def play(task: str, rule: Callable[[Player], Floats], episodes: int, seed: int) 
 
 @cache
 def generator_of(task: str) -> Generator:
-    """The generator of a task of ap_gym."""
     import ap_gym
 
     env = ap_gym.make(task)

@@ -1,4 +1,4 @@
-"""What a belief about one object costs with an observation model: memory, and time for a touch."""
+"""Cost of a belief about one object with an observation model: memory, and time for a touch."""
 
 from __future__ import annotations
 
@@ -15,24 +15,14 @@ _UPDATES = 50
 
 @dataclass(frozen=True)
 class BeliefCost:
-    """Cost of the belief about one object.
-
-    Attributes:
-        memory: arrays of the observation model [MB].
-        update: time to add a touch and to compute the likelihood of every shape [ms].
-    """
+    """Memory of an observation model's arrays [MB], and time to add a touch and compute all likelihoods [ms]."""
 
     memory: float
     update: float
 
 
 def belief_cost(model: ArrayModel, num_features: int) -> BeliefCost:
-    """Measure a model.
-
-    Args:
-        model: an observation model, complete with its hypotheses if any.
-        num_features: features of a touch.
-    """
+    """Measure an observation model, which has its hypotheses already if it needs any."""
     rng = np.random.default_rng(0)
     touches = [
         Touch(

@@ -2,10 +2,8 @@
 
 Run: OMP_NUM_THREADS=1 python benchmarks/beliefs.py       (pomdp-py: Linux, Python 3.11 or 3.12)
 
-Times are medians of interleaved rounds. Ratios to pomdp-py's update of a histogram are taken within a round, so they
-hardly depend on other load. Beliefs are over four shapes unless a row says otherwise. Exact marginals are compared with
-plain references: one sum over all permutations, and subset sums in a loop. The last table gives the information about
-the shape in a touch and in its outcome.
+Times are medians of interleaved rounds; ratios are taken within a round. Beliefs are over four shapes unless a row says
+otherwise. The last table gives the information about the shape in a touch and in its outcome.
 """
 
 from __future__ import annotations
@@ -69,7 +67,7 @@ def histogram_update(prior: np.ndarray, likelihood: np.ndarray) -> Callable[[int
 
 
 def others() -> dict[str, Callable[[int], object]]:
-    """Functions of the other steps of a search."""
+    """Functions of the other steps of a search, which take a running number."""
     rng = np.random.default_rng(0)
     cases: dict[str, Callable[[int], object]] = {}
     for name in ("gel", "many", "hard"):
@@ -99,7 +97,7 @@ def by_permutations(log_weights: np.ndarray) -> np.ndarray:
 
 
 def by_subsets(log_weights: np.ndarray) -> np.ndarray:
-    """The same by subset sums, one subset after the other: the plain reference for more objects."""
+    """Marginals of N distinct objects by subset sums in a loop: the plain reference for more than six objects."""
     number, weights = len(log_weights), np.exp(log_weights)
     forward, backward = np.zeros((2, 2**number))
     forward[0] = backward[-1] = 1.0
@@ -116,7 +114,6 @@ def by_subsets(log_weights: np.ndarray) -> np.ndarray:
 
 
 def print_marginals() -> None:
-    """Print the time of exact marginals of N distinct objects, beside that of the plain reference."""
     print(f"\n{'exact marginals of N objects of N shapes':<42}{'ms':>9}{'plain, ms':>11}{'ratio':>7}")
     rng = np.random.default_rng(0)
     for number in (2, 3, 4, 5, 6, 8, 10, 12, 14, 16, 18, 20):
@@ -134,16 +131,12 @@ def print_marginals() -> None:
 
 
 def information_of_touch(model: ArrayModel, num_samples: int) -> np.ndarray:
-    """Mutual information of a continuous touch and the shape in each pose under a uniform prior [nats], ``(P,)``.
-
-    It is a mean over sampled touches with a standard error of about 0.5 / √(K · num_samples).
-    """
+    """Mutual information of touch and shape by pose [nats], ``(P,)``; standard error about 0.5 / √(K · num_samples)."""
     log_posteriors = sampled_posteriors(model, np.random.default_rng(1), num_samples)
     return np.einsum("pknk->pkn", log_posteriors).mean(axis=(1, 2)) + np.log(log_posteriors.shape[1])
 
 
 def print_information() -> None:
-    """Print the information about the shape in a touch of the models of independent touches, and in its outcome."""
     print(f"\n{'nats per touch, mean over poses':<34}{'touch':>8}{'table':>8}{'kept':>8}{'outcomes':>10}")
     for sensor in map(independent_sensor, ("coarse", "gel", "hard", "many", "paper")):
         model = fitted_model(sensor, independent=True).model

@@ -2,8 +2,7 @@
 
 Run: python benchmarks/calibration.py       (needs netcal: pip install -c constraints.txt -e ".[bench]")
 
-Both fit one temperature to the same touches of four shapes, in interleaved rounds. Times are medians; ratios are taken
-within a round, so they hardly depend on other load. netcal takes probabilities, which are computed beforehand.
+Both fit a temperature to the same touches of four shapes, in interleaved rounds; ratios are taken within a round.
 """
 
 from __future__ import annotations
@@ -30,7 +29,6 @@ def touches(num: int) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
 
 
 def cases(num: int) -> dict[str, Callable[[int], object]]:
-    """Functions to time, which take a running number."""
     from netcal.scaling import TemperatureScaling as NetcalTemperature  # loads torch and pyro
 
     logits, labels = touches(num)

@@ -2,18 +2,16 @@
 
     python -m benchmarks.certificates coarse --calibration 4000 --fresh 2000 --worlds "noise × 2" "stiffness × 0.7"
 
-For risks of 0.05 and 0.01: the certificate; stops and errors by number of touches in fresh searches, with exact 95 %
-limits; touches with and without the certificate in the same fresh searches, with a bootstrap interval of the mean
-difference; and the share of 50 certificates, made from calibration searches that are drawn again, that break the
-promise. For the last, all searches of this run are the world: calibration searches are drawn from them with
-replacement, and the errors of a certificate are its errors in all of them. A search that confirms nothing lists every
-moment at which an object could have been confirmed, so one set of searches serves all certificates.
+For risks of 0.05 and 0.01: the certificate; stops and errors by number of touches in fresh searches; touches with and
+without the certificate; and the share of 50 certificates, from resampled calibration searches, whose errors in all
+searches of this run break the promise. A search that confirms nothing lists every moment at which an object could have
+been confirmed, so one set of searches serves all certificates.
 
-Then the alarms that withdraw a certificate. In the certified world: after all fresh searches, one after the other; and
-in sessions of 250 searches, for which all searches of this run are shuffled and divided into calibration and sessions
-anew, 200 times. In each other world, a condition of ``robustness`` or "blunt cone" (of 0.6 times the height): eight
-robots make 40 searches each. Printed are the robots with an alarm, their median searches and touches until then, and
-how many stops are right: of all that a certificate for a risk of 0.05 allows, and of those before the alarm.
+Alarms that withdraw a certificate are counted in the certified world, in one sequence of all fresh searches and in
+sessions of 250 from 200 shuffles of all searches; and in other worlds, each a condition of ``robustness`` or "blunt
+cone" (of 0.6 times the height), with eight robots of 40 searches each. For these it prints the robots with an alarm,
+their median searches and touches until then, and how many stops are right: of all that a certificate for a risk of 0.05
+allows, and of those before the alarm.
 """
 
 from __future__ import annotations
@@ -97,7 +95,6 @@ def first_alarm(known: np.ndarray, since: np.ndarray, seed: int) -> int:
 
 
 def show_false_alarms(calibration: np.ndarray, fresh: np.ndarray) -> None:
-    """False alarms among searches of the certified world."""
     number, every, rng = len(calibration), np.concatenate([calibration, fresh]), np.random.default_rng(2)
     first, alarms = first_alarm(calibration, fresh, 0), []
     for _ in range(SHUFFLES):
@@ -112,7 +109,7 @@ def show_false_alarms(calibration: np.ndarray, fresh: np.ndarray) -> None:
 
 
 def show_world(world: str, calibration: np.ndarray, played: Sequence[CalibrationSearch], thresholds: ArrayLike) -> None:
-    """When robots in another world have an alarm, and which stops are right."""
+    """Print when robots in another world have an alarm, and which stops are right."""
     candidates, fits = candidate_stops(played), np.array([search.fit for search in played])
     stops, touches = candidates.stops(thresholds), touches_with(played, thresholds)
     is_wrong, ends = dict(zip(candidates.searches[stops], candidates.is_wrong[stops], strict=True)), []
@@ -135,7 +132,6 @@ def show_world(world: str, calibration: np.ndarray, played: Sequence[Calibration
 
 
 def changed(scene: Scene, world: str) -> Scene:
-    """A scene in another world."""
     if world != BLUNT:
         return CONDITIONS[world](scene)
     cone = scene.shapes["cone"]
@@ -144,7 +140,6 @@ def changed(scene: Scene, world: str) -> Scene:
 
 
 def main() -> None:
-    """Play, and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scene")
     parser.add_argument("--decider", default="information_gain")

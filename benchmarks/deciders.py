@@ -2,9 +2,9 @@
 
 Run: python benchmarks/deciders.py                     (about an hour on one core; --help for shorter runs)
 
-Outcomes are drawn from the table with which the deciders plan, so beliefs are exactly right and the bounds hold. One
-table is random, the other that of scene ``coarse``. All deciders play the same searches; tree search, which takes
-seconds per decision, plays the first few and is compared with ``point_based`` on these only. Writes CSV and a figure.
+Outcomes are drawn from the table with which the deciders plan (a random one, or that of scene ``coarse``), so beliefs
+are exactly right and the bounds hold. Tree search, which takes seconds per decision, plays only the first searches and
+is compared with ``point_based`` on these. Writes CSV and a figure.
 """
 
 from __future__ import annotations
@@ -74,7 +74,6 @@ def deciders(table: OutcomeTable, episodes: int, trees: Sequence[int]) -> list[t
 
 
 def with_random_rollouts(table: OutcomeTable) -> Decider:
-    """Tree search with pomdp-py's own rollouts."""
     from planners.pomdp_py_adapter import InformedRollout, Pouct  # pomdp-py may not be installed
 
     class RandomRollout(InformedRollout):

@@ -2,8 +2,7 @@
 
 Run: python benchmarks/env.py [SCENE] [BANK]     (default: the bank that comes with the package)
 
-Actions are random; three quarters are probes. The trivial environment only counts, so its time is that of the
-vectoriser. Times are medians of interleaved rounds.
+Three quarters of the random actions are probes. The trivial environment shows the time of the vectoriser alone.
 """
 
 from __future__ import annotations
@@ -101,7 +100,6 @@ def main(scene: str, folder: Path | None) -> None:
 
 
 def bank_of(scene: str, folder: Path | None) -> TouchBank:
-    """The bank in a folder, or that of a scene which comes with the package."""
     return TouchBank.shipped(scene) if folder is None else TouchBank.open(folder)
 
 

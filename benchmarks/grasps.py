@@ -2,10 +2,9 @@
 
     python -m benchmarks.grasps --objects 400 --searches 400
 
-First, each object is named: palm poses come in random order, until a shape has the probability. Beside every hand
-stands a single pad that makes as many touches at the places of the fingers and counts them as one action: its touches
-share neither offset nor force, and its observation model is its own. Then whole searches are played, with poses by
-information gain. All meet the same objects.
+First, each object is touched in palm poses of random order until a shape has the probability. Each hand is compared
+with a single pad that makes as many touches at the places of the fingers, with offsets, forces and an observation model
+of its own, and counts them as one action. Then whole searches are played, with poses by information gain.
 """
 
 from __future__ import annotations
@@ -43,14 +42,7 @@ _RADIUS = 0.024  # of meshes [m]
 
 
 def posteriors(sensor: TactileSensor, actions: Sequence[Sequence[int]], objects: int, seed: int) -> Floats:
-    """Log posteriors of objects after 0, 1, … actions in random order, ``(objects, actions + 1, K)``.
-
-    Args:
-        sensor: which touches; object i has shape i modulo K.
-        actions: poses that are touched in each, by index.
-        objects: how many.
-        seed: of objects, orders and touches.
-    """
+    """Log posteriors after 0, 1, … actions in random order, ``(objects, actions + 1, K)``; shapes take turns."""
     scene, num_shapes = sensor.scene, len(sensor.shape_labels)
     prior = np.full(num_shapes, -np.log(num_shapes))
     found = np.empty((objects, len(actions) + 1, num_shapes))
@@ -68,7 +60,7 @@ def posteriors(sensor: TactileSensor, actions: Sequence[Sequence[int]], objects:
 
 
 def forces_of(scene: Scene, grasps: int, seed: int) -> str:
-    """How many grasps have a finger that misses, and the largest force that the palm has to hold in the others."""
+    """Number of grasps with a finger that misses, and the largest force that the palm has to hold in the others."""
     assert scene.hand is not None
     rng, misses, held = np.random.default_rng(seed), 0, 0.0
     for number in range(grasps):
@@ -88,21 +80,13 @@ def ratio(numbers: Floats, of_one: Floats) -> str:
 
 
 def right_words(right: Bools) -> str:
-    """The share of what is right, with a 95 % Wilson interval."""
+    """Fraction that is right, with a 95 % Wilson interval."""
     low, high = wilson_interval(int(right.sum()), len(right))
     return f"{right.mean():.3f} [{low:.3f}, {high:.3f}]"
 
 
 def searches(sensor: TactileSensor, named: NamedScene, number: int, stated: float, seed: int) -> tuple[Floats, Bools]:
-    """Actions of each search of a scene, and whether it succeeded; the targets take turns.
-
-    Args:
-        sensor: which touches.
-        named: whose searches are played.
-        number: how many.
-        stated: probability at which an object is confirmed, or rejected.
-        seed: of the searches.
-    """
+    """Actions of each search of a scene, stopped at probability ``stated``, and its success; targets take turns."""
     labels, many, model = sensor.shape_labels, named.num_objects, sensor.model
     limit = named.touches_per_object * many
     problem = SearchProblem(labels, sensor.pose_labels, many, named.composition, touch_limit=limit)
@@ -133,7 +117,7 @@ def scaled_meshes(folder: Path, number: int) -> dict[str, Mesh]:
 
 
 class TravelOnly(GraspHypotheses):
-    """Hypotheses that tell what the fingers' travel tells, and nothing of the images."""
+    """Hypotheses that predict the fingers' travel and ignore the images."""
 
     def embedded(self, scene: Scene, bodies: Bodies, pose: int) -> NDArray[np.float32]:
         """See :class:`GraspHypotheses`."""
@@ -143,7 +127,7 @@ class TravelOnly(GraspHypotheses):
 
 
 def travel_only(sensor: TactileSensor, seed: int, objects: int = 48) -> TactileSensor:
-    """A sensor of a hand that reads travel, whose model is of travel alone, fitted to new grasps of objects."""
+    """A sensor of a hand that reads travel, with a model of travel alone that is fitted to new grasps of objects."""
     scene, known = sensor.scene, sensor.reader.hypotheses
     assert isinstance(known, GraspHypotheses)
     reader = replace(sensor.reader, hypotheses=TravelOnly(known.single, scene, known.reach))
@@ -160,7 +144,6 @@ def travel_only(sensor: TactileSensor, seed: int, objects: int = 48) -> TactileS
 
 
 def main() -> None:
-    """Print a table of objects that are named, one of searches, and the forces of grasps."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scene", default="coarse")
     parser.add_argument("--fingers", type=int, nargs="+", default=[1, 2, 3])

@@ -2,9 +2,9 @@
 
     python benchmarks/identify_meshes.py build/pybullet_data/random_urdfs --meshes 100 --searches 200
 
-Bodies are scaled to 24 mm, pressed by the pad of `gel` from 26 directions, and vary by 3 % in size. Beside the belief
-stand, on touches in random directions, render-and-compare (the body with the nearest predicted images), the nearest
-neighbours among 26 recorded touches of each body, and chance.
+Bodies are scaled to 24 mm, pressed by the pad of `gel` from 26 directions, and vary by 3 % in size. The belief is
+compared, on touches in random directions, with render-and-compare (the body with the nearest predicted images), with
+the nearest neighbours among 26 recorded touches of each body, and with chance.
 """
 
 from __future__ import annotations
@@ -45,16 +45,16 @@ AVERAGED = 16  # objects that the fixed order is best for
 
 
 class Timed(MeshSetting):
-    """Adds up the seconds of its decisions, updates and closer looks, and keeps the beliefs after these."""
+    """A setting that adds up the seconds of its decisions, updates and closer looks, and keeps the beliefs."""
 
     @cached_property
     def seconds(self) -> np.ndarray:
-        """Of decisions, updates and looks."""
+        """Seconds of decisions, updates and looks, ``(3,)``."""
         return np.zeros(3)
 
     @cached_property
     def beliefs(self) -> list[CoarseToFine]:
-        """After each touch."""
+        """Beliefs after each touch."""
         return []
 
     def information(self, belief: CoarseToFine, target: int | None = None) -> np.ndarray:
@@ -82,7 +82,7 @@ class Timed(MeshSetting):
 
 
 class Touched(NamedTuple):
-    """How an object was named, seconds of a touch for decisions, updates and looks, and the unresolved share."""
+    """How an object was named, seconds per touch for decisions, updates and looks, and the unresolved share."""
 
     naming: Naming
     seconds: np.ndarray
@@ -90,11 +90,7 @@ class Touched(NamedTuple):
 
 
 def best_order(setting: MeshSetting) -> list[int]:
-    """The order of poses that tells most without regard to what is felt.
-
-    Greedy: each pose is the one with the largest expected information, averaged over simulated objects that were
-    touched in those before it.
-    """
+    """A fixed order of poses, greedy by the expected information, averaged over simulated objects."""
     rng, order = np.random.default_rng(0x0BD), list[int]()
     shapes = rng.integers(len(setting.bodies.labels), size=AVERAGED).tolist()
     objects = [setting.scene.sample_object(shape, rng) for shape in shapes]
@@ -116,7 +112,7 @@ def touches_to(naming: Naming, threshold: float) -> int | None:
 
 
 def bodies(folder: Path, number: int, jobs: int = 1) -> dict[str, Mesh]:
-    """As many bodies of a folder, evenly chosen, scaled to one size."""
+    """Bodies of a folder, evenly chosen and scaled to one size."""
     files = sorted(path for path in folder.rglob("*") if path.suffix.lower() in ENDINGS)
     chosen = [files[i] for i in np.unique(np.linspace(0, len(files) - 1, number).round().astype(int))]
     tasks = [partial(body, path, str(path.relative_to(folder).with_suffix(""))) for path in chosen]
@@ -165,7 +161,7 @@ def small(images: np.ndarray) -> np.ndarray:
 
 
 def compared(shared: Shared[tuple[MeshSetting, Pictures]], number: int, truth: int, poses: Sequence[int]) -> list:
-    """Places of the true body by the sum of the smallest distances of the touches so far, for both kinds of image."""
+    """Ranks of the true body by the sum of smallest distances of the touches so far, for both kinds of image."""
     setting, known = shared.value
     obj = setting.scene.sample_object(truth, np.random.default_rng([7, number]))
     rngs = [np.random.default_rng([7, number, 2, pose]) for pose in poses]
@@ -197,7 +193,7 @@ def searched(
 
 
 def report(rule: str, touched: list[Touched]) -> None:
-    """Accuracy by touches, stops, and times."""
+    """Print accuracy by touches, stops, and times."""
     found = [one.naming for one in touched]
     truths = np.array([one.truth for one in found])
     logs = np.stack([one.log_probs for one in found])

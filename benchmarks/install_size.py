@@ -2,10 +2,9 @@
 
 Run: python benchmarks/install_size.py [ARGUMENTS OF compare]        # --scene coarse --episodes 25 by default
 
-The first result is the table, the verdict and the report of the README's comparison, by the clock, with the processor's
-seconds beside it, which other programs on the machine hardly lengthen. It is measured twice: in the new process of a
-new installation, which writes the bytecode of what it loads, and again in a new folder. Sizes are sums of file
-lengths in site-packages: without bytecode, after the first result, and with all bytecode, as ``pip install`` writes it.
+The first result is the table, the verdict and the report of the README's comparison. Seconds are by the clock and of
+the processor, in the first process of a new installation, which writes bytecode, and again in a new folder. Sizes are
+sums of file lengths in site-packages: without bytecode, after the first result, and with all bytecode.
 """
 
 from __future__ import annotations
@@ -61,7 +60,7 @@ def main(arguments: list[str]) -> None:
 
 
 def print_size(packages: Path, when: str) -> None:
-    """Print how long all files of an environment are together, and the largest packages."""
+    """Print the total length of all files of an environment, and the largest packages."""
     sizes = {path.name: size_of(path) for path in packages.iterdir()}
     tools = sum(size for name, size in sizes.items() if name.startswith(TOOLS))
     largest = sorted(sizes.items(), key=lambda pair: -pair[1])[:5]

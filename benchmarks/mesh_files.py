@@ -2,8 +2,8 @@
 
     python benchmarks/mesh_files.py build/pybullet_data
 
-Each file is read as it is and, if its size is impossible, once more with its largest distance from the middle scaled to
-24 mm. `pip download pybullet==3.2.7 --no-deps`, unpacked with `python -m zipfile -e`, has 1 203 files of this kind.
+Each file is read as it is and, if its size is impossible, again with a radius of 24 mm. `pip download pybullet==3.2.7
+--no-deps`, unpacked with `python -m zipfile -e`, has 1 203 files of this kind.
 """
 
 from __future__ import annotations
@@ -47,7 +47,6 @@ def read(path: Path) -> tuple[Mesh, list[str]]:
 
 
 def main() -> None:
-    """Read all files of a folder and print the counts."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     folder = parser.parse_args().folder

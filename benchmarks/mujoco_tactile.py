@@ -1,8 +1,8 @@
 """Compare our height maps with MuJoCo's own tactile sensor: the depth of each taxel inside the object.
 
-MuJoCo's sensor reports for every vertex of a plate its distance to the nearest surface of the object around it (zero
-outside). Our indentation is measured along the pad's normal. Both agree on which taxels are inside, and on the depth
-where the surface is parallel to the pad. The sensor needs a signed distance, which primitives have.
+MuJoCo's sensor measures for every vertex of a plate the distance to the nearest surface of the object around it, ours
+the indentation along the pad's normal. Both agree on which taxels are inside, and on the depth where the surface is
+parallel to the pad. The sensor needs a signed distance, which primitives have and meshes do not.
 """
 
 from __future__ import annotations
@@ -41,15 +41,7 @@ _MODEL = """
 
 
 class NativeSensor:
-    """A plate of ``num_taxels`` × ``num_taxels`` vertices on the pad's face, under one primitive.
-
-    Args:
-        pad: the pad whose face it covers.
-        shape: a MuJoCo primitive: sphere, box, cylinder, capsule or ellipsoid.
-
-    Raises:
-        ValueError: the shape is a mesh.
-    """
+    """A plate of ``num_taxels`` × ``num_taxels`` vertices on the pad's face, under a primitive (no mesh)."""
 
     def __init__(self, pad: Pad, shape: Shape) -> None:
         geom = shape.geom
@@ -74,12 +66,7 @@ class NativeSensor:
         """Positions of the vertices along y and z [m], ``(n², 2)``."""
 
     def depth(self, placement: Placement, position: float) -> Floats:
-        """Depth of every vertex inside the object, ``(n²,)`` [m].
-
-        Args:
-            placement: of the object.
-            position: distance of the object's centre from the pad's face [m].
-        """
+        """Depth of every vertex in the object, ``(n²,)`` [m]; ``position`` is from the face to its centre [m]."""
         self.model.geom_size[self._geom] = self._size * placement.scale
         self.model.body_quat[self._body] = placement.orientation
         self.model.body_pos[self._body, 1:] = placement.offset

@@ -2,8 +2,7 @@
 
 Run: python benchmarks/outcomes.py                     (some minutes; --help for other scenes and sizes)
 
-Touches are drawn in 96 outcomes of a scene's observation model, about which beliefs are exact. Plans use 4, 8, 12 (the
-default for four shapes), 24 or 48 outcomes. All play the same searches.
+Touches are drawn in 96 outcomes of a scene's model, about which beliefs are exact. Plans use 4 to 48 outcomes.
 """
 
 from __future__ import annotations

@@ -1,8 +1,6 @@
 """Touches of the deciders of a comparison after the posterior was certain (paper §7.2).
 
-For example:
-
-    python -m benchmarks.overprobing runs/compare
+Run: python -m benchmarks.overprobing runs/compare
 """
 
 from __future__ import annotations
@@ -28,13 +26,8 @@ CERTAIN = 0.95
 class Overprobing:
     """Touches and errors of a decider after the posterior was certain whether an object is the target (paper §7.2).
 
-    Attributes:
-        objects: number of objects for which the posterior became certain.
-        late_touches: mean number of touches after the first touch with a certain posterior.
-        went_on: number of these objects that were touched again.
-        doubted: number for which a later touch made the posterior uncertain again.
-        first_wrong: number for which the first certain decision would have been wrong.
-        wrong: number for which the final decision was wrong; no decision counts as wrong.
+    ``late_touches`` is a mean. The others are numbers of objects: certain ones, and of these those touched again, those
+    uncertain again, those with a wrong first certain decision, and those with a wrong or no final decision.
     """
 
     objects: int
@@ -46,15 +39,7 @@ class Overprobing:
 
 
 def overprobing(episodes: Iterable[Episode], confidence: float = CERTAIN) -> Overprobing | None:
-    """Count touches and errors after certainty, over all objects of all episodes.
-
-    Args:
-        episodes: searches of one decider.
-        confidence: smallest posterior that counts as certain.
-
-    Returns:
-        None if the posterior never became certain.
-    """
+    """Count touches and errors after certainty, over all objects; None if the posterior never became certain."""
     found = [
         counted
         for episode in episodes
@@ -83,7 +68,6 @@ def _after_certainty(episode: Episode, index: int, confidence: float) -> tuple[i
 
 
 def table(by_decider: dict[str, list[Episode]]) -> Table:
-    """Touches after certainty, by decider."""
     rows: list[tuple[Value, ...]] = []
     for name, episodes in by_decider.items():
         if (found := overprobing(episodes)) is not None:
@@ -104,7 +88,6 @@ def table(by_decider: dict[str, list[Episode]]) -> Table:
 
 
 def main() -> None:
-    """Print the table of a finished comparison."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, help="run folder of a finished comparison")
     comparison = Compare.from_config(parser.parse_args().folder).play()

@@ -2,8 +2,8 @@
 
 Run: OMP_NUM_THREADS=1 python benchmarks/peers.py        (some minutes; packages that are not installed are left out)
 
-Times are of the processor, medians of interleaved rounds; ratios are taken within a round, so they hardly depend on
-other load. Planners play the same searches, with touches drawn from the table they plan with.
+Times are of the processor, medians of interleaved rounds, and ratios are taken within a round. Planners play the same
+searches, with touches drawn from the table they plan with.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def has(package: str) -> bool:
 
 
 def measure_beliefs() -> None:
-    """One Bayes update of a belief over four shapes, and a batch of 100 000, by every package that is installed."""
+    """Time a Bayes update of one belief over four shapes, and of 100 000, by every package that is installed."""
     number = beliefs.BATCH
     rng = np.random.default_rng(0)
     prior, outcomes = rng.dirichlet(np.ones(4), size=number), rng.integers(NUM_OUTCOMES, size=number)
@@ -87,7 +87,7 @@ def pymdp_updates(table: np.ndarray, prior: np.ndarray, outcomes: np.ndarray) ->
 
 
 def measure_depths() -> None:
-    """How deep 4 096 taxels are in a cylinder, by our rays along the pad's normal and by MuJoCo's tactile sensor."""
+    """Time the depth of 4 096 taxels in a cylinder, by rays along the pad's normal and MuJoCo's tactile sensor."""
     pad, shape, rng = Pad(num_taxels=64), SHAPES["cylinder"], np.random.default_rng(0)
     placements = [Placement(shape, 1.0, random_orientation(rng), rng.uniform(-0.002, 0.002, 2)) for _ in range(32)]
     positions = [first_touch(pad, placement)[1] - DEPTH for placement in placements]
@@ -105,7 +105,7 @@ def measure_depths() -> None:
 
 
 def measure_planners(searches: int) -> None:
-    """The same searches by the point-based planner, by pomdp-py's tree searches, and without a touch."""
+    """Play the same searches by the point-based planner, by pomdp-py's tree searches, and without a touch."""
     table, first, milliseconds = deciders.tables()["coarse"], np.empty(0), []
     print(f"\n{searches} searches among four objects, table of scene coarse, touch cost {deciders.TOUCH_COST}, seed 0")
     trees = [f"{tree}(simulations=100)" for tree in deciders.TREES] if has("pomdp-py") else []
@@ -127,13 +127,12 @@ def measure_planners(searches: int) -> None:
 
 
 def measure_calibration() -> None:
-    """One temperature fitted to few touches, and to many."""
     for number in (560, 100_000):
         _measure_fit(number)
 
 
 def _measure_fit(number: int) -> None:
-    """One temperature fitted to the same over-confident logits."""
+    """Time the fit of one temperature to the same over-confident logits."""
     logits, labels = calibration.touches(number)
     raw = TemperatureScaling(1.0, "ok").predict_proba(logits)
     calls: Calls = {OURS: lambda _: TemperatureScaling().fit(logits, labels).predict_proba(logits)}
@@ -196,7 +195,6 @@ PARTS: dict[str, Callable[[int], None]] = {
 
 
 def main() -> None:
-    """Measure and print what was asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
     parser.add_argument("--searches", type=int, default=40, help="of each planner")

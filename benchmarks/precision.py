@@ -14,13 +14,7 @@ PRECISIONS = ("float32", "int8")
 
 
 def in_precision(reader: TactileReader, precision: str) -> TactileReader:
-    """The reader with a network that computes in one of :data:`PRECISIONS`.
-
-    Eight-bit weights are rounded once, activations for each image (ONNX Runtime's dynamic quantisation).
-
-    Raises:
-        MissingPackage: int8 needs the package that trains networks.
-    """
+    """The reader whose network computes in one of :data:`PRECISIONS`; int8 is ONNX Runtime's dynamic quantisation."""
     if precision == PRECISIONS[0]:
         return reader
     require_extra("train")

@@ -1,11 +1,10 @@
-"""Stated against right on unseen objects that differ within their category, in drawn sets of other seeds.
+"""Stated confidence and fraction right on unseen objects that differ within their category, in sets of many seeds.
 
     python -m benchmarks.recorded_categories --seeds 0 1 2 3 4 5 6 7
 
 Ten categories of six objects with 60 touches each, of 20 features: an object lies 1.5 times as far from its category as
-categories lie from each other, and touches scatter as much again. Each set is played as
-``activetouch recorded --task categories --scenes 0 --rounds 2`` does, in random order. The stops of all sets
-are pooled; the interval resamples objects.
+categories lie from each other, and touches scatter as much again. Sets are played as by ``activetouch recorded --task
+categories --scenes 0 --rounds 2``. The stops of all sets are pooled; the interval resamples objects.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ def drawn(seed: int) -> RecordedTouches:
 
 
 def line(name: str, found: np.ndarray) -> str:
-    """How many of the identifications stopped, what they stated, and how many were right; ``found (n, 4)``."""
+    """Number of identifications that stopped, what they stated, and how many were right; ``found (n, 4)``."""
     stops = found[found[:, 1] == 1.0]
     if not len(stops):
         return f"{name}: no stop of {len(found)}"
@@ -49,7 +48,6 @@ def line(name: str, found: np.ndarray) -> str:
 
 
 def main() -> None:
-    """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, nargs="+", default=[0])
     parser.add_argument("--threshold", type=float, default=0.9)

@@ -12,13 +12,7 @@ from numpy.typing import NDArray
 def time_in_rounds(
     cases: Mapping[str, Callable[[int], object]], rounds: int, per_round: int
 ) -> dict[str, NDArray[np.float64]]:
-    """Milliseconds of the processor per call of every case and round.
-
-    Args:
-        cases: functions of a running number, by name.
-        rounds: number of rounds; one more is run first and dropped.
-        per_round: calls per round, with the numbers 0, 1, ….
-    """
+    """Processor time per call of each case and round [ms], ``(rounds,)``; a first round is not counted."""
     milliseconds: dict[str, list[float]] = {name: [] for name in cases}
     for round_ in range(rounds + 1):
         for name, function in cases.items():

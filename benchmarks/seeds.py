@@ -2,8 +2,8 @@
 
     python -m benchmarks.seeds 1 2 -- --scene coarse --deciders information_gain random_poses --episodes 125
 
-The arguments after -- are those of `activetouch compare`. Searches of each seed are kept in a folder of their own, so
-that an interrupted run continues; the folder of --out gets the tables of all.
+The arguments after -- are those of `activetouch compare`. Each seed has a folder of its own, so that an interrupted run
+continues; the folder of --out gets the tables of all.
 """
 
 from __future__ import annotations
@@ -25,12 +25,7 @@ from experiments.search.tables import comparison_tables
 
 
 def pooled(found: Sequence[Comparison], seed: int = 0) -> Comparison:
-    """The comparison of all searches of several.
-
-    Args:
-        found: comparisons of the same deciders, targets and problem, with different seeds.
-        seed: of the bootstraps.
-    """
+    """One comparison of all searches of several, which have the same deciders, targets and problem but other seeds."""
     first = found[0]
     episodes = {key: list(chain.from_iterable(one.episodes[key] for one in found)) for key in first.episodes}
     seconds = {key: sum((one.cells[key].seconds for one in found), Seconds()) for key in first.episodes}
@@ -38,7 +33,6 @@ def pooled(found: Sequence[Comparison], seed: int = 0) -> Comparison:
 
 
 def main() -> None:
-    """Play what is missing, and print the table and the verdict."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("seeds", nargs="+", type=int)
     here = sys.argv.index("--") if "--" in sys.argv else len(sys.argv)

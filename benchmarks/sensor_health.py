@@ -1,23 +1,21 @@
-"""A sensor in worlds that nobody told it about: its own reader, and one that finds out what is the matter.
+"""A sensor in worlds that nobody described to it: its own reader, and one that infers the sensor's state.
 
     python -m benchmarks.sensor_health coarse --jobs 2
     python -m benchmarks.sensor_health many "noise × 3" "noise × 1.5 + stiffness × 0.7" --sensor gel --sessions 50
 
 A session touches twelve objects one after the other, each in different poses, at most six times, until a shape is
-stated with 0.95. Worlds are conditions of ``robustness``, or several joined by +, or what changes from touch to touch
-("slip, random"); all that apply by default. Three
-sensors feel the same touches: ``own``, the shipped one; ``as described``, its reader of any object in the state that
-the scene describes; ``unknown``, the same with its state inferred over the session.
+stated with 0.95. Worlds are conditions of ``robustness``, several joined by +, or what changes from touch to touch
+("slip, random"); all that apply by default. Three sensors feel the same touches: ``own``, the shipped one; ``as
+described``, its reader of any object in the state that the scene describes; ``unknown``, the same with its state
+inferred over the session.
 
-Two ways to withhold stops are compared. ``conflict``: as by an abstaining decider, where the e-value of the conflict
-test is 3.5 or more; the last sensor has no such test. ``alarm``: after an alarm of
-:func:`belief.statistics.exchangeability.log_e_values` at 1 / 0.05, whose calibration are the objects of other sessions
-in the sensor's own world; an object is one item, with the fit of its touches to the likeliest world.
+Two ways to withhold stops are compared. ``conflict``: where the e-value of the conflict test, which the last sensor
+does not have, is 3.5 or more. ``alarm``: after an alarm of :func:`belief.statistics.exchangeability.log_e_values` at
+20, calibrated on objects of other sessions in the sensor's own world.
 
-Prints, for each: the stops, what they state, the share that is right with its 95 % Wilson interval, touches of an
-object; sessions with an alarm, and the median number of objects until then; the share of stops that are withheld, and
-how many of the others are right; and what the last holds most probable after its last object, with the number of
-sessions.
+Prints for each sensor: its stops, what they state, the share that is right with its 95 % Wilson interval, touches of an
+object; sessions with an alarm, and the median number of objects until then; the share of withheld stops, and how many
+of the others are right; and the state that the last sensor holds most probable in the end.
 """
 
 from __future__ import annotations
@@ -63,19 +61,11 @@ _PAIRS = (
 )
 REPEATED, FALLING, WALK, STEADY = "noise that repeats", "gain falls 5 % a touch", "slip, random", "slip, steady"
 _IN_SESSION = REPEATED, FALLING, WALK, STEADY
-"""What changes from touch to touch of an object, or is the same in all touches of a session."""
+"""Changes from touch to touch of an object, or of all touches of a session."""
 
 
 class Stop(NamedTuple):
-    """How the touches of an object ended.
-
-    Attributes:
-        stated: probability of the named shape; 0 where none reached the threshold.
-        is_right: whether it is the true one.
-        touches: of the object.
-        is_conflict: whether an abstaining decider would not name it.
-        fit: of the touches to the likeliest world of the sensor.
-    """
+    """How the touches of an object ended; ``stated`` is 0 for no stop, ``fit`` is to the sensor's likeliest world."""
 
     stated: float
     is_right: bool
@@ -85,7 +75,7 @@ class Stop(NamedTuple):
 
 
 class Session(NamedTuple):
-    """The objects of a session, by sensor; and the likeliest component in the end, of the sensor that infers it."""
+    """The stops of a session's objects, by sensor, and the state that ``unknown`` holds most probable in the end."""
 
     world: str
     stops: Mapping[str, list[Stop]]
@@ -93,7 +83,6 @@ class Session(NamedTuple):
 
 
 def played(shared: Shared[Mapping[str, TactileSensor]], world: str, scene: Scene, seed: Sequence[int]) -> Session:
-    """One session."""
     sensors, rng = shared.value, np.random.default_rng(seed)
     problem = SearchProblem(scene.shape_labels, scene.pose_labels, num_objects=1, composition="independent")
     bets: dict[str, np.ndarray | float] = dict.fromkeys(sensors, 0.0)
@@ -162,7 +151,7 @@ def changed(name: str, world: str) -> Scene:
 
 
 def line(sessions: list[list[Stop]], usual: list[Stop]) -> str:
-    """The figures of a sensor in some sessions, whose alarm knows some objects in its own world."""
+    """The figures of a sensor in some sessions, whose alarm is calibrated on the ``usual`` objects of its own world."""
     every = [stop for stops in sessions for stop in stops]
     named = [stop for stop in every if stop.stated]
     if not named:
@@ -187,19 +176,18 @@ def alarm(stops: list[Stop], usual: list[Stop], seed: int) -> int:
 
 
 def withheld(named: list[Stop], kept: list[Stop]) -> str:
-    """The share of stops that are not kept, and how many of the kept ones are right."""
+    """The share of stops that are not kept, and the share of the kept ones that is right."""
     return f"withheld {1 - len(kept) / len(named):.3f}, " + (f"kept {share(kept)}" if kept else "none kept")
 
 
 def share(stops: list[Stop]) -> str:
-    """Right of stops, with an interval."""
+    """The share of stops that is right, with an interval."""
     right = sum(stop.is_right for stop in stops)
     low, high = wilson_interval(right, len(stops))
     return f"{right / len(stops):.3f} [{low:.3f}, {high:.3f}]"
 
 
 def main() -> None:
-    """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scene")
     parser.add_argument("worlds", nargs="*")

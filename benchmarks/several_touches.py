@@ -2,10 +2,9 @@
 
 python -m benchmarks.several_touches --scene coarse --hypotheses 64 512 4096
 
-The joint model of every reader, with every number of hypotheses, beside the model that takes touches as independent
-given the shape; a reader that tells shapes only has only the latter. Models are fitted to the calibration split; all
-read the same touches of the test split. Each object is read in several random orders of its poses: which poses come
-first matters, and one order leaves that to chance.
+The joint model of every reader with every number of hypotheses, and the model of touches that are independent given the
+shape. Models are fitted to the calibration split; all read the same touches of the test split, in several random orders
+of poses, because the first poses matter.
 """
 
 from __future__ import annotations
@@ -47,23 +46,14 @@ from experiments.sensor.scores import read_touches
 from experiments.sensor_choice import open_collection, require_collection, sensor_folder
 
 _ROUNDS = 30
-"""Of timing; the median counts."""
+"""Rounds of timing, of which the median counts."""
 
 
 @dataclass(frozen=True)
 class AfterTouches:
-    """How good a model is after some touches of an object, with 95 % intervals over objects.
+    """Scores of a model after some touches of an object, with 95 % intervals over objects; NLL in nats.
 
-    Attributes:
-        touches: how many.
-        accuracy: share of sequences of touches whose likeliest shape is the true one.
-        accuracy_interval: Wilson, of as many answers as there are objects. It is too wide rather than too narrow where
-            objects have several sequences.
-        nll: mean negative log posterior of the true shape [nats].
-        nll_interval: bootstrap.
-        stated: mean posterior of the likeliest shape.
-        gap: stated minus accuracy.
-        gap_interval: bootstrap.
+    The Wilson interval of accuracy is too wide where objects have several sequences. ``gap`` is stated minus accuracy.
     """
 
     touches: int
@@ -79,15 +69,7 @@ class AfterTouches:
 def after_touches(
     log_probs: NDArray[np.float64], shapes: NDArray[np.int64], objects: NDArray[np.int64], touches: int, seed: int
 ) -> AfterTouches:
-    """How good posteriors are.
-
-    Args:
-        log_probs: log posteriors after S sequences of touches, ``(S, K)``.
-        shapes: true shape of each, ``(S,)``.
-        objects: which object each is of, ``(S,)``.
-        touches: of each sequence; only noted.
-        seed: of the bootstrap.
-    """
+    """Scores of the log posteriors ``(S, K)`` after S sequences, with true ``shapes (S,)`` of ``objects (S,)``."""
     right, stated = log_probs.argmax(axis=1) == shapes, np.exp(log_probs.max(axis=1))
     number, num_objects = np.arange(len(shapes)), len(np.unique(objects))
     nll, *nll_interval = cluster_bootstrap(-log_probs[number, shapes], objects, np.random.default_rng(seed))
@@ -106,17 +88,7 @@ def after_touches(
 
 @dataclass(frozen=True)
 class Entry:
-    """One reader with one observation model.
-
-    Attributes:
-        network: backbone and input size.
-        precision: of the network's arithmetic.
-        hypotheses: number N of each shape; 0 for the independent model.
-        results: by number of touches.
-        read_milliseconds: to read one image.
-        update_milliseconds: of the belief, for one touch.
-        megabytes: of the observation model's arrays.
-    """
+    """One reader with one observation model; ``hypotheses`` of each shape are 0 for the independent model."""
 
     network: str
     precision: str
@@ -138,7 +110,7 @@ class Entry:
 
     @property
     def milliseconds(self) -> str:
-        """To read one image, and to update the belief with it, in words."""
+        """Times to read one image, and to update the belief with it, in words."""
         return f"{self.read_milliseconds:.1f} + {self.update_milliseconds:.1f}"
 
 
@@ -258,7 +230,7 @@ def in_random_orders(touches: TouchBatch, truth: TouchSet, number: int, seed: in
 
 
 def table_of(entry: Entry) -> Table:
-    """Results of one reader with one model; what they cost is in the title."""
+    """Results of one reader with one model; the title has its costs."""
     rows = [(r.touches, r.accuracy, r.accuracy_interval, r.nll, r.gap, r.gap_interval) for r in entry.results]
     scores = [("accuracy", ".3f"), ("95 %", ".3f"), ("NLL", ".4f"), ("gap", "+.3f"), ("gap, 95 %", "+.3f")]
     return Table(f"{entry.name}: {entry.milliseconds} ms", [("touches", "d"), *scores], rows)
@@ -276,16 +248,7 @@ def table(entries: Sequence[Entry], scene: str, num_objects: int) -> Table:
 
 
 def draw(entries: Sequence[Entry], scene: str, path: Path) -> None:
-    """Draw NLL against the time of a touch, one panel per number of touches up to three, or for the fewest.
-
-    Args:
-        entries: readers and models.
-        scene: name of the scene, for the title.
-        path: file to write; the ending decides the format.
-
-    Raises:
-        CannotWrite: there is no room, or no permission.
-    """
+    """Draw NLL against the time of a touch, one panel per number of touches up to three, or for the fewest."""
     from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
     from experiments.reporting.style import PALETTE, figure
@@ -332,7 +295,7 @@ def draw(entries: Sequence[Entry], scene: str, path: Path) -> None:
 def _fitted(
     known: Sequence[Touch], truth: TouchSet, manifest: Manifest, hypotheses: HypothesisTable, number: int
 ) -> ArrayModel:
-    """The joint model with so many hypotheses; with none, the model of independent touches."""
+    """The joint model with so many hypotheses; the model of independent touches for 0."""
     shapes, num_poses = manifest.shape_labels, len(manifest.pose_labels)
     if not number:
         return RatioModel.fit(known, truth.shapes, truth.object_ids, shape_labels=shapes, num_poses=num_poses)

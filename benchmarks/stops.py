@@ -38,7 +38,6 @@ def confident_stops(episodes: list[Episode]) -> Iterator[tuple[int | None, int, 
 
 
 def main() -> None:
-    """Print the table of the run folders."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folders", nargs="+", type=Path, help="from activetouch compare")
     print(f"{'folder':16s}{'decider':22s}{'touches':>8s}{'stops':>7s}{'right':>8s}  95 %")

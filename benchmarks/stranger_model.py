@@ -1,14 +1,11 @@
 """An observation model that also knows strangers: objects of none of the known shapes.
 
-The touches of a stranger have the mean likelihood of the known shapes, times the object's e-value, which is what bets
-of the conflict test (:mod:`belief.conflict`) on a high misfit have won. How probable a stranger is before the first
-touch is said by the composition of the search, or by the prior. In some touches a stranger is like a known shape, so
-its next touch is predicted as that of the known shapes that are still possible.
-
-Touches of an object that fits a known shape, and of one that fits none:
+The touches of a stranger have the mean likelihood of the known shapes, times the object's e-value, which bets of the
+conflict test (:mod:`belief.conflict`) on a high misfit have won. The prior, or the composition of the search, says how
+probable strangers are. A stranger's next touch is predicted as that of the known shapes that are still possible.
 
 >>> from types import SimpleNamespace
->>> for bets in (-2.0, 6.0):
+>>> for bets in (-2.0, 6.0):  # touches that fit a known shape, and touches that fit none
 ...     known = SimpleNamespace(num_touches=3, log_likelihood=np.log([0.9, 0.1]), log_bets=np.full(12, bets))
 ...     print(softmax(StrangerEvidence(known).log_likelihood).round(3).tolist())
 [0.843, 0.094, 0.063]
@@ -40,15 +37,7 @@ from belief.validation import Floats
 
 @dataclass(frozen=True)
 class StrangerModel:
-    """A model with a conflict test, and one more shape: that of objects of none of its shapes.
-
-    Attributes:
-        known: the model of the known shapes; its conflict test tells the strangers.
-        label: name of the additional shape, which is the last.
-
-    Raises:
-        InvalidArgument: the model has no conflict test.
-        ValueError: a known shape has this name.
+    """A model with a conflict test, and one more shape, the last: that of objects of none of its shapes.
 
     >>> from belief.synthetic import random_model
     >>> try:
@@ -76,7 +65,7 @@ class StrangerModel:
 
     @property
     def repeat_correlation(self) -> float | None:
-        """That of the known model."""
+        """Repeat correlation of the known model."""
         return getattr(self.known, "repeat_correlation", None)
 
     def start(self) -> StrangerEvidence:
@@ -91,29 +80,20 @@ class StrangerModel:
         return evidence.log_likelihood
 
     def sample(self, shape: int, poses: Sequence[int], rng: np.random.Generator) -> list[Touch]:
-        """Sampled touches of an object of a known shape.
-
-        Raises:
-            InvalidArgument: the shape is that of strangers, of which no touches are known.
-            ValueError: a shape or pose out of range.
-        """
+        """Sampled touches of an object of a known shape; InvalidArgument for strangers, whose touches are unknown."""
         if shape == len(self.shape_labels) - 1:
             raise InvalidArgument("touches of a stranger cannot be sampled: its shape is unknown")
         return self.known.sample(shape, poses, rng)
 
     def outcome_table(self, num_outcomes: int | None = None) -> OutcomeTable:
-        """That of the known model; strangers have the mean outcome probabilities of the known shapes."""
+        """Table of the known model, and for strangers the mean outcome probabilities of the known shapes."""
         probs = self.known.outcome_table(num_outcomes).probs
         return OutcomeTable(_with_stranger(probs, np.full(probs.shape[1], 1.0 / probs.shape[1])))
 
 
 @dataclass(frozen=True, eq=False)
 class StrangerEvidence:
-    """The evidence about an object that may be a stranger.
-
-    Attributes:
-        known: that of the known model.
-    """
+    """The evidence about an object that may be a stranger, from that of the known model."""
 
     known: ObjectEvidence
 
@@ -154,12 +134,7 @@ class StrangerEvidence:
 
 @dataclass(frozen=True, eq=False)
 class _StrangerOutcomes:
-    """Outcomes of the next touches, where strangers give those of the known shapes.
-
-    Attributes:
-        known: of the known shapes.
-        possible: probabilities of the known shapes given that the object has one, ``(K,)``.
-    """
+    """Outcomes of the next touches; a stranger's are those of the known shapes, weighted by ``possible (K,)``."""
 
     known: Outcomes
     possible: Floats

@@ -21,13 +21,6 @@ class TabularModel:
 
     The logits of a touch are the log-likelihoods of its outcome.
 
-    Attributes:
-        shape_labels: names of the K shapes.
-        table: p(outcome | pose, shape).
-
-    Raises:
-        ValueError: the labels are no different names, or not as many as the shapes in the table.
-
     >>> model = TabularModel(("cube", "cone"), OutcomeTable(np.array([[[0.9, 0.1], [0.2, 0.8]]])))
     >>> touches = model.sample(0, poses=[0, 0], rng=np.random.default_rng(0))
     >>> np.exp(model.log_likelihood(touches)).round(3).tolist()
@@ -73,5 +66,5 @@ class TabularModel:
         return touches
 
     def outcome_table(self, num_outcomes: int | None = None) -> OutcomeTable:
-        """See :class:`ObservationModel`; the table itself, or merged into fewer outcomes."""
+        """The table itself, or the table merged into fewer outcomes."""
         return self.table if num_outcomes is None else merged(self.table, num_outcomes, np.random.default_rng(0))

@@ -6,10 +6,9 @@ Run: git worktree add ../before ece93d3
      python benchmarks/versions.py ../before --commands         whole commands; some minutes
      python benchmarks/versions.py ../before --images           how far forces and images of the same presses agree
 
-Each version has a process of its own. The two take turns in short rounds, so that other load and changes of the
-processor's speed affect both; a ratio is taken within each round, and the table shows the median and the quartiles over
-rounds. Times are processor seconds of one thread. Commands are timed as whole processes with one worker, start-up and
-report included.
+Each version has a process of its own, and the two take turns in short rounds. A ratio is taken within each round; the
+table shows the median and the quartiles over rounds. Times are processor seconds of one thread. Commands are timed as
+whole processes with one worker, start-up and report included.
 """
 
 from __future__ import annotations
@@ -79,7 +78,7 @@ def _read(sensor: Any, images: np.ndarray[Any, Any]) -> Callable[[int], object]:
 
 
 def _search(scene: str) -> Callable[[int], object]:
-    """Plays the searches of one target as ``activetouch compare`` does: its four deciders."""
+    """Play the searches of one target as ``activetouch compare`` does: its four deciders."""
     from experiments.scene_choice import SceneChoice
     from experiments.search.comparison import DEFAULT_DECIDERS, prepared
     from experiments.search.play import play_episodes

@@ -2,8 +2,8 @@
 
 Run: python benchmarks/world.py
 
-Presses per second are those of all cores together. All other times are medians of interleaved rounds on one core, with
-the ratio to the first row of the block, taken within a round.
+Presses per second are of all cores. Other times are medians of interleaved rounds on one core, with ratios within a
+round to the first row of the block.
 """
 
 from __future__ import annotations

@@ -57,9 +57,6 @@ class Shared(Generic[T]):
     """A large value of many tasks: each worker process reads it once, from a temporary file.
 
     Objects of classes that a script or a notebook defines are sent with their code.
-
-    Args:
-        value: what the tasks share.
     """
 
     def __init__(self, value: T) -> None:
@@ -89,9 +86,9 @@ def run_tasks(
 ) -> Iterator[T]:
     """Yield the result of every task in order of completion; without a number of jobs, on all processors.
 
-    With one job, the tasks run in this process. Linear algebra uses one thread, in this process too: the last bit of a
-    sum depends on the number of threads. Workers end with this process and on an interrupt. The bar goes on by what the
-    tasks cost, in any unit; equally by default.
+    One job runs in this process. Linear algebra uses one thread in any case: the last bit of a sum depends on the
+    number of threads. Workers end with this process and on an interrupt. The progress bar advances by ``costs``, in any
+    unit.
     """
     from threadpoolctl import threadpool_limits
 
@@ -147,13 +144,13 @@ def _called(task: Task[T]) -> T:
 
 
 def _of_full_disk(error: PicklingError) -> OSError | None:
-    """The error of writing that kept a task from being sent, of which joblib gives only the text; None if none did."""
+    """The disk error that kept a task from being sent, of which joblib gives only the text; None if there was none."""
     found = re.search(r"^OSError: \[Errno (\d+)\]", str(error.__cause__), re.MULTILINE)
     return None if found is None else OSError(int(found[1]), os.strerror(int(found[1])))
 
 
 def _begin_worker(parent: int) -> None:
-    """Make a worker ignore Ctrl-C, end with its parent, and not repeat what that has said about files.
+    """Make a worker ignore Ctrl-C, end with its parent, and not repeat the parent's warnings about files.
 
     A thread watches the parent. Without it, workers of a killed parent wait forever for a task, on a pipe that the
     other workers keep open. ``PR_SET_PDEATHSIG`` is unsuitable: Linux sends it when the starting *thread* ends.

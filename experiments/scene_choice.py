@@ -59,16 +59,7 @@ _FACTORS = re.compile(r"(?:^|,)(\w+)=([^,=]+?)\.\.([^,=]+)")
 
 
 def named_scene(name: str) -> NamedScene:
-    """The scene with this name, and its search.
-
-    Args:
-        name: key of :data:`SCENES`, registered name, or ``module:attribute`` of a ``Scene``, a ``NamedScene`` or a
-            function that returns one.
-
-    Raises:
-        UnknownName: There is no such name; the message suggests the nearest.
-        BadReference: The name cannot be parsed, or is not the name of a scene.
-    """
+    """The scene with this name, and its search; ``module:attribute`` is a scene or a function that returns one."""
     found, reference = find("scene", name, SCENES, "activetouch.scenes")
     made = build(reference.name, found, reference.settings, {}, reference.is_called)
     if not isinstance(made, Scene | NamedScene):
@@ -77,17 +68,7 @@ def named_scene(name: str) -> NamedScene:
 
 
 def renderer_named(name: str) -> TactileRenderer:
-    """The renderer with this name.
-
-    Args:
-        name: key of :data:`RENDERERS`, registered name, or ``module:attribute`` of a renderer or of a class or
-            function that makes one.
-
-    Raises:
-        UnknownName: There is no such name; the message suggests the nearest.
-        BadReference: The name cannot be parsed, or a renderer that is ready has settings.
-        WrongRenderer: The name is not that of a renderer.
-    """
+    """The renderer with this name; ``module:attribute`` is a renderer, or a class or function that makes one."""
     found, reference = find("renderer", name, RENDERERS, "activetouch.renderers")
     is_plain = callable(found) and hasattr(found, "isotropic") and not isinstance(found, type)
     is_ready = is_plain and not reference.is_called
@@ -143,15 +124,9 @@ def training_folder(scene: str) -> Path:
 def with_families(shapes: Mapping[str, Any], families: Sequence[str]) -> tuple[dict[str, Any], Uniform | None]:
     """Shapes, of which some become families, and the range of the sizes of all objects; None if they stay as they are.
 
-    Args:
-        shapes: by label.
-        families: each as ``SHAPE:PARAMETER=LOW..HIGH``; factors on the nominal number are uniform in that range.
-            Several parameters are separated by commas. The nominal solid of a family gets other parameters. Or
-            ``size=LOW..HIGH``, for all objects.
-
-    Raises:
-        UnknownName: there is no such shape, or it has no such parameter.
-        InvalidArgument: the text cannot be read, a shape is named twice, or a solid cannot be built.
+    Each of ``families`` is ``SHAPE:PARAMETER=LOW..HIGH``, with several parameters separated by commas, or
+    ``size=LOW..HIGH`` for all objects. The factors on the nominal number are uniform. A shape that is a family already
+    gets a new one of its nominal solid.
 
     >>> from activetouch.shapes import Cylinder
     >>> with_families({"rod": Cylinder(0.016, 0.020)}, ["rod:half_length=0.5..2"])[0]["rod"]
@@ -266,12 +241,7 @@ class SceneChoice:
 
     @classmethod
     def from_dict(cls, fields: Mapping[str, Any], trust: Trust) -> SceneChoice:
-        """The choice from :meth:`to_dict`, in a file.
-
-        Raises:
-            FileNamesCode: scene or renderer is code that may not be used.
-            BadArgument: a field is of a wrong type.
-        """
+        """The choice from :meth:`to_dict`, in a file."""
         trust.require([fields["scene"], fields.get("renderer")])
         names = {field.name for field in dataclasses.fields(cls)}
         without_effect = (None, False, 1.0)  # options of earlier versions

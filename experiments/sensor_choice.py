@@ -45,18 +45,7 @@ class NoSensor(ActiveTouchError, FileNotFoundError):
 
 
 def require_policies(decider: str, targets: Sequence[str], scene: str, sensor: Path) -> None:
-    """Check that a decider has all trained policies that it needs.
-
-    Args:
-        decider: name of the decider.
-        targets: labels of the target shapes.
-        scene: name of the scene.
-        sensor: folder of the sensor.
-
-    Raises:
-        MissingPolicy: There is no policy for a target; the message names the commands that train it.
-        BadPolicy: A policy is damaged or belongs to another decider.
-    """
+    """Check that a decider has all trained policies that it needs."""
     if (state := trained_state(decider)) is None:
         return
     try:
@@ -80,12 +69,7 @@ def independent_sensor(scene: str) -> Path:
 
 
 def sensor_folder(given: Path | None, scene: str) -> Path:
-    """Folder of a sensor.
-
-    Args:
-        given: folder, or name of a scene with a shipped sensor; None for the shipped sensor of ``scene``.
-        scene: name of the scene in which it is used.
-    """
+    """Folder of a sensor: ``given`` is a folder or a scene with a shipped sensor; None means that of ``scene``."""
     if given is None:
         return MODELS / in_file_names(scene)
     shipped = MODELS / given
@@ -102,8 +86,8 @@ def open_sensor(
 ) -> TactileSensor:
     """Load a sensor, which checks that it fits the scene; print an accepted difference to stderr.
 
-    ``folder`` is that of the sensor, or the name of a scene with a shipped one. With ``jobs``, contacts are predicted
-    first, with a progress bar. Errors of a sensor for another scene say how to make a fitting one.
+    ``folder`` may also be the name of a scene with a shipped sensor. With ``jobs``, contacts are predicted first, with
+    a progress bar. Errors of a sensor for another scene say how to make a fitting one.
     """
     name, scene = (choice.scene, choice.named.scene) if isinstance(choice, SceneChoice) else ("", choice.scene)
     chosen = sensor_folder(folder, name)
@@ -173,17 +157,7 @@ def _shipped_for(own: str, scene: Scene) -> str | None:
 
 
 def open_collection(folder: Path, scene: str, repeats: bool) -> Manifest:
-    """Read the manifest of a collection.
-
-    Args:
-        folder: folder of the collection.
-        scene: name of its scene, for the message.
-        repeats: whether the collection must contain repeated touches.
-
-    Raises:
-        NoCollection: There is no collection; the message names the command that records one.
-        CorruptFile: The manifest is damaged.
-    """
+    """Read the manifest of a collection; with ``repeats``, it must contain repeated touches."""
     try:
         return read_manifest(folder)
     except NoCollection as error:
@@ -198,16 +172,7 @@ def require_collection(
 ) -> None:
     """Check that a collection has the scene of a reader and of the results; print accepted differences to stderr.
 
-    Args:
-        folder: folder of the collection.
-        manifest: manifest of the collection.
-        card: of the reader that is to read it; None if one is to be trained on it.
-        scene: name of the scene that results will be filed under; None if the user names the folder of the results.
-        anyway: whether to accept all differences.
-
-    Raises:
-        LabelMismatch: The collection has other shapes or poses than the reader.
-        WrongScene: It differs by more than a known shift, or the reader cannot read its images.
+    ``card`` is None if a reader is to be trained on it; ``scene`` is None if the user names the folder of the results.
     """
     wanted: dict[str, Mapping[str, Any] | None] = {}
     if card is not None:

@@ -60,10 +60,6 @@ class Certified:
             the last one is for so many and more; infinite for never.
         max_touches: touches of one object after which it is not touched again, at least 1.
         made_for: of the certificate, as there; None without one.
-
-    Raises:
-        InvalidArgument: no threshold, or a number out of its range; in :meth:`decide`, the search does not have the
-            answer "I do not know".
     """
 
     decider: Decider

@@ -56,9 +56,6 @@ class PointBased:
         rounds: number of simulated searches in each round of planning.
         given: "shape" for the table of first touches, or "body" for what the evidence says of the next touch, where it
             is about one rigid body (decision 0059).
-
-    Raises:
-        InvalidArgument: ``given`` or ``rounds`` are something else.
     """
 
     table: OutcomeTable
@@ -72,11 +69,7 @@ class PointBased:
         object.__setattr__(self, "rounds", require_rounds(self.rounds))
 
     def policy(self, problem: SearchProblem, target: int) -> SearchPolicy:
-        """The policy for a search, solved once in each process.
-
-        Raises:
-            TableMismatch: the table has other numbers of poses or shapes than the search.
-        """
+        """The policy for a search, solved once in each process."""
         require_fit(self.table, problem)
         key = (*self._identity, repr(problem), target)
         if key not in _POLICIES:

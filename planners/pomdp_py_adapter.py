@@ -156,9 +156,6 @@ class Pouct:
         table: p(outcome | pose, shape).
         simulations: number per decision.
         rollout: values the leaves of the tree.
-
-    Raises:
-        ValueError: too few simulations to try every action once.
     """
 
     table: OutcomeTable

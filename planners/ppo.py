@@ -69,9 +69,6 @@ class Policy:
         card: what it is for.
         weights: of the layers, ``(out, in)`` each, float32.
         biases: of the layers, ``(out,)`` each, float32.
-
-    Raises:
-        BadPolicy: layers that do not fit each other or the card, or that are not finite.
     """
 
     card: PolicyCard
@@ -108,11 +105,7 @@ class Policy:
 
     @classmethod
     def load(cls, path: Path) -> Policy:
-        """The policy in a file.
-
-        Raises:
-            BadPolicy: the file is damaged, or something else.
-        """
+        """The policy in a file."""
         try:
             tensors, fields = read_tensors(path, _FORMAT)
             weights, biases = (tuple(tensors[f"{name}_{i}"] for i in range(len(tensors) // 2)) for name in _PARTS)
@@ -128,12 +121,7 @@ def policy_file(state: str, target: str) -> str:
 
 
 def load_ppo_policy(folder: Path | None, state: str, target: str) -> Policy:
-    """The policy for a target in a folder.
-
-    Raises:
-        MissingPolicy: there is none.
-        BadPolicy: the file is damaged, or is another policy's.
-    """
+    """The policy for a target in a folder."""
     path = None if folder is None else folder / policy_file(state, target)
     if path is None or not path.is_file():
         where = "given: a folder of policies is needed" if folder is None else f"in {folder}"
@@ -179,12 +167,7 @@ class PPODecider:
         return Decision(Probe(int(poses.argmax())), {"target_prob": info.target_prob})
 
     def files(self, target: str) -> tuple[Path, ...]:
-        """Files that searches for this target follow, once they are sure to hold a policy.
-
-        Raises:
-            MissingPolicy: there is none.
-            BadPolicy: the file is damaged, or is another policy's.
-        """
+        """Files that searches for this target follow, once they are sure to hold a policy."""
         load_ppo_policy(self.policies, self.state, target)
         return () if self.policies is None else (self.policies / policy_file(self.state, target),)
 
@@ -208,11 +191,7 @@ class PPODecider:
 
 
 def shown(info: InformationState, state: str, touch_limit: int) -> Floats:
-    """What an environment with this state and limit shows of the current object, as the one row of a batch.
-
-    Raises:
-        NoGains: the state needs the gain of each pose, and the sensor's belief is not about one rigid body.
-    """
+    """What an environment with this state and limit shows of the current object, as the one row of a batch."""
     log_probs = info.belief.log_probs
     situation = situation_of(info.history, log_probs, info.problem.num_poses, touch_limit)
     if state in WITH_GAINS:

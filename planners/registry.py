@@ -176,12 +176,7 @@ def summary_of(name: str) -> str:
 
 
 def find_decider(name: str) -> tuple[Any, Reference]:
-    """The builder or object of a decider, which is not called yet, and its parsed name.
-
-    Raises:
-        UnknownName: there is no such name; the message suggests the nearest.
-        BadReference: the name is malformed, or its module cannot be imported.
-    """
+    """The builder or object of a decider, which is not called yet, and its parsed name."""
     if name.startswith(PREFIX):
         path, settings = name.removeprefix(PREFIX), {}
         if path.endswith(")"):  # and no file's name ends so

@@ -25,9 +25,6 @@ class RepeatDiscount:
 
     Attributes:
         correlation: ρ of touches in one pose, in [0, 1]; None if it is not known.
-
-    Raises:
-        ValueError: ``correlation`` is out of range.
     """
 
     correlation: float | None = None

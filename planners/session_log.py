@@ -40,18 +40,10 @@ class ImageReader(Protocol):
         """Digest of all that it reads with."""
 
     def read(self, image: Any, pose: int) -> tuple[NDArray[Any], Touch, float | None]:
-        """The checked image, the touch that it shows, and the area of the contact [m²], None if it cannot be said.
-
-        Raises:
-            ValueError: it is no image of this sensor.
-        """
+        """The checked image, the touch that it shows, and the area of the contact [m²], None if it cannot be said."""
 
     def at(self, place: Any) -> tuple[int, Elsewhere | None]:
-        """The pose of a place that is said by numbers; if it is none of the poses, the nearest, and where it is.
-
-        Raises:
-            ValueError: it is no place, or touches elsewhere are no evidence for this sensor.
-        """
+        """The pose of a place that is said by numbers; if it is none of the poses, the nearest, and where it is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,9 +88,6 @@ class Listener:
         reader: of images.
         least_force: a contact whose stated force is not larger is none [N]; None for no such limit.
         least_area: a contact whose area is not larger is none [m²]; None for no such limit.
-
-    Raises:
-        InvalidArgument: a limit is negative or not finite.
     """
 
     problem: SearchProblem

@@ -131,12 +131,7 @@ class NoCollection(CorruptFile):
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """What the folder of a collection, or the file of its manifest, says about it.
-
-    Raises:
-        NoCollection: there is no manifest.
-        CorruptFile: it cannot be read, or was changed after it was written.
-    """
+    """What the folder of a collection, or the file of its manifest, says about it."""
     path = folder if folder.is_file() else folder / "manifest.json"
     try:
         found = unsealed_json(require_regular_file(path).read_text(encoding="utf-8"))
@@ -150,15 +145,7 @@ def read_manifest(folder: Path) -> Manifest:
 def write_manifest(
     folder: Path, scene: Scene, plan: CollectionPlan, choice: Mapping[str, Any] | None = None
 ) -> Manifest:
-    """Begin a collection, or go on with the one that is there.
-
-    Returns:
-        What was recorded first.
-
-    Raises:
-        LabelMismatch: the folder holds a collection of another plan, scene or physics.
-        CorruptFile: its manifest cannot be read, or there are shards without one.
-    """
+    """Begin a collection, or go on with the one that is there."""
     wanted = Manifest.of(scene, plan, choice)
     if not (folder / "manifest.json").exists():
         if unexplained := [path for split in SPLITS for path in (folder / split).glob("[0-9]*.npz")]:

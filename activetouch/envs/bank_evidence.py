@@ -29,12 +29,6 @@ _AT_ONCE = 32  # objects whose hypotheses are weighed at a time; they fit the ca
 class BankEvidence:
     """Log-likelihoods by any model, computed from all touches of a row after each of them.
 
-    Args:
-        bank: the touches.
-        model: the observation model.
-        num_envs: B.
-        touch_limit: maximum number of touches of a row.
-
     Attributes:
         log_likelihoods: log p(touches | shape) of every row, ``(B, K)``, up to a constant of the row.
     """
@@ -67,9 +61,6 @@ class SummedEvidence(BankEvidence):
     """The same, faster, where the log-likelihood is a weighted sum, over poses, of the sum over a pose's touches.
 
     Args:
-        bank: the touches.
-        model: the observation model.
-        num_envs: B.
         weights: of sums of 0, 1, … touches (:meth:`belief.observation_model.ArrayModel.weights_of_sums`), ``(n,)``.
     """
 
@@ -103,13 +94,6 @@ class WeighedTouches:
     """What sets of touches of a bank's objects say by a joint model; each set is weighed once, until it is forgotten.
 
     It is what :class:`~belief.observation_model.rigid_body_evidence.RigidBodyEvidence` says, up to rounding.
-
-    Args:
-        bank: the touches, with features.
-        model: the joint model, with its hypotheses.
-
-    Raises:
-        NoGains: the model is no joint model, or the bank has no features.
     """
 
     def __init__(self, bank: TouchBank, model: ArrayModel) -> None:

@@ -19,7 +19,6 @@ def draw(image: NDArray[np.uint8] | None, belief: Belief, target: int) -> NDArra
 
     Args:
         image: of the last press; None leaves its panel blank.
-        belief: about the current object.
         target: index of the target shape, whose bar has another colour.
     """
     picture = Image.new("RGB", (2 * _SIZE, _SIZE), _PAPER)

@@ -97,11 +97,7 @@ TargetProb: TypeAlias = float | tuple[float, float]
 
 @dataclass(frozen=True)
 class ObjectPriors:
-    """Priors that give the target a probability in a range, and equal probabilities to the other K - 1 shapes.
-
-    Raises:
-        ValueError: there are fewer than two shapes, or not 0 < low ≤ high < 1.
-    """
+    """Priors that give the target a probability in a range, and equal probabilities to the other K - 1 shapes."""
 
     num_shapes: int
     low: float
@@ -139,9 +135,6 @@ class ObjectPriors:
         Args:
             target_probs: ``(...)``.
             targets: index of the target, of all tests or of each, ``(...)``.
-
-        Raises:
-            ValueError: a probability is not in (0, 1).
         """
         target = np.asarray(target_probs, np.float64)[..., None]
         if not ((target > 0.0) & (target < 1.0)).all():

@@ -25,7 +25,6 @@ def augment(images: Tensor, symmetry: Symmetry, rotation: float, generator: torc
 
     Args:
         images: uint8 ``(B, H, W)`` or ``(B, H, W, channels)``.
-        symmetry: what the scene allows.
         rotation: largest small rotation, either way [degrees]; 0 for none.
         generator: source of chance; what is drawn does not depend on ``symmetry``.
 
@@ -68,8 +67,6 @@ def worn(images: Tensor, gain: float, noise: float, dead: float, taxels: int, ch
         gain: gains are uniform in 1 ± ``gain``, which is in [0, 1].
         noise: standard deviations of a taxel's noise are uniform in [0, ``noise``], relative to full scale.
         dead: shares of dead taxels are uniform in [0, ``dead``], which is in [0, 1].
-        taxels: of which a pixel is the mean.
-        chance: source of chance.
     """
     chosen = torch.nonzero(torch.rand(len(images), generator=chance) < 0.5)[:, 0]
     pixels = images[chosen].float()[..., None]

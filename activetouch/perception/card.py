@@ -88,11 +88,7 @@ class ClassifierCard:
         return own | {name: scene[name] for name in OBJECTS if name in scene}
 
     def require_labels(self, shape_labels: tuple[str, ...], pose_labels: tuple[str, ...]) -> None:
-        """Check that the reader was trained for these shapes and poses; for any poses if it knows orientations.
-
-        Raises:
-            LabelMismatch: it was not; the message names both lists.
-        """
+        """Check that the reader was trained for these shapes and poses; for any poses if it knows orientations."""
         for what, mine, wanted in (
             ("shapes", self.shape_labels, shape_labels),
             ("poses", self.pose_labels, pose_labels),
@@ -105,11 +101,7 @@ class ClassifierCard:
                 )
 
     def require_images(self, image_shape: tuple[int, ...]) -> None:
-        """Check that the network can read images of this shape at all.
-
-        Raises:
-            WrongScene: it reads others.
-        """
+        """Check that the network can read images of this shape at all."""
         channels = image_shape[2] if len(image_shape) == 3 else 1
         if channels != self.channels:
             raise WrongScene(f"the reader takes images of {self.channels} channels, those of the scene have {channels}")
@@ -135,11 +127,7 @@ class ClassifierCard:
 
 
 def card_from(fields: Mapping[str, Any], path: Path) -> ClassifierCard:
-    """The card from the fields of a file.
-
-    Raises:
-        CorruptFile: they do not describe a reader.
-    """
+    """The card from the fields of a file."""
     try:
         lists = {name: tuple(fields[name]) for name in ("shape_labels", "pose_labels", "image_shape")}
         others = {name: value for name, value in fields.items() if name != "hypothesis_network"}
@@ -163,9 +151,5 @@ def card_from(fields: Mapping[str, Any], path: Path) -> ClassifierCard:
 
 
 def read_card(path: Path) -> ClassifierCard:
-    """The card of a reader; the digest of its network is checked when that is loaded.
-
-    Raises:
-        CorruptFile: the file is missing, truncated, or not one of ours.
-    """
+    """The card of a reader; the digest of its network is checked when that is loaded."""
     return card_from(read_fields(path, READER), path)

@@ -89,9 +89,6 @@ class TouchNetwork(nn.Module):
 
     The head gives logits of the shapes, or, where the card has an embedding, the embedding f of the image; the
     network then has a second part, ``hypotheses``, which embeds hypotheses about the object.
-
-    Args:
-        card: which backbone, for which images and shapes.
     """
 
     def __init__(self, card: ClassifierCard) -> None:
@@ -147,12 +144,7 @@ class TouchClassifier:
 
     @torch.inference_mode()
     def read(self, images: NDArray[np.uint8], batch_size: int = 64) -> Reading:
-        """Logits, features and labels of uint8 images ``(N, H, W)`` or ``(N, H, W, 3)``.
-
-        Raises:
-            InvalidArgument: the network embeds images, and gives no logits without hypotheses.
-            ValueError: there are no images, or they are something else.
-        """
+        """Logits, features and labels of uint8 images ``(N, H, W)`` or ``(N, H, W, 3)``."""
         require_stack(images)
         if self.card.knows_orientations:
             raise InvalidArgument(

@@ -184,10 +184,7 @@ def export(network: ContactReader, imaging: Imaging, scene: Scene, training: str
     """The reader of a network, which needs no torch.
 
     Args:
-        network: f and h.
-        imaging: of its sensor.
         scene: of the sensor, whose objects do not matter.
-        training: summary of how training went.
     """
     network = network.cpu().float().eval()
     pixels, wide = imaging.pixels, imaging.wide_window.num_pixels

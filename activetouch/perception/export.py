@@ -35,10 +35,6 @@ def export_reader(
         classifier: the network; its first output is the embedding, or the logits where the card has no embedding.
         image_shape: ``(H, W)`` or ``(H, W, 3)`` of the images it will read.
         hypotheses: the embedding of hypotheses that belongs to it, where the card has one.
-
-    Raises:
-        TrainingDiverged: a weight is too large for half precision, or not finite.
-        WrongScene: the network cannot read such images.
     """
     classifier.card.require_images(image_shape)
     card = replace(classifier.card, image_shape=tuple(image_shape))
@@ -58,14 +54,7 @@ def exported(
     """The ONNX graph of a network, with its weights in half precision.
 
     Args:
-        network: to be exported.
-        examples: of its inputs.
         free: of each input, the axes of any length by number, with a name.
-        inputs: their names.
-        outputs: their names.
-
-    Raises:
-        TrainingDiverged: a weight is too large for half precision, or not finite.
     """
     network = copy.deepcopy(network).eval()
     network.load_state_dict({name: torch.from_numpy(value) for name, value in half_weights(network).items()})
@@ -97,9 +86,6 @@ def fixed_hypotheses(classifier: TouchClassifier, touches: TouchSet) -> Hypothes
 
     The fixed hypotheses are those of training touches, evenly spread: they follow the scene's own distribution of
     orientations and sizes, whatever it is.
-
-    Raises:
-        TrainingDiverged: a weight is too large for half precision, or not finite.
     """
     parts = [part.astype(np.float32) for part in half_weights(classifier.network.hypotheses).values()]
     layers = tuple(zip(parts[::2], parts[1::2], strict=True))  # weight and bias of each
@@ -134,11 +120,7 @@ def _in_half_precision(model: ModelProto) -> bytes:
 
 
 def half_weights(network: nn.Module) -> dict[str, NDArray[np.float16]]:
-    """The weights of a network by name, in half precision.
-
-    Raises:
-        TrainingDiverged: a weight is too large for half precision, or not finite.
-    """
+    """The weights of a network by name, in half precision."""
     tensors = {name: value.half().numpy() for name, value in network.state_dict().items()}
     for name, value in tensors.items():
         if not np.isfinite(value).all():

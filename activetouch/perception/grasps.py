@@ -134,13 +134,7 @@ class GraspHypotheses:
 
 
 def predicted_stops(scene: Scene, bodies: Bodies, pose: int) -> NDArray[np.float32]:
-    """Where a pad stops that presses bodies with the mean force, from their centres, ``(K, N)`` [m]; 0 for a miss.
-
-    Args:
-        scene: with the pad, without a hand.
-        bodies: N hypotheses.
-        pose: index.
-    """
+    """Where a pad stops that presses bodies with the mean force, from their centres, ``(K, N)`` [m]; 0 for a miss."""
     rotation, aim = scene.rotations[scene.pose_labels[pose]], scene.aim_offsets[pose]
     pad, window = replace(scene.pad, num_taxels=_PIXELS), Window.of(scene.pad, 0.0, _PIXELS)
     force = float(np.mean(quantiles(scene.variation.force, (np.arange(64) + 0.5) / 64)))

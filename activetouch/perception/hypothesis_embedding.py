@@ -37,9 +37,6 @@ class HypothesisEmbedding:
             to them.
         rotations: of the fixed hypotheses, ``(M, 3, 3)``; every shape has the same.
         sizes: of the fixed hypotheses, ``(M,)``.
-
-    Raises:
-        ValueError: the arrays do not fit each other or the card.
     """
 
     card: ClassifierCard
@@ -128,12 +125,7 @@ class HypothesisEmbedding:
 
     @classmethod
     def from_tensors(cls, card: ClassifierCard, tensors: Mapping[str, NDArray[Any]]) -> HypothesisEmbedding:
-        """The network from :meth:`tensors`.
-
-        Raises:
-            KeyError: an array is missing.
-            ValueError: the arrays do not fit each other or the card.
-        """
+        """The network from :meth:`tensors`."""
         number = sum(name.startswith(f"{_LAYER}.") for name in tensors) // 2
         parts = [[tensors[f"{_LAYER}.{n}.{part}"].astype(np.float32) for n in range(number)] for part in _PARTS]
         return cls(card, tuple(zip(*parts, strict=True)), tensors[_ROTATIONS], tensors[_SIZES])

@@ -77,11 +77,7 @@ class HypothesisTable:
         return tuple(list(dict.fromkeys(aims)).index(aim) for aim in aims)
 
     def views(self, num_hypotheses: int) -> Views:
-        """Which hypotheses look alike in different poses, by orientation.
-
-        Raises:
-            WrongScene: none do in this scene.
-        """
+        """Which hypotheses look alike in different poses, by orientation."""
         if not self.groups:
             raise WrongScene(
                 f"this observation model takes poses as alike, which holds for more than {_FEW_POSES} poses of objects "

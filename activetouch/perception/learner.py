@@ -20,8 +20,6 @@ class Learner:
     not decay.
 
     Args:
-        network: in training.
-        weight_decay: of matrices and kernels.
         muon: whether matrices have Muon.
     """
 

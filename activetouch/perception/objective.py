@@ -23,12 +23,7 @@ class ShapeObjective:
     """Cross-entropy of the shape.
 
     Args:
-        train: what is learned from.
-        labels: of the shapes.
         recipe: says whether rare shapes are weighted up.
-
-    Raises:
-        ValueError: a shape has no image.
     """
 
     def __init__(self, train: TouchSet, labels: tuple[str, ...], recipe: TrainingRecipe) -> None:
@@ -51,11 +46,9 @@ class ShapeObjective:
         """Mean loss [nats] of a batch of the training split.
 
         Args:
-            network: in training.
             images: uint8, augmented, ``(B, H, W)`` or ``(B, H, W, channels)``.
             rows: which touches of the training split they show, ``(B,)``.
             turns: by how much each image was turned about the approach axis [rad], ``(B,)``.
-            chance: source of random hypotheses.
         """
         with torch.autocast("cpu", torch.bfloat16, enabled=self._bf16):
             logits, _ = network(images)
@@ -82,12 +75,6 @@ class Contrast:
 
     Args:
         train: what is learned from, with known orientations and sizes.
-        labels: of the shapes.
-        recipe: of the training.
-
-    Raises:
-        UnknownName: the recipe's focus is on a shape that there is not.
-        ValueError: orientation or size of a touch is not known.
     """
 
     def __init__(self, train: TouchSet, labels: tuple[str, ...], recipe: TrainingRecipe) -> None:
@@ -170,7 +157,6 @@ def shape_logits(scores: Tensor, shapes: Tensor, num_shapes: int) -> Tensor:
     Args:
         scores: log ratio of each image and hypothesis, ``(B, H)``.
         shapes: of the hypotheses, ``(H,)``; all K occur.
-        num_shapes: K.
     """
     of_shape = [scores[:, shapes == shape] for shape in range(num_shapes)]
     return torch.stack([torch.logsumexp(some, dim=1) - math.log(some.shape[1]) for some in of_shape], dim=1)
@@ -185,11 +171,7 @@ def embeddings(network: TouchNetwork, touches: TouchSet, bf16: bool) -> Tensor:
 
 
 def hypotheses_of(touches: TouchSet) -> Hypotheses:
-    """The true hypothesis of every touch.
-
-    Raises:
-        ValueError: orientation or size of a touch is not known.
-    """
+    """The true hypothesis of every touch."""
     if not (np.isfinite(touches.orientations).all() and np.isfinite(touches.sizes).all()):
         raise ValueError("these touches do not say in which orientation and of which size the objects were")
     columns = (touches.orientations, touches.sizes)

@@ -74,10 +74,6 @@ class TactileReader:
         Args:
             images: uint8, ``(N, H, W)`` or ``(N, H, W, 3)``; those of another size than the card's are averaged down,
                 or repeated up, to it.
-            batch_size: images of one pass.
-
-        Raises:
-            ValueError: there are no images, or they cannot be brought to the card's size.
         """
         embeddings, features = self.run(images, batch_size)
         if self.hypotheses is None:
@@ -104,12 +100,7 @@ class TactileReader:
         return embeddings, features
 
     def bound_to(self, scene: Scene) -> TactileReader:
-        """A reader of any object for the objects of a scene, or any reader for the hand of a scene.
-
-        Raises:
-            WrongScene: the scene has a hand, and the reader does not know orientations; or the body's position in the
-                palm is latent, and the reader does not know aims.
-        """
+        """A reader of any object for the objects of a scene, or any reader for the hand of a scene."""
         if self.hypotheses is None:
             require_no_hand(scene.hand, "a reader that tells shapes only")
             return self
@@ -133,11 +124,7 @@ class TactileReader:
         return array_digest({_NETWORK: np.frombuffer(self.network, np.uint8), **tensors})
 
     def save(self, path: Path) -> None:
-        """Write the reader, atomically.
-
-        Raises:
-            CannotWrite: there is no room, or no permission.
-        """
+        """Write the reader, atomically."""
         tensors: dict[str, NDArray[Any]] = {_NETWORK: np.frombuffer(self.network, np.uint8)}
         if self.hypotheses is not None:
             tensors |= self.hypotheses.tensors()
@@ -146,11 +133,7 @@ class TactileReader:
 
     @classmethod
     def load(cls, path: Path) -> TactileReader:
-        """Read a reader from its file.
-
-        Raises:
-            CorruptFile: the file is truncated, was changed after it was written, or is not one of ours.
-        """
+        """Read a reader from its file."""
         tensors, fields = read_tensors(path, READER)
         card = card_from(fields, path)
         try:
@@ -181,11 +164,7 @@ class TactileReader:
 
 
 def resized(images: NDArray[np.uint8], shape: tuple[int, ...]) -> NDArray[np.uint8]:
-    """Images, uint8 ``(N, H, W)`` or ``(N, H, W, 3)``, averaged down, or repeated up, to images of a shape.
-
-    Raises:
-        ValueError: an image is stretched, or one edge is no multiple of the other.
-    """
+    """Images, uint8 ``(N, H, W)`` or ``(N, H, W, 3)``, averaged down, or repeated up, to images of a shape."""
     if images.shape[1:] == shape:
         return images
     found, wanted = images.shape[1], shape[0]
@@ -199,11 +178,7 @@ def resized(images: NDArray[np.uint8], shape: tuple[int, ...]) -> NDArray[np.uin
 
 
 def require_stack(images: NDArray[np.uint8]) -> None:
-    """Check that there are images, and that they are of bytes.
-
-    Raises:
-        ValueError: there are none, or they are something else.
-    """
+    """Check that there are images, and that they are of bytes."""
     if images.ndim not in (3, 4) or images.dtype != np.uint8:
         raise ValueError(f"images must be uint8 of shape (N, H, W) or (N, H, W, 3), got {images.dtype} {images.shape}")
     if not len(images):

@@ -41,9 +41,6 @@ class TrainingRecipe:
         dead: in the same images, up to this share of the taxels is dead; in [0, 1].
         bf16: compute in bfloat16 where it is safe.
         seed: of shuffling, augmentation and initialisation.
-
-    Raises:
-        ImpossibleRecipe: a setting is out of its range.
     """
 
     epochs: int = 30

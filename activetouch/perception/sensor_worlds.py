@@ -42,12 +42,7 @@ _SHARES = 0.012, 0.03, 0.06, 0.11, 0.2  # of all taxels
 
 
 def changed_worlds(imaging: Imaging, usual: SensorState) -> tuple[tuple[str, ...], SensorState]:
-    """What may be wrong with a sensor, within what its reader was trained with: in words, and arrays of as many states.
-
-    Args:
-        imaging: of the reader's own scene.
-        usual: its described state, arrays of one.
-    """
+    """What may be wrong with a sensor, within the training of its reader: in words, and arrays of as many states."""
     found: list[tuple[str, dict[str, Any]]] = []
     for stiffness, force, noise in product(_STIFFNESSES, _FORCES, _NOISES):
         factors = {"noise": noise, "stiffness": stiffness, "force": force}

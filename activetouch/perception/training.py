@@ -51,19 +51,8 @@ class Trainer:
     """Trains a classifier's network epoch by epoch, resuming from its state file where there is one.
 
     Args:
-        classifier: whose network to train, in place.
-        recipe: how.
-        train: what to learn from.
         calibration: touches of other objects, for the reports and for stopping early.
         state: file of the training's state, written after every epoch.
-        symmetry: of the scene.
-        taxels: of which a pixel is the mean.
-
-    Raises:
-        CorruptFile: the state file is damaged.
-        LabelMismatch: it belongs to another training: of other touches, another recipe or another network.
-        UnknownName: the recipe's focus is on a shape that there is not.
-        ValueError: a shape has no image, a touch no orientation where it is needed, or images are none or not of bytes.
     """
 
     def __init__(
@@ -130,12 +119,7 @@ class Trainer:
         return peak * falling((epoch - warmup) / (epochs - warmup))
 
     def run_epoch(self, tick: Callable[[int], None] = lambda _: None) -> EpochReport:
-        """One pass over the training split; ``tick`` is called with how many images each step took.
-
-        Raises:
-            LabelMismatch: another training has written the state file meanwhile; it stays.
-            TrainingDiverged: a gradient or a loss is not finite; the state file holds the epoch before.
-        """
+        """One pass over the training split; ``tick`` is called with how many images each step took."""
         recipe, network, train = self.recipe, self.classifier.network, self.train
         generator = torch.Generator().manual_seed(recipe.seed * 1000 + self.epochs_done)
         batches = self.objective.batches(generator)

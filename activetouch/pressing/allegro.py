@@ -47,15 +47,9 @@ class AllegroFingers(Gripper):
     """The Allegro hand around a body.
 
     Args:
-        law: how it closes.
         folder: with the model of the hand, a copy of MuJoCo Menagerie.
-        pad: of every fingertip.
         placement: the body; its offset is from the middle of the fingertips, along the palm's y and z.
         depth: of the body, along the palm's x axis [m].
-
-    Raises:
-        FileNotFoundError: the folder has no such model.
-        InvalidArgument: the model is of another hand.
     """
 
     in_unison = True

@@ -60,8 +60,6 @@ class Gripper(ABC):
 
     Args:
         spec: the model, to which :func:`add_finger_pad` and :func:`add_body` were applied.
-        law: how the fingers close.
-        pad: of every finger.
         radius: of the body [m].
         open_at: distance of the pads' faces from the palm's centre [m].
     """
@@ -131,7 +129,6 @@ def in_front(
         rotations: of the pads, ``(m, 3, 3)``.
         position: of the body's centre, ``(3,)`` [m].
         turned: its rotation, ``(3, 3)``.
-        placement: of the same body elsewhere.
     """
     found, centres = [], np.einsum("mij,mi->mj", rotations, position - faces)
     for rotation, centre in zip(rotations, centres, strict=True):
@@ -158,10 +155,8 @@ def add_body(spec: mujoco.MjSpec, turned: Floats, centre: Floats, pad: Pad, met:
     """Add a body without joints, which only the pads touch.
 
     Args:
-        spec: the model.
         turned: rotation of the body, ``(3, 3)``.
         centre: of the body, ``(3,)`` [m].
-        pad: of every finger.
         met: what each finger has in front of it; it stands for a hollow body there.
     """
     placement, orientation = met[0], to_quaternion(turned)

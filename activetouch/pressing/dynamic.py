@@ -224,13 +224,8 @@ def facing_geom(pad: Pad, placement: Placement, gap: Floats, touching: float) ->
     contact.
 
     Args:
-        pad: the pad.
-        placement: the object.
         gap: from :func:`activetouch.pressing.contact.first_touch`, ``(num_taxels, num_taxels)`` [m].
         touching: distance of the object's centre from the pad at the first touch, from the same function [m].
-
-    Returns:
-        Vertices in the object's frame at nominal size.
     """
     geom = placement.shape.geom
     if geom.presses != "surface":

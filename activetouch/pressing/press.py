@@ -71,12 +71,7 @@ class Press(Protocol):
         """The contact in the pause; its force is 0 for a miss.
 
         Args:
-            pad: the pad.
-            placement: the object.
             target_force: force at which the motion stops [N].
-
-        Raises:
-            UnstablePress: the simulation diverged.
         """
 
     def compiled(self, pad: Pad, shape: Shape) -> mujoco.MjModel | None:
@@ -98,15 +93,11 @@ class Press(Protocol):
         """What fingers feel when they close on a body; by default, each presses by itself.
 
         Args:
-            pad: of every finger.
             met: what each of the m fingers has in front of it.
             fingers: rotations of the pads about the middle of the palm, ``(m, 3, 3)``; they press along the first
                 columns.
             centre: of the body in the palm, ``(3,)`` [m].
             forces: of the fingers [N].
-
-        Raises:
-            UnstablePress: the simulation diverged.
         """
         contacts = tuple(self.press(pad, seen, float(force)) for seen, force in zip(met, forces, strict=True))
         axes = fingers[:, :, 0]

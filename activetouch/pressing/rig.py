@@ -120,8 +120,6 @@ class Rig:
     """A compiled model of a pad and one object, which can be placed and pressed many times.
 
     Args:
-        pad: the pad.
-        geom: of the object.
         timestep: of the simulation [s].
         traced: whether to record force vector and contact point in every step.
         largest_scale: largest size of the object. For pictures it must be the placed size, because rays are tested
@@ -159,11 +157,7 @@ class Rig:
         self._num_skipped = 0  # steps before the first row
 
     def place(self, position: float, placement: Placement) -> None:
-        """Put the object at rest with its centre ``position`` [m] in front of the pad.
-
-        Raises:
-            ValueError: the object is larger than the largest size.
-        """
+        """Put the object at rest with its centre ``position`` [m] in front of the pad."""
         factor = placement.scale / self._largest_scale
         if not 0.0 < factor <= 1.0:
             raise ValueError(f"scale must be in (0, {self._largest_scale}], got {placement.scale}")
@@ -190,9 +184,6 @@ class Rig:
             position: of the object's centre at the start [m].
             speed: of the approach [m/s].
             nearest: position of the object's centre at which it touches the pad, ``nan`` if it misses [m].
-
-        Returns:
-            The number of skipped steps.
         """
         timestep = self.model.opt.timestep
         step, gap = timestep * speed, _CLEAREST

@@ -169,11 +169,7 @@ def check_recorded(touches: RecordedTouches) -> tuple[str, ...]:
 
 
 def without_incomplete(touches: RecordedTouches) -> tuple[RecordedTouches, tuple[str, ...]]:
-    """The touches of objects with all actions and of labels with enough objects, and sentences about the others.
-
-    Raises:
-        BadRecording: nothing is left.
-    """
+    """The touches of objects with all actions and of labels with enough objects, and sentences about the others."""
     notes = []
     if len(out := _incomplete(touches)):
         if len(out) == len(np.unique(touches.objects)):

@@ -252,11 +252,7 @@ class RecordedReader:
         return len(self.classifiers[0].centre)
 
     def checked(self, features: ArrayLike, number: int) -> Floats:
-        """Features as an array ``(number, F)`` that the reader can read.
-
-        Raises:
-            InvalidArgument: they have another shape, are not finite or larger than those of recordings may be.
-        """
+        """Features as an array ``(number, F)`` that the reader can read."""
         rows = np.asarray(as_real(features, "features"), np.float64)
         if rows.shape != (number, self.num_features):
             names = f" ({few(self.feature_names)})" if self.feature_names else ""

@@ -23,11 +23,7 @@ RECORDED_READER = "activetouch-recorded-reader-1"
 
 
 def write_recorded_reader(path: Path, reader: RecordedReader) -> None:
-    """Write a reader, exact to the last bit.
-
-    Raises:
-        CannotWrite: there is no room, no permission, or a user's classifier, which arrays do not hold.
-    """
+    """Write a reader, exact to the last bit."""
     if any(isinstance(fitted.classifier, OwnClassifier) for fitted in reader.classifiers):
         raise CannotWrite(
             f"{path} holds arrays, and a classifier of your own is code: make the sensor where you use it, with "
@@ -66,11 +62,7 @@ def _arrays_and_header(reader: RecordedReader) -> tuple[dict[str, NDArray[Any]],
 
 
 def read_recorded_reader(path: Path) -> RecordedReader:
-    """The reader of :func:`write_recorded_reader`, which reads to the last bit what the written one does.
-
-    Raises:
-        CorruptFile: the file is missing, truncated, of another kind, was changed, or its parts do not fit each other.
-    """
+    """The reader of :func:`write_recorded_reader`, which reads to the last bit what the written one does."""
     arrays, header = read_tensors(path, RECORDED_READER)
     try:
         labels, actions = (checked_names(name, header[name]) for name in ("label_names", "action_names"))

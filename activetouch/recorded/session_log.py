@@ -21,12 +21,7 @@ SCHEMA = "activetouch session "
 
 
 def read_session_logs(path: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
-    """The touches of a log, or of all logs in a folder, and what was left out.
-
-    Raises:
-        BadRecording: there is no log, one is damaged, the logs have different poses or features, or no true shape was
-            revealed.
-    """
+    """The touches of a log, or of all logs in a folder, and what was left out."""
     paths = sorted(p for p in path.iterdir() if p.suffix in (".json", ".jsonl")) if path.is_dir() else [path]
     rows, names, actions, sessions, unknown = [], [], [], [], 0
     poses: list[str] | None = None

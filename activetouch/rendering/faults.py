@@ -221,11 +221,7 @@ class Blur:
 
 
 def require_faults(faults: object) -> None:
-    """Check that something is a sequence of faults.
-
-    Raises:
-        InvalidArgument: it is not, or a fault does not say whether it is isotropic.
-    """
+    """Check that something is a sequence of faults."""
     if not isinstance(faults, Sequence):
         raise InvalidArgument(f"faults must be a tuple such as (Gain(0.1), Noise(0.02)), got {faults!r}")
     for fault in faults:
@@ -244,13 +240,7 @@ def faults_of(kind: type[AnyFault], faults: Sequence[Fault]) -> list[AnyFault]:
 def change_faults(
     kind: type[AnyFault], faults: Sequence[Fault], change: Callable[[AnyFault], Fault]
 ) -> tuple[Fault, ...]:
-    """All faults, those of one kind changed.
-
-    Args:
-        kind: class of the faults to change.
-        faults: in the order of their application.
-        change: replaces a fault of this kind.
-    """
+    """All faults, those of one kind changed."""
     return tuple(change(fault) if isinstance(fault, kind) else fault for fault in faults)
 
 

@@ -55,10 +55,6 @@ class SensorReader:
 
         Args:
             image: whole numbers from 0 to 255, of the shape of the scene's images.
-            pose: index of the pose.
-
-        Raises:
-            InvalidArgument: it is no such image.
         """
         checked = checked_image(image, self.scene.image_shape)
         return checked, self.touches(checked[None], [pose])[0], self.area(checked)
@@ -84,9 +80,6 @@ class SensorReader:
         Args:
             place: ``quaternion`` (w, x, y, z), by which the object was turned, and ``aim``, where its centre was, from
                 the approach axis along y and z [m]; or ``place``, the six numbers together.
-
-        Raises:
-            InvalidArgument: it is no place, or the sensor knows no touches elsewhere than in its poses.
         """
         quaternion, aim = _numbers_of(place)
         scene = self.scene
@@ -156,10 +149,6 @@ def checked_image(image: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.uint8]
 
     Args:
         image: whole numbers from 0 to 255.
-        shape: that it must have.
-
-    Raises:
-        InvalidArgument: it has another shape, or holds something else.
 
     >>> checked_image([[0, 255]], (1, 2)).dtype
     dtype('uint8')

@@ -45,8 +45,6 @@ def write_motion(
     """Write a motion as an animated picture, at half its speed, with the last state for a second.
 
     Args:
-        path: file that ends in .gif or .webp.
-        model: what moves.
         states: positions of its joints, one a time step, at least one.
         middle: of the picture, ``(3,)`` [m].
         distance: of the camera from it [m].
@@ -75,12 +73,10 @@ def cast_rays(
 
     Args:
         model: what is seen, but for its geoms of the groups 3 to 5.
-        data: its state.
         middle: of the picture, ``(3,)`` [m].
         distance: of the camera from it [m].
         size: width and height of the picture [pixels].
         sky: colour of the background, in [0, 255].
-        oversampling: rays along each edge of a pixel.
     """
     width, height = size
     level = np.cos(_ELEVATION)

@@ -19,10 +19,8 @@ def portraits(
     """Pictures of a body, ``(n, pixels, pixels)`` in [0, 1], row 0 at the bottom; NaN beside the body.
 
     Args:
-        solid: the body.
         orientations: how it lies, unit quaternions ``wxyz``, ``(n, 4)``.
         reach: half of a picture's width [m].
-        pixels: width and height of a picture.
         sizes: size factors, ``(n,)`` or one number.
     """
     window = Window(2.1 * reach, pixels)

@@ -112,11 +112,9 @@ class ActionKernelModel(ArrayModel):
         """Fit the kernel to sequences of touches of objects outside the reader's training set.
 
         Args:
-            data: touches with log likelihood ratios as logits.
             sessions: recording session of each, ``(n,)``, any labels that can be sorted: the first touches of an object
                 in its poses come from one session, the second ones from another. By default the sessions of an object
                 and pose are numbered.
-            repeats: see :class:`ActionKernelModel`.
             is_tested: whether a conflict test is fitted, for touches whose features are their novelty.
         """
         numbers = None
@@ -143,7 +141,6 @@ class ActionKernelModel(ArrayModel):
         """The model for objects that are known to be of some of the shapes; its touches have their logits only.
 
         Args:
-            labels: of the shapes.
             poses: that it knows, which are numbered anew; all by default.
         """
         if unknown := [label for label in labels if label not in self.shape_labels]:

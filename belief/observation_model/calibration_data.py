@@ -151,7 +151,6 @@ class LabelledTouches(FrozenArrays):
         They are of all poses where a pose has none.
 
         Args:
-            number: of touches in each pose.
             groups: of the poses, numbered from 0, where each group of poses counts as one pose.
         """
         rows, of_touch = [], np.array(groups)[self.poses] if groups else self.poses

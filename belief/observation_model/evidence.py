@@ -69,11 +69,7 @@ class Summarises(Explains, Protocol):
     """An observation model whose likelihood depends on touches through statistics of fixed size."""
 
     def statistics_with(self, statistics: Any, touch: Touch) -> Any:
-        """New statistics: the given ones (None before the first touch) with one more touch.
-
-        Raises:
-            ValueError: the touch does not fit the model.
-        """
+        """New statistics: the given ones (None before the first touch) with one more touch."""
 
     def log_likelihood_of(self, statistics: Any) -> Floats:
         """Log p(all these touches | shape) up to a constant, ``(K,)``, of the statistics of at least one touch."""

@@ -99,7 +99,6 @@ class OutcomeMixture(FrozenArrays):
         """Sums over shapes of factor times p(outcomes of the next two touches | shape), the first in a given pose.
 
         Args:
-            pose: index of the first touch's pose.
             factors: ``(J, K)``; for the probability of the outcomes, the belief as one row.
 
         Returns:

@@ -64,8 +64,6 @@ def tabulate(log_posteriors: Floats, shares: Floats, num_outcomes: int, rng: np.
     Args:
         log_posteriors: log posteriors of N touches per pose under a uniform prior, ``(P, N, K)``.
         shares: weight of each touch for each shape in its pose, ``(P, N, K)``; sums to one over N.
-        num_outcomes: M.
-        rng: initialises the clusters.
     """
     every = log_posteriors.reshape(-1, log_posteriors.shape[2])
     some = every if len(every) <= _CLUSTERED else every[rng.choice(len(every), _CLUSTERED, replace=False)]

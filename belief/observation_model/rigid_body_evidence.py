@@ -91,11 +91,7 @@ class RigidBodyEvidence:
     constant: float = 0.0
 
     def update(self, touch: Touch) -> RigidBodyEvidence:
-        """The evidence with one more touch; costs K N D multiplications.
-
-        Raises:
-            ValueError: the touch does not fit the model, or brings no embedding.
-        """
+        """The evidence with one more touch; costs K N D multiplications."""
         embedding = self.model.embedding_of(touch)
         scores = self.model.scores_of(touch, embedding)
         log_weights, log_likelihood, largest = relative(self.log_weights + scores)

@@ -43,7 +43,6 @@ def fitted(model: JointModel, data: LabelledTouches) -> tuple[JointModel, Confli
 
     Args:
         model: at temperature 1.
-        data: touches with embeddings as features.
     """
     length = min(model.num_poses, MOST_TOUCHES)
     model = model.at(_best_temperature(model, *_in_different_poses(model, data, length, length, _AT_LEAST)))

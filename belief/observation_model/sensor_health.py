@@ -276,11 +276,7 @@ class SensorEvidence:
         return found
 
     def update(self, touch: Touch) -> SensorEvidence:
-        """The evidence with one more touch; costs (K N + A K N') D multiplications.
-
-        Raises:
-            ValueError: the touch does not fit the model, or brings no embedding.
-        """
+        """The evidence with one more touch; costs (K N + A K N') D multiplications."""
         nominal = self.nominal.update(touch)
         if not len(self.awake):
             return replace(self, nominal=nominal)

@@ -205,9 +205,6 @@ def episodes_for_success(pairs: McNemar, level: float = LEVEL, power: float = PO
     If a fraction ψ of the episodes is discordant and the success rates differ by δ, that is
     n = (z_{α/2} √ψ + z_β √(ψ - δ²))² / δ² (Connor 1987); None if δ is zero. It is never so small that no outcome is
     significant: at least 5 at the default level. ``level`` is the two-sided α.
-
-    Raises:
-        InvalidArgument: ``level`` or ``power`` is not in (0, 1).
     """
     require_fraction("level", level)
     require_fraction("power", power)

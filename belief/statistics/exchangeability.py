@@ -51,13 +51,9 @@ def log_e_values(
         calibration_groups: of each, ``(m,)``.
         scores: of the searches since, in their order, ``(T, S)``.
         groups: of each, ``(T,)``.
-        seed: of the chance that breaks ties.
 
     Returns:
         ``(T,)``; an alarm is log(1/α) or more, at any time.
-
-    Raises:
-        ValueError: the shapes do not fit each other, or a score is NaN.
 
     >>> log_e_values(np.zeros((5, 2)), np.arange(5), np.empty((0, 2)), []).tolist()
     []

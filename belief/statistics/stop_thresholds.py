@@ -45,10 +45,6 @@ class CandidateStops:
         touches: of the object that would be confirmed, ``(M,)``, integers ≥ 0.
         probs: stated probability that the object is the target, ``(M,)``, in [0, 1].
         is_wrong: whether it is not, ``(M,)``.
-        num_searches: N, with those that have no candidate.
-
-    Raises:
-        ValueError: arrays of other shapes than said, or a value out of its range.
     """
 
     searches: NDArray[np.int64]
@@ -163,12 +159,6 @@ def certified_thresholds(candidates: CandidateStops, risk: float, confidence: fl
         candidates: of independent, equally distributed searches, in an order that says nothing about them.
         risk: α, in (0, 1).
         confidence: with which the promise holds, in (0, 1).
-
-    Returns:
-        The thresholds; all infinite where there are too few searches, or where the decider errs too often.
-
-    Raises:
-        ValueError: a number out of its range, or fewer than two searches.
 
     >>> rng = np.random.default_rng(0)
     >>> probs = rng.uniform(0.6, 1.0, 20000)                    # one candidate for each search, which states the truth

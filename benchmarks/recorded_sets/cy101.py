@@ -1,7 +1,7 @@
 """The format ``cy101``: features of joint torques and of vibration of an arm that performs nine behaviours.
 
 Each file ``BEHAVIOUR_MODALITY.txt`` has a line ``OBJECT_tN,v1,v2,…`` for each trial N of an object. The set states no
-licence: it is read from a folder of the user's and never comes with this package.
+licence: it is read from a user's folder and never comes with this package.
 """
 
 from __future__ import annotations
@@ -25,11 +25,7 @@ _NAME = re.compile(r"([A-Za-z0-9_-]{1,80})_t([0-9]{1,4})")
 
 
 def read_cy101(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
-    """The touches of all objects that are complete, and what was left out.
-
-    Raises:
-        BadRecording: a file is missing or cannot be read.
-    """
+    """The touches of all objects that are complete, and what was left out; raises BadRecording."""
     require_folder(folder, "the text files of cy101, such as crush_haptics.txt")
     rows: dict[tuple[str, int, int, str], Floats] = {}
     notes: list[str] = []

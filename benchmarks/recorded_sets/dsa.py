@@ -24,12 +24,7 @@ _MOST_CELLS, _MOST_FRAMES, _MOST_NUMBERS = 4096, 10_000, 5_000_000
 
 @dataclass(frozen=True, eq=False)
 class PressureFilm(FrozenArrays):
-    """The pressures of all pads over time.
-
-    Attributes:
-        shapes: rows and columns of each pad.
-        frames: pressures of all pads, one after the other, ``(T, cells)``.
-    """
+    """Pressures of all pads over time, ``frames (T, cells)``; ``shapes`` are rows and columns of the pads in turn."""
 
     shapes: tuple[tuple[int, int], ...]
     frames: Floats
@@ -41,11 +36,7 @@ class PressureFilm(FrozenArrays):
 
 
 def read_dsa(path: Path) -> PressureFilm:
-    """The pressures in a ``.dsa`` file.
-
-    Raises:
-        BadRecording: the file is not such a file, declares a document type or entities, or is too large.
-    """
+    """The pressures in a ``.dsa`` file; BadRecording for another or too large file, a document type or entities."""
     require_regular_file(path, BadRecording)
     try:
         with bz2.open(path) as file:

@@ -1,6 +1,6 @@
 """The format ``sdh2``: grasps of a three-finger hand with six pressure pads, one ``.dsa`` file each in OBJECT folders.
 
-The recordings are under GPL-3.0: they are read from a folder of the user's and never come with this package.
+The recordings are under GPL-3.0: they are read from a user's folder and never come with this package.
 """
 
 from __future__ import annotations
@@ -45,11 +45,7 @@ SHAPES: Mapping[str, tuple[str, ...]] = {
 
 
 def read_sdh2(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
-    """The grasps in all object folders of a folder, or of its subfolder ``grasps``, in the order of recording.
-
-    Raises:
-        BadRecording: there are none, or one cannot be read.
-    """
+    """The grasps in all object folders, also of a subfolder ``grasps``, in recording order; raises BadRecording."""
     require_folder(folder, "a folder for each object with its .dsa files")
     top = folder / "grasps" if (folder / "grasps").is_dir() else folder
     paths = sorted(top.glob("*/*.dsa"), key=_place)

@@ -3,7 +3,7 @@
     python -m benchmarks.recorded_sets.to_npz cy101 cy101 cy101.npz
     python -m benchmarks.recorded_sets.to_npz sdh2 sdh2 sdh2.npz
 
-The first argument is the set, the second the folder of its recordings, the third the file to write.
+Arguments are the set, the folder of its recordings, and the file to write.
 """
 
 from __future__ import annotations
@@ -28,10 +28,7 @@ SETS: Mapping[str, Callable[[Path], tuple[RecordedTouches, tuple[str, ...]]]] = 
 
 
 def write_npz(touches: RecordedTouches, path: Path) -> None:
-    """Write touches so that ``activetouch.recorded.read_recorded(path, "npz")`` returns the same.
-
-    The actions of the set must be in alphabetical order, as those of an ``.npz`` file are.
-    """
+    """Write touches that ``read_recorded(path, "npz")`` reads; their actions must be in alphabetical order."""
     assert list(touches.action_names) == sorted(touches.action_names)
     arrays: dict[str, Any] = {
         "features": touches.features,
@@ -48,7 +45,6 @@ def write_npz(touches: RecordedTouches, path: Path) -> None:
 
 
 def main(name: str, folder: str, path: str) -> None:
-    """Read a set, print what was left out, and write it."""
     touches, notes = SETS[name](Path(folder))
     for note in notes:
         print(f"- {note}")

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 RAW, DEFAULT = "raw softmax", "structured_matrix"
 """Names of the classifier's softmax and of the default calibration."""
 UNDISCOUNTED = "independent"
-"""Name of the ratio model without its discount: touches in one pose are taken as independent."""
+"""Name of the ratio model without its discount, which takes touches in one pose as independent."""
 _PREFERRED = ("rigid body", "ratio")  # whose numbers the verdict states, the first that was fitted
 _FUSED = 6  # largest number of touches with scores
 _NULL_RESAMPLES = 200
@@ -54,13 +54,7 @@ class Fused:
 
 @dataclass(frozen=True)
 class ModelScores:
-    """Scores of an observation model on test sequences.
-
-    Attributes:
-        name: name of the model.
-        fused: scores after 1, 2, … touches, by kind of sequence.
-        stops: stated confidence and accuracy at stopping, by kind of sequence; None if none stopped.
-    """
+    """Scores of a model by kind of sequence: after 1, 2, … touches, and at stopping (None if no sequence stopped)."""
 
     name: str
     fused: Mapping[str, Sequence[Fused]]
@@ -70,15 +64,7 @@ class ModelScores:
 def score_model(
     name: str, model: ArrayModel, sequences: Mapping[str, Sequences], confidence: float, rng: np.random.Generator
 ) -> ModelScores:
-    """Scores of a fitted model by number of touches and at stopping, for every kind of sequence.
-
-    Args:
-        name: name of the model.
-        model: the fitted model.
-        sequences: test sequences by kind.
-        confidence: posterior at which a search stops.
-        rng: random generator for null quantiles.
-    """
+    """Scores of a fitted model by number of touches and at stopping, for every kind of sequence."""
     fused: dict[str, list[Fused]] = {}
     stopped: dict[str, CalibrationAtStop | None] = {}
     for kind, of_kind in sequences.items():
@@ -107,10 +93,7 @@ class Measurements:
     """All numbers of a calibration report.
 
     Attributes:
-        scene: name of the scene.
-        seed: seed of all random numbers.
         confidence: posterior at which searches stop.
-        num_objects: number of objects by split.
         num_rounds: number of rounds of all poses in which every object was touched.
         touches: scores and calibration errors of single touches by calibration, the raw softmax first.
         models: scores in the order of the registry of models, the model without a discount last.
@@ -129,11 +112,7 @@ class Measurements:
         return "\n\n".join(chain.from_iterable(pieces))
 
     def save(self, folder: Path) -> None:
-        """Write ``report.html``, ``numbers.json``, ``tables.md`` and the figure into a folder.
-
-        Raises:
-            CannotWrite: The disk is full, or the folder is not writable.
-        """
+        """Write ``report.html``, ``numbers.json``, ``tables.md`` and the figure into a folder."""
         from experiments.reporting.page import write_page  # loads jinja2
         from experiments.reporting.style import Picture  # loads matplotlib
 
@@ -153,7 +132,7 @@ class Measurements:
 
     @property
     def model(self) -> ModelScores:
-        """Scores of the model that sensors ship with: of one body if it could be fitted, otherwise the ratio."""
+        """Scores of the model that sensors ship with: the rigid body if it could be fitted, otherwise the ratio."""
         return min((m for m in self.models if m.name in _PREFERRED), key=lambda m: _PREFERRED.index(m.name))
 
 

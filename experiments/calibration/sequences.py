@@ -17,24 +17,14 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Rounds(TouchRounds):
-    """Touches of a collection's split, from which sequences are drawn.
-
-    Attributes:
-        features: of the touches, ``(N, R, P, F)``, or None: the embeddings that a joint model needs.
-    """
+    """Touches of a split, from which sequences are drawn; a joint model needs the ``features (N, R, P, F)``."""
 
     logits: Floats
     features: NDArray[np.floating] | None = None
 
     @classmethod
     def of(cls, truth: TouchSet, touches: TouchBatch, num_poses: int) -> Rounds:
-        """Rounds of a collection's split, whose touches are ordered by object, round and pose.
-
-        Args:
-            truth: what was touched.
-            touches: what a reader made of it, as one sequence.
-            num_poses: P.
-        """
+        """Rounds of a split, from ``touches`` in one sequence that is ordered by object, round and pose."""
         by_object = (len(np.unique(truth.object_ids)), -1, num_poses)
         each = len(truth.object_ids) // by_object[0]
         return cls(
@@ -70,13 +60,7 @@ class Rounds(TouchRounds):
 
 @dataclass(frozen=True, eq=False)
 class Sequences:
-    """S sequences of n touches; every sequence belongs to one object.
-
-    Attributes:
-        batch: touches.
-        shapes: true shapes of the objects, ``(S,)``.
-        object_ids: numbers of the objects, ``(S,)``.
-    """
+    """S sequences of n touches, each of one object; ``shapes (S,)`` are true, ``object_ids (S,)`` are numbers."""
 
     batch: TouchBatch
     shapes: NDArray[np.int64]

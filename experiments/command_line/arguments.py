@@ -23,12 +23,7 @@ class BadArgument(ActiveTouchError, ValueError):
 
 @dataclass(frozen=True)
 class Within:
-    """Range of a number, or of every number in a tuple.
-
-    Attributes:
-        low, high: ends of the range.
-        open_low, open_high: whether the range excludes this end.
-    """
+    """Range of a number, or of every number in a tuple; ``open_low`` and ``open_high`` exclude the ends."""
 
     low: float
     high: float
@@ -108,10 +103,7 @@ def check_arguments(command: Any, prefix: str = "--") -> None:
 
 
 def require_types(command: Any, prefix: str = "--") -> None:
-    """Check that all arguments of a command, nested groups included, have the types of their annotations.
-
-    The command line ensures this; a file that holds arguments does not. Raises BadArgument.
-    """
+    """Check the types of all arguments of a command, which a file does not ensure; raises BadArgument."""
     annotations = get_type_hints(type(command))
     for field in fields(command):
         value, kind = getattr(command, field.name), annotations[field.name]

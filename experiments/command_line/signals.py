@@ -33,11 +33,7 @@ def loading() -> Iterator[None]:
 
 @contextmanager
 def running() -> Iterator[None]:
-    """On Ctrl-C or SIGTERM, stop the command and its workers, print a message and end the process.
-
-    Raises:
-        SystemExit: 130 after Ctrl-C, 143 after SIGTERM.
-    """
+    """On Ctrl-C or SIGTERM, stop the command and its workers, print a message and end the process."""
     code = 0
     with _handled_by(_stop):
         try:
@@ -80,8 +76,7 @@ def _end_at_once(number: int, frame: FrameType | None) -> None:
 def _stop(number: int, frame: FrameType | None) -> None:
     """Raise an exception as Python does at Ctrl-C; a second SIGTERM ends the process at once.
 
-    From now on, neither errors of threads nor warnings are printed: joblib's thread may be handing out a task as it
-    stops. The process ends soon; one line says why.
+    Silences errors of threads and warnings, because joblib's thread may be handing out a task as it stops.
     """
     threading.excepthook = lambda error: None
     warnings.simplefilter("ignore")

@@ -15,13 +15,7 @@ class FileNamesCode(ActiveTouchError, ValueError):
 
 @dataclass(frozen=True)
 class Trust:
-    """Which code a file may name.
-
-    Attributes:
-        source: the file, or the folder that holds it.
-        known: names on the command line.
-        everything: whether the command line has ``--trust``.
-    """
+    """Code that a file may name: what is ``known`` from the command line, and ``everything`` with ``--trust``."""
 
     source: Path
     known: Collection[str] = ()
@@ -37,11 +31,7 @@ class Trust:
         return self.everything or name in self.known or ":" not in name.partition("(")[0]
 
     def require(self, names: Iterable[str | None]) -> None:
-        """Check the names of scenes, renderers or deciders that the file holds.
-
-        Raises:
-            FileNamesCode: one of them is ``module:attribute``, and may not be used.
-        """
+        """Check the names of scenes, renderers or deciders that the file holds."""
         unknown = [str(name) for name in names if name and not self.allows(str(name))]  # a file may hold other types
         if unknown:
             raise FileNamesCode(

@@ -27,16 +27,10 @@ _PICTURED = 3  # searches
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """One search for the target among objects.
+    """One search for the target; places are numbers of objects, and the number of objects stands for "not there".
 
-    Attributes:
-        objects: indices of their bodies.
-        truth: place of the target among them; their number if it is not there.
-        answer: the place that was named, or their number for "not there".
-        stated: its probability.
-        touches: object and pose of each.
-        places: probability of each place, and of "not there", after each touch, ``(n, objects + 1)``.
-        possible: the most probable bodies of the touched object after each touch.
+    ``objects`` are indices of bodies, ``touches`` pairs of object and pose. After each touch: ``places (n, objects +
+    1)``, the probability of each place, and ``possible``, the most probable bodies of the touched object.
     """
 
     objects: tuple[int, ...]
@@ -50,12 +44,7 @@ class Search:
 
 @dataclass(frozen=True, eq=False)
 class Found(MeshResult):
-    """Searches for one body. It prints as its table.
-
-    Attributes:
-        target: label of the body that is sought.
-        searches: of it.
-    """
+    """Searches for the body with the label ``target``; prints as their table."""
 
     target: str
     searches: Sequence[Search]

@@ -24,14 +24,7 @@ _PICTURED = 6  # objects
 
 @dataclass(frozen=True, eq=False)
 class Naming:
-    """The touches of one object.
-
-    Attributes:
-        truth: index of its body.
-        poses: of the touches.
-        log_probs: posterior after each touch, ``(n, K)`` float32.
-        possible: the most probable bodies after each touch.
-    """
+    """The touches of one object; ``log_probs (n, K)`` float32 and the most probable bodies are after each touch."""
 
     truth: int
     poses: tuple[int, ...]
@@ -45,7 +38,7 @@ class Naming:
 
     @property
     def stated(self) -> float:
-        """Its probability."""
+        """Probability of the most probable body in the end."""
         return float(np.exp(self.log_probs[-1].max()))
 
 
@@ -57,17 +50,10 @@ def name_object(
     threshold: float = 1.0,
     order: Sequence[int] | None = None,
 ) -> Naming:
-    """Touch an object until a body is as probable as the threshold, or a number of touches is made.
+    """Touch an object until a body is as probable as the threshold (1 does not stop), or a number of touches is made.
 
-    The same seed gives the same touch of an object in a pose, whatever the order.
-
-    Args:
-        setting: bodies and sensor.
-        obj: the object.
-        seed: of the touches and of the first pose.
-        max_touches: at most the number of poses.
-        threshold: at which to stop, in (0, 1]; 1 does not stop.
-        order: of the poses; by default, each one after a random first is expected to tell most.
+    The same seed gives the same touch of an object in a pose, whatever the order. Without an ``order``, the first pose
+    is random, and each later one is expected to tell most.
     """
     num_poses = len(setting.scene.poses)
     first = int(np.random.default_rng([*seed, 1]).permutation(num_poses)[0])
@@ -87,11 +73,7 @@ def name_object(
 
 @dataclass(frozen=True, eq=False)
 class Identified(MeshResult):
-    """Simulated objects, and how they were named. It prints as its table.
-
-    Attributes:
-        namings: of the objects.
-    """
+    """Simulated objects, and how they were named; prints as their table."""
 
     namings: Sequence[Naming]
     _kind = "objects"

@@ -24,13 +24,10 @@ _SUBSET = 64  # references
 
 @dataclass(frozen=True)
 class NearTwins:
-    """Two bodies that are hard to tell apart.
+    """Labels of two bodies that are hard to tell apart, and the expected information of a touch [nats].
 
-    Attributes:
-        first: label.
-        second: label.
-        nats: expected information of a first touch for the touched body against the other, which lies as alike as it
-            can, on a grid of 13° and by quarter turns; the smaller of the two ways.
+    It is for the touched body against the other in the relative orientation in which it tells least, on a grid of 13°
+    and by quarter turns; the smaller of the two ways.
     """
 
     first: str
@@ -42,10 +39,7 @@ class NearTwins:
 
 
 def near_twins(setting: MeshSetting) -> list[NearTwins]:
-    """Pairs of bodies of which a touch tells little, the most alike first.
-
-    Only pairs whose mean embeddings are near are looked at: four for each body.
-    """
+    """Pairs that a touch hardly tells apart, most alike first, among the four nearest mean embeddings of each body."""
     bodies, labels = setting.bodies, setting.bodies.labels
     if len(labels) < 2:
         return []

@@ -48,13 +48,7 @@ _MOST_TWINS = 20  # that are printed
 
 @dataclass(frozen=True, eq=False)
 class MeshResult(Tabular, ABC):
-    """Touched objects of many bodies. It prints as its table.
-
-    Attributes:
-        setting: bodies and sensor.
-        twins: bodies that feel nearly alike.
-        left_out: lines on files of meshes that were left out.
-    """
+    """Touched objects of many bodies, those that feel alike, and lines on files left out; prints as its table."""
 
     setting: MeshSetting
     twins: Sequence[NearTwins]
@@ -89,20 +83,13 @@ class MeshResult(Tabular, ABC):
 
     @abstractmethod
     def _shown(self) -> Iterator[tuple[str, str, Sequence[str], Sequence[Possible]]]:
-        """Of each object or search with pictures: title, end, and after each touch what it was and what is possible."""
+        """Title, end, touches in words and bodies possible after each, for every object or search with pictures."""
 
     def __str__(self) -> str:
         return "\n\n".join([*self.left_out, *map(str, self.twins), super().__str__()])
 
     def save(self, folder: Path | str) -> Path:
-        """Write ``report.html``, with the bodies that were still possible after each touch, and the table as CSV.
-
-        Returns:
-            Path of the report.
-
-        Raises:
-            CannotWrite: the disk is full, or the folder is not writable.
-        """
+        """Write ``report.html``, with the bodies that were still possible after each touch, and the table as CSV."""
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
         table = self.table()

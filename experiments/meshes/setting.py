@@ -63,13 +63,8 @@ Fit: TypeAlias = tuple[float, float, Floats32]
 class MeshSetting:
     """K bodies, the sensor that touches them, and what a belief about them needs.
 
-    Attributes:
-        scene: its shapes are the bodies.
-        reader: reads images.
-        bodies: embedded.
-        references: embeddings of touches that stand for all, ``(M, D)``.
-        constants: of the references, by which their log likelihoods are too large, ``(M,)``.
-        look: how closely bodies that are still possible are looked at.
+    ``references (M, D)`` are embeddings of touches that stand for all; their log likelihoods are too large by
+    ``constants (M,)``. ``look`` says how closely bodies that are still possible are looked at.
     """
 
     scene: Scene
@@ -95,17 +90,11 @@ class MeshSetting:
         """Embed bodies that are not in the cache yet, and fit temperature and drift to simulated touches.
 
         Args:
-            solids: by label.
             sensor: a shipped sensor with a reader of any object, or a folder of one.
-            plan: views of each body.
             levels: of cells, coarse first; chosen by the number of bodies by default.
-            effort: how far beliefs are refined.
             look: how closely the bodies that are still possible are looked at.
             pressed: number of simulated objects that temperature and drift are fitted to.
             jobs: number of processes; as many as processors by default.
-
-        Raises:
-            InvalidArgument: there are no bodies, or the sensor has no reader of any object.
         """
         if not solids:
             raise InvalidArgument("there are no bodies: give at least one mesh")
@@ -145,11 +134,7 @@ class MeshSetting:
         return CloseContacts.of(hypotheses, self.scene, self.bodies, self.look)
 
     def information(self, belief: CoarseToFine, target: int | None = None) -> Floats:
-        """Expected information of the next touch in every pose about the body, or about whether it is the target.
-
-        Returns:
-            [nats], ``(P,)``.
-        """
+        """Expected information of a touch in each pose about the body, or whether it is the target, ``(P,)`` [nats]."""
         leaves, weights = sampled_leaves(belief, _HYPOTHESES)
         ratios = self.bodies.log_ratios(leaves.level, leaves.body, leaves.cell, self.references)
         ratios -= self.constants
@@ -214,7 +199,7 @@ def reading_words(sources: Mapping[str, MeshSource]) -> str:
 
 
 def cost_words(solids: Mapping[str, Shape], sensor: str | Path, touches: float, pictured: float, jobs: int) -> str:
-    """What bodies cost that are not in the cache, and so many touches, of which the report shows some."""
+    """Words on the cost of bodies that are not in the cache, and of the touches, of which the report shows some."""
     reader, scene, plan, number = reader_of(sensor), scene_of(solids, sensor), ViewPlan(), len(solids)
     missing = [one for one in solids.values() if not are_embedded(reader.hypotheses, scene, one, plan)]
     triangles = float(np.mean([_triangles(one) for one in solids.values()]))
@@ -288,10 +273,7 @@ def _write_fit(path: Path, fit: Fit) -> None:
 
 
 def _constants(bodies: BodySet, references: Floats32) -> Floats32:
-    """By how much each reference is too probable, with all bodies in all views together, ``(M,)``.
-
-    Log likelihood ratios have a constant of each image, which matters where images are compared with each other.
-    """
+    """Log mean likelihood ratio of each reference over bodies and views, ``(M,)``: a constant of each image."""
     some = np.linspace(0, len(bodies.table) - 1, min(len(bodies.table), _AVERAGED)).astype(int)
     parts = [
         logsumexp(np.float32(bodies.scale) * (bodies.table[body].astype(np.float32) @ references.T), axis=0)

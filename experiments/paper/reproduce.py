@@ -84,13 +84,7 @@ class Reproduce:
 
 @dataclass(frozen=True, eq=False)
 class Reproduction:
-    """Tables of the paper; what was not asked for is None.
-
-    Attributes:
-        splits: results of Table 1 by split and set of images.
-        columns: results of Table 2.
-        arguments: what the results depend on, for the record.
-    """
+    """Results of Table 1 by split and set of images, and columns of Table 2; None for what was not asked for."""
 
     splits: dict[str, dict[str, table1.Result]] | None
     columns: Sequence[table2.Column] | None
@@ -108,11 +102,7 @@ class Reproduction:
         return "\n\n".join(pieces)
 
     def save(self, folder: Path) -> None:
-        """Write the tables as ``reproduce.md``, the numbers as JSON, and Figure 3 if there are searches.
-
-        Raises:
-            CannotWrite: The disk is full, or the folder is not writable.
-        """
+        """Write the tables as ``reproduce.md``, the numbers as JSON, and Figure 3 if there are searches."""
         labels = SCENES["paper"].scene.shape_labels
         if self.splits is not None:
             splits = {n: {what: r.to_dict(labels) for what, r in row.items()} for n, row in self.splits.items()}
@@ -138,7 +128,7 @@ def reproduce(
 ) -> Reproduction:
     """Make tables of the paper; trainings and searches are kept in a folder and continued.
 
-    ``settings`` are the number of images, and how Table 1 is trained; the others are as of :class:`Reproduce`.
+    ``settings`` are the number of images and the training of Table 1; other arguments are those of :class:`Reproduce`.
     """
     scene = SCENES["paper"].scene
     first, second = None, None

@@ -50,10 +50,10 @@ class WindowPlan:
 
 
 def record_windows(scene: Scene, plan: WindowPlan, stream: int, jobs: int) -> TouchSet:
-    """Press the objects of a plan, and render the windows, on several processes.
+    """Press the objects of a plan and render the windows, on several processes; streams are independent data sets.
 
-    Different numbers of the stream give independent data sets. Images are ordered by object, shapes in turn; ``poses``
-    numbers the presses of an object. An object that misses the pad has no images.
+    Images are ordered by object, shapes in turn; ``poses`` numbers the presses of an object. An object that misses the
+    pad has no images.
     """
     scene = replace(scene, presentation=Resampled())
     tasks = [partial(_press, scene, plan, stream, number) for number in range(plan.objects * len(scene.shapes))]
@@ -115,15 +115,9 @@ PAPER = MappingProxyType(
 
 @dataclass(frozen=True)
 class Result:
-    """Scores of one classifier on one set of images.
+    """Scores of one classifier on one set of images, with 95 % intervals over objects.
 
-    Attributes:
-        accuracy: fraction of images classified correctly.
-        interval: 95 % interval of the accuracy over objects, see
-            :func:`~experiments.sensor.scores.accuracy_of_objects`.
-        confusion: counts by (true shape, predicted shape).
-        nearest: fraction of images whose nearest training image has the same shape.
-        nearest_interval: 95 % interval of ``nearest`` over objects.
+    ``confusion`` counts (true shape, predicted shape); ``nearest`` is the accuracy of the nearest training image.
     """
 
     accuracy: float
@@ -140,14 +134,7 @@ class Result:
 
 @dataclass(frozen=True)
 class Settings:
-    """Number of images, and how both classifiers are trained; the default is as in the paper.
-
-    Attributes:
-        images: number of images.
-        backbone: a key of :data:`activetouch.perception.backbones.BACKBONES`.
-        input_size: edge of the network's input [pixels].
-        recipe: settings of the training.
-    """
+    """Number of images and the training of both classifiers, by default the paper's; ``input_size`` in pixels."""
 
     images: WindowPlan = field(default_factory=WindowPlan)
     backbone: str = "tiny"
@@ -160,8 +147,7 @@ def both_splits(
 ) -> dict[str, dict[str, Result]]:
     """Train a classifier on each split; test it on the images held out by the split and on those of held-out objects.
 
-    The states of both trainings are kept in a folder and continued after an interruption. Returns results by split, and
-    by "held out" and "held-out objects".
+    Trainings are kept in a folder and continued. Results are by split, and by "held out" and "held-out objects".
     """
     from activetouch.perception.training import Trainer  # loads torch
 

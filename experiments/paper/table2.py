@@ -35,10 +35,7 @@ PAPER: Mapping[str, Mapping[str, float]] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Column:
-    """Results of one decider in a scene: successes by target, of ``trials`` each; mean touches per search.
-
-    ``no_touch_baseline`` is the highest success rate without a touch, mean over the targets.
-    """
+    """Results of a decider: successes by target, of ``trials`` each, mean touches, and best success without a touch."""
 
     scene: str
     decider: str
@@ -83,10 +80,7 @@ _SHAPES = ("sphere", "cube", "cylinder", "cone")  # order of the rows of a confu
 
 
 def draw_figure3(confusion: Sequence[Sequence[int]] | None, columns: Sequence[Column], path: Path) -> None:
-    """Draw (a) the confusion matrix of the classifier that was split by image, and (b) success by target.
-
-    Without counts of (true shape, predicted shape), (a) is left out.
-    """
+    """Draw (a) the confusion matrix of the split by image, if there are counts, and (b) success by target."""
     from experiments.reporting.style import figure  # loads matplotlib
 
     widths = [1.0, 1.5] if confusion is not None else [1.5]

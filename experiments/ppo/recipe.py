@@ -29,21 +29,13 @@ class PPORecipe:
     """Settings of PPO and of the task.
 
     Attributes:
-        state: state that the policy observes, a key of :data:`belief.policy_state.ENCODINGS`.
+        state: a key of :data:`belief.policy_state.ENCODINGS`.
         steps: total number of steps of all environments.
-        num_envs: number of parallel environments.
         rollout: steps of each environment between two updates.
-        batch_size, epochs: batch size and epochs of an update.
         learning_rate: initial learning rate; it falls linearly to zero.
-        entropy: weight of the entropy bonus.
         discount, gae: γ and λ of the advantages.
-        hidden: units of the hidden layers of policy and value network.
         beta: weight of the shaping reward (decision 0031).
-        touch_cost, touch_limit: λ and T_max of the task.
         target_prob: prior probability of the target in training, or a range from which every test draws it.
-
-    Raises:
-        BadArgument: A setting is out of its range; the message names it.
     """
 
     state: State = "paper"

@@ -110,12 +110,9 @@ class TrainPPO:
 
 @dataclass(frozen=True)
 class TrainedPolicies:
-    """The best policy of each state and target.
+    """The best policy of each state and target, its seed, and the scores of every seed on test objects.
 
-    Attributes:
-        policies: policy by state and target; the target is :data:`~experiments.ppo.training.ALL` for a policy of all.
-        scores: on test objects, of every seed, by state and target.
-        chosen: seed of each policy.
+    The target of a policy for all targets is :data:`~experiments.ppo.training.ALL`.
     """
 
     policies: Mapping[tuple[str, str], Policy]
@@ -131,11 +128,7 @@ class TrainedPolicies:
         return "\n".join(lines)
 
     def save(self, folder: Path) -> None:
-        """Write the policies, and ``scores.json`` with those of every seed.
-
-        Raises:
-            CannotWrite: The disk is full, or the folder is not writable.
-        """
+        """Write the policies, and ``scores.json`` with those of every seed."""
         for key, policy in self.policies.items():
             policy.save(folder / POLICIES / policy_file(*key))
         by_state: dict[str, dict[str, list[dict[str, float]]]] = {}

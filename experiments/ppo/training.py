@@ -44,13 +44,7 @@ _WEIGHED_EPISODES = 500  # the same where every touch is weighed by a joint mode
 
 
 class Score(NamedTuple):
-    """Score of a policy on a bank, with actions chosen as by :class:`planners.ppo.PPODecider`.
-
-    Attributes:
-        mean_return: mean return per test, without shaping.
-        success: fraction of right decisions.
-        touches: mean number of touches per test.
-    """
+    """Means per test of a policy that acts as :class:`planners.ppo.PPODecider`, the return without shaping."""
 
     mean_return: float
     success: float
@@ -59,17 +53,7 @@ class Score(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Training:
-    """Training of one policy.
-
-    Attributes:
-        bank, test_bank: touches to learn from, and touches of other objects for evaluation.
-        model: observation model that updates the belief.
-        target: label of the shape sought; None for a policy of all shapes.
-        recipe: settings of PPO and of the task.
-        seed: seed of weights and episodes.
-        folder: of all trainings.
-        tensorboard: folder of logs for TensorBoard, each training's under the name of its file; None for none.
-    """
+    """Training of one policy, for a target or (None) for all; ``test_bank`` has other objects than ``bank``."""
 
     bank: TouchBank
     test_bank: TouchBank
@@ -100,12 +84,7 @@ class Training:
         return self.folder / f"{name}-{hashlib.sha256(told.encode()).hexdigest()[:8]}.safetensors"
 
     def run(self) -> tuple[Policy, Score]:
-        """Finish the training, and score the policy on the test bank.
-
-        Raises:
-            BadPolicy: The file of the finished policy is damaged.
-            TrainingDiverged: Outputs of the policy are not finite.
-        """
+        """Finish the training, and score the policy on the test bank."""
         if not self.path.exists():
             with _global_generators_kept():
                 trained = self._train()
@@ -184,13 +163,7 @@ def evaluate(policy: Policy, episodes: BankEpisodes, seed: int = 1) -> Score:
 
 
 def play(choose: Callable[[BankEpisodes], NDArray[np.int64]], episodes: BankEpisodes, seed: int = 1) -> Score:
-    """Play one episode per row and return the mean score.
-
-    Args:
-        choose: function from the episodes to actions ``(B,)``.
-        episodes: B episodes; they are reset first.
-        seed: seed of the episodes.
-    """
+    """Reset B episodes, play them with the actions ``(B,)`` of a function, and return the mean score."""
     rng, rows = np.random.default_rng(seed), np.arange(episodes.num_envs)
     episodes.restart(rows, rng)
     running, returns = np.ones(len(rows), np.bool_), np.zeros(len(rows))
@@ -205,12 +178,7 @@ def play(choose: Callable[[BankEpisodes], NDArray[np.int64]], episodes: BankEpis
 
 
 def policy_of(learner: PPO, card: PolicyCard) -> Policy:
-    """Convert the policy network of a Stable-Baselines3 learner to numpy.
-
-    Args:
-        learner: a PPO with an ``MlpPolicy`` of tanh units.
-        card: card of the policy.
-    """
+    """Convert the network of a Stable-Baselines3 learner, an ``MlpPolicy`` of tanh units, to numpy."""
     from torch import nn
 
     layers = [*learner.policy.mlp_extractor.policy_net, learner.policy.action_net]
@@ -261,11 +229,7 @@ def make_bank(reader: TactileReader, data: Path, split: str) -> TouchBank:
 
 
 def kept_bank(reader: TactileReader, data: Path, split: str, folder: Path) -> TouchBank:
-    """The bank in a folder, if it is :func:`make_bank` of the same collection and reader; otherwise it is made there.
-
-    Raises:
-        CorruptFile: A file of the bank in the folder was changed.
-    """
+    """The bank in a folder, made there unless it has the bank of the same collection and reader already."""
     if (folder / MANIFEST).is_file():
         found = TouchBank.open(folder)
         if dict(found.source) == _source(reader, data, split):

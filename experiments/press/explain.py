@@ -29,13 +29,7 @@ _MOST_PAIRS = 12  # of shapes that feel alike, in a list
 
 @dataclass(frozen=True)
 class Explanation:
-    """What a scene models; it prints as a table and sentences.
-
-    Attributes:
-        name: of the scene.
-        items: the parts of the model.
-        remarks: sentences about the belief, shapes that feel alike, and the time of a press.
-    """
+    """Parts of a scene's model, and remarks on belief, similar shapes and times; prints as a table and sentences."""
 
     name: str
     items: Sequence[Item]
@@ -52,15 +46,7 @@ class Explanation:
 def explain(
     named: NamedScene, *, name: str = "scene", presses: int = 60, compare: bool = True, jobs: int = 1
 ) -> Explanation:
-    """What a scene models, which of its shapes feel alike, and how long a press takes.
-
-    Args:
-        named: the scene, and its search.
-        name: of the scene.
-        presses: number of presses to measure.
-        compare: whether to look for shapes that feel nearly alike.
-        jobs: number of processes that make views of shapes.
-    """
+    """List what a scene models; measure a press, and with ``compare`` find shapes that feel nearly alike."""
     scene = named.scene
     hidden = latent(scene)
     words = f"The belief about an object holds its shape, {', '.join(hidden)}."
@@ -197,7 +183,7 @@ def latent(scene: Scene) -> list[str]:
 
 
 def _surfaces(scene: Scene) -> list[Item]:
-    """Shapes of which something simpler is pressed than the image shows."""
+    """Hollow shapes, of which a convex hull is pressed instead of what the image shows."""
     hollow = {kind: [k for k, v in scene.solids.items() if v.geom.presses == kind] for kind in ("surface", "hull")}
     words = {
         "surface": "pressed as the convex hull of what lies in front of the pad, with the same first touch: ",

@@ -37,23 +37,7 @@ def press_new_object(scene: Scene, shape: str, pose: str, seed: int) -> tuple[Pl
 def close_hand(
     scene: Scene, shape: str, pose: str, seed: int, menagerie: Path | None = None
 ) -> tuple[Gripper, Grasp, list[NDArray[np.float64]]]:
-    """Close the hand of a scene on a new random object, step by step in MuJoCo.
-
-    Args:
-        scene: the world, with a hand.
-        shape: label of the object's shape.
-        pose: label of the pose.
-        seed: of the object's size and orientation and of the grasp.
-        menagerie: a copy of MuJoCo Menagerie, whose Allegro hand closes instead of pads that slide.
-
-    Returns:
-        The model, what the fingers feel, and the positions of its joints in every step.
-
-    Raises:
-        UnknownName: the scene has no such shape or pose.
-        FileNotFoundError: the menagerie has no Allegro hand.
-        UnstablePress: the forces do not settle.
-    """
+    """Close the scene's hand, or Menagerie's Allegro hand, on a new random object, step by step in MuJoCo."""
     from activetouch.pressing.allegro import ALLEGRO_LAW, ALLEGRO_PAD, AllegroFingers  # these load MuJoCo
     from activetouch.pressing.closing import Closing, SlidingPads
 

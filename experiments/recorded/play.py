@@ -40,7 +40,7 @@ class Fold:
 
 @dataclass(frozen=True)
 class Named:
-    """One identification: who chose the actions, of which object, and how it was named."""
+    """One identification: the rule that chose actions, the number of the object, and the result."""
 
     decider: str
     object_index: int
@@ -72,10 +72,10 @@ def prepare(
 
 
 def best_order(data: LabelledTouches, sessions: NDArray[np.int64], kernel: Floats, threshold: float) -> tuple[int, ...]:
-    """The better of two greedy orders: by the negative log posterior, and by the share of certain objects.
+    """The better of two greedy orders of actions: by the negative log posterior, and by the share of certain objects.
 
-    Better is which needs fewer touches on the calibration data until a label has the probability ``threshold``. Of the
-    ``sessions (n,)`` those count that have a touch with every action, or all if none has.
+    The better one needs fewer touches on the calibration data until a label has the probability ``threshold``. Only
+    ``sessions (n,)`` with a touch in every action count, or all if there are none.
     """
     _, group = np.unique(np.stack([data.objects, sessions]), axis=1, return_inverse=True)
     table = np.full((int(group.max()) + 1, data.num_poses, data.num_shapes), np.nan)
@@ -134,7 +134,7 @@ def identify_all(fold: Fold, seed: Sequence[int], threshold: float, max_touches:
 
 
 def _selectors(bank: RecordedBank, model: ActionKernelModel, order: Sequence[str]) -> _Selectors:
-    """The rules that differ: with one action there is nothing to choose."""
+    """The rules that choose actions; with one action only random order, because there is nothing to choose."""
     if len(bank.action_names) == 1:
         return {RANDOM: RandomOrder()}
     fixed = GivenOrder(tuple(name for name in order if name in bank.action_names))
@@ -146,10 +146,9 @@ def find_all(
 ) -> list[Found]:
     """Search for every object of random scenes with all deciders.
 
-    The robot knows which labels lie on the table, as in a search among distinct shapes, but not where. It touches with
-    the actions that all objects of the scene have; a scene without one is left out. There are no searches where the
-    test objects have fewer than N different labels. A decider is a name for
-    :func:`planners.registry.make_decider`, or "best fixed order".
+    The labels on the table are known and distinct, their places are not. The actions are those that all objects of the
+    scene have; a scene without one is left out, and all are if there are fewer labels than objects. A decider is a name
+    for :func:`planners.registry.make_decider`, or "best fixed order".
     """
     present, found = np.unique(fold.bank.labels), list[Found]()
     if len(present) < num_objects:

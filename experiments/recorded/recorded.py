@@ -67,17 +67,8 @@ def recorded(
 ) -> RecordedReport:
     """Identify and search for recorded objects by recordings that were not learned from, with several deciders.
 
-    ``name`` is that of the set, ``notes`` say how it was read, and ``classifier`` is one of your own, as of
+    ``name`` is the name of the set, ``notes`` say how it was read, and ``classifier`` is one of your own, as in
     :meth:`activetouch.sensor.RecordedSensor.fit`. All other arguments are the settings of :class:`Recorded`.
-
-    Raises:
-        BadRecording: there are too few labels, objects or touches.
-        CannotWrite: ``save`` cannot be written, or holds a sensor of a scene.
-        InvalidArgument: ``classifier`` is none, or given with ``logits``.
-        BrokenContract: ``classifier`` fails.
-        BadArgument: a threshold that a guess reaches, more objects than a split has labels, or a decider that needs a
-            file of a sensor's folder.
-        UnknownName: there is no such decider.
     """
     for decider in deciders:
         _require_plain(decider, max_touches)

@@ -27,7 +27,7 @@ _MOSTLY = 0.5  # share of objects that reach the threshold, below which a mean n
 class RecordedReport:
     """Identifications and searches among recorded objects, in some splits; it prints as a verdict and tables.
 
-    ``facts`` are about the set and the settings, of JSON types; ``leaks`` are accuracies without what makes a touch.
+    ``facts`` are about the set and the settings, of JSON types; ``leaks`` are accuracies of guesses and controls.
     """
 
     folds: Sequence[Fold]
@@ -85,11 +85,7 @@ class RecordedReport:
         return "\n\n".join(texts)
 
     def save(self, folder: Path) -> None:
-        """Write report.html, recorded.md, results.json, episodes.jsonl and tables into a folder.
-
-        Raises:
-            CannotWrite: the disk is full, or the folder cannot be written.
-        """
+        """Write report.html, recorded.md, results.json, episodes.jsonl and tables into a folder."""
         from experiments.reporting.page import Section, write_page  # loads jinja2
 
         tables, verdict = self.tables(), self.verdict()
@@ -134,7 +130,7 @@ class RecordedReport:
         ]
 
     def deciders(self) -> list[str]:
-        """The names of who chose actions, in the order of the table."""
+        """The names of the rules that chose actions, in the order of the table."""
         return list(dict.fromkeys(one.decider for one in self.named))
 
     def _by(self, decider: str) -> list[Named]:

@@ -24,14 +24,7 @@ written: list[Path] = []
 
 @dataclass(frozen=True)
 class Section:
-    """A section of a page.
-
-    Attributes:
-        title: heading.
-        sentences: paragraphs.
-        tables: tables below the figures.
-        pictures: figures, side by side on a wide page.
-    """
+    """A section of a page; tables are below the figures, which are side by side on a wide page."""
 
     title: str
     sentences: Sequence[str] = ()
@@ -42,11 +35,7 @@ class Section:
 def write_page(
     path: Path, title: str, sections: Sequence[Section], template: str = "page.html", **values: object
 ) -> None:
-    """Write a page, atomically, with a template that extends ``page.html`` and its further values.
-
-    Raises:
-        CannotWrite: The disk is full, or the folder is not writable.
-    """
+    """Write a page, atomically, with a template that extends ``page.html`` and its further values."""
     environment = Environment(
         loader=PackageLoader("experiments.reporting"), undefined=StrictUndefined, autoescape=True, trim_blocks=True
     )

@@ -41,7 +41,7 @@ STYLE: Any = {
 def figure(
     size: tuple[float, float] | None, *paths: Path, dpi: int = 130, style: str | Path | None = None
 ) -> Iterator[Figure]:
-    """A figure in the common style, whatever that of the user is, or in one that comes before it, written at the end.
+    """A figure in the common style, whatever the user's is, with changes by ``style``; written to files at the end.
 
     The ending of a file decides its format; equal content gives equal SVG. Sizes are in inches.
     """
@@ -55,16 +55,7 @@ def figure(
 
 @dataclass(frozen=True)
 class Picture:
-    """Figure of one or more panels with one caption and one legend.
-
-    Attributes:
-        name: stem of its files.
-        caption: description.
-        panels: functions, each of which draws one panel.
-        legend: colour by name; no legend if empty.
-        size: width and height of a panel [inches].
-        columns: of panels; all panels side by side by default.
-    """
+    """Panels of a figure, each drawn by a function, with one caption and one legend; ``size`` of a panel [inches]."""
 
     name: str
     caption: str
@@ -85,11 +76,7 @@ class Picture:
         return found
 
     def write(self, folder: Path) -> None:
-        """Write NAME.svg and NAME.png.
-
-        Raises:
-            CannotWrite: The disk is full, or the folder is not writable.
-        """
+        """Write NAME.svg and NAME.png."""
         for suffix, content in self._files.items():
             with atomic_path(folder / f"{self.name}.{suffix}") as temporary:
                 temporary.write_bytes(content)

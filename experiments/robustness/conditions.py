@@ -33,7 +33,7 @@ class DoesNotApply(Exception):
 
 
 def _where(applies: Callable[[Scene], object], otherwise: str, change: Change) -> Change:
-    """A change that applies to some scenes only, and why not to the others."""
+    """A change that applies to some scenes only; for others, ``otherwise`` says why not."""
 
     def changed(scene: Scene) -> Scene:
         if not applies(scene):
@@ -104,7 +104,7 @@ def _require_taxels(number: float, what: str) -> None:
 
 
 def _in_pixels(change: Change) -> Change:
-    """A change that is given in pixels of an image of many."""
+    """A change in pixels, which applies only to images of many pixels."""
     many = f"it is for images of at least {_MANY_TAXELS} taxels along an edge"
     return _where(lambda scene: scene.image_shape[0] >= _MANY_TAXELS, many, change)
 
@@ -145,7 +145,7 @@ def _sized(low: float, high: float) -> Change:
 
 
 def _together(*changes: Change) -> Change:
-    """All of several changes that apply."""
+    """Several changes in one, of which those that do not apply are left out."""
 
     def changed(scene: Scene) -> Scene:
         reasons = []
@@ -226,15 +226,7 @@ last condition is the lower bound: a sensor without information."""
 
 
 def applicable_conditions(scene: Scene, names: Sequence[str] = ()) -> tuple[dict[str, Scene], dict[str, str]]:
-    """The scenes of the conditions that apply, the unchanged scene first, and why the others do not apply.
-
-    Args:
-        scene: in which the sensor was trained.
-        names: of the conditions to choose from; all by default.
-
-    Raises:
-        UnknownName: there is no such condition.
-    """
+    """The scenes of the named conditions (or all) that apply, the unchanged one first, and why others do not."""
     for name in names:
         if name not in CONDITIONS:
             raise UnknownName("condition", name, list(CONDITIONS))

@@ -38,16 +38,12 @@ _LEAST = 0.02  # share of images that a condition changes, below which it is sai
 
 @dataclass(frozen=True)
 class RobustnessReport:
-    """Success and stated confidence of searches by condition; it prints as a table.
-
-    Attributes:
-        numbers: all figures, of JSON types.
-    """
+    """Success and stated confidence of searches by condition, as ``numbers`` of JSON types; prints as a table."""
 
     numbers: Mapping[str, Any]
 
     def tables(self) -> list[Table]:
-        """The table of the searches, and that of the conditions that do not apply, if there are some."""
+        """The table of the searches, and one of the conditions that do not apply, if there are any."""
         rows = self.numbers["conditions"]
         first = next(iter(rows.values()))
         headings = ["condition", ("changed", ".2f"), "success", "wrong"]
@@ -80,11 +76,7 @@ class RobustnessReport:
         return "\n\n".join(table.markdown() for table in self.tables())
 
     def save(self, folder: Path) -> None:
-        """Write report.html, tables (robustness.md) and robustness.json into a folder.
-
-        Raises:
-            CannotWrite: the disk is full, or the folder cannot be written.
-        """
+        """Write report.html, tables (robustness.md) and robustness.json into a folder."""
         from experiments.reporting.page import Section, write_page
 
         write_text(folder / "robustness.json", json.dumps(self.numbers, indent=1) + "\n")
@@ -106,17 +98,10 @@ def robustness(
     """Search among the same objects under changed conditions.
 
     Args:
-        sensor: to measure.
         named: the scene that the sensor was trained in, and its search.
-        name: of the scene.
         conditions: keys of :data:`~experiments.robustness.conditions.CONDITIONS`; all by default.
         searches: for every target, by information gain, under every condition.
-        seed: of the searches.
         jobs: number of processes; the results do not depend on it.
-
-    Raises:
-        UnknownName: there is no such condition.
-        UnstablePress: an object could not be pressed.
     """
     scenes, left_out = applicable_conditions(named.scene, conditions)
     shared = Shared(scenes)
@@ -144,7 +129,7 @@ def robustness(
 
 
 def press_paired(scenes: Shared[dict[str, Scene]], seed: int, condition: str) -> tuple[str, list[NDArray[np.uint8]]]:
-    """The name of a condition, and images of its scene, of objects that differ from the usual ones by it alone."""
+    """Name of a condition, and images of objects in its scene that differ from the usual objects by it alone."""
     trained, changed = scenes.value[AS_TRAINED], scenes.value[condition]
     images, labels = [], trained.shape_labels
     for number in range(_PRESSES):
@@ -163,7 +148,7 @@ _DRAWN: Mapping[str, Callable[[Scene, str], object]] = {
     "orientation": lambda scene, label: scene.presentation,
     "member": lambda scene, label: scene.shapes[label],
 }
-"""What each attribute of an object is drawn from; what a condition leaves alone is the same object's."""
+"""Source of each attribute of an object; an attribute with an unchanged source is the usual object's."""
 
 
 @dataclass(frozen=True)

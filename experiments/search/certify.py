@@ -40,13 +40,10 @@ class TooFewSearches(ActiveTouchError, ValueError):
 
 
 class CalibrationSearch(NamedTuple):
-    """A search that confirms nothing, from which that with any certificate can be read.
+    """A search that confirms nothing, from which the search with any certificate can be read.
 
-    Attributes:
-        stops: moments at which an object could have been confirmed: touches of the object, stated probability, whether
-            it is wrong, and touches of the whole search before.
-        num_touches: of the whole search.
-        fit: how well its touches fit the world.
+    ``stops`` are the moments at which an object could have been confirmed: touches of the object, stated probability,
+    whether it is wrong, and touches of the whole search before.
     """
 
     stops: list[tuple[int, float, bool, int]]
@@ -64,7 +61,7 @@ def play_calibration(
 ) -> list[CalibrationSearch]:
     """Play searches that confirm nothing, each with a target drawn uniformly, so that they are independent and alike.
 
-    An object is not touched more than ``max_touches`` times; then the search ends.
+    A search ends when an object has been touched ``max_touches`` times.
     """
     labels = list(searches.problem.shape_labels)
     searches = replace(searches, seed=searches.seed + _SEEDS)
@@ -220,10 +217,7 @@ class Certify:
         print(f"certificate: {out}")
 
     def certificate(self, named: NamedScene | None = None, own_sensor: TactileSensor | None = None) -> Certificate:
-        """Play the calibration searches; write the certificate if there is a file; raises as :func:`certify`.
-
-        ``named`` and ``own_sensor`` are a scene and a sensor object in place of those of the setting.
-        """
+        """Play the calibration searches, write the certificate; ``named`` and ``own_sensor`` replace the setting's."""
         check_arguments(self)
         if not isinstance(self.decider, str):
             raise BadArgument(

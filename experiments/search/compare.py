@@ -69,14 +69,7 @@ class Compare:
 
     @classmethod
     def from_config(cls, path: Path) -> Compare:
-        """The comparison that a ``run.json`` records, with the default number of jobs.
-
-        Args:
-            path: the file, or the folder of the run.
-
-        Raises:
-            BadArgument: The file is not the ``run.json`` of a comparison.
-        """
+        """The comparison that a ``run.json``, or a folder with one, records, with the default number of jobs."""
         file = path / "run.json" if path.is_dir() else path
         if not require_regular_file(file, BadArgument).exists():
             raise BadArgument(f"--config {path} is not the run.json of a comparison: there is no file {file}")
@@ -100,11 +93,7 @@ class Compare:
         return Path("runs/compare" if scene == "gel" else f"runs/compare-{in_file_names(scene)}")
 
     def run(self) -> None:
-        """Play the missing searches, then print the results and write the report.
-
-        Raises:
-            FileNamesCode: a file names code, and ``trust`` is not set.
-        """
+        """Play the missing searches, then print the results and write the report."""
         if self.results or self.control:
             from experiments.search.results import compare_results
 
@@ -121,11 +110,7 @@ class Compare:
         _say([comparison], comparison.verdict(), page, self.setting.choice.left_out)
 
     def play(self) -> Comparison:
-        """Play the missing searches and return the comparison, without a report.
-
-        Raises:
-            ActiveTouchError: as :func:`activetouch.compare`.
-        """
+        """Play the missing searches and return the comparison, without a report."""
         run = prepared(
             self.setting,
             self.deciders,

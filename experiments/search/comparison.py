@@ -109,7 +109,7 @@ class Comparison(Summary, Tabular):
         return _computed(problem, held, held.latest(problem.shape_labels), arguments.get("reference"), seed)
 
     def verdict(self) -> list[str]:
-        """Sentences: which decider is best, what differs significantly, and whether stated confidence is kept."""
+        """Sentences: which decider is best, which differences are significant, and whether stated confidence holds."""
         return verdict_sentences(self)
 
     def save(self, folder: str | Path) -> Path:
@@ -246,7 +246,7 @@ def prepared(
     jobs: int | None = None,
     certificate: str | Path | Certificate | None = None,
 ) -> Run:
-    """Check all that a comparison is given, before anything is played or written; arguments as of :func:`compare`.
+    """Check all arguments of a comparison, which are those of :func:`compare`, before anything is played or written.
 
     ``named`` and ``own_sensor`` are a scene and a sensor object in place of those of the setting.
     """

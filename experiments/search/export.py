@@ -33,32 +33,14 @@ class Export:
     """Folder of figures and tables."""
 
     def run(self) -> None:
-        """Write the files.
-
-        Raises:
-            BadArgument: An argument is invalid.
-        """
+        """Write the files."""
         comparison = Comparison.load(self.folder, trust=self.trust)
         for path in write_figures(comparison, self.out, self.format, self.style):
             print(f"wrote {path}")
 
 
 def write_figures(comparison: Comparison, folder: Path, kind: str = "pdf", style: str | None = None) -> list[Path]:
-    """Write every figure of a comparison, and every table as LaTeX (booktabs).
-
-    Args:
-        comparison: a comparison that was played, or was read by :meth:`Comparison.load`.
-        folder: folder to write.
-        kind: ending of the figures, such as ``pdf``.
-        style: matplotlib style, by name or file; its ``figure.figsize`` also sets the size of the figures.
-
-    Returns:
-        Paths of the files.
-
-    Raises:
-        BadArgument: There is no such style.
-        CannotWrite: The disk is full, or the folder is not writable.
-    """
+    """Write all figures, and all tables as LaTeX (booktabs); a ``style`` also sets the size of the figures."""
     import matplotlib.style
     from matplotlib import rc_params_from_file
 

@@ -1,4 +1,4 @@
-"""``activetouch live``: a robot that nobody here owns runs a search over lines of JSON."""
+"""``activetouch live``: a search that a robot carries out, over lines of JSON."""
 
 from __future__ import annotations
 

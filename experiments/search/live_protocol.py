@@ -1,6 +1,6 @@
 """A session over lines of JSON: one request a line, one answer a line (docs/drive_a_robot.md).
 
-Whatever a line holds, it is answered, and a line that is answered with an error has changed nothing.
+Every line is answered, whatever it holds, and a line that is answered with an error has changed nothing.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _TELLS = {"image", "logits", "features", "missed", "pose", "force", "area", "ste
 
 
 class BadLine(InvalidArgument):
-    """A line is no request."""
+    """A line that is not a request."""
 
 
 class Conversation:
@@ -169,7 +169,7 @@ class Conversation:
 
 
 def refusal(error: Exception) -> dict[str, Any]:
-    """The answer that says an error."""
+    """The answer that reports an error."""
     return {"ok": False, "error": type(error).__name__, "message": str(error)[:_LONGEST]}
 
 

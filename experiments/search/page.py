@@ -90,7 +90,7 @@ FIGURES: Mapping[str, Callable[[Summary, Axes], None]] = MappingProxyType(
 
 
 def _least_failure(comparison: Summary) -> float:
-    """Where a fraction of zero is drawn on a logarithmic axis: half a failure in the largest group."""
+    """Fraction that stands for zero on a logarithmic axis: half a failure in the largest group."""
     return 0.5 / max(cell.num_episodes for cell in comparison.cells.values())
 
 
@@ -190,9 +190,9 @@ def shown_searches(comparison: Summary) -> list[tuple[str, Episode]]:
 
 
 def _story(searches: Searches, decider: str, episode: Episode) -> dict[str, Any]:
-    """A search as the page shows it: title, success, values of a panel for each decision, and the scale of its images.
+    """A search for the page: title, success, panels of decisions, and ``scale``, the value of the brightest colour.
 
-    The scale is the value that the brightest colour of the touch images stands for; None for images in colour.
+    The scale is None for images in colour.
     """
     problem, labels = searches.problem, searches.problem.shape_labels
     verdict = "success" if episode.success else _FAILURES[episode.outcome]

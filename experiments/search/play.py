@@ -50,15 +50,7 @@ class Seconds:
 
 @dataclass(frozen=True, eq=False)
 class Searches:
-    """What determines all searches of a comparison apart from the decider.
-
-    Attributes:
-        sensor: presses and reads; it has the scene.
-        problem: rules of the search.
-        seed: seed of the whole comparison.
-        scene_name: name of the scene in reports.
-        sensor_sha256: digest of the files of the sensor, or of a sensor object.
-    """
+    """Everything that determines the searches of a comparison, apart from the decider; the sensor has the scene."""
 
     sensor: TactileSensor
     problem: SearchProblem
@@ -68,7 +60,7 @@ class Searches:
 
     @cached_property
     def identity(self) -> dict[str, Any]:
-        """All of it as JSON types; searches of one folder have the same."""
+        """These fields as JSON types, which are the same for all searches of one folder."""
         rules = identity_of(self.sensor.scene, self.problem, self.seed)
         return rules | {"sensor_sha256": self.sensor_sha256}
 
@@ -92,7 +84,7 @@ def prepare(searches: Searches, decider: Decider, target: int) -> None:
 
 @lru_cache(maxsize=1)
 def _warm_up(searches: Searches) -> None:
-    """Touch once and predict a next touch, so that what the first touch of a process loads is not timed."""
+    """Touch once and predict a next touch, so that the loading at the first touch of a process is not timed."""
     sensor, problem, seed = searches.sensor, searches.problem, (searches.seed, 0, 0)
     request = TouchRequest(TouchWorld.of_search(sensor, problem, seed), 0, touch_rng(seed, 0, 0, 0))
     scene = SceneBelief(problem, sensor.model)
@@ -105,8 +97,7 @@ def play_episodes(
 ) -> tuple[list[Episode], Seconds]:
     """Play the episodes of a target with these numbers in lockstep; return them and the time that they took.
 
-    The same arguments give the same episodes, bit for bit, in any process. A copy of the decider plays, so that its
-    state does not pass on to other episodes.
+    The same arguments give the same episodes, bit for bit, in any process: a copy of the decider plays.
     """
     sensor, problem, spent = searches.sensor, searches.problem, [TouchTime()]
     seeds: list[Seed] = [(searches.seed, target, number) for number in numbers]

@@ -43,12 +43,7 @@ class Replay:
     """Run code of your own that the folder names, such as a scene module:attribute."""
 
     def run(self) -> None:
-        """Repeat the touches and draw the search.
-
-        Raises:
-            NoSuchEpisode: The folder does not hold the requested search.
-            FileNamesCode: The folder names code, and ``trust`` is not set.
-        """
+        """Repeat the touches and draw the search."""
         check_arguments(self)
         from experiments.search.replay_figures import Bodies, draw_search, replay
 

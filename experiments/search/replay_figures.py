@@ -1,8 +1,7 @@
 """Pictures of one search: all touches side by side, and what a joint belief knows about the bodies.
 
-The picture of a shape is the mean over its orientations and sizes. Before the first touch it is a blurred ball; each
-touch rules out orientations, and the body appears. Orientations that look alike because of a shape's symmetry give the
-same picture, so symmetric shapes become as sharp as others.
+The picture of a shape is the mean over its orientations and sizes, which is sharper after each touch. Orientations that
+look alike by symmetry give the same picture, so symmetric shapes become as sharp as others.
 """
 
 from __future__ import annotations
@@ -34,14 +33,10 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """Hypotheses of the objects' orientations and sizes, and the shapes they may have.
+    """Hypotheses of the objects' orientations and sizes, and the shapes (nominal solids) that they may have.
 
-    Attributes:
-        shapes: solids by label; the nominal one of a family.
-        rests: orientations at rest, unit quaternions ``wxyz``, ``(N, 4)``.
-        sizes: size factors, ``(N,)``.
-        pixels: width and height of a picture; its cost grows with the square.
-        draws: bodies of which a picture is the mean.
+    ``rests (N, 4)`` are orientations at rest, unit quaternions ``wxyz``, and ``sizes (N,)`` factors. A picture, of
+    ``pixels`` in width and height, is the mean of ``draws`` bodies.
     """
 
     shapes: Mapping[str, Shape]
@@ -52,7 +47,7 @@ class Bodies:
 
     @classmethod
     def of(cls, sensor: TactileSensor, pixels: int = 96, draws: int = 64) -> Bodies | None:
-        """Those of a sensor's joint belief; None for a sensor with any other observation model."""
+        """Bodies of a sensor's joint belief; None for a sensor with any other observation model."""
         model = joint_model(sensor.model)
         if model is None:
             return None
@@ -60,10 +55,7 @@ class Bodies:
         return cls(sensor.scene.solids, rests, sizes, pixels, draws)
 
     def likeliest(self, evidence: RigidBodyEvidence, probs: Floats, number: int) -> list[tuple[str, float, Floats]]:
-        """Label, probability and mean picture of the likeliest shapes, by the evidence and their posterior ``(K,)``.
-
-        A picture is shade times coverage, and coverage, ``(H, W, 2)``.
-        """
+        """Label, probability and mean picture of likely shapes, ``(H, W, 2)``: shade times coverage, and coverage."""
         labels = list(self.shapes)
         found = []
         for shape in np.argsort(-probs, kind="stable")[:number].tolist():
@@ -75,7 +67,7 @@ class Bodies:
         return found
 
     def outline(self, label: str, body: WorldObject) -> Floats:
-        """Whether the true body, whose shape has this label, covers each pixel, ``(H, W)``, for its outline."""
+        """Whether the true body, whose shape has this label, covers each pixel, ``(H, W)``."""
         solid = self.shapes[label] if body.member is None else body.member
         picture = portraits(solid, body.orientation[None], self._radius, self.pixels, body.scale)[0]
         return np.isfinite(picture).astype(float)
@@ -98,16 +90,7 @@ def _draws(log_weights: Floats, number: int) -> tuple[NDArray[np.int64], NDArray
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One decision of a replayed search.
-
-    Attributes:
-        step: decision and the belief before it.
-        shape: true shape of the object.
-        image: tactile image, uint8; None for a decision without a touch.
-        posterior: belief about the object after the step, shape ``(K,)``.
-        body: the object.
-        evidence: all touches of the object so far, under a joint observation model; None with any other.
-    """
+    """One decision of a replayed search; ``posterior (K,)`` is after it, and ``image`` None without a touch."""
 
     step: Step
     shape: int
@@ -158,10 +141,7 @@ _SURFACE = LinearSegmentedColormap.from_list("surface", ["#0b1d33", "#3f6f9f", "
 def draw_search(
     episode: Episode, frames: list[Frame], problem: SearchProblem, path: Path, bodies: Bodies | None = None
 ) -> None:
-    """Write a picture with every touch image of a search and the belief after it; the ending decides the format.
-
-    ``bodies`` are what the objects may be, to draw the belief about their orientation; None where it has none.
-    """
+    """Write a picture of a search: each touch image, the belief after it and, with ``bodies``, about orientation."""
     touched = [number for number, frame in enumerate(frames) if frame.image is not None]
     labels = problem.shape_labels
     shown = _SHOWN if bodies is not None else 0
@@ -205,10 +185,7 @@ def _bars(axes: Axes, frame: Frame, episode: Episode, problem: SearchProblem) ->
 
 
 def _bodies(places: Sequence[Axes], frame: Frame, bodies: Bodies, true_label: str) -> None:
-    """Draw the most probable shapes as the belief sees them on one axis each, fainter if less probable.
-
-    A line shows the true outline in the picture of the true shape.
-    """
+    """Draw the most probable shapes on one axis each, fainter if less probable; a line is the true outline."""
     assert frame.evidence is not None, "the model is a joint one"
     shown = bodies.likeliest(frame.evidence, frame.posterior, len(places))
     for axes, (label, prob, picture) in zip(places, shown, strict=True):

@@ -210,7 +210,7 @@ def _seal(content: bytes) -> dict[str, Any]:
 
 
 def _differs(sealed: Any, found: Mapping[str, Any]) -> str | None:
-    """In what a file of episodes differs from its seal, in words; None if it does not."""
+    """How a file of episodes differs from its seal, in words; None if it does not."""
     if not isinstance(sealed, Mapping):
         return "run.json has no digest of it, so its comparison did not finish, or was played by an earlier version"
     if sealed.get("lines") != found["lines"]:
@@ -219,7 +219,7 @@ def _differs(sealed: Any, found: Mapping[str, Any]) -> str | None:
 
 
 def differing(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
-    """In which parts of the second identity, or of a part of one, the first differs, in words; empty for none."""
+    """The parts of the second identity, or of a part of one, in which the first differs, in words; empty for none."""
     in_words = {
         "problem": "search (shapes, --num-objects, --touch-cost, --abstain, --certificate)",
         "scene": "scene (shapes, hand, presses)",
@@ -240,7 +240,7 @@ def read_episode(line: str, shape_labels: tuple[str, ...]) -> Episode:
 
 
 def _file_name(cell: Cell) -> str:
-    """Unique, and valid on every file system.
+    """A file name of a cell, which is unique and valid on every file system.
 
     >>> _file_name(("mine:TwoLooks(touches=4)", "cone"))
     'mine%3ATwoLooks%28touches%3D4%29-cone.jsonl'
@@ -263,14 +263,8 @@ def _read_batches(file: Path) -> Iterator[tuple[str, int, Batch]]:
 class Run:
     """Searches of several deciders for several targets, of which some may be finished.
 
-    Attributes:
-        searches: what determines the searches.
-        deciders: by name.
-        targets: labels of the target shapes.
-        episodes: searches of each decider for each target.
-        folder: holds what is finished.
-        arguments: arguments of the comparison, for ``run.json``.
-        known: objects that deciders hold and that the searches determine, by name.
+    ``arguments`` of the comparison go into ``run.json``; ``known`` are objects, by name, that deciders hold and that
+    the searches determine.
     """
 
     searches: Searches
@@ -319,7 +313,7 @@ class Run:
         return [tasks[index] for index in np.random.default_rng().permutation(len(tasks))]
 
     def _tell_outdated(self) -> None:
-        """Say on stderr which deciders have searches of another version only, which are played again."""
+        """Say on stderr which deciders have only searches of another version, which are played again."""
         stored = {cell: self.folder.batches(cell) for cell in self.keys}
         outdated = dict.fromkeys(cell[0] for cell, by_key in stored.items() if by_key and self.keys[cell] not in by_key)
         if outdated:

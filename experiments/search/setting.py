@@ -50,13 +50,7 @@ class Setting:
 
     @classmethod
     def from_dict(cls, fields: Mapping[str, Any] | None, trust: Trust) -> Setting:
-        """The setting from :meth:`to_dict`, in a file.
-
-        Raises:
-            FileNamesCode: the scene or its renderer is code that may not be used.
-            CorruptFile: a field is missing or of a wrong type, or the run had objects of a program.
-            BadArgument: a value is out of its range.
-        """
+        """The setting from :meth:`to_dict`, in a file."""
         if fields is None:
             raise CorruptFile(
                 f"{trust.source} has searches with a scene or a sensor that a program made; only that program can "
@@ -82,7 +76,7 @@ class Setting:
         return sensor_folder(self.sensor, self.choice.scene)
 
     def sensor_files(self, scene: Scene) -> list[Path]:
-        """The files that determine what the sensor reads in a scene; of a reader of any object, that alone."""
+        """The files that determine what the sensor reads in a scene; for a reader of any object, its file alone."""
         independent = self.observation_model == "independent"
         reader = reader_file(self.sensor_folder, scene, independent, self.unknown_state)
         return [
@@ -91,11 +85,7 @@ class Setting:
         ]
 
     def open_sensor(self, named: NamedScene | None = None, jobs: int | None = None) -> TactileSensor:
-        """The sensor, once it is checked that it fits the scene, or a scene object in its place.
-
-        Raises:
-            ActiveTouchError: as :func:`experiments.sensor_choice.open_sensor`.
-        """
+        """The sensor, after a check that it fits the scene, or ``named`` in place of the setting's scene."""
         scene = self.choice if named is None else named
         independent = self.observation_model == "independent"
         return open_sensor(self.sensor, scene, self.anyway, independent, self.unknown_state, jobs)
@@ -106,11 +96,7 @@ class Setting:
         return self.problem_in(self.choice.named)
 
     def problem_in(self, named: NamedScene) -> SearchProblem:
-        """The rules of the search in a scene.
-
-        Raises:
-            BadArgument: there are more objects than shapes, and all must differ; or a number is out of its range.
-        """
+        """The rules of the search in a scene."""
         number = named.num_objects if self.num_objects is None else self.num_objects
         shapes = named.scene.shape_labels
         if self.num_objects is not None and number > len(shapes) and named.composition == Composition.DISTINCT:

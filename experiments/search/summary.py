@@ -26,16 +26,11 @@ MeanInterval: TypeAlias = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Difference:
-    """Results of a decider minus those of the reference on the same episodes.
+    """Results of a decider minus those of the reference on the same episodes; None for what is not known.
 
-    Attributes:
-        success: mean difference in success.
-        touches: the same for touches per search; None where they are not known.
-        reward: the same for returns; None where they are not known.
-        mcnemar: McNemar's test of the success rates; "first" is the decider, "second" the reference.
-        p_value: mid-p value of this test, corrected for the number of deciders (Holm).
-        episodes_for_success: episodes at which the corrected test would detect the observed difference in success with
-            80 % power, even if it is the only difference; None if there is no difference.
+    In ``mcnemar``, "first" is the decider and "second" the reference; ``p_value`` is its mid-p value, corrected for the
+    number of deciders (Holm). ``episodes_for_success`` are the episodes at which the corrected test would detect this
+    difference with 80 % power, even if it is the only one; None if there is no difference.
     """
 
     success: MeanInterval
@@ -47,10 +42,7 @@ class Difference:
 
 
 def difference(success: Pair, touches: Pair, reward: Pair | None, rng: np.random.Generator) -> Difference:
-    """The difference of two deciders on the same N episodes, its p-value not yet corrected.
-
-    Pairs are values of both, ``(N,)`` each; touches that are not known are NaN, rewards None.
-    """
+    """The difference of two deciders on N episodes, p-value not corrected; pairs are ``(N,)``, unknown touches NaN."""
 
     def interval(pair: Pair | None) -> MeanInterval | None:
         is_known = pair is not None and np.isfinite(np.array(pair, float)).all()
@@ -63,7 +55,7 @@ def difference(success: Pair, touches: Pair, reward: Pair | None, rng: np.random
 
 
 def corrected(found: Mapping[K, Difference]) -> dict[K, Difference]:
-    """Differences of which any may be significant: p-values are corrected, and the episodes needed are for these."""
+    """Differences with p-values that are corrected for their number, and the episodes needed at these."""
     level = LEVEL / max(len(found), 1)  # what Holm's correction asks of the smallest p-value
     p_values = holm([one.mcnemar.mid_p_value for one in found.values()])
     return {
@@ -73,10 +65,7 @@ def corrected(found: Mapping[K, Difference]) -> dict[K, Difference]:
 
 
 def prob_best(rewards: Mapping[str, Sequence[float]], rng: np.random.Generator) -> dict[str, float]:
-    """Fraction of bootstrap resamples of the same episodes in which each decider has the highest mean return.
-
-    The fractions sum to 1. Deciders that tie in a resample count equally.
-    """
+    """Share of bootstrap resamples in which each decider has the highest mean return; ties count equally."""
     table = np.array(list(rewards.values())).T  # (episodes, deciders)
     num_episodes = len(table)
     won = np.zeros(table.shape[1])
@@ -97,17 +86,12 @@ class Cell:
     """Results of one decider for one target, or for all targets.
 
     Attributes:
-        num_episodes: number of searches.
-        successes: number of searches that succeeded.
         success_interval: 95 % Wilson interval of the success rate.
         wrong: failed searches that confirmed an object of another shape.
         none: failed searches that rejected every object.
         truncated: failed searches that reached the touch limit.
         unsure: searches that ended with "I do not know".
-        touches: mean number of touches per search.
         touch_quantiles: median, 90 % quantile and maximum of the touches per search.
-        reward: mean return.
-        seconds: time spent.
     """
 
     num_episodes: int
@@ -129,7 +113,7 @@ class Cell:
 
 
 def summarise(episodes: Sequence[Episode], seconds: Seconds, problem: SearchProblem) -> Cell:
-    """The numbers of at least one episode; those of which nobody knows whether they succeeded do not count."""
+    """The numbers of at least one episode; episodes without a known outcome do not count."""
     episodes = judged(episodes)
     successes = sum(bool(episode.success) for episode in episodes)
     failures = [episode for episode in episodes if not episode.success]
@@ -152,10 +136,7 @@ def summarise(episodes: Sequence[Episode], seconds: Seconds, problem: SearchProb
 
 
 def calibration_of_confirmations(episodes: Sequence[Episode]) -> CalibrationAtStop | None:
-    """Calibration of the stated confidence at confirmation, by number of touches of the confirmed object.
-
-    The stated confidence is the posterior probability that the object is the target. None if none was confirmed.
-    """
+    """Calibration of the posterior at confirmation, by touches of the object; None if none was confirmed."""
     stops = [(e, e.steps[-1]) for e in judged(episodes) if e.steps and isinstance(e.steps[-1].decision.action, Confirm)]
     if not stops:
         return None
@@ -171,13 +152,11 @@ class Summary:
     """Episodes of a comparison and the numbers computed from them.
 
     Attributes:
-        problem: rules of the search.
         episodes: searches by (decider, target label).
         cells: results by (decider, target label) and by (decider, :data:`ALL`).
         differences: each other decider minus ``reference``, over all targets.
         calibration: calibration at stopping, by decider; None for a decider that never confirmed.
         prob_best: fraction of bootstrap resamples in which the decider has the highest mean return, by decider.
-        reference: decider that the others are compared with.
     """
 
     problem: SearchProblem
@@ -229,10 +208,9 @@ class Summary:
         rng: np.random.Generator,
         **others: Any,
     ) -> Self:
-        """Compute all numbers of a comparison.
+        """Compute all numbers of a comparison; ``others`` are further fields of the class.
 
-        Episodes and the seconds that they took are by (decider, target label); every decider has the same episodes in
-        the same order. ``others`` are further fields of the class.
+        Episodes and seconds are by (decider, target label); every decider has the same episodes in the same order.
         """
         cells = {key: summarise(episodes[key], seconds[key], problem) for key in episodes}
         together: dict[str, list[Episode]] = {}

@@ -94,10 +94,7 @@ def _frame(comparison: Summary) -> str:
 
 
 def success_sentence(name: str, reference: str, difference: Difference, num_targets: int | None = None) -> str:
-    """How a decider succeeds beside the reference on the same episodes, without the full stop.
-
-    With the number of targets it also says how many --episodes would be needed.
-    """
+    """Success beside the reference, without a full stop; with ``num_targets`` also how many --episodes are needed."""
     pairs = difference.mcnemar
     p = "< 0.001" if difference.p_value < 0.001 else f"= {difference.p_value:.2g}"
     either = (

@@ -112,12 +112,10 @@ class Calibration(Tabular):
     """A reader with its observation model, and how good both are on objects that neither was fitted to.
 
     Attributes:
-        reader: reader of the touches.
         choice: observation model with the cross-validated losses of all candidates.
         independent: best model that takes touches as independent, beside a joint model; None for any other.
         order: labels of the poses in the best fixed order, each with the NLL of the shape after it [nats].
         evaluation: figures of test objects, as in ``evaluation.json``.
-        scene: fields of the scene of the touches.
     """
 
     reader: TactileReader
@@ -128,11 +126,7 @@ class Calibration(Tabular):
     scene: Mapping[str, Any]
 
     def save(self, folder: Path) -> None:
-        """Write a sensor, from which :meth:`activetouch.TactileSensor.load` reads.
-
-        Raises:
-            CannotWrite: The disk is full, or the folder is not writable.
-        """
+        """Write a sensor, which :meth:`activetouch.TactileSensor.load` reads."""
         self.reader.save(folder / READER_FILE)
         write_text(folder / OBSERVATION_FILE, self.choice.model.to_json({"scene": self.scene}) + "\n")
         if self.independent is not None:
@@ -143,7 +137,7 @@ class Calibration(Tabular):
         write_text(folder / "evaluation.json", json.dumps(self.evaluation, indent=1) + "\n")
 
     def table(self) -> Table:
-        """How single touches and fused ones are read and calibrated; ``evaluation.json`` has all confusions."""
+        """Accuracy and calibration of single touches and fused ones; ``evaluation.json`` has all confusions."""
         e = self.evaluation
         losses = ", ".join(
             f"{name} {loss:.4f}" for name, loss in sorted(self.choice.losses.items(), key=lambda p: p[1])
@@ -179,15 +173,9 @@ def calibrate(
     """Fit observation models to the calibration split of a collection, keep the best, and evaluate on the test split.
 
     Args:
-        reader: reader of the touches.
         data: folder of the collection, whose objects are better touched several times in every pose.
         scene: scene of the touches, if it is known; without it, no model is about one rigid body.
         models: functions that fit the models to choose from, by name; all by default.
-        seed: seed of the intervals.
-
-    Raises:
-        BadArgument: A model does not work with this reader.
-        BadReference: No command could read the file of the chosen model.
     """
     manifest = read_manifest(data)
     candidates = candidate_models(models, reader, scene)
@@ -221,13 +209,8 @@ def calibrate(
 def best_order(model: ArrayModel, rounds: TouchBatch, shapes: NDArray[np.int64]) -> tuple[tuple[int, ...], Floats]:
     """The best fixed order of poses on calibration objects, and the NLL of the shape after each of its touches [nats].
 
-    The order is greedy: each pose is the one with which the touches so far leave the lowest NLL. The model was fitted
-    to these objects, so the NLL is lower than on others.
-
-    Args:
-        model: observation model.
-        rounds: touches of each object, the first of them one in every pose in order.
-        shapes: true shapes of the objects.
+    Greedy: each pose leaves the lowest NLL. The model was fitted to these objects, so the NLL is lower than on others.
+    The first touches in ``rounds`` are one in every pose, in order.
     """
     batch, truth = rounds.sequences(np.arange(min(_RANKED, len(shapes)))), shapes[:_RANKED]
 
@@ -239,25 +222,12 @@ def best_order(model: ArrayModel, rounds: TouchBatch, shapes: NDArray[np.int64])
 
 
 def scene_of(manifest: Manifest, trust: Trust) -> Scene | None:
-    """The scene of a collection that the command line chose; None where a program did.
-
-    Raises:
-        FileNamesCode: the scene is code that may not be used.
-    """
+    """The scene of a collection that the command line chose; None where a program did."""
     return None if manifest.choice is None else SceneChoice.from_dict(manifest.choice, trust).named.scene
 
 
 def candidate_models(asked: Mapping[str, Fit], reader: TactileReader, scene: Scene | None) -> Mapping[str, Fit]:
-    """The observation models to choose from: those asked for, or all that the reader and the scene allow.
-
-    Args:
-        asked: by name; all if there are none.
-        reader: of the touches; a joint model works only with one that embeds hypotheses.
-        scene: of the touches, if it is known.
-
-    Raises:
-        BadArgument: a model works with hypotheses, which this reader does not embed.
-    """
+    """The models asked for, or all that the reader and the scene allow: joint ones need embedded hypotheses."""
     all_joint = fits("embeddings")
     joint = {name: fit for name, fit in (asked or all_joint).items() if name in all_joint}
     others = {name: fit for name, fit in (asked or fits()).items() if name not in all_joint}
@@ -277,11 +247,7 @@ class TooFewObjects(ActiveTouchError, ValueError):
 
 
 def require_enough(manifest: Manifest, data: Path) -> None:
-    """Refuse a collection with which no model can be chosen, before any image is read.
-
-    Raises:
-        TooFewObjects: it has too few objects, or all are of one shape.
-    """
+    """Refuse a collection with which no model can be chosen, before any image is read."""
     plan, num_shapes = manifest.plan, len(manifest.shape_labels)
     if num_shapes < 2:
         raise TooFewObjects(f"{data} has objects of one shape, {manifest.shape_labels[0]}; a sensor tells shapes apart")
@@ -295,16 +261,7 @@ def require_enough(manifest: Manifest, data: Path) -> None:
 
 
 def evaluate(model: ArrayModel, touches: TouchBatch, truth: TouchSet, rng: np.random.Generator) -> dict[str, Any]:
-    """Accuracy and calibration of single touches, and of an object's first round of poses fused.
-
-    Intervals of single-touch figures resample objects, because touches of one object err together.
-
-    Args:
-        model: to be evaluated.
-        touches: all as one sequence.
-        truth: what they are of.
-        rng: of the intervals.
-    """
+    """Scores of single touches, with intervals over objects, and of an object's first round of poses fused."""
     logits = touches.require_logits()[0]
     num_objects, num_poses = len(np.unique(truth.object_ids)), model.num_poses
     raw = TemperatureScaling(1.0, "ok").predict_proba(logits)

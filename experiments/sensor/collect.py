@@ -83,21 +83,7 @@ def collect(choice: SceneChoice, plan: CollectionPlan, folder: Path, jobs: int |
 def record(
     scene: Scene, plan: CollectionPlan, folder: Path, jobs: int | None, choice: Mapping[str, Any] | None = None
 ) -> Manifest:
-    """Record what a folder lacks of a collection, check what it had, and return its manifest.
-
-    Args:
-        scene: whose touches to record.
-        plan: how many.
-        folder: of the collection.
-        jobs: processes; as many as processors if None. The bytes do not depend on it.
-        choice: the command line's words for the scene, if there are any.
-
-    Raises:
-        LabelMismatch: the folder holds another collection, or a shard names what the collection does not have.
-        CorruptFile: a shard is damaged or foreign.
-        UnstablePress: no object of a shape can be pressed in all poses.
-        WrongScene: the scene has a hand.
-    """
+    """Record what a folder lacks of a collection, and check the rest; the bytes do not depend on ``jobs``."""
     require_no_hand(scene.hand, "a collection")
     # A killed run leaves temporary files of atomic_path behind; those that appear later are another process's.
     litter = [path for pattern in _TEMPORARY for path in folder.glob(pattern)]

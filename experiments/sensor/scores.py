@@ -41,13 +41,9 @@ def accuracy_of_objects(
 ) -> tuple[float, float, float]:
     """Fraction of right touches, with a 95 % bootstrap interval that resamples objects.
 
-    If all objects have one accuracy, for example where all touches are right, or where there is one object, the
-    bootstrap would give a point. The interval is then the exact binomial one of as many objects.
-
-    Args:
-        right: whether each touch is right, or the fraction that is, ``(n,)``.
-        objects: which object each is of, ``(n,)``.
-        rng: of the bootstrap.
+    ``right (n,)`` says whether each touch is right, or which fraction; ``objects (n,)`` are the objects of the touches.
+    If all objects have one accuracy, the bootstrap would give a point; the interval is then the exact binomial one of
+    as many objects.
 
     >>> found = accuracy_of_objects(np.ones(60), np.arange(60) // 6, np.random.default_rng(0))
     >>> [round(x, 2) for x in found]     # ten objects

@@ -129,22 +129,7 @@ class Train:
 def train_reader(
     data: Path, out: Path, recipe: TrainingRecipe, backbone: str, input_size: int, jobs: int = 1
 ) -> TactileReader:
-    """Train a network on a collection; after an interruption, the same call continues.
-
-    Args:
-        data: folder of the collection.
-        out: folder for ``reader.safetensors`` and the state of the training.
-        recipe: settings of the training.
-        backbone: a key of :data:`activetouch.perception.backbones.BACKBONES`.
-        input_size: edge that images are brought to [pixels].
-        jobs: number of threads.
-
-    Returns:
-        The reader, which has been written to ``out``.
-
-    Raises:
-        BadArgument: The network cannot read images of this size, or the collection has aims.
-    """
+    """Train a network on a collection, or continue; ``input_size`` is the edge that images are brought to [pixels]."""
     import torch
 
     from activetouch.perception.export import export_reader, fixed_hypotheses
@@ -182,22 +167,7 @@ def in_safe_precision(recipe: TrainingRecipe, input_size: int) -> TrainingRecipe
 def train_any_object(
     scene: Scene, out: Path, steps: int | None = None, seed: int | None = None, device: str = "cpu", jobs: int = 1
 ) -> TactileReader:
-    """Train a reader of any object on random bodies; after an interruption, the same call continues.
-
-    Args:
-        scene: scene whose pad and renderer it learns.
-        out: folder for ``any_object.safetensors`` and the state of the training.
-        steps: number of steps; that of :class:`~activetouch.perception.contact_training.ContactRecipe` by default.
-        seed: seed of the training; that of the recipe by default.
-        device: ``"cpu"`` or ``"cuda"``.
-        jobs: number of threads.
-
-    Returns:
-        The reader, which has been written to ``out``.
-
-    Raises:
-        BadArgument: the device is ``"cuda"``, and torch finds none.
-    """
+    """Train a reader of any object on random bodies, or continue; ``out`` gets it and the state of the training."""
     import torch
 
     from activetouch.perception.contact_training import ContactRecipe, ContactTrainer, export
@@ -228,16 +198,7 @@ def _split(data: Path, name: str, size: int) -> TouchSet:
 
 
 def require_input_size(size: int, edge: int, backbone: str) -> None:
-    """Check that images can be brought to the size that a network is to see.
-
-    Args:
-        size: asked for with --input-size [pixels].
-        edge: of the images [pixels].
-        backbone: a key of :data:`activetouch.perception.backbones.BACKBONES`.
-
-    Raises:
-        BadArgument: they cannot, or the network needs larger ones.
-    """
+    """Check that images with an ``edge`` can be brought to the ``size`` that a network is to see [pixels]."""
     smallest = BACKBONES[backbone].smallest_image
     if size < smallest:
         raise BadArgument(f"--input-size must be at least {smallest} for the backbone {backbone!r}, got {size}")

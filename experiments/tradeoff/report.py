@@ -38,15 +38,7 @@ _WEIGH_COSTS = ("point_based", "value_of_information")  # deciders that weigh th
 
 @dataclass(frozen=True)
 class Configuration:
-    """A combination of sensor, decider, touch cost and press.
-
-    Attributes:
-        scene: name of the scene.
-        sensor: name of a shipped sensor, or folder of one; empty for that of the scene.
-        decider: key of :data:`planners.DECIDERS`.
-        touch_cost: cost λ of one touch.
-        fidelity: press model; None for that of the scene.
-    """
+    """A combination of sensor (empty for the scene's), decider, touch cost λ and press (None for the scene's)."""
 
     scene: str
     sensor: str = ""
@@ -134,15 +126,7 @@ _CAPTION = (
 
 @dataclass(frozen=True)
 class Measured:
-    """Results of the searches of a configuration.
-
-    Attributes:
-        configuration: the configuration.
-        successes: whether each search succeeded, target after target.
-        touches: mean number of touches of a search.
-        reward: mean return.
-        physics, network, decision: time per touch [ms].
-    """
+    """Results of the searches of a configuration; ``physics``, ``network``, ``decision`` are per touch [ms]."""
 
     configuration: Configuration
     successes: tuple[bool, ...]
@@ -175,10 +159,9 @@ class Measured:
 
 @dataclass(frozen=True, eq=False)
 class TradeoffReport:
-    """Measured configurations, and those recommended; prints as the tables and the recommendations.
+    """Measured configurations, and the recommended ones; prints as tables and recommendations.
 
     Attributes:
-        points: all configurations.
         least_success: lowest acceptable success.
         most_ms: longest acceptable time per touch [ms].
     """
@@ -226,11 +209,7 @@ class TradeoffReport:
         return "\n\n".join([*(table.markdown() for table in self.tables()), *self.sentences()])
 
     def save(self, folder: Path) -> None:
-        """Write report.html and tradeoff.md, .csv, .json, .svg and .png.
-
-        Raises:
-            CannotWrite: The disk is full, or the folder is not writable.
-        """
+        """Write report.html and tradeoff.md, .csv, .json, .svg and .png."""
         from experiments.reporting.page import Section, write_page
 
         picture, recommended, tables = front_picture(self.points), self.sentences(), self.tables()
@@ -255,7 +234,7 @@ class TradeoffReport:
 
 
 def _front(points: Sequence[Measured]) -> list[Measured]:
-    """Those than which no other is both faster and as successful, the fastest first."""
+    """Configurations than which no other is both faster and as successful, the fastest first."""
     on_front = pareto_front([p.ms_per_search for p in points], [p.success for p in points])
     return sorted(compress(points, on_front), key=lambda point: point.ms_per_search)
 

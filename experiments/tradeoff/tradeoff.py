@@ -65,13 +65,7 @@ class Tradeoff:
 
     @ends_claims
     def run(self) -> None:
-        """Measure what is missing, then write and print the report.
-
-        Raises:
-            BadArgument: A sensor is not given as SCENE=FOLDER.
-            LabelMismatch: A sensor knows other shapes than the scene has.
-            UnknownName: There is no such scene.
-        """
+        """Measure what is missing, then write and print the report."""
         check_arguments(self)
         for scene in self.scenes:
             if scene not in SHARES:

@@ -145,11 +145,7 @@ class SearchTouchProblem(_Tabular, FrozenArrays):
 
 
 def checked_table(outcome_probs: ArrayLike, target: int, touch_cost: float, discount: float) -> Floats:
-    """The outcome table ``(P, K, M)`` as float64.
-
-    Raises:
-        ValueError: an argument is out of its range, see :class:`TouchProblem`; the message names it.
-    """
+    """The outcome table ``(P, K, M)`` as float64."""
     table = OutcomeTable(np.asarray(as_real(outcome_probs, "outcome_probs"), np.float64)).probs
     require_index("target", target, table.shape[1])
     if not (isinstance(touch_cost, Real) and np.isfinite(float(touch_cost)) and touch_cost >= 0.0):
@@ -178,11 +174,7 @@ def require_rounds(rounds: object) -> tuple[int, ...]:
 
 
 def distribution(probs: ArrayLike, size: int, name: str) -> Floats:
-    """A normalised probability vector ``(size,)``.
-
-    Raises:
-        InvalidArgument: another size, or as :func:`~belief.validation.normalise_probs`.
-    """
+    """A normalised probability vector ``(size,)``."""
     try:
         values = normalise_probs(probs, name)
     except ValueError as error:
@@ -233,11 +225,7 @@ class StagedProblem:
 
 
 def staged(problem: TouchProblem | SearchTouchProblem) -> StagedProblem:
-    """A problem as stages.
-
-    Raises:
-        InvalidArgument: there would be more than 2 000 states.
-    """
+    """A problem as stages."""
     if isinstance(problem, TouchProblem):
         is_target = np.arange(problem.num_shapes) == problem.target
         stage = Stage(np.arange(problem.num_shapes), _sign(is_target), _sign(~is_target))

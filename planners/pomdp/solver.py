@@ -76,11 +76,7 @@ class AlphaVectors:
 def point_based_value_iteration(
     problem: StagedProblem, rng: np.random.Generator, rounds: Sequence[int]
 ) -> list[AlphaVectors]:
-    """Alpha vectors for every stage; each round simulates so many searches.
-
-    Raises:
-        ValueError: touches cost nothing and nothing is discounted.
-    """
+    """Alpha vectors for every stage; each round simulates so many searches."""
     if problem.touch_cost == 0.0 and problem.discount == 1.0:
         raise ValueError(
             "touch_cost is 0 and discount is 1: touching for ever costs nothing, so no policy is optimal. Give "

@@ -108,7 +108,6 @@ class CloseContacts:
 
         Args:
             few: indices of the bodies, ``(n,)``.
-            touches: all touches of the object.
         """
         look = self.look
         share = look.scale / (1.0 + look.drift * (len(touches) - 1))

@@ -23,12 +23,7 @@ _NUMBERS = 16  # of a triangle, see _planes
 
 
 class DeviceBodies:
-    """Bodies whose triangles lie on a device.
-
-    Args:
-        surfaces: the bodies.
-        device: where their triangles lie.
-    """
+    """Bodies whose triangles lie on a device."""
 
     def __init__(self, surfaces: Sequence[Surface], device: str) -> None:
         counts = np.array([surface.faces.shape[1] for surface in surfaces])
@@ -71,7 +66,6 @@ def _planes(points: Tensor) -> Tensor:
 
     Returns:
         ``(F, 16)``: three distances from the edges, positive inside, and the height, each as the slopes and the
-        constant of a plane over row and column; least and greatest height; least and greatest row.
     """
     row, column, height = points.unbind(2)
     ahead, behind = (1, 2, 0), (2, 0, 1)

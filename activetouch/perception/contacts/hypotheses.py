@@ -86,9 +86,6 @@ class ContactHypotheses:
         """Embedded hypotheses in one pose, for W states of the sensor, ``(W, K, N, D)``.
 
         Args:
-            scene: whose objects they are of.
-            bodies: how these lie, and their sizes.
-            pose: index.
             codes: of the states, ``(W, STATE_SIZE)``.
         """
         rotation, cell = scene.rotations[scene.pose_labels[pose]], cell_of(len(bodies.rests))
@@ -137,11 +134,7 @@ class ContactHypotheses:
         return found
 
     def shape_logits(self, embeddings: Floats32) -> NDArray[np.float64]:
-        """See :class:`activetouch.perception.contacts.hypotheses.Hypotheses`; the mean is over all poses.
-
-        Raises:
-            ValueError: it is not bound to a scene.
-        """
+        """See :class:`activetouch.perception.contacts.hypotheses.Hypotheses`; the mean is over all poses."""
         return mean_ratios(embeddings, self._fixed)
 
     @cached_property
@@ -163,12 +156,7 @@ class ContactHypotheses:
 
     @classmethod
     def from_tensors(cls, imaging: Mapping[str, Any], tensors: Mapping[str, NDArray[Any]]) -> ContactHypotheses:
-        """From :meth:`tensors` and the fields of the imaging.
-
-        Raises:
-            KeyError: an array or a field is missing.
-            ValueError: the fields are of something else.
-        """
+        """From :meth:`tensors` and the fields of the imaging."""
         try:
             return cls(Imaging.from_fields(imaging), tensors[_NETWORK].tobytes())
         except TypeError as error:
@@ -199,7 +187,6 @@ def num_hypotheses(scene: Scene, places: int = 1) -> int:
     """How many hypotheses of each shape a model of new objects has: a power of two.
 
     Args:
-        scene: with the objects.
         places: in the palm of the scene's hand in which each is embedded.
 
     >>> from activetouch import SCENES

@@ -20,7 +20,6 @@ def images(
     """Images in [0, 1] of bodies that meet the pad, ``(B, pixels, pixels)``, and whether they hit it, ``(B,)``.
 
     Args:
-        imaging: of the sensor.
         reached: height maps of the bodies over ``imaging.window`` [m], ``-inf`` where there is nothing, ``(B, n, n)``.
         states: of the sensor in each of W worlds.
         world: of each touch, ``(B,)`` in 0 … W − 1.

@@ -100,9 +100,6 @@ class Imaging:
         coarser: share of worlds whose sensor may have taxels two pixels wide.
         noisier: largest factor on the noise that the reader is trained with.
         displaced: largest blur and largest shift of the image that it is trained with, in parts of the edge.
-
-    Raises:
-        ValueError: a number is out of its range, or the numbers of taxels, pixels and samples do not divide.
     """
 
     pad: Pad
@@ -161,11 +158,7 @@ class Imaging:
 
     @classmethod
     def from_fields(cls, fields: Mapping[str, Any]) -> Imaging:
-        """The description from :meth:`fields`.
-
-        Raises:
-            KeyError, TypeError, ValueError: the fields are of something else.
-        """
+        """The description from :meth:`fields`."""
         ranges = {name: tuple(map(float, fields[name])) for name in ("force", "sizes", "displaced") if name in fields}
         dead = None if fields["dead"] is None else np.array(fields["dead"], bool)
         return cls(**{**fields, **ranges, "pad": Pad(**fields["pad"]), "dead": dead})

@@ -25,9 +25,6 @@ class ContactReader(nn.Module):
     Args:
         widths: channels after each convolution of h; every other one halves the image.
         image_widths: the same of f. Images of few pixels are read by the layers after the convolutions alone.
-        dense: width of the layers after them.
-        embedding: numbers of an embedding.
-        pixels: along the edge of an image.
     """
 
     def __init__(
@@ -136,9 +133,6 @@ def losses(network: ContactReader, batch: Batch, groups: int, bf16: bool) -> tup
     """Contrast and cross-entropy of the body [nats], and the accuracy of the body, means over the touches that hit.
 
     Args:
-        network: f and h.
-        batch: touches.
-        groups: bodies of the batch.
         bf16: whether the networks compute in half precision.
     """
     number = len(batch.images)

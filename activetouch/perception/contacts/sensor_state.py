@@ -44,11 +44,7 @@ _TAXEL, _PART = 1.1, 0.3  # by which an image may be blurred or shifted: in taxe
 
 
 def imaging_of(scene: Scene) -> Imaging:
-    """What the images of a scene are made of.
-
-    Raises:
-        WrongScene: its images are not of pressure.
-    """
+    """What the images of a scene are made of."""
     if not isinstance(scene.renderer, PressureRenderer):
         raise WrongScene(f"a reader of any object reads images of pressure, not those of {scene.renderer!r}")
     taxels = scene.pad.num_taxels // scene.renderer.binning
@@ -72,12 +68,7 @@ def imaging_of(scene: Scene) -> Imaging:
 
 
 def sensor_state(imaging: Imaging, scene: Scene) -> SensorState:
-    """The state that a scene describes, within what the reader was trained with, for one sensor, ``(1, ...)`` arrays.
-
-    Args:
-        imaging: of the reader's own scene.
-        scene: in which it is used.
-    """
+    """The state that a scene describes, within what the reader was trained with, as arrays ``(1, ...)``."""
     found = _state(imaging, scene)
     found |= {name: np.clip(found[name], *limits) for name, limits in imaging.limits.items()}
     shapes = {name: part.shape for name, part in SensorState.nominal(1)._asdict().items()}
@@ -117,12 +108,6 @@ def fields_read(imaging: Imaging, own: Mapping[str, Any], scene: Scene, here: Ma
     """The fields of the reader's own scene, with all that its state can say of another one, within its limits.
 
     Less noise than the reader was trained with is within them.
-
-    Args:
-        imaging: of the reader's own scene.
-        own: fields of that scene (:func:`activetouch.scene_description.scene_fields`).
-        scene: in which it is used.
-        here: fields of that scene.
     """
     same, state = list(OBJECTS), _state(imaging, scene)
     limits = imaging.limits.items()

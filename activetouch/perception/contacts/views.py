@@ -59,14 +59,7 @@ class ViewPlan:
 
 
 def embedded_views(reader: ContactHypotheses, scene: Scene, solid: Shape, plan: ViewPlan) -> Floats32:
-    """Embeddings of a body in all views, ``(V, D)``, from the cache or new.
-
-    Args:
-        reader: embeds.
-        scene: says the state of the sensor.
-        solid: the body, at its nominal size.
-        plan: the views.
-    """
+    """Embeddings of a body in all views, ``(V, D)``, from the cache or new."""
     code = sensor_state(reader.imaging, scene).code()
 
     def make() -> Floats32:
