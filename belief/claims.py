@@ -22,10 +22,9 @@ _CLAIMED: dict[Path, tuple[int | None, list[Path]]] = {}  # handle of each folde
 
 
 def claim_folder(folder: Path) -> None:
-    """Check that files can be written into a folder, and that no other process does so until the claim ends.
+    """Check that files can be written into a folder, and claim it for this process, which may claim it several times.
 
-    The claim ends with the function that is decorated with :func:`ends_claims`, or with this process. A process may
-    claim a folder several times.
+    The claim ends with the function decorated with :func:`ends_claims`, or with this process.
     """
     require_writable(folder)
     if (path := folder.resolve()) in _CLAIMED:
@@ -39,7 +38,7 @@ def claim_folder(folder: Path) -> None:
 
 
 def ends_claims(function: Callable[P, T]) -> Callable[P, T]:
-    """Decorator: the claims of a function end with it, and the folders created for them go if they are empty."""
+    """Decorator that ends the claims of a function with it, and removes folders created for them if they are empty."""
 
     @wraps(function)
     def with_claims(*args: P.args, **kwargs: P.kwargs) -> T:

@@ -38,11 +38,7 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class NestedCells:
-    """Cells of several levels, from coarse to fine.
-
-    Attributes:
-        shares: prior probability of each cell of each level, ``(N_l,)``. The parts of a cell share its probability.
-    """
+    """Prior probabilities ``(N_l,)`` of nested cells by level, coarse to fine; parts share that of their cell."""
 
     shares: tuple[Floats, ...]
 
@@ -70,27 +66,24 @@ class CellLikelihood(Protocol):
     """Log likelihoods of touches given a body and a cell; each touch up to a constant of its own."""
 
     def coarsest(self, touch: Any) -> NDArray[np.floating]:
-        """Of one touch, for all cells of the coarsest level and all bodies, ``(K, N_0)``."""
+        """Log likelihoods of one touch, for all bodies and all cells of the coarsest level, ``(K, N_0)``."""
 
     def parts(self, touches: Sequence[Any], level: int, bodies: Ints, parents: Ints) -> NDArray[np.floating]:
-        """Of all touches together, for the parts of some cells, ``(m, F)``.
+        """Log likelihoods of all touches together for the parts of some cells, ``(m, F)``.
 
-        Args:
-            level: of the parts, 1 or more.
-            bodies: ``(m,)``.
-            parents: the cells of level - 1 that are divided, ``(m,)``; the parts of cell c are c F … c F + F - 1.
+        ``parents (m,)`` are the divided cells of level - 1, of ``bodies (m,)``; cell c has parts c F to (c + 1) F - 1.
         """
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How far a belief is refined: the dial of speed against accuracy.
+    """Limits on the refinement of a belief, which trade speed for accuracy.
 
     Attributes:
         tolerance: share of the posterior that may stay in cells that are not of the finest level.
-        splits: cells that are split after one touch, at most.
-        at_once: cells that are split at a time.
-        kept: split cells that are held in memory, at most.
+        splits: largest number of cells that are split after one touch.
+        at_once: number of cells that are split at a time.
+        kept: largest number of split cells in memory.
         floor: posterior below which the parts of a cell are set aside.
     """
 
@@ -108,14 +101,7 @@ class Effort:
 
 
 class Leaves(NamedTuple):
-    """Cells that are not split: together they are all bodies in all orientations.
-
-    Attributes:
-        level: ``(n,)``.
-        body: ``(n,)``.
-        cell: in its level, ``(n,)``.
-        log_weight: log of prior times likelihood, ``(n,)``.
-    """
+    """Unsplit cells, ``(n,)``, which cover all bodies in all orientations; a weight is prior times likelihood."""
 
     level: Ints
     body: Ints
@@ -124,10 +110,7 @@ class Leaves(NamedTuple):
 
 
 class _Families(NamedTuple):
-    """The F parts of each of m split cells: sums of their log likelihoods, and corrections, ``(m, F)``.
-
-    The cells of the coarsest level count as the parts of one cell 0 of each body.
-    """
+    """F parts of each of m split cells, ``(m, F)``; coarsest cells are the parts of a cell 0 of each body."""
 
     body: Ints
     parent: Ints
@@ -148,17 +131,10 @@ class _Families(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class CoarseToFine:
-    """Posterior over K bodies and their cells after some touches. Made by :meth:`start` and :meth:`update`.
+    """Posterior over K bodies and their cells after some touches; :meth:`start` and :meth:`update` make it.
 
-    Attributes:
-        log_prior: of the bodies, ``(K,)``.
-        cells: nested.
-        likelihood: of touches.
-        effort: how far it is refined.
-        scale: by which sums of log likelihoods are multiplied after n touches: scale / (1 + drift (n - 1)).
-        drift: see ``scale``.
-        touches: so far.
-        correction: log factors on the evidence of the bodies, from a closer look at some, ``(K,)``.
+    After n touches, sums of log likelihoods are multiplied by scale / (1 + drift (n - 1)). ``log_prior (K,)`` is of the
+    bodies; ``correction (K,)`` holds log factors on their evidence, from a closer look at some of them.
     """
 
     log_prior: Floats
@@ -212,13 +188,9 @@ class CoarseToFine:
         return belief._less()._refined()
 
     def corrected(self, bodies: Ints, log_evidence: Floats) -> CoarseToFine:
-        """The belief after a closer look at some bodies: it decides between them, and their sum stays.
+        """The belief after a closer look at ``bodies (n,)``, which decides between them and keeps their sum.
 
-        Touches that follow are weighed as before, and the correction stays until the next one.
-
-        Args:
-            bodies: that were looked at, ``(n,)``.
-            log_evidence: of all touches given each of them, up to a constant, ``(n,)``.
+        ``log_evidence (n,)`` is of all touches, up to a constant. The correction stays until the next one.
         """
         looked = self.log_prior[bodies] + np.asarray(log_evidence, float)
         if not np.isfinite(looked.max(initial=-np.inf)):
@@ -250,7 +222,7 @@ class CoarseToFine:
 
     @property
     def num_split(self) -> int:
-        """Cells whose parts are in memory."""
+        """Number of cells whose parts are in memory."""
         return sum(len(each.body) for each in self._families[1:])
 
     def leaves(self, least: float = 0.0) -> Leaves:
@@ -319,7 +291,7 @@ class CoarseToFine:
         return masses
 
     def _less(self) -> CoarseToFine:
-        """The belief without parts that have lost the posterior: their cells take their weights."""
+        """The belief with the parts that have lost the posterior set aside: their cells take their weights."""
         masses = np.concatenate([np.empty(0), *self._masses])
         least = self._log_total + np.log(self.effort.floor) if self.effort.floor else -np.inf
         if len(masses) > self.effort.kept:

@@ -68,16 +68,11 @@ _HIGH = 0.8  # quantile; its distance from the median is the width
 
 @dataclass(frozen=True, eq=False)
 class Novelty(FrozenArrays):
-    """Log distance to the nearest shape, relative to the distances of this shape's own touches.
+    """Log Mahalanobis distance to the nearest of C shapes, standardised by the distances of this shape's own touches.
 
-    Distances are Mahalanobis distances with one covariance for all shapes. Some shapes look more alike from all sides
-    than others, so the log distance to each shape is standardised by its own touches before the least is taken.
-
-    Attributes:
-        means: of the C shapes in the data, ``(C, D)``.
-        whitening: maps deviations to unit covariance, ``(D, D)``.
-        levels: mean log distance of each shape's own touches, ``(C,)``.
-        widths: their standard deviations, ``(C,)``.
+    Some shapes look more alike from all sides than others, so distances are standardised before the least is taken.
+    ``means (C, D)`` are of the shapes in the data; ``whitening (D, D)`` maps deviations to unit covariance, one for all
+    shapes; ``levels (C,)`` and ``widths (C,)`` are means and standard deviations of the log distances.
     """
 
     means: Floats
@@ -141,15 +136,11 @@ def _whitening(residuals: Floats, values: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class UsualMisfit(FrozenArrays):
-    """Median and width of the misfit after equally many touches, in G groups by the certainty of the shape.
+    """Medians and widths of the misfit after T numbers of touches, in G groups by the certainty of the shape [nats].
 
-    A touch tells more about an object that is little known, and then fits its earlier touches less well. A search goes
-    on with objects that are little known, so their misfits must be compared with those of others like them.
-
-    Attributes:
-        edges: certainties between the groups, increasing, ``(T, G - 1)``.
-        medians: nats, ``(T, G)``.
-        widths: from the median to the 80 % quantile, nats, ``(T, G)``.
+    A touch fits the earlier ones less well where the shape is uncertain, and a search goes on with such objects. So
+    misfits are compared within groups: ``edges (T, G - 1)`` are the certainties between them, increasing;
+    ``medians (T, G)``; ``widths (T, G)`` are from the median to the 80 % quantile.
     """
 
     edges: Floats
@@ -183,13 +174,8 @@ class UsualMisfit(FrozenArrays):
 class ConflictTest(FrozenArrays):
     """Distributions of the two scores of a touch in the world of the calibration objects.
 
-    Attributes:
-        novelty: of an embedding.
-        usual_misfit: by number of earlier touches and by how certain the shape was.
-        medians: of the novelty after 0, 1, … earlier touches of the object, ``(T,)``.
-        correlations: of the scores of two touches of one object, ``(2,)``.
-        quantiles: of both scores less their prediction, increasing, ``(2, T, Q)``.
-        num_objects: calibration objects.
+    ``medians (T,)`` are of the novelty after 0, 1, … earlier touches of the object, ``correlations (2,)`` of the scores
+    of two touches of one object, ``quantiles (2, T, Q)`` of both scores less their prediction, increasing.
     """
 
     novelty: Novelty
@@ -203,15 +189,11 @@ class ConflictTest(FrozenArrays):
     def fit(
         cls, embeddings: Floats, misfits: Floats, shapes: ArrayLike, certainties: Floats | None = None
     ) -> ConflictTest | None:
-        """The test from sequences of touches, one of each calibration object.
+        """The test from a sequence of touches of each of S calibration objects; None for too few objects.
 
-        The novelty of each object is that to other objects.
-
-        Args:
-            embeddings: ``(S, T, D)``.
-            misfits: to the earlier touches of the sequence, ``(S, T)``; those of first touches are not used.
-            shapes: of the objects, ``(S,)``.
-            certainties: largest posterior of a shape before each touch, ``(S, T)``; the same for all by default.
+        ``embeddings`` are ``(S, T, D)``. ``misfits (S, T)`` are to the earlier touches; those of first touches are not
+        used. ``certainties (S, T)`` are the largest posterior of a shape before each touch, equal for all by default.
+        The novelty of an object is that to other objects.
         """
         num_objects, length, _ = embeddings.shape
         if num_objects < _FEWEST_OBJECTS:
@@ -242,11 +224,11 @@ class ConflictTest(FrozenArrays):
 
     @property
     def num_touches(self) -> int:
-        """T, of an object that are tested."""
+        """T, the number of touches of an object that are tested."""
         return len(self.medians)
 
     def longer(self, num_touches: int) -> ConflictTest:
-        """The test of more touches, where later ones are as usual as the last of those that it was fitted to."""
+        """The test for more touches; the distributions of the last fitted touch stand for later ones."""
 
         def pad(array: Floats, axis: int = 0) -> Floats:
             return np.repeat(array, [1] * (self.num_touches - 1) + [num_touches - self.num_touches + 1], axis)
@@ -294,14 +276,11 @@ class ConflictTest(FrozenArrays):
 
 @dataclass(frozen=True, eq=False)
 class ObjectConflict:
-    """The test of one object: a frozen value; each touch gives a new one, at the same cost.
+    """The test of one object: a frozen value, of which each touch makes a new one at constant cost.
 
-    Attributes:
-        test: the distributions.
-        num_touches: of the object.
-        sums: of both scores over all tested touches: the novelty less its median, the misfit standardised, ``(2,)``.
-        p_values: of the last touch, ``(2,)``: its novelty, and its misfit to earlier touches; ones without a test.
-        log_bets: log wealth of every strategy, ``(12,)``.
+    ``sums (2,)`` are of both scores over all tested touches: the novelty less its median, and the standardised misfit.
+    ``p_values (2,)`` are of the novelty and the misfit of the last touch, ones without a test; ``log_bets (12,)`` is
+    the log wealth of every strategy.
     """
 
     test: ConflictTest
@@ -311,12 +290,7 @@ class ObjectConflict:
     log_bets: Floats
 
     def update(self, embedding: ArrayLike, misfit: float, certainty: float = 1.0) -> ObjectConflict:
-        """The test with one more touch.
-
-        Args:
-            embedding: ``(D,)``.
-            certainty: largest posterior of a shape before the touch, in [0, 1].
-        """
+        """The test after a touch of ``embedding (D,)``; ``certainty`` is the largest posterior of a shape before it."""
         step, test = self.num_touches, self.test
         if step >= test.num_touches:
             return replace(self, num_touches=step + 1, p_values=frozen(np.ones(2)))
@@ -346,11 +320,10 @@ def log_conflict(log_bets: Iterable[Floats]) -> float:
 
 
 def continued_bets(log_bets: ArrayLike, like: ArrayLike | None) -> Floats:
-    """Log wealth with which the test of a search begins that continues the test of an earlier one.
+    """Log wealth ``(J,)`` with which a search begins if it continues the test of an earlier one.
 
-    Args:
-        log_bets: :attr:`belief.SceneView.log_bets` of the earlier search, ``(J,)``; or 0.0 for none.
-        like: log bets of an object in the search, ``(J,)``; None for a model without a test.
+    ``log_bets`` are :attr:`belief.SceneView.log_bets` of the earlier search, or 0.0; ``like`` has the shape of an
+    object's log bets, or is None for a model without a test.
     """
     given, wanted = np.asarray(log_bets, np.float64), np.zeros(1) if like is None else np.zeros(np.shape(like))
     if given.shape not in ((), wanted.shape) or not np.isfinite(given).all():
@@ -362,7 +335,7 @@ def continued_bets(log_bets: ArrayLike, like: ArrayLike | None) -> Floats:
 
 
 def _bets(logs: Floats, step: int) -> Floats:
-    """Log of what each strategy multiplies its wealth by, ``(12,)``."""
+    """Log factors of the wealth of each strategy, ``(12,)``."""
     each = _LOG_KEPT - _POWERS * logs[:, None]  # (3, 4)
     misfit = each[2, :3] if step else np.zeros(3)
     return np.asarray((each[0] + each[1])[:, None] + misfit).ravel()

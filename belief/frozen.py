@@ -35,15 +35,7 @@ class FrozenArrays:
         self.freeze()
 
     def to_floats(self, *names: str, finite: bool = True) -> None:
-        """Make fields arrays of float64.
-
-        Args:
-            names: of the fields.
-            finite: whether infinity is refused; NaN always is.
-
-        Raises:
-            ValueError: a field holds masked entries, NaN, infinity, or no real numbers; the message names it.
-        """
+        """Make fields float64 arrays; raises ValueError for masked or NaN entries, and for infinity if ``finite``."""
         for name in names:
             values = np.asarray(as_real(getattr(self, name), name), np.float64)
             valid = np.isfinite(values) if finite else ~np.isnan(values)

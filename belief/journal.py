@@ -42,10 +42,7 @@ _MOST_NUMBERS = 1 << 24
 
 
 class Journal:
-    """A journal that is open for appending; no other process can open it until :meth:`close`.
-
-    Windows and some network file systems have no locks; there it is not exclusive.
-    """
+    """A journal open for appending, exclusively until :meth:`close` except on Windows and some network file systems."""
 
     def __init__(self, path: Path, handle: int, num_lines: int, size: int) -> None:
         self.path = path
@@ -54,7 +51,7 @@ class Journal:
 
     @classmethod
     def create(cls, path: Path, lines: Sequence[Mapping[str, Any]]) -> Journal:
-        """A new journal with its first lines, which are JSON types; :func:`read_journal` gives them back."""
+        """A new journal with its first lines, which are JSON types; :func:`read_journal` returns them."""
         content = b"".join(_sealed(number, line) for number, line in enumerate(lines))
         try:
             with atomic_path(path, only_new=True) as temporary:
@@ -97,16 +94,12 @@ class Journal:
         self._num_lines, self._size = self._num_lines + 1, self._size + len(content)
 
     def close(self) -> None:
-        """Let others open it."""
+        """Close the journal, so that others can open it."""
         self._close()
 
 
 def read_journal(path: str | Path) -> list[dict[str, Any]]:
-    """The lines of a journal, also of one that a process still writes; a line that is not finished is left out.
-
-    Raises:
-        CorruptFile: a line was changed, is missing, or is of something else; the message names it.
-    """
+    """The finished lines of a journal, which may be open; raises CorruptFile for a changed, missing or foreign line."""
     return _parsed(require_regular_file(Path(path)))[0]
 
 
@@ -121,11 +114,7 @@ def array_field(array: NDArray[Any]) -> dict[str, Any]:
 
 
 def array_from(field: Any) -> NDArray[Any]:
-    """The array of :func:`array_field`.
-
-    Raises:
-        ValueError: the field is none, is too large, or its numbers do not fit its shape.
-    """
+    """The array of :func:`array_field`; raises ValueError if there is none, or its numbers do not fit its shape."""
     try:
         dtype, shape, text = np.dtype(field["dtype"]), tuple(int(n) for n in field["shape"]), field["base64"]
         content = base64.b64decode(text, validate=True)

@@ -1,8 +1,8 @@
 """State vectors of learned policies: the paper's state, and states with the posterior.
 
 The paper's state holds the classifier's last output, the last action and the time (paper §5.8). The posterior state
-holds the posterior over shapes, the number of touches in each pose and the time. Sensors of one rigid body also know
-what the next touch tells: the gains state has the expected gain of each pose, and the goal state the target, too.
+holds the posterior over shapes, the number of touches in each pose and the time. Two states need a belief about one
+rigid body: the gains state adds the expected gain of each pose, and the goal state adds the target to that.
 
 >>> here = Situation(
 ...     frame_probs=np.array([[0.7, 0.3]]),
@@ -75,7 +75,7 @@ class Situation:
 
 
 def situation_of(history: Sequence[Touch], log_probs: Floats, num_poses: int, touch_limit: int) -> Situation:
-    """What the touches of the current object amount to, as the one row of a batch.
+    """The situation after the touches of the current object, as a batch of one row.
 
     >>> here = situation_of([Touch(1, np.array([2.0, 0.0]))], np.log([0.9, 0.1]), num_poses=2, touch_limit=10)
     >>> here.previous.tolist(), here.uses.tolist(), here.time.tolist(), here.frame_probs.round(2).tolist()
@@ -163,7 +163,7 @@ def expected_gains(evidence: ObjectEvidence | None, log_probs: Floats, target: i
         target: index.
 
     Raises:
-        NoGains: the evidence does not know what the next touch tells.
+        NoGains: the evidence has no outcomes of the next touch.
 
     >>> expected_gains(None, np.log([0.5, 0.5]), 0)                          # doctest: +ELLIPSIS
     Traceback (most recent call last):

@@ -33,12 +33,7 @@ class BadReference(ActiveTouchError, ValueError):
 
 @dataclass(frozen=True)
 class Reference:
-    """A parsed reference.
-
-    Attributes:
-        name: ``attribute``, or ``module:attribute``.
-        settings: keyword arguments in brackets after the name.
-        is_called: whether there are brackets.
+    """A parsed reference: its name, the keyword arguments in brackets after it, and whether there are brackets.
 
     >>> Reference.parse("mine:TwoLooks(touches=4)")
     Reference(name='mine:TwoLooks', settings={'touches': 4}, is_called=True)
@@ -72,7 +67,7 @@ class Reference:
 
     @property
     def is_users(self) -> bool:
-        """Whether it refers to an attribute of a module, not to an entry of a registry."""
+        """Whether it refers to an attribute of a module rather than to an entry of a registry."""
         return ":" in self.name
 
     def load(self) -> Any:
@@ -106,12 +101,9 @@ class Reference:
 
 @dataclass(frozen=True)
 class ForeignCode:
-    """Within the block, every exception of code of a user becomes CodeFailed, with its line in place of all frames.
+    """Context in which every exception of a user's code becomes CodeFailed, with its line in place of all frames.
 
-    Ctrl-C and faults of this project pass unchanged.
-
-    Attributes:
-        where: what was being done, which becomes a note of the error.
+    ``where`` says what was being done, as a note of the error. Ctrl-C and faults of this project pass unchanged.
 
     >>> with ForeignCode():
     ...     exec("import sys; sys.exit(0)")

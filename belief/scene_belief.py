@@ -93,12 +93,10 @@ class ReadableScene:
     def log_conflict(self) -> float:
         """Natural log of the e-value against "all touches so far come from the world that the model knows".
 
-        For a model with several worlds of the sensor, the Bayes factor of none of them
-        (:attr:`belief.observation_model.SensorHealth.log_conflict`).
-
         It counts the touches of earlier searches too, if their :attr:`log_bets` were given. In that world it ever
         exceeds log(1/α) with probability at most α, up to the dependence between touches that :mod:`belief.conflict`
-        describes. It is 0.0 for models without a test.
+        describes. It is 0.0 for models without a test. For a model with several worlds of the sensor it is
+        :attr:`belief.observation_model.SensorHealth.log_conflict`.
         """
         return log_conflict([self.log_bets]) if self._health is None else self._health.log_conflict
 
@@ -107,7 +105,7 @@ class ReadableScene:
         """Log wealth of every strategy of the conflict test after all touches, ``(J,)``; 0.0 without a test.
 
         Give it to the next search with the same robot and sensor, so that its test continues this one. For a model with
-        several worlds of the sensor, what is known about them.
+        several worlds of the sensor it holds what is known about them.
         """
         if self._health is not None:
             return self._health.log_bets
@@ -161,7 +159,8 @@ class SceneBelief(ReadableScene):
         model: likelihood of touches.
         prior: belief about one object of an ``independent`` scene; uniform by default.
         target: label or index of the target shape; used only for the warning :class:`ZeroPriorTarget`.
-        log_bets: of the scene of an earlier search with the same set-up, whose conflict test this one continues.
+        log_bets: log bets of the scene of an earlier search with the same set-up, whose conflict test this one
+            continues.
 
     Raises:
         ValueError: problem, model and prior have different shapes; a prior where the composition fixes one; more

@@ -44,7 +44,7 @@ def read_tensors(path: Path, kind: str = STATE) -> tuple[dict[str, NDArray[Any]]
 
 
 def read_fields(path: Path, kind: str = STATE) -> dict[str, Any]:
-    """The fields alone, from the header: their digest is checked, that of the arrays is not."""
+    """The fields alone, from the header, whose digest is checked; the arrays are not."""
     with _opened(path) as file:
         return dict(_header(file.metadata(), kind)["fields"])
 
@@ -59,7 +59,7 @@ def _header(metadata: Mapping[str, str] | None, kind: str) -> dict[str, Any]:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
-    """A file, open for reading; what libraries say of one that they cannot read, as our error."""
+    """A file that is open for reading; errors of the libraries that read it become CorruptFile."""
     from safetensors import SafetensorError, safe_open
 
     try:

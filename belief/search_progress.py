@@ -43,13 +43,9 @@ class Outcome(StrEnum):
 
 
 class SearchProgress:
-    """Where a search is; made of the arguments of :class:`belief.scene_belief.SceneBelief`.
+    """The state of a search; its arguments are those of :class:`belief.scene_belief.SceneBelief`.
 
-    Attributes:
-        scene: joint belief about all objects.
-        num_rejected: objects put aside.
-        num_touches: of the whole search, misses included.
-        outcome: None until the search has ended.
+    ``num_touches`` is of the whole search, misses included; ``outcome`` is None until the search has ended.
     """
 
     def __init__(
@@ -71,7 +67,7 @@ class SearchProgress:
 
     @property
     def object_index(self) -> int:
-        """The current object; the last one stays once it is rejected."""
+        """The current object; the last one if all were rejected."""
         return min(self.num_rejected, self.problem.num_objects - 1)
 
     @property
@@ -90,13 +86,13 @@ class SearchProgress:
         return belief
 
     def miss(self) -> None:
-        """Count a press without contact, which is no evidence: it takes its time, so the touch limit counts it."""
+        """Count a press without contact: it is no evidence, but takes time, so it counts for the touch limit."""
         self.num_touches += 1
 
     def act(self, action: Action) -> Outcome | None:
         """Carry out an action that is no touch, and return how the search ended, or None.
 
-        A probe is what the touch limit forbids: it is not made, and ends the search.
+        A probe stands for a touch that the touch limit forbids: it is not made, and ends the search.
         """
         if isinstance(action, Reject):
             self.num_rejected += 1
@@ -110,13 +106,9 @@ class SearchProgress:
 
 
 def success_of(outcome: Outcome | None, target: int, arrangement: Sequence[int], object_index: int) -> bool | None:
-    """Whether a target was confirmed, or all objects were rejected and none was a target.
+    """Whether a target was confirmed, or all objects were rejected and none was a target; None if that is unknown.
 
-    Args:
-        arrangement: true shape of every object, :data:`belief.scene_belief.UNKNOWN` where nobody knows it.
-
-    Returns:
-        None where it cannot be said: nothing of the arrangement is known, or not what matters.
+    ``arrangement`` holds the true shape of every object, or :data:`belief.scene_belief.UNKNOWN`.
 
     >>> success_of(Outcome.EXHAUSTED, 0, (1, UNKNOWN), 1), success_of(Outcome.EXHAUSTED, 0, (0, UNKNOWN), 1)
     (None, False)

@@ -22,18 +22,15 @@ _TOUCHING, _ARRANGING, _DECIDING = 1, 2, 3  # streams of an episode
 
 
 def keyed_rng(key: int | Sequence[int], *, is_fixed_length: bool = False) -> np.random.Generator:
-    """The generator of a key; different keys have different streams.
+    """The generator of a key, of one or several integers ≥ 0 of any size; different keys have different streams.
 
-    Args:
-        key: integers ≥ 0 of any size; a single one is a key of one.
-        is_fixed_length: whether all keys of this kind have the same length; a final zero of a short key is then not
-            marked.
+    ``is_fixed_length`` says that all keys of this kind have one length; a final zero of a short key is then not marked.
     """
     return np.random.default_rng(keyed_words(key, is_fixed_length=is_fixed_length))
 
 
 def keyed_words(key: int | Sequence[int], *, is_fixed_length: bool = False) -> list[int]:
-    """The words below 2^32 that seed numpy for a key; arguments and errors as for :func:`keyed_rng`."""
+    """The words below 2^32 that seed numpy for a key; see :func:`keyed_rng`."""
     words: list[int] = []
     for number in checked_key(key):
         if number < _MARK:
@@ -47,10 +44,7 @@ def keyed_words(key: int | Sequence[int], *, is_fixed_length: bool = False) -> l
 
 
 def checked_key(key: int | Sequence[int]) -> tuple[int, ...]:
-    """The key as a tuple of Python integers; raises InvalidArgument for a number that is not an integer ≥ 0.
-
-    A single number is a key of one.
-    """
+    """A key, or a single number, as a tuple of Python integers; raises InvalidArgument unless all are integers ≥ 0."""
     try:
         numbers = tuple(operator.index(number) for number in (key if isinstance(key, Iterable) else [key]))
         if isinstance(key, str | bool) or any(isinstance(number, bool) for number in numbers):

@@ -112,17 +112,17 @@ class TouchBatch(FrozenArrays):
         return self.require_logits().shape[2]
 
     def require_logits(self) -> Floats:
-        """The logits, ``(S, n, K)``, for what cannot do without them.
+        """The logits, ``(S, n, K)``.
 
         Raises:
-            InvalidArgument: there are none.
+            InvalidArgument: the touches have no logits.
         """
         if self.logits is None:
             raise InvalidArgument(f"these touches have no logits{WHO_GIVES_LOGITS}")
         return self.logits
 
     def take(self, index: Any) -> TouchBatch:
-        """The batch of touches at an index of arrays ``(S, n)``, which gives such arrays.
+        """The batch of touches at an index of arrays ``(S, n)``, which must give arrays of two axes.
 
         >>> batch = TouchBatch(np.array([[0, 1, 2]]), features=np.zeros((1, 3, 8)))
         >>> batch.take((0, [[2], [0]])).poses.tolist()
@@ -131,7 +131,7 @@ class TouchBatch(FrozenArrays):
         return self._of_each(lambda array: array[index])
 
     def reshaped(self, shape: tuple[int, int]) -> TouchBatch:
-        """The same touches in other sequences: so many, each so long; one of the two may be -1."""
+        """The touches in sequences of another ``shape``, number and length; one of the two may be -1."""
         return self._of_each(lambda array: array.reshape(*shape, *array.shape[2:]))
 
     def _of_each(self, change: Callable[[NDArray[Any]], NDArray[Any]]) -> TouchBatch:

@@ -30,11 +30,11 @@ from belief.validation import require_index
 def touch_fit(model: ObservationModel, objects: Iterable[Sequence[Touch]], world: int = 0) -> tuple[float, float]:
     """Misfit and strangeness of the touches of some objects.
 
-    The *misfit* of a touch after the first of an object: by how much it predicts itself better than the earlier touches
-    of its object predict it, in nats. The sum of n touches is divided by the square root of n, so that it grows where
-    every touch fits badly, but little where there are only more of them. It is 0 for models of independent touches. The
-    *strangeness* is minus the log evidence that the objects have known shapes, against the background, for each touch.
-    It is 0 where the state of the sensor is inferred, because usual evidence differs from world to world.
+    The *misfit* of a touch after the first of an object is by how much it predicts itself better than the earlier
+    touches predict it [nats]. The sum over n touches is divided by √n, so that it grows where every touch fits badly,
+    but little with their number. It is 0 for models of independent touches. The *strangeness* is minus the log evidence
+    per touch that the objects have known shapes, against the background. It is 0 where the state of the sensor is
+    inferred, because usual evidence differs from world to world.
     """
     health = model if isinstance(model, SensorHealthModel) else None
     joint = joint_model(model if health is None else health.nominal)

@@ -81,7 +81,7 @@ class Abstaining:
 
     @property
     def stop_rule(self) -> Any:
-        """That of the decider that is followed, where it has one."""
+        """The stop rule of the decider that is followed, or None."""
         return getattr(self.decider, "stop_rule", None)
 
     def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
@@ -111,8 +111,8 @@ def answer_prob(action: Confirm | Reject | Unsure, info: InformationState) -> fl
     """Stated probability that an answer is right: the object is the target, or no object is one.
 
     Args:
-        action: that ends the touches of the current object.
-        info: on which it is based.
+        action: the action that ends the touches of the current object.
+        info: the state in which it was chosen.
 
     Returns:
         None for an action that is no answer: "I do not know", or the rejection of an object that is not the last.

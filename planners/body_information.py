@@ -1,4 +1,4 @@
-"""Which touch tells most about the body, where bodies are many and each may lie in many ways."""
+"""The expected information of a touch about the body, where there are many bodies in many orientations."""
 
 from __future__ import annotations
 
@@ -12,11 +12,8 @@ from belief.validation import Floats
 def body_information(log_ratios: NDArray[np.floating], weights: Floats, bodies: NDArray[np.integer]) -> Floats:
     """Expected information of a touch in each pose about the body [nats], ``(P,)``.
 
-    Args:
-        log_ratios: log p(touch | hypothesis) / p(touch) of M reference touches, which stand for all touches as equally
-            probable ones, ``(P, n, M)``; overwritten.
-        weights: posterior of the n hypotheses, ``(n,)``.
-        bodies: of each hypothesis, ``(n,)``.
+    ``log_ratios (P, n, M)``, log p(touch | hypothesis) / p(touch) of M equally probable reference touches, are
+    overwritten; ``weights (n,)`` are the posterior of the hypotheses, and ``bodies (n,)`` are their bodies.
 
     >>> tells, silent = np.log([[0.9, 0.1], [0.1, 0.9]]), np.zeros((2, 2))
     >>> body_information(np.stack([tells, silent]), np.full(2, 0.5), np.array([3, 7])).round(3).tolist()
@@ -32,10 +29,7 @@ def body_information(log_ratios: NDArray[np.floating], weights: Floats, bodies: 
 
 
 def sampled_leaves(belief: CoarseToFine, number: int) -> tuple[Leaves, Floats]:
-    """Cells that stand for a posterior, at most ``number``, and their weights: by systematic resampling.
-
-    A cell of weight w appears ``number`` times w times, rounded up or down; its weight counts these.
-    """
+    """At most ``number`` cells that stand for a posterior, by systematic resampling, and their weights."""
     leaves = belief.leaves()
     above = np.cumsum(np.exp(leaves.log_weight - leaves.log_weight.max()))
     drawn = np.searchsorted(above, (np.arange(number) + 0.5) / number * above[-1])

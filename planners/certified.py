@@ -52,14 +52,12 @@ class Certified:
     Where the decider would confirm below the threshold, the object is touched again, in the pose that was used least.
     After ``max_touches`` of the object, or at the touch limit of the search, the answer is "I do not know". So two sets
     of thresholds give the same search up to its end, and the stops of all of them can be read from one search with
-    :data:`NEVER`. Rejections are the decider's; nothing is promised about them.
+    :data:`NEVER`. Rejections are those of the decider; nothing is promised about them.
 
     Attributes:
-        decider: the decider that is followed.
         thresholds: stated probability of the target from which an object is confirmed, by the number of its touches;
-            the last one is for so many and more; infinite for never.
-        max_touches: touches of one object after which it is not touched again, at least 1.
-        made_for: of the certificate, as there; None without one.
+            the last one is for its number and more; infinite for never.
+        made_for: that of the certificate; None without one.
     """
 
     decider: Decider
@@ -74,7 +72,7 @@ class Certified:
 
     @property
     def stop_rule(self) -> dict[str, Any]:
-        """What ends its searches, as JSON types, which the log of a session keeps."""
+        """The rule that ends its searches, as JSON types for the log of a session."""
         limits = [float(limit) if math.isfinite(limit) else None for limit in self.thresholds]
         return {"thresholds": limits, "max_touches": self.max_touches}
 
@@ -104,9 +102,9 @@ Fit = tuple[int, float, float]
 
 
 def fit_of_search(target: int, steps: Sequence[Step], model: ObservationModel) -> Fit:
-    """How well the touches of a search fit the likeliest world of its sensor, up to where it first could confirm.
+    """Fit of the touches of a search to the likeliest world of its sensor, up to the first possible confirmation.
 
-    So far, a search is the same with all certificates.
+    Up to there, a search is the same with all certificates.
     """
     objects, world = dict[int, list[Touch]](), 0.0
     for step in steps:
@@ -132,17 +130,17 @@ class Certificate(Tabular):
     most :data:`FALSE_ALARM` ever, however many searches there are, if they are of that world.
 
     Attributes:
-        decider: its name, with settings.
+        decider: name of the decider, with settings.
         risk: α.
-        confidence: of the promise.
+        confidence: confidence level of the promise.
         num_searches: calibration searches; half of them proposed the thresholds, the others tested them.
         thresholds: as of :class:`Certified`.
         stops: stops in the testing half, by number of touches as ``thresholds``.
         wrong: wrong ones among these.
         max_touches: as of :class:`Certified`.
         made_for: JSON types that name the world, the objects, the decider, the sensor and the rules.
-        usual: of each calibration search.
-        since: of each search of the set-up, in their order.
+        usual: fit of each calibration search.
+        since: fit of each search of the set-up, in their order.
         counted: digests of the sessions of these searches.
 
     Raises:
@@ -197,7 +195,7 @@ class Certificate(Tabular):
 
     @property
     def is_withdrawn(self) -> bool:
-        """Whether the searches since no longer look like those that it was made from; it stays so."""
+        """Whether the searches since no longer look like the calibration searches, now or earlier."""
         return bool((self.log_alarms >= -math.log(FALSE_ALARM)).any())
 
     @property
@@ -212,7 +210,7 @@ class Certificate(Tabular):
     def after(self, session: Session) -> Certificate:
         """The certificate after a search of the set-up that stopped by it; withdrawn if the world has changed.
 
-        Count all searches, for targets that are chosen without looking at what was felt.
+        Count all searches, for targets that were chosen without knowledge of the touches.
 
         Raises:
             InvalidArgument: the search has not ended, sought another target, did not stop by this certificate (another
@@ -243,7 +241,7 @@ class Certificate(Tabular):
 
         Args:
             decider: the decider that it was made for.
-            made_for: what it is to be used for, as the attribute.
+            made_for: what it will be used for, in the form of the attribute.
 
         Raises:
             NotCertified: it was withdrawn, or made for something else; the message says what differs.
@@ -258,7 +256,7 @@ class Certificate(Tabular):
         return Certified(decider, self.thresholds, self.max_touches, self.made_for)
 
     def _other(self, made_for: Mapping[str, Any]) -> str:
-        """In what something differs from what it was made for, in words; empty for nothing."""
+        """How something differs from what the certificate was made for, in words; empty if it does not."""
         names = dict.fromkeys([*self.made_for, *made_for])
         other = [name for name in names if self.made_for.get(name) != made_for.get(name)]
         return "; ".join(f"the {name}: {_differing(self.made_for.get(name), made_for.get(name))}" for name in other)
@@ -270,7 +268,7 @@ class Certificate(Tabular):
 
     @classmethod
     def opened(cls, certificate: str | Path | Certificate) -> Certificate:
-        """A certificate, or that of a file; raises as :meth:`load`."""
+        """A certificate, or the one in a file; raises as :meth:`load`."""
         return certificate if isinstance(certificate, Certificate) else cls.load(certificate)
 
     @classmethod
@@ -300,7 +298,7 @@ class Certificate(Tabular):
 
 
 def _differing(mine: Any, other: Any) -> str:
-    """In which two values of JSON types differ, in a few words."""
+    """How two values of JSON types differ, in a few words."""
     if isinstance(mine, Mapping) and isinstance(other, Mapping):
         names = [name for name in dict.fromkeys([*mine, *other]) if mine.get(name) != other.get(name)]
         return f"other {', '.join(names)}"

@@ -54,11 +54,11 @@ def check_decider(
     can represent; the decider can be pickled; some search ends before the touch limit.
 
     Args:
-        decider: to be checked.
+        decider: the decider to check.
         rng: draws objects and touches.
         model: source of the touches; by default a random model with four shapes and three poses.
         num_searches: half of them among distinct shapes, half among independent ones.
-        touch_limit: of each search.
+        touch_limit: touch limit of each search.
         unsure_reward: reward of the answer "I do not know", which is a valid decision only where it has one.
 
     Returns:

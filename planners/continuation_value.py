@@ -33,11 +33,7 @@ _CONFIRM = 1.0 - _REJECT
 
 @dataclass(frozen=True, eq=False)
 class ContinuationValue:
-    """Continuation values by object and by whether a target was rejected.
-
-    Attributes:
-        values: w(i, m), before any touch of object i, ``(N + 1, 2)``; the last row is for all objects rejected.
-    """
+    """``values`` w(i, m) before any touch of object i, ``(N + 1, 2)``; the last row is for all objects rejected."""
 
     values: Floats
 
@@ -47,8 +43,7 @@ class ContinuationValue:
     ) -> ContinuationValue:
         """Compute the values from the last object to the first.
 
-        A perfect pose finds the target among the first three of four objects with one touch each; the last object needs
-        none. The number of touches is 1, 2, 3 or 3, each with probability 1/4.
+        With a perfect pose and four objects the number of touches is 1, 2, 3 or 3, because the last object needs none.
 
         >>> problem = SearchProblem(tuple("abcd"), ("p",), num_objects=4, touch_cost=0.04)
         >>> ContinuationValue.of(problem, 0, OutcomeTable(np.eye(4)[None])).values[:, 0].round(3).tolist()
@@ -78,10 +73,9 @@ class ContinuationValue:
 
 
 def shapes_ahead(problem: SearchProblem, target: int) -> Floats:
-    """p(shape of object i) before it is touched, ``(N, 2, K)``.
+    """p(shape of object i) before it is touched, if no earlier object was a target, and if one was, ``(N, 2, K)``.
 
-    Row 0 of an object is given that no earlier object was a target, row 1 given that exactly one was. That the other
-    shapes differ from each other is ignored.
+    That the other shapes differ from each other is ignored.
     """
     others = np.where(np.arange(problem.num_shapes) == target, 0.0, problem.prior_probs)
     if not others.any():  # every object is a target
@@ -99,10 +93,7 @@ def shapes_ahead(problem: SearchProblem, target: int) -> Floats:
 
 
 def prob_missed(info: InformationState) -> float:
-    """Probability that a target was among the rejected objects, given that the current object is not one.
-
-    It is 0 without a joint belief (``info.scene``).
-    """
+    """Probability that a rejected object was a target, given that the current one is not; 0 without ``info.scene``."""
     if info.scene is None or info.object_index == 0:
         return 0.0
     log_probs = [info.scene.belief(index).log_probs[info.target] for index in range(info.object_index)]

@@ -37,7 +37,7 @@ class InformationState:
     Attributes:
         problem: the search.
         target: index of the shape sought; a label becomes its index.
-        belief: about the current object, given all touches of all objects; of the problem's shapes.
+        belief: belief about the current object, given all touches of all objects, over the problem's shapes.
         history: touches of the current object, oldest first; stored as a :class:`belief.TouchHistory`.
         object_index: number of objects rejected before this one, in [0, N).
         scene: the joint belief about all objects, for deciders that plan beyond the current one.
@@ -130,7 +130,7 @@ def pose_scores(name: str, problem: SearchProblem, values: NDArray[np.floating])
 
 
 def touch_share(problem: SearchProblem) -> int:
-    """The share of one object in the touch limit of a search, at least one touch.
+    """Share of one object in the touch limit of a search, at least 1.
 
     >>> touch_share(SearchProblem(tuple("abcd"), ("front",), num_objects=4, touch_limit=10))
     2
@@ -196,11 +196,7 @@ class BadDecision(ActiveTouchError, ValueError):
 
 
 def checked_decision(decision: Any, decider: object, problem: SearchProblem) -> Decision:
-    """The decision with Python numbers in place of numpy's.
-
-    Raises:
-        BadDecision: it is not a :class:`Decision`, its action or pose is invalid, it is unsure in a search without this
-            answer, or a score is not a finite number.
+    """The decision with Python numbers in place of numpy's; raises BadDecision if it is not one of this search.
 
     >>> problem = SearchProblem(("cube", "cone"), ("front",), num_objects=1)
     >>> checked_decision("confirm", None, problem)

@@ -42,7 +42,7 @@ class Episode:
     """One search.
 
     Attributes:
-        seed: of the episode.
+        seed: seed of the episode.
         target: index of the shape sought.
         arrangement: true shape of every object, in order of visit; :data:`belief.scene_belief.UNKNOWN` (-1) where
             nobody knows it.

@@ -34,12 +34,8 @@ _PLAIN = (type(None), bool, int, float, complex, str, bytes)
 def fingerprint(value: object, target: str | None = None, known: Mapping[str, object] | None = None) -> str:
     """SHA-256 of the settings of an object and of the code that its classes import, the same in every process.
 
-    Settings are the attributes of the object, their attributes, and so on.
-
-    Args:
-        value: an object such as a decider, or a function.
-        target: shape that is searched for; an object with a method ``files`` is asked which files it reads for it.
-        known: objects by name that are described by their name only.
+    Settings are the attributes of the object, their attributes, and so on. An object with a method ``files`` is asked
+    which files it reads for the ``target``. Objects in ``known`` are described by their name only.
 
     >>> from planners.stopping import PosteriorThresholds
     >>> fingerprint(PosteriorThresholds()) == fingerprint(PosteriorThresholds(confirm=0.99))
@@ -100,7 +96,7 @@ def code_digest(*modules: str) -> str:
 def _home(value: Any, name: str) -> str:
     """The module that a value in the namespace of the module ``name`` comes from.
 
-    A part of a package stands in its namespace as soon as anything has imported it, so it does not count.
+    A submodule does not count: it is in the namespace of its package as soon as anything has imported it.
     """
     if isinstance(value, ModuleType):
         return name if value.__name__.startswith(f"{name}.") else value.__name__
@@ -117,7 +113,7 @@ class _Description:
         self._seen: dict[int, object] = {}  # keeps the objects, so that no id is used again
 
     def of(self, value: Any) -> Any:
-        """What a value is."""
+        """The description of a value."""
         if id(value) in self._known:
             return ["known", self._known[id(value)]]
         if isinstance(value, MadeAnew):
@@ -169,7 +165,7 @@ class _Description:
 
 
 def _settings(value: Any) -> dict[str, Any]:
-    """Attributes of an object; of a dataclass only those that were given to it."""
+    """Attributes of an object; of a dataclass only its constructor arguments."""
     if is_dataclass(value):
         return {field.name: getattr(value, field.name) for field in fields(value) if field.init}
     slots = [name for cls in type(value).__mro__ for name in getattr(cls, "__slots__", ())]

@@ -48,14 +48,10 @@ LEAST_COST = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class PointBased:
-    """Follows a policy from point-based value iteration; solved when a search is first seen, in one to four seconds.
+    """Follows a policy of point-based value iteration, solved in one to four seconds when a search is first seen.
 
-    Attributes:
-        table: p(outcome | pose, shape).
-        repeats: discounts the value of repeated poses.
-        rounds: number of simulated searches in each round of planning.
-        given: "shape" for the table of first touches, or "body" for what the evidence says of the next touch, where it
-            is about one rigid body (decision 0059).
+    ``rounds`` are numbers of simulated searches. ``given`` is "shape" for the outcome table of first touches, or "body"
+    for the outcomes that the evidence predicts, where it is about one rigid body (decision 0059).
     """
 
     table: OutcomeTable
@@ -149,8 +145,8 @@ def _belief(policy: SearchPolicy, info: InformationState) -> Floats:
 def stages_by_target(problem: SearchProblem, outcome_probs: Floats, target: int, touch_cost: float) -> StagedProblem:
     """A search with known counts of shapes as stages of 2K hidden states.
 
-    States 0 to K - 1 are the current shape with no target rejected yet, states K to 2K - 1 with one rejected. It leaves
-    out how rejections change the probabilities of the other shapes; the belief includes it (decision 0026).
+    States 0 to K - 1 are the current shape with no target rejected yet, states K to 2K - 1 with one rejected.
+    Rejections do not change the probabilities of the other shapes here; in the belief they do (decision 0026).
     """
     later = shapes_ahead(problem, target)[1:]
     stages = stages_by_missed(problem.num_shapes, target, later / later.sum(axis=2, keepdims=True))

@@ -58,11 +58,8 @@ class Rules:
     """A search as tables from which the pomdp-py models draw.
 
     Attributes:
-        problem: the search.
-        target: index of the target shape.
-        actions: our actions by pomdp-py's, without useless touches; CONFIRM and REJECT come first and win ties.
+        actions: our actions by those of pomdp-py, without useless touches; CONFIRM and REJECT come first and win ties.
         states: all states, by object, shape and whether a target was rejected.
-        outcomes: observations of probes.
         outcome_probs: p(outcome | pose, shape), ``(P, K, M)``.
         shape_probs: p(shape) of object i before it is touched, by whether a target was rejected, ``(N, 2, K)``.
     """
@@ -85,7 +82,7 @@ class Rules:
         return bool(state.data[1] == self.target)
 
     def is_missed(self, state: SimpleState) -> bool:
-        """Whether a target is among the rejected objects after the current one is rejected."""
+        """Whether a target is among the rejected objects once the current one is rejected, too."""
         return bool(state.data[2] or self.is_target(state))
 
     def histogram(self, info: InformationState) -> dict[SimpleState, float]:
@@ -98,7 +95,7 @@ class Rules:
 
 
 class SearchModel(pomdp_py.BlackboxModel):
-    """Draws what follows an action: probes observe an outcome, REJECT brings the next object (decision 0004)."""
+    """Draws the result of an action: probes give an outcome, REJECT brings the next object (decision 0004)."""
 
     def __init__(self, rules: Rules, rng: np.random.Generator) -> None:
         self._rules, self._rng = rules, rng
@@ -121,10 +118,7 @@ class SearchModel(pomdp_py.BlackboxModel):
 
 
 class InformedRollout(pomdp_py.RolloutPolicy):
-    """The allowed actions; rollouts confirm the target and reject any other shape, by the sampled state.
-
-    ``now`` are the actions at the root; all by default.
-    """
+    """Rollouts that confirm a sampled target and reject any other shape; ``now`` are the actions at the root."""
 
     def __init__(self, rules: Rules, rng: np.random.Generator, now: Sequence[SimpleAction] | None = None) -> None:
         self._rules, self._rng = rules, rng
@@ -150,13 +144,7 @@ class InformedRollout(pomdp_py.RolloutPolicy):
 
 @dataclass(frozen=True, eq=False)
 class Pouct:
-    """POUCT, with the belief as a histogram.
-
-    Attributes:
-        table: p(outcome | pose, shape).
-        simulations: number per decision.
-        rollout: values the leaves of the tree.
-    """
+    """POUCT with a number of ``simulations`` per decision, from the belief as a histogram."""
 
     table: OutcomeTable
     simulations: int = 1000
@@ -210,9 +198,9 @@ def _exploration(simulations: int) -> float:
 def useful_poses(problem: SearchProblem, table: OutcomeTable) -> list[int]:
     """The poses worth a touch: none if no number of touches can pay, else all whose outcome depends on the shape.
 
-    Rollouts know the sampled shape, so a touch that tells nothing would seem to be worth more than an answer. The
-    information of n touches is at most n C, with C the largest divergence between two shapes in any pose, and an answer
-    gains at most 2 √(n C / 2) by it (Pinsker's inequality). This is below the cost n λ for every n if √(2 C) ≤ λ.
+    Rollouts know the sampled shape, so a touch without information would seem better than an answer. The information of
+    n touches is at most n C, with C the largest divergence between two shapes in any pose, and an answer gains at most
+    2 √(n C / 2) by it (Pinsker's inequality). This is below the cost n λ for every n if √(2 C) ≤ λ.
 
     >>> table = OutcomeTable(np.array([[[0.5, 0.5], [0.5, 0.5]], [[0.9, 0.1], [0.1, 0.9]]]))
     >>> useful_poses(SearchProblem(("cube", "cone"), ("front", "top"), 1, "independent"), table)
@@ -232,7 +220,7 @@ def _draw(cumulative: list[float], rng: np.random.Generator) -> int:
 def _root_actions(rules: Rules, info: InformationState) -> list[SimpleAction]:
     """Actions at the root: no CONFIRM of a target with probability zero, and only the least used of the useful poses.
 
-    There are no touches beyond the object's share of the touch limit.
+    Beyond the object's share of the touch limit there are no touches.
     """
     uses = info.uses
     least = min((uses[pose] for pose in rules.poses.values()), default=0)

@@ -38,19 +38,15 @@ class BadPolicy(CorruptFile):
 
 
 class UnknownNormalization(UserWarning):
-    """A policy's file does not tell whether its observations were normalised."""
+    """A policy's file does not say whether its observations were normalised."""
 
 
 @dataclass(frozen=True)
 class PolicyCard:
-    """What a policy is and what it was trained for; the file's header.
+    """What a policy is and what it was trained for: the header of its file.
 
-    Attributes:
-        state: what it sees, a key of :data:`belief.policy_state.ENCODINGS`.
-        target: shape it looks for; empty for one that observes the target (the state "goal").
-        shape_labels, pose_labels: of the scene it was trained on.
-        touch_limit: T_max, touches of one object.
-        training: how it was trained, for people.
+    ``state`` is a key of :data:`belief.policy_state.ENCODINGS`; ``target`` is empty for a policy that observes the
+    target; ``touch_limit`` is T_max of one object; ``training`` is text for people.
     """
 
     state: str
@@ -63,13 +59,7 @@ class PolicyCard:
 
 @dataclass(frozen=True, eq=False)
 class Policy:
-    """A multilayer perceptron with tanh between its layers.
-
-    Attributes:
-        card: what it is for.
-        weights: of the layers, ``(out, in)`` each, float32.
-        biases: of the layers, ``(out,)`` each, float32.
-    """
+    """A multilayer perceptron with tanh between its layers; weights ``(out, in)`` and biases ``(out,)``, float32."""
 
     card: PolicyCard
     weights: tuple[NDArray[np.float32], ...]
@@ -134,15 +124,11 @@ def load_ppo_policy(folder: Path | None, state: str, target: str) -> Policy:
 
 @dataclass(frozen=True)
 class PPODecider:
-    """Does what the policy trained for the target finds best, object by object.
+    """Follows the policy that was trained for the target, from a folder, object by object.
 
-    It is a decider, and by :meth:`choose` a probe selector: the pose it likes best, even if it would rather stop.
-    Policies were trained on one object at a time and know nothing of others but what the belief tells. After as many
-    touches of one object as a policy was trained for, it has to decide.
-
-    Attributes:
-        policies: folder of policies.
-        state: what they see.
+    It is a decider, and by :meth:`choose` a probe selector, which takes the best pose even if stopping is better. A
+    policy was trained on one object at a time and knows of others only by the belief. After as many touches of one
+    object as in its training, it has to decide.
     """
 
     policies: Path | None
@@ -167,7 +153,7 @@ class PPODecider:
         return Decision(Probe(int(poses.argmax())), {"target_prob": info.target_prob})
 
     def files(self, target: str) -> tuple[Path, ...]:
-        """Files that searches for this target follow, once they are sure to hold a policy."""
+        """Files that searches for this target read, each checked to hold a policy."""
         load_ppo_policy(self.policies, self.state, target)
         return () if self.policies is None else (self.policies / policy_file(self.state, target),)
 
@@ -186,12 +172,12 @@ class PPODecider:
         return policy
 
     def scores(self, info: InformationState, policy: Policy) -> Floats:
-        """What a policy thinks of the poses, CONFIRM and REJECT, ``(P + 2,)``."""
+        """Scores of the poses, CONFIRM and REJECT by a policy, ``(P + 2,)``."""
         return np.asarray(policy.scores(shown(info, self.state, policy.card.touch_limit))[0])
 
 
 def shown(info: InformationState, state: str, touch_limit: int) -> Floats:
-    """What an environment with this state and limit shows of the current object, as the one row of a batch."""
+    """The state vector that an environment with this state and limit shows of the current object, as a batch of one."""
     log_probs = info.belief.log_probs
     situation = situation_of(info.history, log_probs, info.problem.num_poses, touch_limit)
     if state in WITH_GAINS:
@@ -200,7 +186,7 @@ def shown(info: InformationState, state: str, touch_limit: int) -> Floats:
 
 
 def written(path: Path) -> tuple[int, int] | None:
-    """Time and size of a file, which change when it is written anew; None if there is none."""
+    """Time and size of a file, which change when it is rewritten; None if there is none."""
     try:
         found = path.stat()
     except OSError:
@@ -210,5 +196,5 @@ def written(path: Path) -> tuple[int, int] | None:
 
 @lru_cache(maxsize=64)
 def _cached_policy(folder: Path | None, state: str, target: str, written: tuple[int, int] | None) -> Policy:
-    """The policy, read once a process, and again when its file was written anew."""
+    """The policy, read once in a process, and again when its file was rewritten."""
     return load_ppo_policy(folder, state, target)

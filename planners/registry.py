@@ -37,9 +37,9 @@ from planners.stopping import PosteriorThresholds, RandomConfirm, StopOverride, 
 from planners.value_of_information import ValueOfInformation
 
 PREFIX = "sb3:"
-"""What the name of a decider that follows a saved policy of Stable-Baselines3 starts with."""
+"""Prefix of the names of deciders that follow a saved policy of Stable-Baselines3."""
 POLICY = "policy:"
-"""What the name of a decider starts with that plays a function from an observation to an action."""
+"""Prefix of the names of deciders that call a function from an observation to an action."""
 ENTRY_POINTS = "activetouch.deciders"
 """Entry-point group of deciders in installed packages."""
 
@@ -53,7 +53,7 @@ class WrongType(ActiveTouchError, TypeError):
 
 
 def _loaded(reference: str) -> Any:
-    """A class that is loaded when it is first needed: what plans ahead is not in the way of what does not."""
+    """A class that is imported only when a decider needs it."""
     module, _, name = reference.partition(":")
     return getattr(import_module(module), name)
 
@@ -63,7 +63,7 @@ def _sequential(
 ) -> Builder:
     """A builder of a sequential decider with the settings of its two parts; ``summary`` is its docstring.
 
-    How repeats count is no setting: probe selectors that weigh them have a default.
+    The discount of repeats is no setting: probe selectors that use it have a default.
     """
     rule, selector = inspect.signature(stopping).parameters, inspect.signature(probing).parameters
 
@@ -176,7 +176,7 @@ def summary_of(name: str) -> str:
 
 
 def find_decider(name: str) -> tuple[Any, Reference]:
-    """The builder or object of a decider, which is not called yet, and its parsed name."""
+    """The builder or object of a decider, not yet called, and its parsed name."""
     if name.startswith(PREFIX):
         path, settings = name.removeprefix(PREFIX), {}
         if path.endswith(")"):  # and no file's name ends so
@@ -261,7 +261,7 @@ def make_decider(
 
 @dataclass(frozen=True)
 class MadeAnew:
-    """A decider that holds what cannot be copied, such as a connection; its copies are made from its name again."""
+    """A decider that holds what cannot be copied, such as a connection; its copies are made again from its name."""
 
     decider: Decider
     arguments: tuple[Any, ...]  # of :func:`make_decider`

@@ -17,14 +17,11 @@ from belief.validation import Floats
 
 @dataclass(frozen=True)
 class RepeatDiscount:
-    """Discounts the value of touches in used poses.
+    """Discounts touches in used poses by the correlation ρ of touches in one pose, in [0, 1], or None.
 
-    With a correlation ρ, the weight of the n-th touch is the difference of
-    :func:`~belief.observation_model.repeat_discount.effective_touches` for n and n - 1 touches. Without one, for models
-    that have none, only the least used poses are allowed (decision 0006).
-
-    Attributes:
-        correlation: ρ of touches in one pose, in [0, 1]; None if it is not known.
+    The weight of the n-th touch is the difference of
+    :func:`~belief.observation_model.repeat_discount.effective_touches` for n and n - 1 touches. Without a correlation,
+    only the least used poses are allowed (decision 0006).
     """
 
     correlation: float | None = None
@@ -34,10 +31,7 @@ class RepeatDiscount:
             raise ValueError(f"correlation must be in [0, 1], got {self.correlation}")
 
     def weights(self, uses: ArrayLike) -> Floats:
-        """Value of the next touch in each pose as a fraction of the value of a new touch, in [0, 1], ``(..., P)``.
-
-        ``uses (..., P)`` are the touches of the object in each pose. A pose with weight zero is not used.
-        """
+        """Value of the next touch in each pose relative to a new touch's, for ``uses (..., P)``; 0 forbids a pose."""
         n, rho = np.asarray(uses, np.float64), self.correlation
         if rho is None:
             return (n == n.min(axis=-1, keepdims=True)).astype(np.float64)

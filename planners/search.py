@@ -48,13 +48,7 @@ WorldT = TypeVar("WorldT", bound=World)
 
 
 class TouchRequest(NamedTuple, Generic[WorldT]):
-    """A touch for which an episode waits.
-
-    Attributes:
-        world: whose current object to touch.
-        pose: in which pose.
-        rng: generator of the touch.
-    """
+    """A touch for which an episode waits: of the current object of ``world``, in ``pose``, drawn with ``rng``."""
 
     world: WorldT
     pose: int
@@ -81,12 +75,12 @@ def search(
         problem: the search.
         target: label or index of the target shape.
         model: likelihood of touches.
-        seed: of the episode, one number or several; the same seed gives the same episode.
-        log_bets: of an earlier search with the same set-up (:func:`log_bets_after`).
+        seed: seed of the episode, one number or several; the same seed gives the same episode.
+        log_bets: log bets of an earlier search with the same set-up (:func:`log_bets_after`).
 
     Raises:
         UnknownName: no shape has the target's name.
-        ValueError: a target out of range; a seed that is none; a world of another number of objects; a problem, a model
+        ValueError: a target out of range; an invalid seed; a world with another number of objects; a problem, a model
             and bets that do not fit each other, or a touch that does not fit the model.
         BadDecision: the decider returns an invalid decision.
         ImpossibleObservation: a touch has likelihood zero for every possible shape.
@@ -141,7 +135,7 @@ def search_lockstep(
 
 
 def _next_request(session: Session, world: WorldT) -> TouchRequest[WorldT] | None:
-    """The touch that a session asks for, once it was told of all other actions; None when the search has ended."""
+    """The touch that a session asks for after its other actions were carried out; None at the end of the search."""
     while (action := session.ask()) is not None:
         if isinstance(action, Probe):
             repeat = session.uses(action.pose)
@@ -156,16 +150,11 @@ def _next_request(session: Session, world: WorldT) -> TouchRequest[WorldT] | Non
 def log_bets_after(
     episode: Episode, problem: SearchProblem, model: ObservationModel, log_bets: ArrayLike = 0.0
 ) -> Floats:
-    """Log wealth of the conflict test after a search, with which the next search of the same robot begins, ``(J,)``.
+    """Log wealth of the conflict test after a search, ``(J,)``, with which the next search of the same robot begins.
 
-    A robot whose world is not the one that the observation model was fitted to is in that world in every search: the
-    touches of several searches tell it, and the false-alarm rate is for all of them together.
-
-    Args:
-        episode: the search, with the features of its touches.
-        problem: of the search.
-        model: likelihood of touches.
-        log_bets: with which the search began.
+    A robot outside the world of its observation model is outside it in every search, so evidence adds up over searches,
+    and the false-alarm rate is for all of them together. ``episode`` needs the features of its touches; ``log_bets``
+    are those with which it began.
     """
     scene = SceneBelief(problem, model, log_bets=log_bets)
     for step in episode.steps:
@@ -176,15 +165,7 @@ def log_bets_after(
 
 @dataclass(frozen=True)
 class Identification:
-    """How an object was named.
-
-    Attributes:
-        truth: index of its label.
-        named: index of the label that was named.
-        stated: probability of that label.
-        poses: of the touches.
-        is_certain: whether the stated probability reached the threshold.
-    """
+    """An object that was named: the truth, the label, its probability, and whether that reached the threshold."""
 
     truth: int
     named: int
@@ -211,10 +192,10 @@ def identify(
 
     Args:
         world: its first object is touched.
-        selector: chooses the poses. What it knows of a target is label 0 and means nothing.
+        selector: chooses the poses. The target in its information state is label 0 and has no meaning.
         model: likelihood of touches; its labels are equally probable before the first.
         pose_labels: names of the P poses.
-        seed: of the touches and of the selector.
+        seed: seed of the touches and of the selector.
         threshold: probability at which to stop, in (0, 1].
         max_touches: ≥ 1.
 
@@ -249,7 +230,7 @@ def identify(
 
 @dataclass(frozen=True)
 class _Certain:
-    """Stops where a label is probable enough, or after so many touches."""
+    """Stops where a label is probable enough, or after a maximum number of touches."""
 
     threshold: float
     max_touches: int

@@ -1,6 +1,6 @@
 """Ask and tell: a search whose touches somebody else makes, such as a robot that this program does not drive.
 
-A :class:`Session` is the search loop turned inside out: :func:`planners.search.search` plays one with a world.
+A :class:`Session` returns each action and waits for its result. :func:`planners.search.search` runs one in a world.
 
 >>> from belief.synthetic import random_model
 >>> from planners.registry import make_decider
@@ -61,7 +61,7 @@ from planners.session_log import (
 
 
 class SessionSettings(TypedDict, total=False):
-    """Settings of a :class:`Session` beside its search and what reads its images."""
+    """Settings of a :class:`Session`, without its search and the reader of its images."""
 
     arrangement: Sequence[Name | None] | None
     abstain: bool | None
@@ -85,11 +85,11 @@ class Session:
         decider: chooses the actions.
         target: label or index of the shape sought.
         model: likelihood of touches.
-        seed: of the decider, one number or several.
+        seed: seed of the decider, one number or several.
         arrangement: true shape of every object, by label or index, None for one that nobody knows; for scoring only.
         abstain: whether the decider may answer "I do not know" (:class:`planners.abstaining.Abstaining`); by default,
             if no true shape is given. The problem then has the answer Unsure, with a reward of 0 unless it has one.
-        log_bets: of an earlier search with the same set-up (:func:`planners.search.log_bets_after`).
+        log_bets: log bets of an earlier search with the same set-up (:func:`planners.search.log_bets_after`).
         reader: reads images.
         least_force: a contact whose stated force is not larger is no contact [N].
         least_area: a contact whose area is not larger is no contact [m²].
@@ -97,9 +97,9 @@ class Session:
     Attributes:
         problem: the search, with the answer Unsure if the decider may give it.
         model: likelihood of touches.
-        seed: as a tuple.
+        seed: seed of the decider, as a tuple.
         target: index of the shape sought.
-        decider: that chooses the actions, in :class:`planners.abstaining.Abstaining` if it may be unsure.
+        decider: the decider that chooses the actions, in :class:`planners.abstaining.Abstaining` if it may be unsure.
 
     A copy of a session goes on by itself, from the same state and without the log.
 
@@ -187,8 +187,8 @@ class Session:
             missed: whether there was no contact.
             pose: label or index of the pose of the touch, or a place that is none of the poses, as the session's
                 reader takes it; that of ``touch``, or the one asked for, by default.
-            force: of the contact [N]; not more than ``least_force`` is a miss.
-            area: of the contact [m²]; not more than ``least_area`` is a miss. The reader's by default.
+            force: force of the contact [N]; not more than ``least_force`` is a miss.
+            area: area of the contact [m²]; not more than ``least_area`` is a miss. That of the reader by default.
             step: which question is answered: :attr:`step` when it was asked. It protects from answers that come twice.
 
         Raises:
@@ -320,10 +320,10 @@ class Session:
         """The session of a log, which goes on in the same file.
 
         Args:
-            path: of the log.
-            model: that the session began with.
-            decider: that the session began with.
-            reader: of images; the one that the session began with.
+            path: path of the log.
+            model: the observation model with which the session began.
+            decider: the decider with which the session began.
+            reader: the reader of images with which the session began.
 
         Raises:
             CorruptFile: it is no log of a session, or was changed after it was written.
@@ -362,7 +362,7 @@ class Session:
         self._journal = None
 
     def _apply(self, told: Told) -> None:
-        """Count what was told. If it cannot be, nothing has changed."""
+        """Count an answer; after an error, nothing has changed."""
         progress, decision = self._progress, told.asked
         index, belief = progress.object_index, self.belief
         if told.touch is not None:
@@ -380,7 +380,7 @@ class Session:
         self._asked = told.asked if told.is_miss and told.touch is None and progress.may_touch else None
 
     def _restore(self, events: list[Told | None]) -> None:
-        """Begin again, and count all that was told: the same sums in the same order."""
+        """Begin again and count all answers, with the same sums in the same order."""
         self._progress = SearchProgress(self.problem, self.model, log_bets=self._log_bets)
         self._events, self._steps, self._asked = events, [], None
         standing, undone = standing_of(events)

@@ -1,4 +1,4 @@
-"""What a robot tells a session, what is meant by it, and the lines of the session's log (docs/session_log.md)."""
+"""Answers of a robot to a session, their meaning, and the lines of the session's log (docs/session_log.md)."""
 
 from __future__ import annotations
 
@@ -33,33 +33,26 @@ class OtherModel(InvalidArgument):
 
 
 class ImageReader(Protocol):
-    """What reads the images that a session is told; a tactile sensor makes one."""
+    """Reads the images that a session is given; a tactile sensor makes one."""
 
     @property
     def identity(self) -> str:
-        """Digest of all that it reads with."""
+        """Digest of everything that determines its readings."""
 
     def read(self, image: Any, pose: int) -> tuple[NDArray[Any], Touch, float | None]:
         """The checked image, the touch that it shows, and the area of the contact [m²], None if it cannot be said."""
 
     def at(self, place: Any) -> tuple[int, Elsewhere | None]:
-        """The pose of a place that is said by numbers; if it is none of the poses, the nearest, and where it is."""
+        """The pose of a place that is given by numbers; if it is none of the poses, the nearest, and where it is."""
 
 
 @dataclass(frozen=True, eq=False)
 class Told:
-    """What a robot told: the answer to one question.
+    """The answer of a robot to one question.
 
-    Attributes:
-        asked: the decision that asked.
-        rng: state of the decider's generator after it.
-        object_index: the object that was the current one.
-        touch: what was felt; None for a miss without evidence, and for an action that is no touch.
-        is_miss: whether there was no contact.
-        image: that the touch was read from, or None.
-        force: of the contact [N], if it was stated.
-        area: of the contact [m²], if it is known.
-        time: when it was told [s since 1970].
+    ``rng`` is the state of the decider's generator after the decision ``asked``. ``touch`` is None for a miss without
+    evidence, and for an action that is no touch; ``image`` is what it was read from, or None. ``force`` [N] and
+    ``area`` [m²] are of the contact, if known; ``time`` is in s since 1970.
     """
 
     asked: Decision
@@ -74,20 +67,16 @@ class Told:
 
     @property
     def kind(self) -> str:
-        """What was told, in a word: touch, miss or done."""
+        """Kind of the answer: touch, miss or done."""
         return "miss" if self.is_miss else "done" if self.touch is None else "touch"
 
 
 @dataclass(frozen=True)
 class Listener:
-    """Understands answers.
+    """Turns answers into :class:`Told`.
 
-    Attributes:
-        problem: the search.
-        model: likelihood of touches; its method ``missed(pose)``, if it has one, gives the touch that a miss is.
-        reader: of images.
-        least_force: a contact whose stated force is not larger is none [N]; None for no such limit.
-        least_area: a contact whose area is not larger is none [m²]; None for no such limit.
+    A contact with a stated force of at most ``least_force`` [N], or an area of at most ``least_area`` [m²], is a miss;
+    None for no limit. The method ``missed(pose)`` of the model, if it has one, gives the touch that a miss is.
     """
 
     problem: SearchProblem
@@ -157,7 +146,7 @@ class Listener:
 
 
 def standing_of(events: Sequence[Told | None]) -> tuple[list[Told], Told | None]:
-    """What was told and not taken back, and what the last event took back, if it did."""
+    """The answers that were not taken back, and the one that the last event took back, if it did."""
     standing: list[Told] = []
     undone = None
     for event in events:
@@ -180,7 +169,7 @@ def _not_negative(name: str, value: float | None) -> float | None:
 
 
 def event_fields(told: Told | None, problem: SearchProblem) -> dict[str, Any]:
-    """A line of the log; None takes back the last that stands."""
+    """A line of the log; None takes back the last answer that stands."""
     if told is None:
         return {"told": "undo", "time": time.time()}
     action, touch, poses = told.asked.action, told.touch, problem.pose_labels
@@ -202,7 +191,7 @@ def event_fields(told: Told | None, problem: SearchProblem) -> dict[str, Any]:
 
 
 def told_from(line: Mapping[str, Any], problem: SearchProblem, reader: ImageReader | None = None) -> Told:
-    """What a line of the log says."""
+    """The answer in a line of the log."""
     asked, arrays = line["asked"], {}
     for name in ("logits", "features", "image"):
         arrays[name] = array_from(line[name]) if name in line else None
@@ -269,7 +258,7 @@ def problem_from(fields: Mapping[str, Any]) -> SearchProblem:
 
 
 def decider_fields(value: Any) -> Any:
-    """Class and settings of a decider as JSON types; arrays and what is no dataclass by the name of the class alone."""
+    """Class and settings of a decider as JSON types; arrays and objects other than dataclasses by their class only."""
     if isinstance(value, str | bool | int | None):
         return value
     if isinstance(value, Real):
@@ -284,7 +273,7 @@ def decider_fields(value: Any) -> Any:
 
 
 def differences(begun: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """In what the set-up that a session began with differs from another, in words; new fields of the other are none."""
+    """How the set-up that a session began with differs from another, in words; new fields of the other do not count."""
     found = []
     for name, value in begun.items():
         other = now.get(name)
@@ -304,7 +293,7 @@ def digests(model: ObservationModel, reader: ImageReader | None) -> dict[str, st
 
 
 def require_same(header: Mapping[str, Any], model: ObservationModel, reader: ImageReader | None) -> None:
-    """Check that a log can be gone on with."""
+    """Check that a log can be continued with this model and reader."""
     if (schema := header.get("schema")) != SCHEMA:
         raise ValueError(f"its schema is {schema!r:.60}, not {SCHEMA!r}")
     for what, digest in digests(model, reader).items():

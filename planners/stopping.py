@@ -1,6 +1,6 @@
 """Stopping by fixed thresholds on the posterior probability of the target, also in place of a decider's own rule.
 
-And the baselines: the paper's rule, which uses single classifier outputs, and confirming at random without a touch.
+The two baselines are the paper's rule, which uses single classifier outputs, and confirming at random without a touch.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ class PosteriorThresholds:
 
     The last object is confirmed without a touch if some object must be a target, because rejecting it always fails.
 
-    A low prior alone rejects nothing (decision 0075): what rejects an object is evidence, in its own touches or in
-    those of other objects.
+    A low prior alone rejects nothing (decision 0075): an object is rejected by evidence, from its own touches or those
+    of other objects.
 
     Attributes:
         confirm: posterior at or above which to confirm.

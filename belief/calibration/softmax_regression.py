@@ -27,21 +27,16 @@ _MOST_DENSE = 2000  # free coefficients up to which the Hessian is formed: 32 MB
 
 @dataclass(frozen=True, eq=False)
 class SoftmaxRegression:
-    """One problem: data, penalties and centre.
+    """One regression problem: its data, and a penalty and a centre for each coefficient.
 
-    Attributes:
-        features: ``(F, n)``; a row of ones gives intercepts.
-        labels: ``(n,)``, in [0, K).
-        weights: of the rows, ``(n,)``, above zero.
-        penalty: ``(K, F)``, positive; infinite for coefficients fixed at their centre.
-        centre: optimal coefficients without data, ``(K, F)``.
+    ``features (F, n)`` have a row of ones for intercepts; ``labels (n,)`` are in [0, K); the ``weights (n,)`` of the
+    rows are above zero. ``penalty (K, F)`` is positive, and infinite for coefficients fixed at their ``centre (K, F)``.
 
-    Example:
-        >>> features, labels = np.array([[1.0, 2.0, -1.0], [1.0, 1.0, 1.0]]), np.array([0, 0, 1])
-        >>> problem = SoftmaxRegression(features, labels, np.ones(3), np.full((2, 2), 0.1), np.zeros((2, 2)))
-        >>> best = problem.solve()
-        >>> bool(np.abs(problem.value_and_gradient(best)[1]).max() < 1e-12)
-        True
+    >>> features, labels = np.array([[1.0, 2.0, -1.0], [1.0, 1.0, 1.0]]), np.array([0, 0, 1])
+    >>> problem = SoftmaxRegression(features, labels, np.ones(3), np.full((2, 2), 0.1), np.zeros((2, 2)))
+    >>> best = problem.solve()
+    >>> bool(np.abs(problem.value_and_gradient(best)[1]).max() < 1e-12)
+    True
     """
 
     features: Floats
@@ -79,14 +74,14 @@ class SoftmaxRegression:
         return current
 
     def _step(self, coefficients: Floats, free: NDArray[np.bool_], gradient: Floats) -> Floats:
-        """The Newton step without a Hessian, by conjugate gradients; the more precise, the smaller the gradient."""
+        """The Newton step by conjugate gradients, without a Hessian; more precise the smaller the gradient is."""
         # Preconditioner: inverse of the penalties plus an upper bound on the curvature of each coefficient.
         squares = np.square(self.features) @ self.weights / self.weights.sum()
         diagonal = (2.0 * self.penalty + squares / len(self.centre))[free]
         total, ridge = self.weights.sum(), 2.0 * self.penalty[free]
 
         def curvature(vector: Floats) -> Floats:
-            """The product of the Hessian at these coefficients with a vector of the free ones."""
+            """The product of the Hessian at these coefficients and a vector of the free ones."""
             direction, bent = np.zeros(self.centre.shape), np.zeros(self.centre.shape)
             direction[free] = vector.ravel()
             for first in range(0, len(self.labels), _BLOCK):

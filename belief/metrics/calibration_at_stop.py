@@ -47,8 +47,8 @@ class CalibrationAtStop(Tabular):
 
     Attributes:
         by_num_touches: one score for each number of touches that occurs, in ascending order.
-        overall: of all episodes.
-        confidence: of the intervals.
+        overall: score of all episodes.
+        confidence: confidence level of the intervals.
         never: number of further episodes that reached no stop; they are in no score.
 
     >>> print(calibration_at_stop([0.9, 0.99, 0.97], [True, True, False], [1, 2, 2]))
@@ -93,7 +93,7 @@ def calibration_at_stop(
         stated: stated confidence, the posterior probability of the answer at the stop, ``(n,)``, in [0, 1].
         correct: whether the answer was correct, ``(n,)``, booleans or 0 and 1.
         num_touches: number of touches at the stop, ``(n,)``, integers ≥ 0.
-        confidence: of the intervals, in (0, 1).
+        confidence: confidence level of the intervals, in (0, 1).
 
     Raises:
         ValueError: the arrays are empty or differ in length; a confidence is outside [0, 1]; ``correct`` is not boolean

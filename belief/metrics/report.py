@@ -34,7 +34,7 @@ class ReliabilityCurve(FrozenArrays):
     Attributes:
         lower, upper: edges of the bin (lower, upper].
         count: rows in the bin, ≥ 1.
-        mean_confidence: of these rows.
+        mean_confidence: mean confidence of these rows.
         accuracy: fraction of these rows that are correct.
         band_low, band_high: the accuracy of a calibrated model lies between them with at least the given probability.
 
@@ -88,7 +88,7 @@ def reliability_curve(
         labels: ``(n,)``.
         num_bins: bins over [0, 1].
         binning: as for :func:`~belief.metrics.scores.expected_calibration_error`.
-        confidence: of each single band, in (0, 1).
+        confidence: confidence level of each single band, in (0, 1).
 
     Raises:
         ValueError: as :func:`~belief.validation.checked_pair` and :func:`~belief.metrics.scores.bin_edges`; a
@@ -200,7 +200,7 @@ class CalibrationError:
     """A calibration error with its null quantile.
 
     Attributes:
-        value: of the model.
+        value: calibration error of the model.
         null_quantile: 95 % quantile for a perfectly calibrated model with these predictions.
     """
 
@@ -275,7 +275,7 @@ def calibration_report(
         probs: ``(n, K)``.
         labels: ``(n,)``.
         rng: draws the labels for the null quantiles; seed 0 by default.
-        num_bins: of the binned errors and the curve.
+        num_bins: number of bins of the binned errors and of the curve.
         num_resamples: sets of labels for the null quantiles, about 7 ms each at n = 12 000.
 
     Raises:

@@ -61,14 +61,12 @@ class ActionKernelModel(ArrayModel):
     """Log likelihood ratios, weighted by a kernel of correlations between poses.
 
     Attributes:
-        shape_labels: names of the K shapes.
-        kernel: κ, correlation of two touches of an object by their poses, ``(P, P)``, symmetric, in [0, 1]; a repeat is
-            at least as correlated as touches in two poses, κ(p, p) ≥ κ(p, q).
+        kernel: κ, correlation of two touches of an object by their poses, ``(P, P)``, symmetric, in [0, 1], with
+            κ(p, p) ≥ κ(p, q).
         references: log likelihood ratios of N representative touches per pose, ``(P, N, K)``.
-        repeats: number of different touches of an object in a pose; one more in the pose repeats a recording and counts
-            for nothing. None if every touch is a new one.
-        conflict: test that touches come from the world that the model was fitted to; the features of a touch are then
-            its novelty, ``(1,)``. None without.
+        repeats: number of different touches of an object in a pose; further ones repeat a recording and count for
+            nothing. None if every touch is a new one.
+        conflict: conflict test, or None; with it, the features of a touch are its novelty, ``(1,)``.
     """
 
     name: ClassVar[str] = "action kernel"
@@ -111,11 +109,9 @@ class ActionKernelModel(ArrayModel):
     ) -> ActionKernelModel:
         """Fit the kernel to sequences of touches of objects outside the reader's training set.
 
-        Args:
-            sessions: recording session of each, ``(n,)``, any labels that can be sorted: the first touches of an object
-                in its poses come from one session, the second ones from another. By default the sessions of an object
-                and pose are numbered.
-            is_tested: whether a conflict test is fitted, for touches whose features are their novelty.
+        ``sessions (n,)``, any labels that can be sorted, are recording sessions: the first touches of an object in its
+        poses come from one, the second ones from another; by default they are numbered. ``is_tested`` adds a conflict
+        test, for touches whose features are their novelty.
         """
         numbers = None
         if sessions is not None:
@@ -138,11 +134,7 @@ class ActionKernelModel(ArrayModel):
         return float(np.diagonal(self.kernel).mean())
 
     def among(self, labels: Sequence[str], poses: Sequence[int] | None = None) -> ActionKernelModel:
-        """The model for objects that are known to be of some of the shapes; its touches have their logits only.
-
-        Args:
-            poses: that it knows, which are numbered anew; all by default.
-        """
+        """The model for some of the shapes, and of the poses, numbered anew; its touches have only logits."""
         if unknown := [label for label in labels if label not in self.shape_labels]:
             raise InvalidArgument(f"the model does not know {unknown}, it knows {', '.join(self.shape_labels)}")
         columns = [self.shape_labels.index(label) for label in labels]
@@ -153,7 +145,7 @@ class ActionKernelModel(ArrayModel):
         )
 
     def missed(self, pose: int) -> Touch:
-        """The touch that a miss is: it tells nothing about the shape, and the conflict test that it is not usual."""
+        """The touch that stands for a miss: no evidence about the shape, but unusual in the conflict test."""
         return Touch(pose, features=np.array([_MISS]))
 
     def start(self) -> KernelEvidence:
@@ -221,7 +213,7 @@ class _Sums(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class KernelEvidence(SummarisedEvidence):
-    """The evidence about one object, which also knows how much the next touch in each pose tells.
+    """Evidence about one object, from which the information of the next touch in each pose follows.
 
     >>> model = ActionKernelModel(("cube", "cone"), np.full((2, 2), 0.5), np.zeros((2, 1, 2)))
     >>> twice = model.start().update(Touch(0, np.array([3.0, 0.0]))).update(Touch(1, np.array([3.0, 0.0])))
@@ -249,9 +241,9 @@ class KernelEvidence(SummarisedEvidence):
         return replace(found, conflict=conflict)
 
     def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> OutcomeMixture:
-        """The outcomes of the next touch: those of a first touch with the weight it would have, otherwise nothing new.
+        """Outcomes of the next touch, of weight w: with probability w those of a first touch, otherwise "nothing new".
 
-        "Nothing new" is the last outcome, so that a touch of weight w has w times the information of a first one.
+        "Nothing new" is the last outcome, so that the touch has w times the information of a first one.
         """
         counts = self.statistics.counts if self.num_touches else np.zeros(self.model.num_poses)
         weights = 1.0 / (1.0 + counts @ self.model.kernel)
@@ -264,7 +256,7 @@ class KernelEvidence(SummarisedEvidence):
 def _fitted_conflict_test(model: ActionKernelModel, data: LabelledTouches) -> ConflictTest | None:
     """The conflict test from sequences of touches of one object each, in random order; None for too few.
 
-    Sequences are as long as leaves enough of them. Later touches than these are taken as usual as the last of these.
+    Sequences are as long as their number allows. Later touches have the distributions of their last touch.
     """
     order = np.random.default_rng(1).permutation(len(data.poses))
     order = order[np.argsort(data.objects[order], kind="stable")]
@@ -332,12 +324,8 @@ def sequences(data: LabelledTouches, sessions: Integers | None, rng: np.random.G
 def sequence_losses(logits: Floats, poses: Integers, shapes: Integers, rows: Integers, kernel: Floats) -> Floats:
     """Negative log posterior of the true shape after each touch of every sequence, ``(S, n)``; NaN for padding.
 
-    Args:
-        logits: log likelihood ratios of all touches, ``(n, K)``.
-        poses: of all touches, ``(n,)``.
-        shapes: true shape of each, ``(n,)``.
-        rows: of the touches of each sequence, ``(S, n)``; -1 for padding.
-        kernel: correlations between poses, ``(P, P)``.
+    ``logits (n, K)`` are log likelihood ratios of all touches; ``rows (S, n)`` are the touches of each sequence, with
+    -1 for padding; ``kernel`` is ``(P, P)``.
     """
     inside = rows >= 0
     correlation = kernel[poses[rows][:, :, None], poses[rows][:, None, :]] * inside[:, :, None] * inside[:, None, :]
@@ -351,11 +339,7 @@ def sequence_losses(logits: Floats, poses: Integers, shapes: Integers, rows: Int
 
 
 def likeness(data: LabelledTouches, sessions: Integers | None = None) -> Floats:
-    """How alike the errors of two poses are, ``(P, P)``, in [0, 1].
-
-    An error is the posterior minus the true shape. The likeness is the cosine of the errors of two touches of one
-    object in one session, and 1 on the diagonal.
-    """
+    """Likeness of errors (posterior minus truth) in two poses and one session: their cosine, ``(P, P)``, in [0, 1]."""
     errors = softmax(data.logits, axis=1)
     errors[np.arange(len(errors)), data.shapes] -= 1.0
     of_touch = numbered_sessions(data.objects, data.poses) if sessions is None else sessions
@@ -376,13 +360,9 @@ def fit_kernel(data: LabelledTouches, sessions: Integers | None = None) -> Float
     """The kernel ``(P, P)`` that minimises the mean negative log posterior of sequences.
 
     κ of two touches is a for all pairs, plus b times the likeness of their poses, plus c for touches in one pose, with
-    a, b, c ≥ 0. So a repeat is never less correlated than touches in two poses. Where no pose was repeated, c is as
-    large as makes κ of repeats at least 0.5.
-
-    Args:
-        data: touches with log likelihood ratios as logits, of a calibration that was not fitted to them: otherwise the
-            correlations come out too small.
-        sessions: of each touch, ``(n,)``.
+    a, b, c ≥ 0, so a repeat is never less correlated than touches in two poses. Where no pose was repeated, κ of
+    repeats is at least 0.5. The logits must be of a calibration that was not fitted to these touches: otherwise the
+    correlations come out too small.
     """
     size = data.num_poses
     found = sequences(data, sessions, np.random.default_rng(0))

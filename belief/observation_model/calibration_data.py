@@ -16,15 +16,7 @@ from belief.validation import Floats, checked_indices, pose_count, require_count
 
 
 def numbered_objects(shapes: ArrayLike, object_ids: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Objects, numbered from 0 in ascending order of their ids.
-
-    Args:
-        shapes: true shape of each touch, ``(n,)``, integers.
-        object_ids: object of each touch, ``(n,)``; any labels that can be sorted.
-
-    Returns:
-        The object of each touch, ``(n,)``, and the shape of each object, ``(N,)``.
-    """
+    """Object of each touch, ``(n,)``, numbered in ascending order of ids, and the shape of each object, ``(N,)``."""
     truth, ids = unmasked(shapes, "shapes"), unmasked(object_ids, "object ids")
     if truth.ndim != 1 or truth.shape != ids.shape:
         raise ValueError(f"need a shape and an object id for every touch, got {truth.shape} and {ids.shape}")
@@ -47,11 +39,7 @@ def numbered_objects(shapes: ArrayLike, object_ids: ArrayLike) -> tuple[NDArray[
 
 
 def object_folds(shapes: ArrayLike, object_ids: ArrayLike, num_folds: int) -> NDArray[np.intp]:
-    """Fold of each touch, ``(n,)``, in [0, num_folds).
-
-    Folds are stratified by shape, with objects in ascending order of their ids. The order of the touches has no effect.
-    The first arguments are those of :func:`numbered_objects`; ``num_folds`` is from 1 to the number of objects.
-    """
+    """Fold of each touch, ``(n,)``, stratified by shape; the order of the touches has no effect."""
     owner, shape_of = numbered_objects(shapes, object_ids)
     require_count("num_folds", num_folds)
     if num_folds > len(shape_of):
@@ -63,16 +51,7 @@ def object_folds(shapes: ArrayLike, object_ids: ArrayLike, num_folds: int) -> ND
 
 @dataclass(frozen=True, eq=False)
 class LabelledTouches(FrozenArrays):
-    """n touches of known objects.
-
-    Attributes:
-        batch: all touches as one sequence.
-        shapes: true shape of each, ``(n,)``.
-        objects: object of each, ``(n,)``, in [0, N).
-        shape_of_object: ``(N,)``.
-        shape_labels: names of the K shapes.
-        num_poses: P.
-    """
+    """n touches of N objects, numbered from 0: ``shapes (n,)``, ``objects (n,)`` and ``shape_of_object (N,)``."""
 
     batch: TouchBatch
     shapes: NDArray[np.int64]
@@ -146,12 +125,9 @@ class LabelledTouches(FrozenArrays):
         return np.bincount(self.shapes, minlength=self.num_shapes)
 
     def rows_of_poses(self, number: int, groups: Sequence[int] = ()) -> NDArray[np.int64]:
-        """Rows of touches in each pose, evenly spaced in the data, ``(P, number)``.
+        """Rows of ``number`` touches in each pose, evenly spaced in the data, ``(P, number)``.
 
-        They are of all poses where a pose has none.
-
-        Args:
-            groups: of the poses, numbered from 0, where each group of poses counts as one pose.
+        A pose without touches gets rows of all poses. Poses with the same number in ``groups`` count as one.
         """
         rows, of_touch = [], np.array(groups)[self.poses] if groups else self.poses
         for pose in range(1 + max(groups) if groups else self.num_poses):

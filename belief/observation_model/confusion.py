@@ -27,7 +27,7 @@ class ConfusionModel(ArrayModel):
     Attributes:
         shape_labels: names of the K shapes.
         probs: p(predicted shape | pose, shape), ``(P, K, K)``; positive when fitted.
-        calibration: of the logits, for the logits of samples.
+        calibration: calibration of the logits, by which samples get logits.
 
     Example:
         >>> rng = np.random.default_rng(0)

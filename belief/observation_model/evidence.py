@@ -48,8 +48,8 @@ class ObjectEvidence(Protocol):
         """The outcomes of the next touch, given these touches; None where they do not depend on them.
 
         Args:
-            num_outcomes: M, at most.
-            num_hypotheses: H, at most, of each shape.
+            num_outcomes: largest number of outcomes M.
+            num_hypotheses: largest number of hypotheses H of each shape.
         """
 
 
@@ -80,23 +80,17 @@ class _OfIndependentTouches:
 
     @property
     def log_bets(self) -> Floats | None:
-        """See :class:`ObjectEvidence`: none, as the model has no test."""
+        """See :class:`ObjectEvidence`; None, as the model has no test."""
         return None
 
     def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> Outcomes | None:
-        """See :class:`ObjectEvidence`: none, as touches are taken as independent given the shape."""
+        """See :class:`ObjectEvidence`; None, as touches are taken as independent given the shape."""
         return None
 
 
 @dataclass(frozen=True, eq=False)
 class SummarisedEvidence(_OfIndependentTouches):
-    """Evidence as statistics of fixed size; the cost of a touch is constant.
-
-    Attributes:
-        model: computes the statistics.
-        statistics: of all touches; None before the first.
-        num_touches: number of touches.
-    """
+    """Evidence as statistics of fixed size, None before the first touch; the cost of a touch is constant."""
 
     model: Summarises
     statistics: Any = None
@@ -116,12 +110,7 @@ class SummarisedEvidence(_OfIndependentTouches):
 
 @dataclass(frozen=True, eq=False)
 class RecomputedEvidence(_OfIndependentTouches):
-    """Evidence as a list of touches; the model computes the likelihood of all of them after each touch.
-
-    Attributes:
-        model: any observation model.
-        touches: all of the object, oldest first.
-    """
+    """Evidence as a list of touches, oldest first; the model computes the likelihood of all after each touch."""
 
     model: Explains
     touches: tuple[Touch, ...] = ()

@@ -24,14 +24,10 @@ def log_means(log_weights: Floats) -> Floats:
 
 
 def misfit(scores: NDArray[np.floating], before: Floats, after: Floats) -> Floats:
-    """How much worse the weights before a touch predict it than the touch itself does, ``(...)``.
+    """How much better a touch predicts itself than the weights before it do, ``(...)`` [nats].
 
-    That is log Σ_i p(i | o) p(o | i) - log Σ_i p(i | before) p(o | i), over all hypotheses i.
-
-    Args:
-        scores: of the touch, ``(..., K, N)``.
-        before: log mean weight of each shape's hypotheses before the touch, ``(..., K)``.
-        after: the same of the weights with the scores added.
+    That is log Σ_i p(i | o) p(o | i) - log Σ_i p(i | before) p(o | i) over all hypotheses i, from the touch's
+    ``scores (..., K, N)`` and the log mean weights ``(..., K)`` of each shape before it and with its scores added.
     """
     flat = scores.reshape(*scores.shape[:-2], -1)
     most = flat.max(axis=-1)
@@ -64,8 +60,8 @@ def log_sums(scores: Floats32) -> Floats32:
 def some_hypotheses(log_weights: Floats, number: int) -> tuple[NDArray[np.int64], Floats]:
     """Indices and weights of at most ``number`` hypotheses of each shape, ``(K, H)`` each.
 
-    All with their weights if there are no more; otherwise by systematic resampling, in which a hypothesis of weight w
-    appears ``number`` times w times, rounded up or down.
+    These are all if there are no more; otherwise, by systematic resampling, a hypothesis of weight w appears ``number``
+    times w times, rounded up or down.
 
     >>> chosen, weights = some_hypotheses(np.log([[0.5, 0.25, 0.25]]), 2)
     >>> chosen.tolist(), weights.tolist()

@@ -99,7 +99,7 @@ class ArrayModel(FrozenArrays, ABC):
         num_poses: int | None = None,
         **options: Any,
     ) -> Self:
-        """A model fitted to touches of known objects, others than those with which the reader was trained.
+        """A model fitted to touches of known objects that the reader was not trained on.
 
         Arguments and errors are those of :meth:`LabelledTouches.of`. ``options`` are those of the model's
         :meth:`fit_to`. Most models learn from objects that were touched several times in one pose.
@@ -246,7 +246,7 @@ class ArrayModel(FrozenArrays, ABC):
         return {}
 
     def require_fit(self, batch: TouchBatch) -> None:
-        """Raise ValueError for the first touch that has not the shapes and poses of the model."""
+        """Raise ValueError for the first touch that does not fit the shapes and poses of the model."""
         if batch.logits is not None and batch.num_shapes != len(self.shape_labels):
             raise ValueError(
                 f"the model knows {len(self.shape_labels)} shapes ({', '.join(self.shape_labels)}), touch 0 and all "
@@ -267,7 +267,7 @@ def check_observation_model(model: ObservationModel, rng: np.random.Generator, n
     a valid outcome table.
 
     Args:
-        model: to be checked; it is not changed.
+        model: the model to check, which is not changed.
         rng: draws the touches.
         num_objects: number of objects of each shape, each touched up to four times.
 

@@ -23,11 +23,11 @@ class Outcomes(Protocol):
 
     @property
     def new(self) -> Floats | None:
-        """How much the next touch in each pose tells, as a fraction of a first touch in it, ``(P,)``; None for all."""
+        """Information of the next touch in each pose as a fraction of a first touch's, ``(P,)``; None if all are 1."""
 
     @property
     def table(self) -> OutcomeTable:
-        """p(outcome | pose, shape); where there is :attr:`new`, the last outcome is that it tells nothing new."""
+        """p(outcome | pose, shape); unless :attr:`new` is None, the last outcome is "nothing new"."""
 
     def one_touch(self, factors: Floats) -> NDArray[Any]:
         """See :meth:`OutcomeMixture.one_touch`."""
@@ -40,13 +40,9 @@ class Outcomes(Protocol):
 class OutcomeMixture(FrozenArrays):
     """p(outcome of the next touch | pose, shape, touches so far), as a mixture over H hypotheses of each shape.
 
-    Given a hypothesis, touches are independent. The mixture therefore also holds the joint distribution of the outcomes
-    of several touches.
-
-    Attributes:
-        weights: p(hypothesis | shape, touches so far), ``(K, H)``; rows sum to one.
-        probs: p(outcome | pose, shape, hypothesis) of first touches, ``(P, K, H, M)``; the last axis sums to one.
-        new: see :class:`Outcomes`.
+    Given a hypothesis, touches are independent, so the mixture also holds the joint distribution of several touches.
+    ``weights (K, H)`` are p(hypothesis | shape, touches so far); ``probs (P, K, H, M)`` are p(outcome | pose, shape,
+    hypothesis) of first touches; for ``new`` see :class:`Outcomes`.
 
     A shape has two equally probable hypotheses, and each determines the outcome. A repeat gives the same outcome:
 
@@ -83,26 +79,16 @@ class OutcomeMixture(FrozenArrays):
         return np.asarray((self.weights.astype(self.probs.dtype)[:, None] @ self.probs)[:, :, 0])
 
     def one_touch(self, factors: Floats) -> NDArray[Any]:
-        """Sums over shapes of factor times p(outcome | pose, shape), of a touch that tells as much as a first one.
+        """Sums over shapes of ``factors (J, K)`` ≥ 0 times p(outcome | pose, shape) of a first touch, ``(P, J, M)``.
 
-        A touch that tells w times as much has w times its information.
-
-        Args:
-            factors: ``(J, K)``, at least 0; for the joint probability of shape and outcome, the belief on the diagonal.
-
-        Returns:
-            ``(P, J, M)``.
+        With the belief on the diagonal as factors, it is the joint probability of shape and outcome.
         """
         return np.asarray(factors @ self._means)
 
     def two_touches(self, pose: int, factors: Floats) -> NDArray[np.float32]:
-        """Sums over shapes of factor times p(outcomes of the next two touches | shape), the first in a given pose.
+        """Sums over shapes of ``factors (J, K)`` times p(outcomes of the next two touches | shape), ``(J, M, P, M)``.
 
-        Args:
-            factors: ``(J, K)``; for the probability of the outcomes, the belief as one row.
-
-        Returns:
-            ``(J, M, P, M)``, in single precision: outcome of the first touch, then pose and outcome of the second.
+        The last axes are the outcome of the first touch, in ``pose``, then pose and outcome of the second.
         """
         num_poses, num_outcomes = len(self.probs), self._weighted.shape[2] // len(self.probs)
         first = slice(pose * num_outcomes, (pose + 1) * num_outcomes)
@@ -127,23 +113,13 @@ class OutcomeMixture(FrozenArrays):
 
 
 def target_shares(belief: Floats, target: ArrayLike) -> Floats:
-    """A belief ``(..., K)`` as factors for the target and for all other shapes, ``(..., 2, K)``.
-
-    ``target`` is the index of one target for all rows, or of each, ``(...)``.
-    """
+    """A belief ``(..., K)`` as factors for the target, one or ``(...)``, and for all other shapes, ``(..., 2, K)``."""
     is_target = (np.asarray(target)[..., None] == np.arange(belief.shape[-1])).astype(np.float64)
     return np.stack([belief * is_target, belief * (1.0 - is_target)], axis=-2)
 
 
 def information(joint: NDArray[np.floating]) -> Floats:
-    """Mutual information of two variables from their joint probabilities [nats], without checks.
-
-    Args:
-        joint: ``(..., J, M)``, at least 0; the sum over both axes is one up to rounding.
-
-    Returns:
-        ``(...)``, at least 0 and at most log J.
-    """
+    """Mutual information of two variables [nats], ``(...)``, from joint probabilities ``(..., J, M)``; unchecked."""
     probs: Floats = joint.astype(np.float64, copy=False)
     columns, rows = probs.sum(axis=-2), probs.sum(axis=-1)
     gain = _x_log_x(probs).sum(axis=(-2, -1)) - _x_log_x(columns).sum(axis=-1) - _x_log_x(rows).sum(axis=-1)
@@ -156,14 +132,10 @@ def _x_log_x(values: Floats) -> Floats:
 
 
 def with_nothing_new(probs: NDArray[Any], new: Floats) -> NDArray[Any]:
-    """Outcomes with one more, the last: that the touch says what earlier ones said.
+    """p(outcome | pose, …) of first touches, ``(P, …, M)``, with "nothing new" as one more outcome, the last.
 
-    A touch that tells w times as much as a first one is a first touch behind a channel that erases it with probability
-    1 - w. It has w times its information, and w times its value.
-
-    Args:
-        probs: p(outcome | pose, …) of first touches, ``(P, …, M)``.
-        new: w of each pose, in [0, 1], ``(P,)``.
+    A touch that tells w times as much as a first one, ``new (P,)``, is a first touch behind a channel that erases it
+    with probability 1 - w. It has w times its information, and w times its value.
 
     >>> with_nothing_new(np.array([[[0.8, 0.2]], [[0.8, 0.2]]]), np.array([1.0, 0.5])).round(2).tolist()
     [[[0.8, 0.2, 0.0]], [[0.4, 0.1, 0.5]]]
@@ -177,14 +149,11 @@ _NEGLIGIBLE_FACTOR = 1e-7  # of a factor, relative to the largest: the rounding 
 
 @dataclass(frozen=True, eq=False)
 class Views(FrozenArrays):
-    """Which hypotheses look alike in different poses.
+    """Which of N hypotheses look alike in different poses.
 
-    An object that lies in any orientation shows in one pose what another object shows in another pose. Poses of one
-    group share this: their touches have the same distribution when nothing is known about the object.
-
-    Attributes:
-        groups: of each pose, numbered from 0 in the order of their first poses, ``(P,)``.
-        same: hypothesis that looks in the first pose of the group as hypothesis i looks in pose p, nearly, ``(P, N)``.
+    An object that lies in any orientation shows in one pose what another one shows in another pose; poses of a group
+    share this. ``groups (P,)`` numbers them from 0 in the order of their first poses. Hypothesis ``same[p, i]``,
+    ``(P, N)``, looks in the first pose of the group nearly as hypothesis i looks in pose p.
     """
 
     groups: NDArray[np.int64]
@@ -215,12 +184,8 @@ class Views(FrozenArrays):
 class SharedMixture(FrozenArrays):
     """An :class:`OutcomeMixture` of many poses, from one table of outcomes for all poses of a group.
 
-    Attributes:
-        log_weights: log p(hypothesis | shape, touches so far) up to a constant of each shape, ``(K, N)``.
-        num_hypotheses: H, at most, of each shape; see :func:`~belief.observation_model.log_weights.some_hypotheses`.
-        outcomes: p(outcome | shape, hypothesis) in the first pose of each group, ``(G, K, N, M)``.
-        views: of the poses.
-        new: see :class:`Outcomes`.
+    ``log_weights (K, N)`` are log p(hypothesis | shape, touches so far) up to a constant of each shape; at most
+    ``num_hypotheses`` of each shape are used. ``outcomes (G, K, N, M)`` are in the first pose of each group.
     """
 
     log_weights: Floats
@@ -244,10 +209,7 @@ class SharedMixture(FrozenArrays):
         return OutcomeTable(found if self.new is None else with_nothing_new(found, self.new))
 
     def one_touch(self, factors: Floats) -> NDArray[Any]:
-        """See :meth:`OutcomeMixture.one_touch`: one sparse product for all poses, without shapes of negligible factor.
-
-        For K shapes of a belief, that changes an information by less than K times 2e-6 nats.
-        """
+        """See :meth:`OutcomeMixture.one_touch`; it omits shapes of negligible factor, below K times 2e-6 nats."""
         num_groups, num_shapes, number, num_outcomes = self.outcomes.shape
         num_poses, num_rows = len(self.views.groups), len(factors)
         rows, shapes = np.nonzero(factors > _NEGLIGIBLE_FACTOR * factors.max())
@@ -271,6 +233,6 @@ class SharedMixture(FrozenArrays):
 
     @cached_property
     def _whole(self) -> OutcomeMixture:
-        """The same with the outcomes of every pose."""
+        """The mixture with the outcomes of every pose."""
         chosen, weights = some_hypotheses(self.log_weights, self.num_hypotheses)
         return OutcomeMixture(weights, self.views.of_all_poses(self.outcomes, chosen), self.new)

@@ -34,14 +34,10 @@ _MOST_UNITS = 3.0
 
 @dataclass(frozen=True, eq=False)
 class LogitEmbedding(FrozenArrays):
-    """The centred logits in an orthonormal basis of K - 1 vectors; a softmax does not depend on the mean.
+    """Centred logits in an orthonormal basis of K - 1 vectors, because a softmax does not depend on their mean.
 
-    Logits are clipped to the range of the calibration touches, and to three units, so that a single extreme touch
-    cannot dominate. One unit is the 90th percentile of the sizes of the calibration touches.
-
-    Attributes:
-        lowest, highest: bounds to which centred logits are clipped, ``(K,)``.
-        unit: size of one unit of the vectors, in logits, > 0.
+    Logits are clipped to the range of the calibration touches, ``lowest (K,)`` to ``highest (K,)``, and to three units,
+    so that a single extreme touch cannot dominate. A unit is the 90th percentile of the sizes of these touches.
     """
 
     lowest: Floats
@@ -109,13 +105,7 @@ _MEAN_POOLING = 30.0  # weight of a shape's mean over all poses in its mean in e
 
 
 class Components(NamedTuple):
-    """Covariances that all shapes share, each ``(D, D)``.
-
-    Attributes:
-        of_object: B, of the effect that all touches of an object share.
-        of_pose: V, of the effect that touches of an object in one pose share.
-        of_touch: W, of single touches; positive definite.
-    """
+    """Covariances ``(D, D)`` of all shapes: B of objects, V of objects in a pose, W of touches (positive definite)."""
 
     of_object: Floats
     of_pose: Floats
@@ -278,15 +268,12 @@ class GaussianModel(PLDAModel):
 
 
 def estimate_components(rest: Floats, data: LabelledTouches) -> Components:
-    """Estimate of the components by their moments; in a balanced design it is that of restricted maximum likelihood.
+    """Components by their moments; in a balanced design these are the estimates of restricted maximum likelihood.
 
     A *cell* is an object in a pose. Touches of a cell differ by W; means of the cells of an object by V, and by W over
     their numbers of touches; means of objects by B and by what is left of V and W. Without a cell of two touches, V and
-    W are taken as equal; without an object of two cells, B and V are.
-
-    Args:
-        rest: touches minus the mean of their shape and pose, ``(n, D)``.
-        data: labels of these touches, of which some object has two.
+    W are taken as equal; without an object of two cells, B and V are. ``rest (n, D)`` are touches minus the mean of
+    their shape and pose; some object must have two.
     """
     keys, cell, counts = np.unique(data.objects * data.num_poses + data.poses, return_inverse=True, return_counts=True)
     owner = keys // data.num_poses

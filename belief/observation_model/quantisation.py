@@ -37,7 +37,7 @@ def sampled_table(
 
 
 def merged(table: OutcomeTable, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
-    """A table of at most so many outcomes: those with similar posteriors are merged, the same in all poses."""
+    """A table of at most ``num_outcomes`` outcomes: those with similar posteriors are merged, the same in all poses."""
     if table.num_outcomes <= num_outcomes:
         return table
     shares = np.swapaxes(table.probs, 1, 2)  # (P, M, K)
@@ -47,7 +47,7 @@ def merged(table: OutcomeTable, num_outcomes: int, rng: np.random.Generator) -> 
 
 
 def drawn(weights: Floats, poses: NDArray[np.int64], rng: np.random.Generator) -> NDArray[np.int64]:
-    """One of the N touches that stand for all in a pose, drawn by weights ``(P, N)``, for every entry of ``poses``."""
+    """One of the N representative touches in a pose, drawn by weights ``(P, N)``, for every entry of ``poses``."""
     cumulative, found = weights.cumsum(axis=1), np.empty(poses.shape, np.int64)
     for pose in np.unique(poses).tolist():
         here = poses == pose
@@ -56,14 +56,10 @@ def drawn(weights: Floats, poses: NDArray[np.int64], rng: np.random.Generator) -
 
 
 def tabulate(log_posteriors: Floats, shares: Floats, num_outcomes: int, rng: np.random.Generator) -> Floats:
-    """p(outcome | pose, shape), ``(P, K, M)``, of touches clustered by posterior.
+    """p(outcome | pose, shape), ``(P, K, M)``, of N touches per pose, clustered by posterior under a uniform prior.
 
-    Each touch counts for every shape with its posterior weight, not for the shape it was sampled from. The table
-    therefore has no more information than the touches, and sampling noise adds none.
-
-    Args:
-        log_posteriors: log posteriors of N touches per pose under a uniform prior, ``(P, N, K)``.
-        shares: weight of each touch for each shape in its pose, ``(P, N, K)``; sums to one over N.
+    A touch counts for every shape with its posterior weight, not for the shape it was sampled from, so sampling noise
+    adds no information. ``log_posteriors`` and the weights ``shares``, which sum to one over N, are ``(P, N, K)``.
     """
     every = log_posteriors.reshape(-1, log_posteriors.shape[2])
     some = every if len(every) <= _CLUSTERED else every[rng.choice(len(every), _CLUSTERED, replace=False)]
@@ -94,10 +90,7 @@ def sampled_posteriors(model: ArrayModel, rng: np.random.Generator, num_samples:
 
 
 def cluster(log_posteriors: Floats, num_clusters: int, rng: np.random.Generator, num_rounds: int = 30) -> Floats:
-    """Log of cluster means ``(M, K)`` of posteriors ``(n, K)``: k-means under the Kullback-Leibler divergence.
-
-    Initialised with k-means++. With fewer distinct posteriors than clusters, some clusters stay empty.
-    """
+    """Log of cluster means ``(M, K)`` of posteriors ``(n, K)``, by KL-divergence k-means++; some may be empty."""
     probs = np.exp(log_posteriors)
     own = (probs * np.maximum(log_posteriors, _FLOOR)).sum(axis=1)
     centroids = log_posteriors[rng.integers(len(probs))][None]

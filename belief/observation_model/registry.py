@@ -1,7 +1,7 @@
 """The registry of observation models. To add one, derive from :class:`ArrayModel` and add a line here.
 
-A user's own model needs no line in Python: functions that fit take it among their candidates. Commands, and files of
-models, know those of the registry only. Reading a file never imports a module that the file names.
+In Python, a user's own model needs no line: functions that fit models take it among their candidates. Commands and
+files of models know only the registry. Reading a file never imports a module that the file names.
 """
 
 from __future__ import annotations

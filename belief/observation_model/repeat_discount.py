@@ -19,10 +19,9 @@ _LONGEST = 12  # touches used of each group; limits the memory for one long grou
 
 
 def effective_touches(num_touches: ArrayLike, correlation: float) -> Floats:
-    """Effective number of n touches in one pose with pairwise correlation ρ: n / (1 + (n - 1) ρ).
+    """Effective number of n touches in one pose with pairwise correlation ρ: n / (1 + (n - 1) ρ), at most 1/ρ.
 
-    It is the weight of their mean in generalised least squares under equal correlation: 1 for ρ = 1, n for ρ = 0, and
-    never above 1/ρ.
+    It is the weight of their mean in generalised least squares under equal correlation.
 
     >>> effective_touches([1, 2, 6], correlation=0.4).round(2)
     array([1.  , 1.43, 2.  ])
@@ -58,22 +57,14 @@ def new_shares(num_touches: ArrayLike, correlation: float, drift: float) -> Floa
 
 
 class Repeats(NamedTuple):
-    """G groups of at most n ≤ 12 touches of one object in one pose, padded to length n.
-
-    Attributes:
-        rows: index of each touch, ``(G, n)``; -1 for padding.
-        shapes: true shape of each group's object, ``(G,)``.
-    """
+    """G groups of n ≤ 12 touches of an object in one pose: rows ``(G, n)``, padded with -1, and shapes ``(G,)``."""
 
     rows: NDArray[np.int64]
     shapes: NDArray[np.int64]
 
 
 def repeats(data: LabelledTouches) -> Repeats | None:
-    """Groups of at least two touches of one object in one pose, each with its first twelve touches in order.
-
-    None if the groups are of fewer than two shapes, from which the correlation cannot be estimated.
-    """
+    """The first 2 to 12 touches of each object in each pose, in groups; None if these are of fewer than two shapes."""
     _, group = np.unique(data.objects * data.num_poses + data.poses, return_inverse=True)
     order = np.argsort(group, kind="stable")
     sizes = np.bincount(group)
@@ -88,10 +79,7 @@ def repeats(data: LabelledTouches) -> Repeats | None:
 
 
 def fit_correlation(log_likelihoods: Callable[[float], Floats], found: Repeats) -> float:
-    """The ρ in [0, 1) that minimises the negative log posterior of the true shapes of groups of repeated touches.
-
-    The posterior is restricted to the shapes that occur in the groups.
-    """
+    """The ρ in [0, 1) of least negative log posterior of the true shapes, among the shapes of the groups."""
     inside = (found.rows >= 0)[:, 1:]
     seen, shapes = np.unique(found.shapes, return_inverse=True)
     truth = shapes[np.nonzero(inside)[0]]

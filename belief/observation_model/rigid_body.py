@@ -64,17 +64,17 @@ _NO_HYPOTHESES = "the model was read from a file and has no hypotheses yet; call
 
 @dataclass(frozen=True, eq=False)
 class FittedRigidBody(ArrayModel):
-    """What is fitted of the joint model, and filed: all but the hypotheses, which :meth:`with_hypotheses` adds.
+    """The fitted part of the joint model, as in its file: all but the hypotheses, which :meth:`with_hypotheses` adds.
 
     Planners tabulate it. Likelihoods and samples need the hypotheses: they raise ValueError.
 
     Attributes:
         shape_labels: names of the K shapes.
-        num_hypotheses: N, of each shape.
-        temperature: by which log ratios are divided, fitted to sequences of touches.
-        references: embeddings of touches that stand for all, of each pose or group of poses as many, ``(G, M, D)``;
-            used to sample and to tabulate only.
-        reference_logits: the shape logits of these, ``(G, M, K)``.
+        num_hypotheses: number N of hypotheses of each shape.
+        temperature: divisor of the log ratios, fitted to sequences of touches.
+        references: embeddings of M representative touches of each pose or group of poses, ``(G, M, D)``; used only to
+            sample and to tabulate.
+        reference_logits: shape logits of the references, ``(G, M, K)``.
         correlation: ρ in [0, 1] of repeats in one pose.
         conflict: test that touches come from the world that the model was fitted to; None without.
         groups: of the poses that share references
@@ -120,8 +120,8 @@ class FittedRigidBody(ArrayModel):
 
         Args:
             embed: embeds hypotheses.
-            num_hypotheses: N, of each shape; as many as the model was fitted with by default. With another number it
-                has no conflict test.
+            num_hypotheses: number N of hypotheses of each shape; that of the fit by default. With another number the
+                model has no conflict test.
         """
         fitted = {field.name: getattr(self, field.name) for field in fields(FittedRigidBody)}
         if num_hypotheses not in (None, self.num_hypotheses):
@@ -148,7 +148,7 @@ class FittedRigidBody(ArrayModel):
         return OutcomeTable(found[list(self.groups)] if self.groups else found)
 
     def to_fields(self) -> dict[str, Any]:
-        """See :class:`ArrayModel`; arrays in half precision, the hypotheses not at all: the reader embeds them."""
+        """See :class:`ArrayModel`; arrays in half precision, without the hypotheses, which the reader embeds."""
         arrays = {"references": self.references, "reference_logits": self.reference_logits}
         return {
             "num_hypotheses": self.num_hypotheses,
@@ -179,8 +179,8 @@ class RigidBodyModel(FittedRigidBody):
     Attributes:
         hypotheses: embeds the hypotheses g of every pose, at first use; by pose where poses share references.
 
-    The other attributes, and what is refused, are those of :class:`FittedRigidBody`; also refused are
-    :class:`FixedHypotheses` that do not fit.
+    Other attributes and errors are those of :class:`FittedRigidBody`. :class:`FixedHypotheses` that do not fit raise
+    ValueError, too.
     """
 
     hypotheses: Embeds = field(kw_only=True)
@@ -199,7 +199,7 @@ class RigidBodyModel(FittedRigidBody):
         Args:
             data: touches with embeddings as features, of objects that the reader was not trained on.
             embed: embeds hypotheses.
-            num_hypotheses: N, of each shape: the dial of speed against accuracy.
+            num_hypotheses: number N of hypotheses of each shape; more are more accurate and slower.
 
         Raises:
             ValueError: the touches bring no embeddings, or do not fit the hypotheses.
@@ -278,7 +278,7 @@ class RigidBodyModel(FittedRigidBody):
 
     @cached_property
     def outcomes(self) -> ReferenceOutcomes:
-        """Touches that stand for all, and how probable each is under a hypothesis."""
+        """The reference touches, and the probability of each under a hypothesis."""
         return ReferenceOutcomes(self._embedded, self.references, self.reference_logits)
 
     @cached_property
@@ -290,10 +290,7 @@ class RigidBodyModel(FittedRigidBody):
         return self.num_poses, len(self.shape_labels), self.num_hypotheses, self.references.shape[-1]
 
     def __getstate__(self) -> dict[str, Any]:
-        """What another process is sent: the table instead of what embeds it, so that it is embedded once.
-
-        A model whose poses share references sends what embeds them: its table is large.
-        """
+        """The state for another process, with the embedded table unless poses share references: it is large then."""
         state = {name: value for name, value in vars(self).items() if name not in _RECOMPUTED}
         return state if self.groups else {**state, "hypotheses": FixedHypotheses(self.table)}
 
@@ -303,7 +300,7 @@ class RigidBodyModel(FittedRigidBody):
 
     @cached_property
     def _start(self) -> RigidBodyEvidence:
-        """One for all objects, so that what it has computed is computed once."""
+        """The evidence without touches, shared by all objects, so that its properties are computed once."""
         conflict = None if self.conflict is None else self.conflict.start()
         zeros = np.zeros((len(self.shape_labels), self.num_hypotheses))
         return RigidBodyEvidence(self, frozen(zeros), frozen(zeros[:, 0]), tested=conflict)
@@ -369,6 +366,6 @@ def joint_model(model: ObservationModel) -> RigidBodyModel | None:
 
 
 def _in_half(array: Floats) -> Floats:
-    """The numbers as a file keeps them; those beyond half precision become its largest."""
+    """The numbers rounded as in a file; those beyond half precision become its largest."""
     largest = float(np.finfo(np.float16).max)
     return np.clip(array, -largest, largest).astype(np.float16).astype(np.float64)

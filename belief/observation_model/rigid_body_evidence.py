@@ -38,14 +38,13 @@ SumsByPlace = Mapping[int | tuple[float, ...], tuple[int, Floats]]
 
 
 class Diagnostics(NamedTuple):
-    """How well the hypotheses cover what was felt.
+    """How well the hypotheses cover the touches of an object.
 
     Attributes:
         effective_hypotheses: effective sample size of each shape's hypotheses, ``(K,)``, between 1 and N. Near 1, the
             posterior is narrower than the hypotheses are dense.
         most_likely: index of each shape's most likely hypothesis, ``(K,)``.
-        p_values: of the last touch, ``(2,)``: that its image is so novel, and that it fits the earlier touches so
-            badly; ones without a test.
+        p_values: p-values of the novelty and of the misfit of the last touch, ``(2,)``; ones without a test.
         log_conflict: log e-value of all touches of the object against "they come from the world that the model was
             fitted to"; 0.0 without a test.
     """
@@ -67,18 +66,16 @@ class _Felt(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class RigidBodyEvidence:
-    """The evidence about one body: the log weight of every hypothesis. A frozen value; an update makes a new one.
+    """The log weight of every hypothesis about one body: a frozen value, of which an update makes a new one.
 
     Attributes:
-        model: whose hypotheses they are, a :class:`~belief.observation_model.rigid_body.RigidBodyModel`.
         log_weights: log p(all touches | hypothesis) up to a constant, ``(K, N)``, read-only; the largest is 0.
         log_likelihood: log p(all touches | shape) up to the same constant, ``(K,)``, read-only.
-        num_touches: how many touches it holds.
-        in_pose: for every pose, and every other place, in which the object was touched, the number of touches and the
-            sum of their scores, ``(K, N)`` up to a constant; empty where the model discounts neither repeats nor drift.
+        in_pose: number of touches in every pose or other place, and the sum of their scores, ``(K, N)`` up to a
+            constant; empty where the model discounts neither repeats nor drift.
         tested: conflict test of the first touches; None if the model has none.
-        waiting: the touches since, which are tested when :attr:`conflict` is asked for, because few deciders do.
-        constant: what both logarithms are less by.
+        waiting: later touches, which are tested when :attr:`conflict` is read, because few deciders read it.
+        constant: what was subtracted from both logarithms.
     """
 
     model: Any
@@ -124,10 +121,9 @@ class RigidBodyEvidence:
         return None if self.conflict is None else self.conflict.log_bets
 
     def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> OutcomeMixture | SharedMixture:
-        """See :class:`~belief.observation_model.evidence.ObjectEvidence`.
+        """See :class:`~belief.observation_model.evidence.ObjectEvidence`; outcomes are the model's reference touches.
 
-        The outcomes are the model's reference touches. Hypotheses are drawn by systematic resampling, without chance.
-        Where touches are discounted, the last outcome is that a touch tells nothing new.
+        Hypotheses are resampled without chance. Where touches are discounted, the last outcome is "nothing new".
         """
         key = num_outcomes, num_hypotheses
         if key not in self._mixtures:
@@ -144,7 +140,7 @@ class RigidBodyEvidence:
 
     @property
     def _new(self) -> Floats:
-        """By how much one more touch in each pose raises the effective number of touches, ``(P,)``."""
+        """Increase of the effective number of touches by one more touch in each pose, ``(P,)``."""
         number = self.model.num_poses
         elsewhere = [many for place, (many, _) in self.in_pose.items() if isinstance(place, tuple)]
         counts = np.concatenate([np.zeros(number), elsewhere])
@@ -159,7 +155,7 @@ class RigidBodyEvidence:
 
     @cached_property
     def diagnostics(self) -> Diagnostics:
-        """How well the hypotheses cover what was felt."""
+        """See :class:`Diagnostics`."""
         shares = np.exp(self.log_weights - self.log_weights.max(axis=1, keepdims=True))
         effective = shares.sum(axis=1) ** 2 / np.square(shares).sum(axis=1)
         most_likely, conflict = frozen(self.log_weights.argmax(axis=1)), self.conflict
@@ -176,7 +172,7 @@ def joint_evidence(evidence: ObjectEvidence) -> RigidBodyEvidence | None:
 
 
 def relative(log_weights: Floats) -> tuple[Floats, Floats, float]:
-    """Log weights ``(..., K, N)`` and log mean weights ``(..., K)`` less the largest log weight, and this one.
+    """Log weights ``(..., K, N)`` and log mean weights ``(..., K)``, both less the largest log weight, and this.
 
     Overwrites the log weights and makes them read-only.
     """
@@ -188,11 +184,7 @@ def relative(log_weights: Floats) -> tuple[Floats, Floats, float]:
 def with_touch(
     sums: SumsByPlace, touch: Touch, scores: NDArray[Any], correlation: float, drift: float
 ) -> tuple[SumsByPlace, Floats | None]:
-    """The sums of scores in every place with one more touch, and the sum of all touches where some are discounted.
-
-    Returns:
-        The new sums; and log weights ``(..., K, N)``, or None where every touch counts in full.
-    """
+    """Sums by place after one more touch, and log weights ``(..., K, N)``, or None where every touch counts in full."""
     if not (correlation or drift):
         return sums, None
     place = int(touch.pose) if touch.elsewhere is None else touch.elsewhere.place

@@ -39,11 +39,7 @@ JointModel: TypeAlias = Any
 
 
 def fitted(model: JointModel, data: LabelledTouches) -> tuple[JointModel, ConflictTest | None]:
-    """The model with temperature and correlation of repeats of calibration touches, and their conflict test.
-
-    Args:
-        model: at temperature 1.
-    """
+    """The model, given at temperature 1, with fitted temperature, correlation and drift, and its conflict test."""
     length = min(model.num_poses, MOST_TOUCHES)
     model = model.at(_best_temperature(model, *_in_different_poses(model, data, length, length, _AT_LEAST)))
     drift = 0.0
@@ -84,14 +80,14 @@ def _fitted_drift(model: JointModel, data: LabelledTouches) -> tuple[float, floa
 
 
 def _some_numbers(length: int) -> NDArray[np.int64]:
-    """Numbers of touches up to ``length`` that count for the drift."""
+    """The numbers of touches up to ``length`` that the fit of the drift uses."""
     return np.unique(np.geomspace(1, length, _STEPS_OF_DRIFT).round().astype(np.int64))
 
 
 def _in_different_poses(
     model: JointModel, data: LabelledTouches, length: int, kept: int, least: int = 1
 ) -> tuple[TouchBatch, NDArray[np.int64]]:
-    """Sequences of touches in different poses, if the objects were touched in all, and the shapes of their objects."""
+    """Sequences of touches in different poses, of objects that were touched in enough, and their shapes."""
     rng, found = np.random.default_rng(0), []
     most = max(least, min(_FITTED_ON, _that_fit(model, kept)))
     for _ in range(min(model.num_poses, -(-most // data.num_objects))):
@@ -184,7 +180,7 @@ def _misfits(model: JointModel, batch: TouchBatch) -> tuple[Floats, Floats]:
 
 
 def _that_fit(model: JointModel, kept: int) -> int:
-    """How many sequences fit in memory, of which the log weights after so many steps are kept."""
+    """Number of sequences that fit in memory with the log weights after ``kept`` steps."""
     return _MOST_NUMBERS // (kept * len(model.shape_labels) * model.num_hypotheses)
 
 

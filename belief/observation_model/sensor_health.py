@@ -1,4 +1,4 @@
-r"""The health of the sensor as a latent of the session: what is the matter with it is inferred along with the shapes.
+r"""The health of the sensor as a latent variable of the session, which is inferred along with the shapes.
 
     p(o_1.. of all objects | k, w) = ∏_objects j  mean_i ∏_t p(o_t | k_j, R_i, s_i, pose_t, w_j)
 
@@ -8,10 +8,10 @@ every shape has the log ratio zero. They compare directly, because all ratios lo
 
 The component stays from object to object, except that before each object it is drawn anew from the prior with a small
 probability (``forgetting``): sensors change. So the posterior over components is that of a hidden Markov chain over
-objects, in the order of their first touches, and each object is believed with what all others tell about the sensor.
-What one object tells about it counts all shapes alike.
+objects, in the order of their first touches, and the belief about each object uses what all others tell about the
+sensor. In what one object tells about it, all shapes count alike.
 
-In a long session, worlds that are out of the question are not asked about every object (:class:`SensorHealth`).
+In a long session, very improbable worlds *sleep*: they are not evaluated for every object (:class:`SensorHealth`).
 
 The touches of three objects, two in each, whose embeddings have the wrong sign:
 
@@ -69,14 +69,14 @@ _LEAST = -1e4  # log of a posterior by its prior: an impossible world may come b
 class SensorHealthModel(ArrayModel):
     """The joint model of one rigid body, with the world of the sensor as a latent that all objects of a session share.
 
-    :class:`~belief.scene_belief.SceneBelief` couples the objects. One object alone is believed with the prior of the
-    worlds. Samples, tables and predicted outcomes, and what is filed, are those of the nominal model.
+    :class:`~belief.scene_belief.SceneBelief` couples the objects. For one object alone, the worlds have their prior.
+    Samples, tables, predicted outcomes and the file are those of the nominal model.
 
     Attributes:
         nominal: the sensor as described; its conflict test is not used.
         worlds: embeds the hypotheses in W other worlds, pose by pose, at first use.
-        world_labels: their names, W; none is allowed.
-        prior: of the components: nominal, worlds, unknown, ``(1 + W + 1,)``; see :func:`spread_prior`.
+        world_labels: names of the W worlds; W may be 0.
+        prior: probabilities of the components nominal, worlds, unknown, ``(1 + W + 1,)``; see :func:`spread_prior`.
         forgetting: probability that the component is drawn anew before an object, in [0, 1].
 
     Raises:
@@ -108,16 +108,16 @@ class SensorHealthModel(ArrayModel):
 
     @cached_property
     def log_prior(self) -> Floats:
-        """Of the components, ``(C,)``."""
+        """Log prior of the components, ``(C,)``."""
         with np.errstate(divide="ignore"):
             return frozen(np.log(self.prior))
 
     def start(self) -> SensorEvidence:
-        """See :class:`ArrayModel`: every world is asked."""
+        """See :class:`ArrayModel`; every world is awake."""
         return self.start_in(np.arange(len(self.world_labels)))
 
     def start_in(self, awake: NDArray[np.int64]) -> SensorEvidence:
-        """The evidence before the first touch of an object about which only some worlds are asked."""
+        """The evidence before the first touch of an object, with only some worlds awake."""
         nothing = np.zeros((len(awake), len(self.shape_labels), 1))
         return SensorEvidence(self, replace(self.nominal.start(), tested=None), frozen(awake), frozen(nothing))
 
@@ -163,11 +163,11 @@ class SensorHealthModel(ArrayModel):
         return {}
 
     def __getstate__(self) -> dict[str, Any]:
-        """What another process is sent: without the copies of tables."""
+        """The state for another process, without the copies of tables."""
         return {name: value for name, value in vars(self).items() if name != "_kept"}
 
     def health(self, log_bets: ArrayLike = 0.0, is_clear: bool = True) -> SensorHealth:
-        """What a session knows that has had this evidence (:attr:`SensorHealth.log_bets`), or none."""
+        """The health of the sensor after a session with this evidence (:attr:`SensorHealth.log_bets`), or with none."""
         given = np.zeros(len(self.prior) + 1) + np.asarray(log_bets, np.float64)
         log_ratios = given[:-1]
         for _ in range(2):  # the second time, large numbers are gone that hid the prior
@@ -176,13 +176,13 @@ class SensorHealthModel(ArrayModel):
         return SensorHealth(labels, self.log_prior, frozen(log_ratios), int(given[-1]), is_clear)
 
     def over_objects(self, evidence: Sequence[SensorEvidence], log_bets: ArrayLike) -> tuple[Floats, SensorHealth]:
-        """Log likelihoods of the shapes of n objects that were touched, each given all others, and the sensor's health.
+        """Log likelihoods of the shapes of n touched objects, each given all others, and the sensor's health.
 
         The forward and backward recursions of a hidden Markov chain.
 
         Args:
             evidence: about each object, in the order of their first touches.
-            log_bets: of the session before them (:attr:`SensorHealth.log_bets`), or zeros.
+            log_bets: log bets of the session before these objects (:attr:`SensorHealth.log_bets`), or zeros.
 
         Returns:
             ``(n, K)``, each row up to a constant; and the health after the last object.
@@ -240,15 +240,10 @@ class SensorHealthModel(ArrayModel):
 
 @dataclass(frozen=True, eq=False)
 class SensorEvidence:
-    """The evidence about one object under every component. A frozen value; an update makes a new one.
+    """Evidence about one object under every component: a frozen value, of which an update makes a new one.
 
-    Attributes:
-        model: whose hypotheses they are.
-        nominal: the evidence if the sensor is as described.
-        awake: indices of the A worlds that are asked.
-        log_weights: log p(all touches | world, hypothesis) up to one constant, ``(A, K, N')``.
-        constant: that the log weights are less by.
-        sums: of the scores in every place, as in :class:`RigidBodyEvidence`.
+    ``nominal`` is the evidence if the sensor is as described. ``log_weights (A, K, N')``, less ``constant``, are log
+    p(all touches | world, hypothesis) for the A worlds ``awake``; ``sums`` are as in :class:`RigidBodyEvidence`.
     """
 
     model: SensorHealthModel
@@ -265,7 +260,7 @@ class SensorEvidence:
 
     @property
     def has_sleepers(self) -> bool:
-        """Whether some worlds were not asked."""
+        """Whether some worlds are asleep."""
         return len(self.awake) < len(self.model.world_labels)
 
     def updated(self, touches: Iterable[Touch]) -> SensorEvidence:
@@ -320,7 +315,7 @@ class SensorEvidence:
 
     @property
     def diagnostics(self) -> Diagnostics:
-        """How well the nominal hypotheses cover what was felt."""
+        """See :class:`Diagnostics`; of the nominal hypotheses."""
         return self.nominal.diagnostics
 
 

@@ -1,4 +1,4 @@
-"""Worlds of a sensor: who embeds hypotheses in them, their prior, and what a session knows about them.
+"""Worlds of a sensor: the embedding of hypotheses in them, their prior, and their posterior in a session.
 
 >>> print(SensorHealth(("as described", "soft", "unknown"), np.log([0.8, 0.15, 0.05]), np.zeros(3), 0))
 as described 0.80; soft 0.15
@@ -26,17 +26,17 @@ _IN_TURN = 4  # objects, at one of which one world is asked at random
 
 
 class EmbedsWorlds(Protocol):
-    """Embeds hypotheses of a body as touches would feel them in W other worlds of the sensor.
+    """Embeds hypotheses of a body as a sensor in W other worlds reads them.
 
     N' may differ from the number of hypotheses of the nominal model; float16 takes half the memory, float32 half the
-    time. Whoever makes an array keeps it: it is asked for again at every touch.
+    time. The embedder caches its arrays, because they are asked for at every touch.
     """
 
     def in_pose(self, pose: int) -> NDArray[np.floating]:
         """Embedded hypotheses in one pose, ``(W, K, N', D)``."""
 
     def in_place(self, place: tuple[float, ...]) -> NDArray[np.floating]:
-        """The same for a touch in none of the poses (:class:`belief.problem.Elsewhere`)."""
+        """Embedded hypotheses in none of the poses (:class:`belief.problem.Elsewhere`), ``(W, K, N', D)``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class FixedWorlds(FrozenArrays):
     """Hypotheses in other worlds that are embedded already.
 
     Attributes:
-        table: of every pose, ``(P, W, K, N', D)``, read-only.
+        table: embedded hypotheses of every pose, ``(P, W, K, N', D)``, read-only.
 
     Raises:
         ValueError: it has other dimensions, or numbers that are not real, not finite or too large.
@@ -71,15 +71,15 @@ class FixedWorlds(FrozenArrays):
 
 
 def spread_prior(num_worlds: int, nominal: float = 0.9, unknown: float = 0.005) -> Floats:
-    """A prior of the components, ``(1 + W + 1,)``: the rest is spread evenly over the W worlds.
+    """Prior of the components, ``(1 + W + 1,)``, with the remaining probability spread evenly over the W worlds.
 
     Args:
-        num_worlds: W; without any, the rest is the nominal one's.
+        num_worlds: W; if it is 0, the nominal component gets the remaining probability.
         nominal: probability of the sensor as described.
         unknown: probability of the component that knows nothing.
 
     Raises:
-        ValueError: they are no probabilities, or together more than one.
+        ValueError: the two are no probabilities, or have a sum above one.
 
     >>> spread_prior(2).round(4).tolist(), spread_prior(0).tolist()
     ([0.9, 0.0475, 0.0475, 0.005], [0.995, 0.005])
@@ -94,18 +94,14 @@ def spread_prior(num_worlds: int, nominal: float = 0.9, unknown: float = 0.005) 
 
 @dataclass(frozen=True, eq=False)
 class SensorHealth:
-    """What a session knows about its sensor: the posterior over components after all its touches. A frozen value.
+    """What a session knows about its sensor: the posterior over C components after all its touches. A frozen value.
 
     Once a session has 24 touches and one component has a posterior of 0.9, worlds with a posterior below 1e-6 *sleep*:
     they count as impossible for the next object, and forgetting brings them back when they are asked again. That is all
     of them as soon as no component has 0.9 at an object, and one of them, drawn at random, at every fourth object.
 
-    Attributes:
-        labels: of the components.
-        log_prior: of the components, ``(C,)``.
-        log_ratios: log of posterior by prior after the last object, ``(C,)``.
-        num_touches: of the session.
-        is_clear: whether one component has at least 0.9 at every object of the search.
+    ``log_prior (C,)`` and ``log_ratios (C,)``, the log of posterior by prior after the last object, are of the
+    components; ``is_clear`` says whether one component has at least 0.9 at every object of the search.
     """
 
     labels: tuple[str, ...]
@@ -121,7 +117,7 @@ class SensorHealth:
 
     @property
     def log_bets(self) -> Floats:
-        """With which the next search of the session begins, ``(C + 1,)``: log ratios, and number of touches."""
+        """What the next search of the session begins with, ``(C + 1,)``: log ratios, and number of touches."""
         return np.append(self.log_ratios, float(self.num_touches))
 
     @property
@@ -132,7 +128,7 @@ class SensorHealth:
 
     @property
     def awake(self) -> NDArray[np.int64]:
-        """Indices of the worlds that the next object is asked about, ``(A,)``."""
+        """Indices of the worlds that are evaluated for the next object, ``(A,)``."""
         log_probs = self.log_prior + self.log_ratios
         number = len(log_probs) - 2
         if self.num_touches < _TRIED or log_probs.max() < np.log(SURE):

@@ -75,7 +75,7 @@ def paired_bootstrap(
         first: one number per episode, ``(n,)``.
         second: the same episodes in the same order, ``(n,)``.
         rng: draws the resamples.
-        confidence: of the interval, in (0, 1).
+        confidence: confidence level of the interval, in (0, 1).
         num_resamples: bootstrap resamples.
 
     Returns:
@@ -202,9 +202,9 @@ def mcnemar_test(first_correct: ArrayLike, second_correct: ArrayLike) -> McNemar
 def episodes_for_success(pairs: McNemar, level: float = LEVEL, power: float = POWER) -> int | None:
     """Total number of paired episodes for which McNemar's test detects the observed difference with a given power.
 
-    If a fraction ψ of the episodes is discordant and the success rates differ by δ, that is
-    n = (z_{α/2} √ψ + z_β √(ψ - δ²))² / δ² (Connor 1987); None if δ is zero. It is never so small that no outcome is
-    significant: at least 5 at the default level. ``level`` is the two-sided α.
+    For a fraction ψ of discordant episodes and success rates that differ by δ, that is
+    n = (z_{α/2} √ψ + z_β √(ψ - δ²))² / δ² (Connor 1987), but at least so many that some outcome is significant; None if
+    δ is zero. ``level`` is the two-sided α.
     """
     require_fraction("level", level)
     require_fraction("power", power)

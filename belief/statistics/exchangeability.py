@@ -1,4 +1,4 @@
-"""An alarm that searches no longer come from the world of calibration searches; its false alarms are bounded for ever.
+"""An alarm that searches no longer come from the world of calibration searches; false alarms are bounded for all time.
 
 **The theorem.** Let the scores of the calibration searches and of the searches after them be exchangeable within each
 group (such as the target that is sought), for example because all are independent searches of one world. Then the
@@ -44,16 +44,10 @@ _LEAST = 1e-300  # probability of a low score
 def log_e_values(
     calibration: ArrayLike, calibration_groups: ArrayLike, scores: ArrayLike, groups: ArrayLike, seed: int = 0
 ) -> Floats:
-    """Log e-value after each search against "it is exchangeable with the calibration searches"; the module says how.
+    """Log e-value after each search, ``(T,)``, against exchangeability with the calibration searches (see the module).
 
-    Args:
-        calibration: scores of the calibration searches, ``(m, S)``, finite or infinite.
-        calibration_groups: of each, ``(m,)``.
-        scores: of the searches since, in their order, ``(T, S)``.
-        groups: of each, ``(T,)``.
-
-    Returns:
-        ``(T,)``; an alarm is log(1/α) or more, at any time.
+    ``calibration (m, S)`` and ``scores (T, S)``, in their order, are finite or infinite; their groups are ``(m,)`` and
+    ``(T,)``. A value of log(1/α) or more, at any time, is an alarm.
 
     >>> log_e_values(np.zeros((5, 2)), np.arange(5), np.empty((0, 2)), []).tolist()
     []
@@ -78,7 +72,7 @@ def log_e_values(
 def _p_values(
     known: list[float], before: list[object], scores: list[float], groups: list[object], chance: Floats
 ) -> Iterable[float]:
-    """Of each score among those of its group that came before it, in (0, 1]."""
+    """P-value of each score among those of its group that came before it, in (0, 1]."""
     ranked: dict[object, list[float]] = {group: [] for group in groups}
     for score, group in zip(known, before, strict=True):
         if group in ranked:

@@ -38,13 +38,10 @@ _MARGIN = 0.25  # a proposal must pass its own half at this part of the level, s
 
 @dataclass(frozen=True, eq=False)
 class CandidateStops:
-    """Moments at which searches could confirm, M of N searches, in order of search and of time.
+    """Moments at which N searches could confirm an object, M in all, in order of search and of time.
 
-    Args:
-        searches: index of the search, ``(M,)``, not decreasing, in [0, N).
-        touches: of the object that would be confirmed, ``(M,)``, integers ≥ 0.
-        probs: stated probability that the object is the target, ``(M,)``, in [0, 1].
-        is_wrong: whether it is not, ``(M,)``.
+    ``searches`` are indices in [0, N), not decreasing; ``touches`` are those of the object, ``probs`` the stated
+    probability that it is the target, and ``is_wrong`` whether it is not; all are ``(M,)``.
     """
 
     searches: NDArray[np.int64]
@@ -69,12 +66,7 @@ class CandidateStops:
 
     @classmethod
     def of_posteriors(cls, log_probs: NDArray[np.float64], shapes: NDArray[np.int64]) -> CandidateStops:
-        """Candidates after each touch of S sequences, whose answer is the most probable shape.
-
-        Args:
-            log_probs: log posteriors after 1 to n touches, ``(S, n, K)``.
-            shapes: true shapes, ``(S,)``.
-        """
+        """Candidates after each touch: the top shapes of ``log_probs (S, n, K)``, judged by true ``shapes (S,)``."""
         number, length, _ = log_probs.shape
         searches, touches = np.divmod(np.arange(number * length), length)
         stated = np.exp(np.minimum(log_probs.max(axis=2), 0.0))
@@ -89,7 +81,7 @@ class CandidateStops:
         return CandidateStops(searches, self.touches[rows], self.probs[rows], self.is_wrong[rows], end - first)
 
     def of(self, drawn: NDArray[np.int64]) -> CandidateStops:
-        """The candidates of some searches, ``(B,)`` indices, in their order; one that is named twice counts twice."""
+        """The candidates of the searches ``drawn (B,)``, in their order; a search that is named twice counts twice."""
         first, end = np.searchsorted(self.searches, drawn), np.searchsorted(self.searches, drawn, side="right")
         sizes = end - first
         rows = np.repeat(end - np.cumsum(sizes), sizes) + np.arange(sizes.sum())
@@ -99,15 +91,14 @@ class CandidateStops:
     def stops(self, thresholds: ArrayLike) -> NDArray[np.int64]:
         """Indices of the candidates at which searches stop, at most one of each search.
 
-        Args:
-            thresholds: by number of touches, ``(L,)``; the last one is for L - 1 touches and more.
+        ``thresholds (L,)`` are by number of touches; the last one is for L - 1 touches and more.
         """
         limits = np.asarray(thresholds, float)
         reached = np.flatnonzero(self.probs >= limits[np.minimum(self.touches, len(limits) - 1)])
         return reached[np.unique(self.searches[reached], return_index=True)[1]]
 
     def counts(self, thresholds: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Number of stops, and of wrong ones, by number of touches, ``(L,)`` each; arguments as :meth:`stops`."""
+        """Numbers of stops and of wrong ones, by number of touches, ``(L,)`` each, for thresholds of :meth:`stops`."""
         number, rows = len(np.asarray(thresholds)), self.stops(thresholds)
         levels = np.minimum(self.touches[rows], number - 1)
         wrong = np.bincount(levels[self.is_wrong[rows]], minlength=number)
@@ -116,16 +107,12 @@ class CandidateStops:
 
 @dataclass(frozen=True)
 class CertifiedThresholds(Tabular):
-    """Result of :func:`certified_thresholds`, all by number of touches; prints as a table.
+    """Result of :func:`certified_thresholds`, by number of touches; prints as a table.
 
-    The last entry pools so many touches and more: the promise is for all of these together.
-
-    Attributes:
-        thresholds: stated probability from which a search may stop; infinite: never.
-        stops: stops in the half of the searches that tested the thresholds.
-        wrong: wrong ones among these.
-        first: number of touches of the first entry.
-        note: why nothing is promised, if so.
+    ``thresholds`` are stated probabilities from which a search may stop, infinite for never; ``stops`` and ``wrong``
+    count stops in the half of the searches that tested them. The first entry is for ``first`` touches; the last one
+    pools its number and more, and the promise is for all of these together. If nothing is promised, ``note``
+    says why.
     """
 
     thresholds: tuple[float, ...]
@@ -135,7 +122,7 @@ class CertifiedThresholds(Tabular):
     note: str = ""
 
     def table(self) -> Table:
-        """Threshold, and stops that tested it, by number of touches."""
+        """Thresholds, and the stops that tested them, by number of touches."""
         numbers = range(self.first, self.first + len(self.stops))
         rows: list[tuple[str | int, ...]] = [
             (
@@ -153,12 +140,8 @@ class CertifiedThresholds(Tabular):
 def certified_thresholds(candidates: CandidateStops, risk: float, confidence: float = 0.9) -> CertifiedThresholds:
     """Thresholds for which the error at every number of touches is at most ``risk``; the module states the theorem.
 
-    Numbers of touches with too few stops in the first half are pooled at the upper end, and never stopped at elsewhere.
-
-    Args:
-        candidates: of independent, equally distributed searches, in an order that says nothing about them.
-        risk: α, in (0, 1).
-        confidence: with which the promise holds, in (0, 1).
+    ``candidates`` are of independent, equally distributed searches, in an order that says nothing about them. Numbers
+    of touches with too few stops in the first half are pooled at the upper end, and never stopped at elsewhere.
 
     >>> rng = np.random.default_rng(0)
     >>> probs = rng.uniform(0.6, 1.0, 20000)                    # one candidate for each search, which states the truth
@@ -189,7 +172,7 @@ def certified_thresholds(candidates: CandidateStops, risk: float, confidence: fl
 
 
 def least_searches(risk: float, confidence: float) -> int:
-    """Number of searches from which :func:`certified_thresholds` certifies a stop, if all stop without an error."""
+    """The least number of searches, all without error, from which :func:`certified_thresholds` certifies a stop."""
     return 2 * math.ceil(math.log(_MARGIN * (1.0 - confidence)) / math.log1p(-risk))
 
 

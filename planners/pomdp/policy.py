@@ -75,7 +75,7 @@ class TouchPolicy:
 
     @cached_property
     def upper_bound(self) -> float:
-        """Upper bound on the optimal value at the prior; computed when first asked for, in some seconds."""
+        """Upper bound on the optimal value at the prior; computed at first use, in some seconds."""
         return max(upper_bound(self.problem), self.lower_bound)
 
     def __str__(self) -> str:
@@ -104,7 +104,7 @@ class SearchPolicy:
         return self.problem if isinstance(self.problem, StagedProblem) else staged(self.problem)
 
     def at(self, object_index: int, num_touches: int = 0) -> AlphaVectors:
-        """The alpha vectors for an object that has had so many touches.
+        """The alpha vectors for an object after ``num_touches`` touches.
 
         Raises:
             InvalidArgument: there is no such object.
@@ -151,7 +151,7 @@ class SearchPolicy:
 
     @cached_property
     def upper_bound(self) -> float:
-        """Upper bound on the optimal value at the start; computed when first asked for, in some seconds.
+        """Upper bound on the optimal value at the start; computed at first use, in some seconds.
 
         Raises:
             InvalidArgument: the problem was given as stages, for which there is no bound.
@@ -190,11 +190,8 @@ def upper_bound(problem: TouchProblem | SearchTouchProblem) -> float:
 
     For a few touches of an object it looks ahead exactly: all poses, all outcomes. Afterwards it takes the larger of
     stopping and of one more touch that reveals the shape, which no touch exceeds. The shape of every rejected object is
-    revealed too. So it is an information relaxation: a searcher who learns more can only do better. It is valid for
-    any number of exact touches and falls with it.
-
-    Raises:
-        InvalidArgument: distinct shapes of which too many sets can have been rejected.
+    revealed too. So it is an information relaxation: a searcher who learns more can only do better. It is valid for any
+    number of exact touches and falls with it.
 
     With one pose that is right nine times in ten, the optimal value is 0.8537:
 
@@ -214,7 +211,7 @@ def upper_bound(problem: TouchProblem | SearchTouchProblem) -> float:
 
     @cache
     def value(number: int, gone: frozenset[int]) -> float:
-        """Bound after so many rejected objects, by the set of their shapes that matter."""
+        """Bound after ``number`` rejected objects, by the set of their shapes that matter."""
         if number == problem.num_objects:
             return -1.0 if problem.target in gone else 1.0
         assert problem.prior is not None, "filled in at construction"
@@ -249,7 +246,7 @@ def _of_object(problem: TouchProblem | SearchTouchProblem, belief: Floats, payof
     touches = min(int(log(_MOST_BRANCHES) / log(branches)), _MOST_TOUCHES)
 
     def bound(beliefs: Floats, reach: Floats, left: int) -> Floats:
-        """Bound at beliefs ``(B, k)`` that are reached with probabilities ``(B,)``, with so many exact touches left."""
+        """Bound at beliefs ``(B, k)`` reached with probabilities ``(B,)``, with ``left`` exact touches left."""
         stop = np.maximum((beliefs @ payoffs.T).max(axis=1), for_ever)
         found = np.maximum(stop, discount * (beliefs @ known) - cost)
         matters = np.flatnonzero(reach * (found - stop) > _PRECISION)

@@ -54,7 +54,7 @@ class TouchProblem(_Tabular, FrozenArrays):
 
     Attributes:
         outcome_probs: p(outcome | pose, shape), ``(P, K, M)``.
-        prior: of the shape, ``(K,)``.
+        prior: probabilities of the shape, ``(K,)``.
         target: index of the target shape.
         touch_cost: λ, price of a probe, ≥ 0.
         discount: γ, per probe, in (0, 1].
@@ -94,7 +94,7 @@ class SearchTouchProblem(_Tabular, FrozenArrays):
         composition: ``distinct``, each shape at most once and all arrangements equally likely, or ``independent``.
         target: index of the shape sought.
         touch_cost: λ, price of a probe, ≥ 0.
-        prior: of the shape of an ``independent`` object, ``(K,)``; uniform by default.
+        prior: probabilities of the shape of an ``independent`` object, ``(K,)``; uniform by default.
         discount: γ, per probe or REJECT, in (0, 1].
 
     Raises:
@@ -186,13 +186,9 @@ def distribution(probs: ArrayLike, size: int, name: str) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """One object of a search.
+    """One object of a search, with n hidden states: its shape and the payoffs of CONFIRM and REJECT in each, ``(n,)``.
 
-    Attributes:
-        shapes: shape of the current object in each of the n states, ``(n,)``.
-        confirm: payoff of CONFIRM, ``(n,)``.
-        reject: payoff of REJECT, ``(n,)``; zero if there is a next stage.
-        moves: p(state of the next stage | state) after REJECT, ``(n, n')``; None in the last stage.
+    ``moves (n, n')`` are p(state of the next stage | state) after REJECT, which then pays zero; None in the last stage.
     """
 
     shapes: NDArray[np.int64]
@@ -244,8 +240,7 @@ def staged(problem: TouchProblem | SearchTouchProblem) -> StagedProblem:
 def stages_by_missed(num_shapes: int, target: int, shape_probs: Floats) -> list[Stage]:
     """Stages with 2K states: the shape of the current object without a rejected target, then with one.
 
-    ``shape_probs``, ``(N - 1, 2, K)``, has for each object but the first the distributions over its shape if no target
-    was rejected before, and if one was.
+    ``shape_probs (N - 1, 2, K)`` are p(shape) of each object but the first if no target was rejected, and if one was.
     """
     shapes = np.tile(np.arange(num_shapes), 2)
     is_target = shapes == target
@@ -290,10 +285,7 @@ def _sign(right: NDArray[np.bool_]) -> Floats:
 
 
 def stage_belief(problem: StagedProblem, log_likelihoods: Floats, number: int) -> Floats:
-    """Belief about a stage's hidden state, given the touches of its object and of those rejected before, ``(n,)``.
-
-    ``log_likelihoods``, log p(touches of an object | shape), are ``(N, K)``; finite or -inf.
-    """
+    """Belief about a stage's hidden state, ``(n,)``, from log p(touches of each object | shape), ``(N, K)``."""
     belief = problem.initial
     for i in range(number + 1):
         with np.errstate(divide="ignore"):

@@ -45,11 +45,9 @@ _RANDOM_PRIORS = 0.2  # fraction of one-object tests that start from a random be
 
 @dataclass(frozen=True, eq=False)
 class AlphaVectors:
-    """Alpha vectors of one stage with the action that each begins with; the value at a belief b is max α·b.
+    """Alpha vectors ``(A, n)`` of one stage and their first actions ``(A,)``; the value at a belief b is max α·b.
 
-    Attributes:
-        alphas: the vectors over hidden states, ``(A, n)``.
-        actions: first action of each, ``(A,)``: a pose, P for CONFIRM, P + 1 for REJECT.
+    An action is a pose, P for CONFIRM, or P + 1 for REJECT.
     """
 
     alphas: Floats
@@ -76,7 +74,7 @@ class AlphaVectors:
 def point_based_value_iteration(
     problem: StagedProblem, rng: np.random.Generator, rounds: Sequence[int]
 ) -> list[AlphaVectors]:
-    """Alpha vectors for every stage; each round simulates so many searches."""
+    """Alpha vectors for every stage; ``rounds`` are numbers of simulated searches."""
     if problem.touch_cost == 0.0 and problem.discount == 1.0:
         raise ValueError(
             "touch_cost is 0 and discount is 1: touching for ever costs nothing, so no policy is optimal. Give "
@@ -118,10 +116,9 @@ def _backward(
 def repeat_aware_vectors(
     problem: StagedProblem, vectors: Sequence[AlphaVectors], weights: Floats, rng: np.random.Generator
 ) -> tuple[tuple[AlphaVectors, ...], ...]:
-    """Alpha vectors for every stage, by number of touches of its object, from 0 to T.
+    """Alpha vectors for every stage, by number of touches of its object, from 0 to T; ``weights`` are w_1 … w_T.
 
-    Searches that follow ``vectors``, the solution without repeats, give the beliefs; ``weights``, w_1 … w_T, are in
-    [0, 1].
+    Searches that follow ``vectors``, the solution without repeats, give the beliefs.
     """
     sampled = sample_beliefs(problem, vectors, rng, _REPEAT_SEARCHES, _REPEAT_EXPLORATION)
     found: list[tuple[AlphaVectors, ...]] = []
@@ -210,8 +207,7 @@ def sample_beliefs(
 ) -> list[list[Floats]]:
     """Beliefs ``(B, n)`` of simulated searches, by stage and by number of touches in the stage.
 
-    The searches follow the policy of ``vectors``, one set per stage, but for a fraction ``exploration`` of random
-    actions; all actions are random without it.
+    The searches follow ``vectors``, with a fraction ``exploration`` of random actions; without them, all are random.
     """
     beliefs = np.tile(problem.initial, (num_searches, 1))
     if len(problem.stages) == 1:
