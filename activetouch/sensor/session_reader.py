@@ -6,21 +6,22 @@ import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from activetouch.perception.reader import TactileReader
 from activetouch.pressing.contact import missed
-from activetouch.recorded.reader import RecordedReader
-from activetouch.recorded.reader_file import digest_of
 from activetouch.rendering import read_out
 from activetouch.scene import Scene
 from belief.errors import InvalidArgument
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.rigid_body import joint_model
 from belief.problem import Elsewhere, Touch
+
+if TYPE_CHECKING:
+    from activetouch.recorded.reader import RecordedReader
 
 _BLANKS, _USUAL = 100, 0.98  # images of no contact, and the share of them that is taken for one
 _FAINT = 8.0  # of 255: a taxel that differs by less feels nothing, even without noise
@@ -124,6 +125,8 @@ class RecordedRowReader:
     @cached_property
     def identity(self) -> str:
         """Digest of all that it reads with."""
+        from activetouch.recorded.reader_file import digest_of  # which sensors of scenes do not need
+
         return digest_of(self.reader)
 
     def read(self, image: ArrayLike, pose: int) -> tuple[NDArray[np.float64], Touch, float | None]:
