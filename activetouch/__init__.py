@@ -66,7 +66,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """What is loaded at first use, and the version."""
+    """The value of a lazily loaded name, or the version."""
     if name in _LATER:
         if _LATER[name].startswith("experiments."):
             require_own_packages("planners", "experiments")

@@ -88,7 +88,7 @@ class LogUniform(_Range):
 
 
 def require_distribution(name: str, given: object) -> None:
-    """Check that something is a distribution; the message calls it by the name."""
+    """Check that an object is a distribution; the error message calls it ``name``."""
     if isinstance(given, type) or not callable(getattr(given, "sample", None)):
         raise InvalidArgument(
             f"{name} must be a distribution such as Uniform(0.9, 1.1) or Constant(1.0), got {given!r}"
@@ -106,13 +106,13 @@ class Variation:
 
     Attributes:
         size: factor on the nominal size of every object, built-in or mesh; ``Constant(1.0)`` for one of known size.
-        offset: of an object's centre from the approach axis, along y and along z [m].
-        force: at which the motion stops [N].
+        offset: displacement of an object's centre from the approach axis, along y and along z [m].
+        force: force at which the motion stops [N].
         friction: coefficient between an object and the pad.
-        stiffness: of the pad's layer together with an object's skin, relative to the pad's alone.
+        stiffness: stiffness of the pad's layer together with an object's skin, relative to the pad's alone.
 
     Raises:
-        InvalidArgument: one of them is no distribution.
+        InvalidArgument: one of them is not a distribution.
     """
 
     size: Distribution = field(default_factory=lambda: Uniform(0.9, 1.1))

@@ -37,9 +37,9 @@ from belief.frozen import frozen
 from belief.naming import few
 from belief.validation import require_choice, require_number
 
-_UNBALANCED = 0.02  # of the forces of all fingers together
+_UNBALANCED = 0.02  # largest net force, relative to the sum of all forces
 _SAME_PLACE = 1e-3  # rad
-_OPEN = 0.08  # of an open finger from the middle of the palm [m]
+_OPEN = 0.08  # distance of an open finger from the middle of the palm [m]
 _INVERSE = (1.0, -1.0, -1.0, -1.0)
 _MOST_ALONG = 3  # places along each axis
 
@@ -60,11 +60,11 @@ class Hand:
     Attributes:
         fingers: rotations that bring the pad of a scene without a hand to each finger's place about the palm, m unit
             quaternions ``wxyz``. Several fingers press with forces that balance each other, 1 on average.
-        offset: what the belief makes of the body's position in the palm. ``averaged``: the reader averages over it,
+        offset: treatment of the body's position in the palm by the belief. ``averaged``: the reader averages over it,
             for each finger alone. ``anew``: it is latent, common to the fingers of a grasp. In both cases every grasp
             draws it anew. ``kept``: it is latent, drawn once for each object, and turns with it.
-        travel: standard deviation with which the position of each finger is measured where it stops [m]; None where
-            it is not.
+        travel: standard deviation of the measured position of each finger where it stops [m]; None if it is not
+            measured.
 
     Raises:
         InvalidArgument: there is no finger, a rotation is no unit quaternion, two fingers are in one place, no forces
@@ -131,9 +131,9 @@ class Hand:
 
     @cached_property
     def forces(self) -> NDArray[np.float64]:
-        """Force of each finger, relative to that of a press, ``(m,)``, read-only.
+        """Force of each finger relative to that of a press, ``(m,)``, read-only.
 
-        The sum of their vectors is least, and they are as equal as that allows.
+        The net force is least, and the forces are as equal as that allows.
         """
         if len(self) == 1:
             return frozen(np.ones(1))
@@ -156,18 +156,14 @@ class Hand:
         return np.asarray(np.asarray(forces, float) @ self.axes)
 
     def across(self, place: ArrayLike) -> NDArray[np.float64]:
-        """A place along the palm's axes, ``(3,)`` [m], as each finger has it along its y and z, ``(m, 2)`` [m]."""
+        """The components of a place in the palm, ``(3,)`` [m], along each finger's y and z axes, ``(m, 2)`` [m]."""
         return np.stack([(rotation.T @ np.asarray(place, float))[1:] for rotation in self.rotations])
 
     def places(self, offset: Distribution, reach: float) -> NDArray[np.float64]:
-        """Positions of a body in the palm that stand for all, equally likely, ``(O, 3)`` [m].
+        """Equally probable positions of a body in the palm that stand for its distribution, ``(O, 3)`` [m].
 
-        As many along each axis as are needed so that what is between them is within the reach of the reader, but at
-        most three. Those that no finger can tell apart are one, unless the body keeps its place when it turns.
-
-        Args:
-            offset: distribution of the position along each axis.
-            reach: over which a reader averages, each way [m].
+        Along each axis there are at most three, as many as a reader needs that averages over ``reach`` [m] each way.
+        Positions that no finger can tell apart are merged, unless the body keeps its place when it turns.
 
         >>> from activetouch.distributions import Uniform
         >>> Hand.parallel().places(Uniform(-0.006, 0.006), 0.002).shape
@@ -185,24 +181,19 @@ class Hand:
         return np.asarray(grid[np.unique(seen, axis=0, return_index=True)[1]])
 
     def placements(self, in_palm: Placement, depth: float) -> list[Placement]:
-        """What each finger meets of a body in the palm.
+        """The body in front of each finger.
 
-        Args:
-            in_palm: the body, in front of a finger that is not turned.
-            depth: of the body's centre along the palm's x axis [m].
+        ``in_palm`` is the body in front of a finger that is not turned, at ``depth`` along the palm's x axis [m].
         """
         turned = [multiply(np.array(finger) * _INVERSE, in_palm.orientation) for finger in self.fingers]
         across = self.across((depth, *in_palm.offset))
         return [replace(in_palm, orientation=q, offset=place) for q, place in zip(turned, across, strict=True)]
 
     def joined(self, images: Sequence[NDArray[np.uint8]], stops: ArrayLike) -> NDArray[np.uint8]:
-        """The image of a grasp: those of its fingers side by side, ``(H, m · W)`` or ``(H, m · W, 3)``.
+        """The image of a grasp: images of the fingers side by side, ``(H, m · W)`` or ``(H, m · W, 3)``.
 
-        Where the hand reads travel, each has one more column, which is the brighter the farther the finger travelled.
-
-        Args:
-            images: of the fingers, ``(H, W)`` or ``(H, W, 3)`` each.
-            stops: where the fingers stop, from the middle of the palm, ``(m,)`` [m].
+        Where the hand reads travel, each has one more column, which is brighter the farther the finger travelled.
+        ``stops (m,)`` are the distances from the middle of the palm at which the fingers stop [m].
         """
         if self.travel is None:
             return np.concatenate(images, axis=1)
@@ -211,16 +202,7 @@ class Hand:
         return np.hstack([part for image, one in each for part in (image, np.full_like(image[:, :1], one))])
 
     def apart(self, images: NDArray[np.uint8]) -> tuple[list[NDArray[np.uint8]], NDArray[np.float64]]:
-        """What :meth:`joined` joins: images of each finger, ``(N, H, W)`` or ``(N, H, W, 3)``, and stops [m].
-
-        The stops are ``(N, m)``, or ``(N, 0)`` without travel.
-
-        Args:
-            images: of N grasps.
-
-        Raises:
-            ValueError: they are not those of so many fingers.
-        """
+        """The inverse of :meth:`joined` for N grasps: each finger's images, and stops, ``(N, m)`` or ``(N, 0)`` [m]."""
         more = 0 if self.travel is None else 1
         if images.shape[2] != len(self) * (images.shape[1] + more):
             column = ", each with a column of its travel" if more else ""
@@ -234,12 +216,7 @@ class Hand:
     def single(
         self, poses: Mapping[str, Quaternion], aims: Mapping[str, tuple[float, float]]
     ) -> list[tuple[dict[str, Quaternion], dict[str, tuple[float, float]]]]:
-        """Of each finger, the poses and aims with which a single pad meets what the finger does.
-
-        Args:
-            poses: of the palm.
-            aims: of the palm, see :class:`activetouch.Scene`.
-        """
+        """For each finger, the poses and aims that show a single pad what the finger meets in a pose of the palm."""
         turned = [{k: multiply(np.array(f) * _INVERSE, q) for k, q in poses.items()} for f in self.fingers]
         moved = {label: self.across((0.0, *aim)) for label, aim in aims.items()}
         return [(q, {k: (float(at[f, 0]), float(at[f, 1])) for k, at in moved.items()}) for f, q in enumerate(turned)]

@@ -27,15 +27,9 @@ _PLASTIC_ROOT = 0.7548776662466927  # 1 / ρ with ρ³ = ρ + 1
 
 
 def quaternions(num: int) -> Floats:
-    """Unit quaternions ``wxyz`` that cover all orientations evenly, ``(num, 4)``: super-Fibonacci spirals.
+    """Unit quaternions ``wxyz`` that cover all orientations evenly, ``(num, 4)``; all change with ``num``.
 
     M. Alexa: Super-Fibonacci Spirals: Fast, Low-Discrepancy Sampling of SO(3). CVPR 2022.
-
-    Args:
-        num: how many; all change with it.
-
-    Raises:
-        ValueError: ``num`` is less than 1.
     """
     if num < 1:
         raise ValueError(f"num must be at least 1, got {num}")
@@ -46,19 +40,14 @@ def quaternions(num: int) -> Floats:
 
 
 def sizes(distribution: Distribution, num: int) -> Floats:
-    """Sizes that cover a distribution evenly, ``(num,)``: its quantiles at multiples of the golden ratio, modulo 1.
-
-    Args:
-        num: how many; the first are the same for every ``num``.
-    """
+    """Sizes that cover a distribution evenly, ``(num,)``: quantiles at multiples of the golden ratio, modulo 1."""
     return quantiles(distribution, kronecker(_GOLDEN, num))
 
 
 def member_shares(num: int) -> Floats:
-    """Where each hypothesis is in a family of solids, whatever its shape, ``(num,)``, above 0 and below 1.
+    """Places of hypotheses in a family of solids, whatever its shape, ``(num,)``, above 0 and below 1.
 
-    They are evenly spread, independent of :func:`sizes`. :meth:`activetouch.Scene.bodies` says
-    which solid that is.
+    They are evenly spread, and independent of :func:`sizes`. :meth:`activetouch.Scene.bodies` gives their solids.
 
     >>> member_shares(4).tolist()
     [0.625, 0.375, 0.125, 0.875]
@@ -72,7 +61,7 @@ def kronecker(step: float, num: int) -> Floats:
 
 
 def roberts_steps(num: int) -> list[float]:
-    """Steps of as many sequences of :func:`kronecker` that together fill a box evenly (Roberts 2018).
+    """Steps of ``num`` sequences of :func:`kronecker` that together fill a box evenly (Roberts 2018).
 
     >>> np.round(roberts_steps(2), 4).tolist()
     [0.7549, 0.5698]
@@ -84,22 +73,16 @@ def roberts_steps(num: int) -> list[float]:
 
 
 def quantiles(distribution: Distribution, shares: Floats) -> Floats:
-    """Values below which given shares of a distribution lie, approximately, ``(n,)``.
-
-    Args:
-        shares: in [0, 1], ``(n,)``.
-    """
+    """Approximate quantiles of a distribution at ``shares (n,)`` in [0, 1], ``(n,)``."""
     rng = np.random.default_rng(0)
     return np.asarray(np.quantile([distribution.sample(rng) for _ in range(_DRAWN)], shares))
 
 
 class Bodies(NamedTuple):
-    """N hypotheses about an object, whatever its shape.
+    """N hypotheses about an object of any shape.
 
-    Attributes:
-        rests: orientations at rest, unit quaternions ``wxyz``, ``(N, 4)``.
-        sizes: relative to the nominal size, ``(N,)``.
-        shares: where they are in a family of solids (:func:`member_shares`), ``(N,)``.
+    ``rests (N, 4)`` are orientations at rest, unit quaternions ``wxyz``; ``sizes (N,)`` are relative to the nominal
+    size; ``shares (N,)`` are places in a family of solids (:func:`member_shares`).
     """
 
     rests: Floats

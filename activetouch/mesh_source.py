@@ -139,7 +139,7 @@ def read_files(
 
 
 def warn_of(lines: Sequence[str], stacklevel: int = 2) -> None:
-    """Warn of the first ten lines about mesh files."""
+    """Warn with the first ten lines about mesh files."""
     for line in _first(lines, 10):
         warnings.warn(line, MeshWarning, stacklevel=stacklevel)
 
@@ -182,7 +182,7 @@ def _is_utf8(path: Path) -> bool:
 
 
 def _left_out(path: Path, reason: str) -> str:
-    """The line about a file, of which an error may have the name or the path in front."""
+    """The line about a file that is left out; name or path of the file are cut from the front of the reason."""
     for name in (str(path), path.name):
         reason = reason.removeprefix(name).removeprefix(":").strip()
     return f"{os.fsencode(path).decode('utf-8', 'backslashreplace')} is left out: {reason}"

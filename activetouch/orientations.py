@@ -17,11 +17,7 @@ from activetouch.poses import Quaternion, multiply, random_orientation, turn
 
 
 class Presentation(Protocol):
-    """The distribution of orientations.
-
-    Attributes:
-        isotropic: whether every rotation of a shown object about the approach axis is as likely.
-    """
+    """The distribution of orientations; ``isotropic`` if all rotations about the approach axis are equally probable."""
 
     isotropic: ClassVar[bool]
 
@@ -36,7 +32,7 @@ class Presentation(Protocol):
 
 
 class LyingAnyhow:
-    """A presentation that puts an object on its guide in a uniformly random orientation, from where poses turn it."""
+    """A presentation that puts an object on its guide in a uniformly random orientation, from which poses turn it."""
 
     isotropic: ClassVar[bool] = True
 
@@ -55,7 +51,7 @@ class LyingAnyhow:
 
 @dataclass(frozen=True)
 class Tumbled(LyingAnyhow):
-    """Unknown, uniformly random, and kept for the whole episode; poses turn the object from there."""
+    """An unknown, uniformly random orientation that lasts for the whole episode; poses turn the object from there."""
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ _ROOT = Path(__file__).resolve().parent.parent
 
 
 class NameInTheWay(ImportError):
-    """A folder or file of the user's hides a package of activetouch."""
+    """A folder or file of the user hides a package of activetouch."""
 
 
 def require_own_packages(*names: str) -> None:

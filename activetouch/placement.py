@@ -17,14 +17,15 @@ class WorldObject:
     """One physical object, as it is for a whole episode.
 
     Attributes:
-        shape_index: what it is.
+        shape_index: index of its shape.
         scale: its size factor.
-        orientation: in which it was put on its guide, ``wxyz``.
-        friction: coefficient of its surface.
-        stiffness: of its skin together with the pad's layer, relative to the layer's alone.
+        orientation: orientation in which it was put on its guide, ``wxyz``.
+        friction: friction coefficient of its surface.
+        stiffness: stiffness of its skin together with the pad's layer, relative to the layer's alone.
         member: its solid at nominal size, where its shape is a family; None for any other shape, and for the nominal
             solid of a family.
-        offset: of its centre from the middle of the palm before a pose turns it, ``(3,)`` [m], where a hand keeps it.
+        offset: displacement of its centre from the middle of the palm before a pose turns it, ``(3,)`` [m], if a hand
+            keeps it.
     """
 
     shape_index: int
@@ -40,13 +41,9 @@ class WorldObject:
 class Placement:
     """An object in front of the pad, ready to be pressed.
 
-    Attributes:
-        shape: its shape at nominal size.
-        scale: its size factor.
-        orientation: unit quaternion, object to pad frame, ``wxyz``.
-        offset: displacement of its centre from the approach axis, along y and z [m], ``(2,)``.
-        friction: sliding friction coefficient between object and pad.
-        stiffness: of the pad's layer and the object's skin together, relative to the pad's alone.
+    ``orientation`` is a unit quaternion ``wxyz`` from the object's frame to the pad's; ``offset (2,)`` is the position
+    of its centre from the approach axis, along y and z [m]; ``friction`` is the coefficient of sliding friction on the
+    pad; ``stiffness`` is that of the pad's layer and the object's skin together, relative to the pad's alone.
     """
 
     shape: Shape

@@ -22,7 +22,7 @@ from belief.errors import InvalidArgument, UnknownName
 
 Quaternion = NDArray[np.float64]
 
-_UNIT_SLACK = 1e-3  # of a norm, for numbers that were rounded to three digits
+_UNIT_SLACK = 1e-3  # error of a norm, for numbers that were rounded to three digits
 
 
 def multiply(left: Quaternion, right: Quaternion) -> Quaternion:

@@ -38,7 +38,7 @@ def _grid(level: int) -> tuple[Floats, Floats]:
     for _ in range(level):
         corners = (2 * corners[:, None] + halves).reshape(-1, 3)
     places = (corners + 0.5) / (_COARSEST * 2**level) * 2.0 - 1.0
-    points = np.tan(places * (math.pi / 4))  # of equal angles from the middle of the cube
+    points = np.tan(places * (math.pi / 4))  # at equal angles from the middle of the cube
     density = (1.0 + points**2).prod(axis=1) / (1.0 + (points**2).sum(axis=1)) ** 2
     first = np.column_stack([np.ones(len(points)), points])
     first /= np.linalg.norm(first, axis=1, keepdims=True)
@@ -67,11 +67,8 @@ def nested(levels: tuple[int, ...]) -> NestedCells:
 def views(directions: int, rolls: int) -> Floats:
     """Orientations that show a body from evenly spread sides at even rolls about the approach axis, ``(V, 4)``.
 
-    View d R + r is direction d at roll r, of D directions and R rolls, a quarter of which differ by less than 90°: the
-    others show the same height maps, turned by quarters.
-
-    Args:
-        rolls: R, a multiple of 4.
+    View d R + r is direction d at roll r, of D directions and R rolls, a multiple of 4. A quarter of the rolls differ
+    by less than 90°: the others show the same height maps, turned by quarters.
     """
     require_count("directions", directions)
     require_count("rolls / 4", rolls / 4 if rolls % 4 else rolls // 4)
@@ -82,6 +79,6 @@ def views(directions: int, rolls: int) -> Floats:
 
 
 def nearest(orientations: Floats, found: Floats) -> NDArray[np.int64]:
-    """For each orientation ``(n, 4)`` the nearest of others ``(m, 4)``; a quaternion and its negative are one."""
+    """Index of the nearest of other orientations ``(m, 4)`` for each orientation ``(n, 4)``; q and -q are the same."""
     tree = scipy.spatial.cKDTree(np.concatenate([found, -found]))
     return np.asarray(tree.query(orientations)[1] % len(found))

@@ -38,20 +38,14 @@ OBJECTS = ("shapes", "families", "poses", "aims", "presentation", "hand")
 """Fields of a scene that are about its objects and how they are met, not about its sensor."""
 SURROUNDINGS = frozenset({"height", "finger", "parking", "robot"})
 """Fields of scenes in files of earlier versions, which changed no touch."""
-_DECIMALS = 8  # of arrays; further decimals differ between processors
+_DECIMALS = 8  # decimals of arrays; further ones differ between processors
 _LARGEST = 64  # size of the largest array that is not replaced by its digest
 _DEEPEST = 20  # level of nesting
 
 
 @dataclass(frozen=True)
 class SceneDifference:
-    """A field in which two scenes differ.
-
-    Attributes:
-        path: of the field, such as ``pad.num_taxels``.
-        made_for: its value in the original scene, as text.
-        here: its value in the current scene, as text.
-    """
+    """A field in which two scenes differ: its path, such as ``pad.num_taxels``, and its values in both, as text."""
 
     path: str
     made_for: str
@@ -69,11 +63,10 @@ class SceneDifference:
 def scene_fields(scene: Scene) -> dict[str, Any]:
     """All fields of a scene as JSON types; equal scenes have equal fields on any machine.
 
-    Arrays are rounded to eight decimals; meshes are replaced by digests. A user's class comes with the digest of its
-    source code, so that an edited renderer makes another scene; an object with a ``__repr__`` of its own, and no
-    dataclass, is described by that text alone. A scene without aims or a hand has no such field. A family is
-    described by its nominal solid among the shapes, and by the distributions of its parameters in the field
-    ``families``, if there are any.
+    Arrays are rounded to eight decimals; meshes are replaced by digests. A user's class has the digest of its source
+    code, so that an edited renderer makes another scene; an object with its own ``__repr__``, unless a dataclass, is
+    described by that text alone. A family is described by its nominal solid among the shapes, and by the distributions
+    of its parameters in ``families``. Aims, hand and families have no field in scenes without them.
     """
     names = [field.name for field in fields(scene) if field.name not in ("aims", "hand") or getattr(scene, field.name)]
     found = {name: described(scene.solids if name == "shapes" else getattr(scene, name)) for name in names}
@@ -85,11 +78,7 @@ def scene_fields(scene: Scene) -> dict[str, Any]:
 def scene_differences(
     made_for: Mapping[str, Any], here: Mapping[str, Any], surroundings: bool = False
 ) -> tuple[SceneDifference, ...]:
-    """The fields in which two scenes differ; known shifts come last.
-
-    Args:
-        surroundings: whether to include fields that do not change touches.
-    """
+    """The fields in which two scenes differ, known shifts last; ``surroundings`` adds fields that change no touch."""
     names = [name for name in {**here, **made_for} if surroundings or name not in SURROUNDINGS]
     found = [d for name in names for d in _differences(made_for.get(name), here.get(name), name)]
     return tuple(sorted(found, key=lambda difference: difference.is_shift))
@@ -98,11 +87,7 @@ def scene_differences(
 def require_scene(
     what: str, made_for: Mapping[str, Any] | None, here: Mapping[str, Any], anyway: bool = False
 ) -> tuple[str, ...]:
-    """Check that a sensor, collection or bank is used in its own scene, or in one with a known shift.
-
-    Args:
-        anyway: whether to accept all differences.
-    """
+    """Check that scenes differ by known shifts at most, or accept all with ``anyway``; return the differences."""
     if made_for is None:
         unknown = f"{what} does not say for which scene it was made"
         if not anyway:

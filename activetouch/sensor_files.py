@@ -22,8 +22,8 @@ MODELS = Path(__file__).parent / "models"
 ANY_OBJECT_FILE = "any_object.safetensors"  # a reader that knows the sensor, for objects that the other does not know
 READER_FILE, OBSERVATION_FILE = "reader.safetensors", "observation_model.json"
 INDEPENDENT_FILE = "independent_model.json"  # beside a joint model: takes touches as independent given the shape
-INDEPENDENT_SUFFIX = "-independent"  # of the shipped sensor that reads shapes only
-RECORDED_FILE = "recorded_reader.safetensors"  # in place of the reader, of recorded touches
+INDEPENDENT_SUFFIX = "-independent"  # suffix of the shipped sensor that reads shapes only
+RECORDED_FILE = "recorded_reader.safetensors"  # a reader of recorded touches, in place of the reader
 NOT_SIMULATED = (
     "no scene simulates recorded touches; find objects with TactileSensor.load(FOLDER).session(TARGET), and compare "
     "deciders on the recordings with activetouch recorded"
@@ -32,23 +32,13 @@ POLICIES = "policies"  # folder of trained policies beside the two
 
 
 def observation_file(folder: Path, independent: bool = False) -> Path:
-    """The file of a sensor's observation model.
-
-    Args:
-        independent: whether to prefer, beside a joint model, the one that takes touches as independent given the shape.
-    """
+    """The file of a sensor's observation model; ``independent`` prefers the model that takes touches as independent."""
     other = folder / INDEPENDENT_FILE
     return other if independent and other.exists() else folder / OBSERVATION_FILE
 
 
 class FittedModel(NamedTuple):
-    """An observation model, and what its file says about the world that it was fitted to.
-
-    Attributes:
-        model: the model.
-        scene: fields of the scene; None if the file has none.
-        recorded: what recorded touches it was fitted to; None if it was fitted to none.
-    """
+    """An observation model with the fields of its scene and of its recorded touches; each None if it has none."""
 
     model: ArrayModel
     scene: Mapping[str, Any] | None
@@ -80,14 +70,10 @@ def fitted_model(folder: Path, independent: bool = False) -> FittedModel:
 def files_for(
     folder: Path, scene: Scene, anyway: bool = False, independent: bool = False, unknown_state: bool = False
 ) -> tuple[Path, FittedModel | None, tuple[str, ...]]:
-    """What a sensor is made of in a scene, found without loading its network.
+    """The file of the reader, the observation model, and differences of the scene, in words; the network is not loaded.
 
-    Args:
-        anyway: whether to use them whatever the differences are, as long as the network can read the images at all.
-        independent: whether the model that takes touches as independent given the shape is to be used.
-
-    Returns:
-        of the scene from the sensor's own, in words: known shifts, and with ``anyway`` all others too.
+    The model is None where it is to be made for the scene. The differences from the sensor's own scene are known
+    shifts; with ``anyway``, all others too, as long as the network can read the images at all.
     """
     if len(scene.shapes) < 2:
         raise InvalidArgument("one shape: nothing to tell apart; add a mesh or leave out --only")
@@ -113,16 +99,12 @@ def files_for(
 
 
 def reader_file(folder: Path, scene: Scene, independent: bool = False, unknown_state: bool = False) -> Path:
-    """The file of the reader that a sensor reads a scene with.
+    """The file of the reader with which a sensor reads a scene.
 
     Beside the reader of its own objects, a sensor may have one of any object. It reads other shapes and poses, and the
-    own ones where the scene says that the sensor is not as it was: other forces, stiffness, noise, broken taxels, an
-    image that is shifted or blurred.
-
-    Args:
-        independent: whether touches are to be taken as independent given the shape, which the reader of any object
-            cannot; the reader of the own objects then reads them in any state of the sensor.
-        unknown_state: whether the state of the sensor is to be inferred, which only the reader of any object can.
+    own ones where the scene says that the sensor has changed: other forces, stiffness, noise, broken taxels, an image
+    that is shifted or blurred. Only it can infer an ``unknown_state`` of the sensor. It cannot take touches as
+    ``independent`` given the shape: then the reader of the own objects reads them in any state of the sensor.
     """
     require_simulated(folder)
     own, other = folder / READER_FILE, folder / ANY_OBJECT_FILE

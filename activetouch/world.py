@@ -98,11 +98,11 @@ class TouchWorld:
         return self._objects[self._current]
 
     def press(self, pose: Name, rng: np.random.Generator) -> tuple[NDArray[np.uint8], TouchTime]:
-        """The image of the current object pressed in a pose, and the time that took.
+        """The image of the current object pressed in a pose, and the time of the press.
 
         Args:
             pose: label or index of the pose.
-            rng: of offset, force and the sensor's faults.
+            rng: generator for the offset, the force and the sensor's faults.
 
         Raises:
             UnstablePress: none of :data:`activetouch.scene.MOST_ATTEMPTS` presses settled.
@@ -133,7 +133,7 @@ def touch_many(
 
     Args:
         sensor: reads the images.
-        pending: of each touch, the world, the pose, and the generator of offset, force and sensor faults.
+        pending: of each touch, world, pose, and generator for the offset, the force and the sensor's faults.
 
     Returns:
         The touches, in the order of ``pending``, and the time they took.

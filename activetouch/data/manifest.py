@@ -1,4 +1,4 @@
-"""What a folder of recorded touches says about itself, in ``manifest.json``: its plan, its scene, and versions.
+"""The description of a folder of recorded touches, in ``manifest.json``: its plan, its scene, and versions.
 
 A collection may be finished with another NumPy, but not with another plan, scene or MuJoCo.
 """
@@ -30,14 +30,11 @@ _DECISIVE = ("plan", "shape_labels", "pose_labels", "symmetry", "image_shape", "
 
 @dataclass(frozen=True)
 class CollectionPlan:
-    """How many objects to touch, each in every pose.
+    """Numbers of objects *per shape* in each split, each touched in every pose.
 
-    Attributes:
-        train, calibration, test: objects *per shape* in each split.
-        seed: of the whole collection, in ``[0, 2³²)``.
-        repeats: rounds of all poses that every object is touched in. One teaches a classifier most for the time; how
-            far touches of one object in one pose repeat each other shows in several only. The first round does not
-            depend on how many follow, unless a press of a later one does not settle (decision 0020).
+    ``repeats`` is the number of rounds of all poses for each object. One round teaches a classifier most for the time;
+    only several show how far touches of one object in one pose repeat each other. The first round does not depend on
+    how many follow, unless a press of a later one does not settle (decision 0020). ``seed`` is in ``[0, 2³²)``.
     """
 
     train: int = 2700
@@ -62,23 +59,16 @@ class CollectionPlan:
 
 
 def shard_path(folder: Path, split: str, shard: int) -> Path:
-    """Where a shard lives."""
+    """The path of a shard."""
     return folder / split / f"{shard:05d}.npz"
 
 
 @dataclass(frozen=True)
 class Manifest:
-    """Everything a collection says about itself.
+    """The description of a collection, with the fields of its scene and the versions of the software, where known.
 
-    Attributes:
-        plan: how many objects, and the seed.
-        scene: fields of the whole scene (:func:`activetouch.scene_description.scene_fields`).
-        choice: the command line's words for that scene, from which it can be made again; None where a program of the
-            user's recorded it.
-        shape_labels, pose_labels: of the scene, in index order.
-        symmetry: of its images.
-        image_shape: of one image, ``(H, W)`` or ``(H, W, 3)``; all are uint8.
-        versions: of activetouch, mujoco, numpy and python that recorded it, as far as it is known.
+    ``choice`` has the command line's words for the scene, from which it can be made again; it is None if a user's
+    program recorded it. ``image_shape`` is ``(H, W)`` or ``(H, W, 3)``; all images are uint8.
     """
 
     plan: CollectionPlan
@@ -127,11 +117,11 @@ class Manifest:
 
 
 class NoCollection(CorruptFile):
-    """There is no collection in a folder."""
+    """A folder holds no collection."""
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """What the folder of a collection, or the file of its manifest, says about it."""
+    """The manifest of a collection, from its folder or its file."""
     path = folder if folder.is_file() else folder / "manifest.json"
     try:
         found = unsealed_json(require_regular_file(path).read_text(encoding="utf-8"))
@@ -145,7 +135,7 @@ def read_manifest(folder: Path) -> Manifest:
 def write_manifest(
     folder: Path, scene: Scene, plan: CollectionPlan, choice: Mapping[str, Any] | None = None
 ) -> Manifest:
-    """Begin a collection, or go on with the one that is there."""
+    """Begin a collection, or continue the one in the folder."""
     wanted = Manifest.of(scene, plan, choice)
     if not (folder / "manifest.json").exists():
         if unexplained := [path for split in SPLITS for path in (folder / split).glob("[0-9]*.npz")]:

@@ -1,4 +1,4 @@
-"""What touches of a bank say about the objects of B episodes, touch by touch: log-likelihoods, and gains of poses."""
+"""Evidence of touches of a bank about the objects of B episodes: log-likelihoods, and gains of poses."""
 
 from __future__ import annotations
 
@@ -22,16 +22,12 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 MOST_BYTES = 1 << 28
-"""Size of the outcome tables that are kept at most; after that, the oldest are computed again where they are needed."""
+"""Largest size of the outcome tables that are kept; the oldest are dropped, and recomputed where they are needed."""
 _AT_ONCE = 32  # objects whose hypotheses are weighed at a time; they fit the cache
 
 
 class BankEvidence:
-    """Log-likelihoods by any model, computed from all touches of a row after each of them.
-
-    Attributes:
-        log_likelihoods: log p(touches | shape) of every row, ``(B, K)``, up to a constant of the row.
-    """
+    """Log-likelihoods of B episodes by any model, ``(B, K)``, up to a constant of the row, recomputed at each touch."""
 
     def __init__(self, bank: TouchBank, model: ArrayModel, num_envs: int, touch_limit: int) -> None:
         self._bank, self._model = bank, model
@@ -58,10 +54,9 @@ class BankEvidence:
 
 
 class SummedEvidence(BankEvidence):
-    """The same, faster, where the log-likelihood is a weighted sum, over poses, of the sum over a pose's touches.
+    """Faster evidence for models whose log-likelihood is a weighted sum, over poses, of the sum over a pose's touches.
 
-    Args:
-        weights: of sums of 0, 1, … touches (:meth:`belief.observation_model.ArrayModel.weights_of_sums`), ``(n,)``.
+    ``weights[t]`` is the weight of a sum of t touches (:meth:`belief.observation_model.ArrayModel.weights_of_sums`).
     """
 
     def __init__(self, bank: TouchBank, model: ArrayModel, num_envs: int, weights: Floats) -> None:
@@ -91,9 +86,9 @@ def evidence_of(bank: TouchBank, model: ArrayModel, num_envs: int, touch_limit: 
 
 
 class WeighedTouches:
-    """What sets of touches of a bank's objects say by a joint model; each set is weighed once, until it is forgotten.
+    """Log-likelihoods and outcome tables of sets of a bank's touches by a joint model, kept until a set is forgotten.
 
-    It is what :class:`~belief.observation_model.rigid_body_evidence.RigidBodyEvidence` says, up to rounding.
+    They equal those of :class:`~belief.observation_model.rigid_body_evidence.RigidBodyEvidence` up to rounding.
     """
 
     def __init__(self, bank: TouchBank, model: ArrayModel) -> None:
@@ -115,13 +110,7 @@ class WeighedTouches:
         self._most_known = MOST_BYTES // self.untouched.nbytes
 
     def of(self, objects: Ints, rounds: Ints, poses: Ints) -> tuple[Floats, NDArray[np.float16]]:
-        """Log-likelihoods of the shapes, ``(n, K)``, and outcome tables of the next touch, ``(n, P, K, M)``.
-
-        Args:
-            objects: of the bank, ``(n,)``.
-            rounds: of their touches, as many for each, ``(n, t)``.
-            poses: of their touches, ``(n, t)``.
-        """
+        """Log-likelihoods ``(n, K)`` and tables of the next touch ``(n, P, K, M)``; rounds and poses are ``(n, t)``."""
         places = np.sort(poses * self._num_rounds + rounds, axis=1)  # the order of touches does not matter
         keys = [row.tobytes() for row in np.concatenate([objects[:, None], places], axis=1)]
         new = list({key: row for row, key in enumerate(keys) if key not in self._known}.values())
@@ -160,10 +149,7 @@ def weighed_touches(bank: TouchBank, model: ArrayModel) -> WeighedTouches:
 
 
 class JointEvidence(BankEvidence):
-    """Evidence about one rigid body, with the gain of each pose.
-
-    Arguments as of :class:`BankEvidence`, errors as of :class:`WeighedTouches`.
-    """
+    """Evidence about one rigid body, with the gain of each pose."""
 
     def __init__(self, bank: TouchBank, model: ArrayModel, num_envs: int, touch_limit: int) -> None:
         super().__init__(bank, model, num_envs, touch_limit)
@@ -179,13 +165,9 @@ class JointEvidence(BankEvidence):
         self._tables[rows] = self._weighed.untouched
 
     def gains(self, rows: Ints, log_probs: Floats, targets: Ints, uses: Ints) -> Floats:
-        """Expected information of the next touch of these rows about their targets [nats], ``(n, P)``.
+        """Expected information of the next touch in each pose about the target of each row [nats], ``(n, P)``.
 
-        Args:
-            rows: of the batch, ``(n,)``.
-            log_probs: their log posteriors, ``(n, K)``.
-            targets: index of each row's target, ``(n,)``.
-            uses: number of their touches in each pose, ``(n, P)``.
+        ``log_probs (n, K)`` are log posteriors, ``uses (n, P)`` numbers of touches in each pose; the rest is ``(n,)``.
         """
         shares = target_shares(np.exp(log_probs), targets)[:, None]
         new = new_shares(uses, self._weighed.model.correlation, self._weighed.model.drift)

@@ -144,10 +144,10 @@ class BankEpisodes(VectorEnv):
         self._gains, self._potential = np.zeros((num_envs, self.num_poses)), np.zeros(num_envs)
         self.begin(np.arange(num_envs), self.objects)
         self.metadata = {"autoreset_mode": AutoresetMode(autoreset_mode)}
-        self._generators: dict[int, np.random.Generator] = {}  # of rows that have a seed of their own
+        self._generators: dict[int, np.random.Generator] = {}  # generators of rows with their own seed
         self._is_started, self._over = False, np.zeros(num_envs, np.bool_)  # to start again in the next step
         self.single_action_space = spaces.Discrete(self.num_poses + 2)
-        least = 0.0 if state == "paper" else -1.0  # a saved policy tells by it what it saw
+        least = 0.0 if state == "paper" else -1.0  # a saved policy shows by it which state it observed
         self.single_observation_space = spaces.Box(least, 1.0, self.observe().shape[1:], np.float32)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)

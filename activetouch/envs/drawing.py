@@ -15,12 +15,7 @@ _INK, _PAPER, _BAR, _TARGET = (40, 44, 52), (250, 250, 248), (150, 170, 200), (2
 
 
 def draw(image: NDArray[np.uint8] | None, belief: Belief, target: int) -> NDArray[np.uint8]:
-    """The frame of an episode, ``(240, 480, 3)`` uint8.
-
-    Args:
-        image: of the last press; None leaves its panel blank.
-        target: index of the target shape, whose bar has another colour.
-    """
+    """The frame of an episode, ``(240, 480, 3)`` uint8: the image, or a blank panel for None, beside the belief."""
     picture = Image.new("RGB", (2 * _SIZE, _SIZE), _PAPER)
     if image is not None:
         picture.paste(Image.fromarray(image).convert("RGB").resize((_SIZE, _SIZE), Image.Resampling.NEAREST))

@@ -83,7 +83,7 @@ class ObjectSearchEnv(gymnasium.Env[State, int]):
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": ["human", "rgb_array"], "render_fps": 2}  # type: ignore[misc]
     _num_more = 1  # entries of an observation beyond the state
-    _truncation_reward = -1.0  # of the probe beyond the touch limit
+    _truncation_reward = -1.0  # reward of the probe beyond the touch limit
 
     def __init__(
         self,
@@ -125,7 +125,7 @@ class ObjectSearchEnv(gymnasium.Env[State, int]):
             expected_gains(start(source.model), np.full(len(labels), -np.log(len(labels))), 0)  # raises
         self.last_image: NDArray[np.uint8] | None = None
         self._window: Window | None = None
-        self._prior: Belief | None = None  # of every object of an ``independent`` problem
+        self._prior: Belief | None = None  # prior of every object of an ``independent`` problem
         self._begun: SearchProgress | None = None
         has_unsure = problem.unsure_reward is not None
         self.action_space: spaces.Discrete[Any] = spaces.Discrete(problem.num_poses + 2 + has_unsure)
@@ -303,12 +303,7 @@ class ObjectSearchEnv(gymnasium.Env[State, int]):
 
 
 def live_or_given(touches: Touches | None, scene: str, hand: Hand | str | None) -> Touches:
-    """The given touches, or live touches of the scene's shipped sensor, or live grasps of a hand in the scene.
-
-    Raises:
-        UnknownName: there is no such scene, no sensor for it, or no such hand.
-        InvalidArgument: touches are given and a hand, too.
-    """
+    """The given touches, or live touches of the scene's shipped sensor, or live grasps of a hand in the scene."""
     if touches is None:
         if not isinstance(scene, str) or scene.removesuffix(INDEPENDENT_SUFFIX) not in SCENES:
             raise UnknownName("scene", str(scene), [*SCENES])
@@ -320,10 +315,7 @@ def live_or_given(touches: Touches | None, scene: str, hand: Hand | str | None) 
 
 
 def key_of(options: Mapping[str, Any] | None) -> tuple[int, ...] | None:
-    """The key of an episode in the options of ``reset()``; None if they have none.
-
-    Raises:
-        BadOption: an option is unknown, or the seed is no key.
+    """The key of an episode in the options of ``reset()``, or None; raises BadOption for any other option.
 
     >>> key_of({"seed": [0, 3, 17]}), key_of(None)
     ((0, 3, 17), None)

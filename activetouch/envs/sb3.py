@@ -38,11 +38,7 @@ class BankVecEnv(VecEnv):
         super().__init__(episodes.num_envs, episodes.single_observation_space, episodes.single_action_space)
 
     def reset(self) -> NDArray[np.float32]:
-        """Start new episodes in all rows.
-
-        Raises:
-            BadOption: there are options.
-        """
+        """Start new episodes in all rows; raises BadOption if options were set."""
         options = next((given for given in self._options if given), None)
         if options:
             raise BadOption(f"reset() of episodes from a bank has no options, got {options!r}")

@@ -124,18 +124,13 @@ class ObjectPriors:
         return (self.low + self.high) / 2.0
 
     def draw(self, rng: np.random.Generator, number: int) -> Floats:
-        """Priors of the target for ``number`` tests, ``(n,)``."""
+        """Prior probabilities of the target for ``number`` tests, ``(number,)``."""
         if self.low == self.high:
             return np.full(number, self.low)
         return rng.uniform(self.low, self.high, number)
 
     def probs(self, target_probs: ArrayLike, targets: ArrayLike) -> Floats:
-        """Probabilities of all shapes, ``(..., K)``, from the target's, ``(...)``.
-
-        Args:
-            target_probs: ``(...)``.
-            targets: index of the target, of all tests or of each, ``(...)``.
-        """
+        """Probabilities of all shapes, ``(..., K)``, from those of the targets, ``(...)``, and their indices."""
         target = np.asarray(target_probs, np.float64)[..., None]
         if not ((target > 0.0) & (target < 1.0)).all():
             raise ValueError(f"the target's probability must be in (0, 1), got {target_probs!r}")

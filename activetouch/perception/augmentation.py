@@ -21,16 +21,11 @@ from activetouch.scene import Symmetry
 
 
 def augment(images: Tensor, symmetry: Symmetry, rotation: float, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-    """Images under random symmetries: one quarter turn and mirroring for a batch, one small rotation for each image.
+    """Images under random symmetries, and the angle of each about the approach axis [rad], ``(B,)``.
 
-    Args:
-        images: uint8 ``(B, H, W)`` or ``(B, H, W, channels)``.
-        rotation: largest small rotation, either way [degrees]; 0 for none.
-        generator: source of chance; what is drawn does not depend on ``symmetry``.
-
-    Returns:
-        uint8 images of the same shape, and the angle [rad] about the approach axis by which the object of each would
-        have had to be turned to give it, ``(B,)``; the mirroring is not in it.
+    A batch, uint8 ``(B, H, W)`` or ``(B, H, W, channels)``, is turned by one quarter turn and mirrored or not; each
+    image is turned by up to ``rotation`` degrees either way. The angle is the turn of the object that would give the
+    image, without the mirroring. What is drawn from the generator does not depend on ``symmetry``.
     """
     turns, flip = int(torch.randint(4, (), generator=generator)), bool(torch.rand((), generator=generator) < 0.5)
     angles = torch.zeros(len(images))
@@ -55,18 +50,13 @@ def _rotated(images: Tensor, angles: Tensor) -> Tensor:
 
 
 def worn(images: Tensor, gain: float, noise: float, dead: float, taxels: int, chance: torch.Generator) -> Tensor:
-    """Images, half of them changed: each of these with its own gain, strength of noise and share of dead taxels.
+    """Images, uint8 ``(B, H, W)`` or ``(B, H, W, channels)``, half of them changed as by a worn pad.
 
-    A pixel is the mean of some taxels, all of which are taken to read what the pixel does, times the gain. Noise is
-    added to each of them, their readings are cut to the range of the sensor, and the dead ones read zero. A reader that
-    learns from such images loses little where the pad is as it was, and far less than others where it is worn or its
-    stiffness is another (decision 0070).
-
-    Args:
-        images: uint8 ``(B, H, W)`` or ``(B, H, W, channels)``.
-        gain: gains are uniform in 1 ± ``gain``, which is in [0, 1].
-        noise: standard deviations of a taxel's noise are uniform in [0, ``noise``], relative to full scale.
-        dead: shares of dead taxels are uniform in [0, ``dead``], which is in [0, 1].
+    A pixel is the mean of ``taxels`` taxels, which are all taken to read the pixel's value times a gain, uniform in
+    1 ± ``gain``. Noise with a standard deviation of up to ``noise``, relative to full scale, is added to each taxel,
+    the readings are clipped, and a share of up to ``dead`` reads zero. Each changed image has its own gain, noise and
+    share. A reader that learns from such images loses little on a pad in its original state, and far less than others
+    on a pad that is worn or of another stiffness (decision 0070).
     """
     chosen = torch.nonzero(torch.rand(len(images), generator=chance) < 0.5)[:, 0]
     pixels = images[chosen].float()[..., None]

@@ -16,12 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ConvNeXt:
-    """A ConvNeXt (Liu et al. 2022; Woo et al. 2023 for the sizes below Tiny).
-
-    Attributes:
-        depths: blocks of each stage.
-        widths: channels of each stage.
-    """
+    """A ConvNeXt (Liu et al. 2022; Woo et al. 2023 below Tiny): number of blocks and of channels of each stage."""
 
     depths: tuple[int, ...]
     widths: tuple[int, ...]
@@ -45,15 +40,11 @@ class ConvNeXt:
 
 @dataclass(frozen=True)
 class SmallCNN:
-    """Convolutions 3 × 3 of stride 2 with ReLU, then means over the image: the cheap reference.
+    """Convolutions 3 × 3 of stride 2 with ReLU, then means over the cells of a grid: the cheap reference.
 
     Nothing is normalised: statistics over a batch differ too much between batches of small spots on an empty pad, and
-    those over an image would hide how strong the contact is.
-
-    Attributes:
-        widths: channels after each convolution.
-        cells: means are over each cell of a grid of so many cells along the edge, and a dense layer joins them. With
-            one cell, the mean over the image, a network hardly knows where on the pad it was touched.
+    those over an image would hide how strong the contact is. A dense layer joins the ``cells`` × ``cells`` means. With
+    one cell, a network hardly knows where on the pad it was touched. ``widths`` are channels after each convolution.
     """
 
     widths: tuple[int, ...]

@@ -1,4 +1,4 @@
-"""What a reader is and what it was trained for: the fields of its file, read without its weights."""
+"""The card of a reader, what it is and was trained for: the fields of its file, read without its weights."""
 
 from __future__ import annotations
 
@@ -26,16 +26,10 @@ class ClassifierCard:
     """What a reader is and what it was trained for.
 
     Attributes:
-        backbone: a key of :data:`BACKBONES`.
-        input_size: edge the image is averaged down, or repeated up, to before the network sees it [pixels].
-        shape_labels, pose_labels: of the scene it was trained on.
-        channels: of the images: 1, or 3 in colour.
-        pixel_mean, pixel_std: of the images it was trained on, in [0, 1]; they centre and scale the input.
-        scene: fields of the scene its images came from (:func:`activetouch.scene_description.scene_fields`); None if
-            nobody said.
-        mujoco_version: MuJoCo that pressed them.
-        training: summary of how training went (epochs, images, losses).
-        image_shape: ``(H, W)`` or ``(H, W, 3)`` of the images that an exported network takes; empty before the export.
+        input_size: edge to which an image is averaged down, or repeated up, for the network [pixels].
+        pixel_mean, pixel_std: of the training images, in [0, 1]; they centre and scale the input.
+        scene: fields of the training's scene (:func:`activetouch.scene_description.scene_fields`); None if unknown.
+        image_shape: ``(H, W)`` or ``(H, W, 3)`` of the images for an exported network; empty before the export.
         embedding: length of the embeddings of images and hypotheses; 0 for a network that gives logits of the shapes.
         log_size_mean, log_size_std: they standardise the logarithm of a hypothesis's size.
         imaging: fields of :class:`activetouch.perception.contacts.imaging.Imaging`, of a reader of any object, which
@@ -60,22 +54,18 @@ class ClassifierCard:
 
     @property
     def num_inputs(self) -> int:
-        """Numbers that describe a hypothesis to its network.
-
-        Of its shape, rotation matrix and size, and of the products of two entries of the matrix.
-        """
+        """How many numbers describe a hypothesis: shape, rotation matrix, products of two of its entries, and size."""
         return len(self.shape_labels) + 10 + len(PRODUCTS[0])
 
     @property
     def knows_orientations(self) -> bool:
-        """Whether it embeds hypotheses about the orientation in front of the pad, so that any poses will do."""
+        """Whether it embeds hypotheses about the orientation in front of the pad, so that it works with any poses."""
         return self.embedding > 0
 
     def in_poses_of(self, scene: Mapping[str, Any]) -> Mapping[str, Any] | None:
-        """The fields of its scene, with the poses of another one if it knows orientations.
+        """The fields of its scene, with the poses and the quasistatic hand of another scene if it knows orientations.
 
-        It then takes the other one's hand, which closes quasistatically, too; a reader of any object also its shapes,
-        aims and presentation.
+        A reader of any object also takes the shapes, aims and presentation of the other scene.
         """
         if self.scene is None or not self.knows_orientations or "poses" not in scene:
             return self.scene
@@ -119,10 +109,7 @@ class ClassifierCard:
 
     @property
     def _hypothesis_network(self) -> str:
-        """The network that embeds hypotheses, as files name it; those of earlier versions had another (decision 0063).
-
-        Readers of any object embed hypotheses by their predicted contacts.
-        """
+        """The kind of its hypothesis network in files, where earlier versions have another (decision 0063)."""
         return "residual" if self.imaging is None else "contacts"
 
 

@@ -26,24 +26,18 @@ WIDTH = 256
 
 
 class Hypotheses(NamedTuple):
-    """H hypotheses about the object that was touched.
-
-    Attributes:
-        shapes: indices, ``(H,)``.
-        orientations: unit quaternions ``wxyz`` from the object's frame to the pad's, ``(H, 4)``.
-        sizes: relative to the nominal size, ``(H,)``.
-    """
+    """H hypotheses: shapes ``(H,)``, orientations ``(H, 4)`` (``wxyz``, object to pad), and relative sizes ``(H,)``."""
 
     shapes: Tensor
     orientations: Tensor
     sizes: Tensor
 
     def select(self, rows: Tensor | slice) -> Hypotheses:
-        """Some of them, by index."""
+        """The hypotheses with these indices."""
         return Hypotheses(*(column[rows] for column in self))
 
     def join(self, *others: Hypotheses) -> Hypotheses:
-        """These, then all ``others``."""
+        """These hypotheses, then all ``others``."""
         return Hypotheses(*(torch.cat(columns) for columns in zip(self, *others, strict=True)))
 
 
@@ -51,12 +45,8 @@ class HypothesisNetwork(nn.ModuleList):
     """A residual network (He et al. 2016; Xiong et al. 2020) with GELU after every layer but the last, to ``(H, D)``.
 
     Its inputs are the one-hot shape, the rotation matrix, the standardised log size, and all products of two entries of
-    the rotation matrix. Hidden layers but the first read
-    normalised numbers, and add to them. A plain perceptron on the matrix alone learns sharp functions of the rotation
-    slowly (Rahaman et al. 2019; decision 0063).
-
-    Args:
-        card: says which shapes there are, the length D of an embedding, and how to standardise.
+    the matrix: a plain perceptron on the matrix alone learns sharp functions of the rotation slowly (Rahaman et al.
+    2019; decision 0063). Hidden layers but the first read normalised numbers, and add to them.
     """
 
     def __init__(self, card: ClassifierCard) -> None:
@@ -85,11 +75,7 @@ def compose(left: Tensor, right: Tensor) -> Tensor:
 
 
 class TouchNetwork(nn.Module):
-    """A backbone on tactile images, grey or in colour, with a head.
-
-    The head gives logits of the shapes, or, where the card has an embedding, the embedding f of the image; the
-    network then has a second part, ``hypotheses``, which embeds hypotheses about the object.
-    """
+    """A backbone on tactile images with a head for logits, or for embeddings, with a part ``hypotheses``."""
 
     def __init__(self, card: ClassifierCard) -> None:
         super().__init__()
@@ -105,11 +91,7 @@ class TouchNetwork(nn.Module):
             self.head = nn.Linear(width, num_shapes)
 
     def forward(self, images: Tensor) -> tuple[Tensor, Tensor]:
-        """Logits ``(B, K)`` or embeddings ``(B, D)``, and features ``(B, F)``.
-
-        Args:
-            images: uint8, ``(B, H, W)`` or ``(B, H, W, channels)``.
-        """
+        """Logits ``(B, K)`` or embeddings ``(B, D)``, and features ``(B, F)``, of uint8 images ``(B, H, W[, 3])``."""
         if images.ndim == 3:
             images = images.unsqueeze(-1)
         if images.shape[-1] != self.card.channels:
@@ -131,12 +113,7 @@ class TouchNetwork(nn.Module):
 
 
 class TouchClassifier:
-    """A trained network, ready to read touches.
-
-    Attributes:
-        card: what it was trained for.
-        network: the torch module, in evaluation mode.
-    """
+    """A trained network in evaluation mode, ready to read touches."""
 
     def __init__(self, card: ClassifierCard, network: TouchNetwork) -> None:
         self.card = card

@@ -38,24 +38,11 @@ _STATE = "state.safetensors"
 
 @dataclass(frozen=True)
 class ContactRecipe:
-    """How a reader is trained.
+    """The settings of the training of a reader, in batches of ``groups`` bodies with ``touches`` each.
 
-    Attributes:
-        steps: batches in all.
-        bodies: random bodies to learn from.
-        widths: channels of the convolutions of h, which is computed for every hypothesis.
-        image_widths: channels of the convolutions of f.
-        dense: width of the layers after them.
-        embedding: numbers of an embedding.
-        learning_rate: highest.
-        warmup: steps until it is reached.
-        groups, touches: bodies of a batch, and touches of each.
-        worlds: of a batch.
-        late: share of the steps after which batches are late ones, see
-            :class:`~activetouch.perception.contacts.touches.Batches`.
-        others: of a late batch.
-        bf16: whether the networks compute in half precision.
-        seed: of all that is drawn.
+    ``widths`` and ``image_widths`` are channels of the convolutions of h, computed for every hypothesis, and of f;
+    ``dense`` is the width of the layers after them. ``learning_rate`` is the highest, after ``warmup`` steps. After a
+    share ``late`` of the steps, batches are late, see :class:`~activetouch.perception.contacts.touches.Batches`.
     """
 
     steps: int = 7500
@@ -87,21 +74,7 @@ class ContactRecipe:
 
 
 class ContactTrainer:
-    """A training, which goes on from the state in its folder.
-
-    Args:
-        imaging: of the sensor.
-        recipe: of the training.
-        folder: of ``state.safetensors`` and ``log.jsonl``.
-        device: ``cpu`` or ``cuda``, where batches are made, too.
-        workers: processes that make batches on the CPU; 0 for none but this.
-
-    Attributes:
-        step: batches that were learned from.
-
-    Raises:
-        ImpossibleRecipe: the state in the folder is of a training with another recipe.
-    """
+    """A training that resumes from its folder; ``workers`` processes make the batches, or this one on ``device``."""
 
     def __init__(
         self, imaging: Imaging, recipe: ContactRecipe, folder: Path, device: str = "cpu", workers: int = 1
@@ -129,10 +102,7 @@ class ContactTrainer:
         self._started, self._sums = time.monotonic(), torch.zeros(3, device=device)
 
     def run(self, learned: Callable[[int], None] = lambda step: None) -> Iterator[dict[str, float]]:
-        """Train to the end of the recipe; a report, which is also logged, every hundred steps.
-
-        ``learned`` is called after every step with the number of steps.
-        """
+        """Train to the end of the recipe; yield a report every hundred steps, and call ``learned(step)`` at each."""
         recipe = self.recipe
         while self.step < recipe.steps:
             self._learn()
@@ -181,11 +151,7 @@ class ContactTrainer:
 
 
 def export(network: ContactReader, imaging: Imaging, scene: Scene, training: str) -> TactileReader:
-    """The reader of a network, which needs no torch.
-
-    Args:
-        scene: of the sensor, whose objects do not matter.
-    """
+    """The reader of a network, which needs no torch; the objects of the sensor's scene do not matter."""
     network = network.cpu().float().eval()
     pixels, wide = imaging.pixels, imaging.wide_window.num_pixels
     images = torch.zeros((2, pixels, pixels), dtype=torch.uint8)

@@ -23,22 +23,16 @@ from activetouch.poses import to_matrices
 
 _FIXED = 2048
 """Hypotheses of each shape over which shape logits are averaged."""
-_SMALL = 32  # numbers of an array that stays as it is
+_SMALL = 32  # arrays with fewer numbers keep their precision
 
 
 def export_reader(
     classifier: TouchClassifier, image_shape: tuple[int, ...], hypotheses: HypothesisEmbedding | None = None
 ) -> TactileReader:
-    """The reader that gives what a network gives, with its weights in half precision.
-
-    Args:
-        classifier: the network; its first output is the embedding, or the logits where the card has no embedding.
-        image_shape: ``(H, W)`` or ``(H, W, 3)`` of the images it will read.
-        hypotheses: the embedding of hypotheses that belongs to it, where the card has one.
-    """
+    """The reader of a network, with weights in half precision; ``hypotheses`` only where the card has an embedding."""
     classifier.card.require_images(image_shape)
     card = replace(classifier.card, image_shape=tuple(image_shape))
-    # Of a batch of one, the exporter would take the size of the batch for a constant.
+    # The exporter would take the size of a batch of one for a constant.
     example = torch.zeros((2, *image_shape), dtype=torch.uint8)
     graph = exported(classifier.network, (example,), ({0: "batch"},), (INPUT,), OUTPUTS)
     return TactileReader(card, graph, hypotheses)
@@ -51,11 +45,7 @@ def exported(
     inputs: Sequence[str],
     outputs: Sequence[str],
 ) -> bytes:
-    """The ONNX graph of a network, with its weights in half precision.
-
-    Args:
-        free: of each input, the axes of any length by number, with a name.
-    """
+    """The ONNX graph of a network, with weights in half precision; ``free`` names each input's axes of any length."""
     network = copy.deepcopy(network).eval()
     network.load_state_dict({name: torch.from_numpy(value) for name, value in half_weights(network).items()})
     named = {name: torch.export.Dim(name) for axes in free for name in axes.values()}
@@ -82,11 +72,7 @@ def exported(
 
 
 def fixed_hypotheses(classifier: TouchClassifier, touches: TouchSet) -> HypothesisEmbedding:
-    """The embedding of hypotheses of a trained network, over which shape logits are averaged.
-
-    The fixed hypotheses are those of training touches, evenly spread: they follow the scene's own distribution of
-    orientations and sizes, whatever it is.
-    """
+    """The embedding of hypotheses of a trained network, with those of evenly spread training touches as fixed ones."""
     parts = [part.astype(np.float32) for part in half_weights(classifier.network.hypotheses).values()]
     layers = tuple(zip(parts[::2], parts[1::2], strict=True))  # weight and bias of each
     rows = np.linspace(0, len(touches.sizes) - 1, min(len(touches.sizes), _FIXED)).round().astype(int)
@@ -96,10 +82,7 @@ def fixed_hypotheses(classifier: TouchClassifier, touches: TouchSet) -> Hypothes
 
 
 def _in_half_precision(model: ModelProto) -> bytes:
-    """The bytes of a model whose large arrays are in half precision, which a session casts back once.
-
-    What the exporter notes about its sources is left out, so that the same network is the same bytes.
-    """
+    """The bytes of a model with large arrays in half precision, the same for the same network: without source notes."""
     graph = model.graph
     casts: list[NodeProto] = []
     for tensor in graph.initializer:

@@ -20,24 +20,20 @@ from activetouch.scene import Scene
 from activetouch.scene_description import scene_fields
 from belief.files import array_digest
 
-_STEP = 0.8191725133961645  # of a sequence that is spread independently of sizes and members
-_PIXELS = 16  # along the edge of the pad, where travel is predicted
-_LEVER = 0.5  # of a body's radius: how far a turn within a cell moves its surface
+_STEP = 0.8191725133961645  # step of a sequence that is spread independently of sizes and members
+_PIXELS = 16  # pixels along the edge of the pad for predictions of travel
+_LEVER = 0.5  # distance that a turn moves a body's surface, relative to its radius and the angle
 
 
 @dataclass(frozen=True, eq=False)
 class GraspHypotheses:
     """Embeds hypotheses for grasps: the embedding of a grasp is those of its fingers, one after another.
 
-    The product of two of them is the sum of the fingers' log ratios: given the body, how it lies, its size and its
-    position in the palm, what fingers feel is taken as independent. A position that each grasp draws anew is one of
-    several alternatives of a hypothesis, whose embeddings stand one after another; one that is kept belongs to the
-    hypothesis. Where the hand reads travel, two further parts make the Gaussian log density of where its fingers stop.
-
-    Attributes:
-        single: embeds them for single touches, in any orientation.
-        scene: with the hand.
-        reach: offsets over which the reader of single touches averages, each way [m].
+    The product of two of them is the sum of the fingers' log ratios: given the body, its orientation, size and position
+    in the palm, the readings of fingers are taken as independent. If each grasp draws a new position, the positions are
+    alternatives of a hypothesis, whose embeddings stand one after another; if it is kept, it belongs to the hypothesis.
+    Where the hand reads travel, two further parts make the Gaussian log density of the stops of the fingers. The reader
+    of single touches averages over offsets of up to ``reach`` each way [m].
     """
 
     single: Hypotheses
@@ -59,7 +55,7 @@ class GraspHypotheses:
 
     @property
     def number(self) -> int:
-        """How many hypotheses of each shape a model of these grasps has."""
+        """Number of hypotheses of each shape in a model of these grasps."""
         fitting = num_hypotheses(self.scene, len(self.places))
         return fitting * len(self.places) if self.hand.offset == "kept" else fitting
 
@@ -95,10 +91,7 @@ class GraspHypotheses:
         return np.concatenate(found, axis=2)
 
     def of_travel(self, stops: NDArray[np.float64]) -> Floats32:
-        """What is appended to the embeddings of N grasps, ``(N, m + 1)``, for their stops ``(N, m)`` [m].
-
-        Where the hand reads no travel, both are ``(N, 0)``.
-        """
+        """Numbers to append to embeddings of N grasps for stops ``(N, m)`` [m]: ``(N, m + 1)``; none without travel."""
         if self.hand.travel is None:
             return np.zeros((len(stops), 0), np.float32)
         whiten, usual, shift = self._errors
@@ -107,7 +100,7 @@ class GraspHypotheses:
 
     @cached_property
     def _errors(self) -> tuple[NDArray[np.float64], float, NDArray[np.float64]]:
-        """What makes errors of stops independent, of variance 1; a usual stop; and by how much offsets shift the mean.
+        """A matrix that whitens errors of stops, ``(m, m)``; a usual stop [m]; shifts of the mean by offsets, ``(m,)``.
 
         Errors are those of the measurement, of a turn within the cell of a hypothesis, and of the body's position along
         the fingers, which these share.
@@ -134,7 +127,7 @@ class GraspHypotheses:
 
 
 def predicted_stops(scene: Scene, bodies: Bodies, pose: int) -> NDArray[np.float32]:
-    """Where a pad stops that presses bodies with the mean force, from their centres, ``(K, N)`` [m]; 0 for a miss."""
+    """Distance of bodies' centres from a pad that presses with the mean force, ``(K, N)`` [m]; 0 for a miss."""
     rotation, aim = scene.rotations[scene.pose_labels[pose]], scene.aim_offsets[pose]
     pad, window = replace(scene.pad, num_taxels=_PIXELS), Window.of(scene.pad, 0.0, _PIXELS)
     force = float(np.mean(quantiles(scene.variation.force, (np.arange(64) + 0.5) / 64)))

@@ -20,7 +20,7 @@ Floats32 = NDArray[np.float32]
 _AT_ONCE = 4096  # hypotheses
 _CACHED = 1 << 15  # numbers of an array that stay in the cache
 _ERFC = tuple(np.float32(c) for c in (1.061405429, -1.453152027, 1.421413741, -0.284496736, 0.254829592))
-_IMAGES = 64  # whose logits are computed at a time
+_IMAGES = 64  # images whose logits are computed at a time
 _LAYER, _ROTATIONS, _SIZES = "hypothesis", "hypotheses.rotations", "hypotheses.sizes"
 _PARTS = ("weight", "bias")
 
@@ -29,14 +29,10 @@ _PARTS = ("weight", "bias")
 class HypothesisEmbedding:
     """The network g, and the fixed hypotheses over which shape logits are averaged.
 
-    Attributes:
-        card: of the reader that it belongs to.
-        layers: weight ``(out, in)`` and bias ``(out,)`` of each layer. The first reads the one-hot shape, the nine
-            entries of the rotation matrix row by row, the standardised log size, and the products of two entries of the
-            matrix. GELU follows every layer but the last. Hidden layers but the first read normalised numbers, and add
-            to them.
-        rotations: of the fixed hypotheses, ``(M, 3, 3)``; every shape has the same.
-        sizes: of the fixed hypotheses, ``(M,)``.
+    ``layers`` are weights ``(out, in)`` and biases ``(out,)``. The first reads the one-hot shape, the nine entries of
+    the rotation matrix row by row, the standardised log size, and the products of two entries of the matrix. GELU
+    follows every layer but the last. Hidden layers but the first read normalised numbers, and add to them. The fixed
+    hypotheses, the same for every shape, have ``rotations (M, 3, 3)`` and ``sizes (M,)``.
     """
 
     card: ClassifierCard
@@ -59,16 +55,7 @@ class HypothesisEmbedding:
             )
 
     def embed(self, shapes: NDArray[np.int64], rotations: NDArray[Any], sizes: NDArray[Any]) -> Floats32:
-        """Embeddings of hypotheses.
-
-        Args:
-            shapes: indices, ``(H,)``.
-            rotations: from the object's frame to the pad's, ``(H, 3, 3)``.
-            sizes: relative to the nominal size, ``(H,)``.
-
-        Returns:
-            ``(H, D)``.
-        """
+        """Embeddings ``(H, D)`` of shapes ``(H,)``, rotations from object to pad ``(H, 3, 3)`` and sizes ``(H,)``."""
         number, num_shapes = len(shapes), len(self.card.shape_labels)
         standard = ((np.log(sizes) - self.card.log_size_mean) / self.card.log_size_std)[:, None]
         found = np.empty((number, self.card.embedding), np.float32)
@@ -87,7 +74,7 @@ class HypothesisEmbedding:
         return found
 
     def bound_to(self, scene: Scene) -> HypothesisEmbedding:
-        """It knows the shapes that it was trained with, whatever the scene."""
+        """Itself: it knows the shapes of its training, whatever the scene."""
         return self
 
     def embedded(self, scene: Scene, bodies: Bodies, pose: int) -> Floats32:
@@ -148,10 +135,7 @@ def _logsumexp(scores: Floats32) -> Floats32:
 
 
 def _gelu(x: Floats32) -> Floats32:
-    """The Gaussian error linear unit x Φ(x), to 2e-7 |x|, three times faster than by :func:`scipy.special.erf`.
-
-    Φ is a rational approximation times a Gaussian (Abramowitz & Stegun 1964, 7.1.26), one block in the cache at a time.
-    """
+    """GELU, x Φ(x), to 2e-7 |x| (Abramowitz & Stegun 1964, 7.1.26), three times faster than by scipy's ``erf``."""
     found, blocks = np.empty_like(x), -(-x.size // _CACHED)
     for rows, out in zip(np.array_split(x, blocks), np.array_split(found, blocks), strict=True):
         t = np.abs(rows)

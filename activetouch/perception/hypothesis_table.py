@@ -25,12 +25,7 @@ _MOST_IN_SINGLE = 1 << 25  # numbers in the tables of all poses
 
 @dataclass(frozen=True, eq=False)
 class HypothesisTable:
-    """Embeds as many hypotheses as asked for, in every pose of a scene.
-
-    Attributes:
-        reader: embeds them.
-        scene: says which orientations and sizes there are, and how poses turn an object.
-    """
+    """Embeds any number of hypotheses in every pose of a scene."""
 
     reader: TactileReader
     scene: Scene
@@ -40,10 +35,7 @@ class HypothesisTable:
         return np.stack([self._embed(num_hypotheses, pose) for pose in range(len(self.scene.poses))])
 
     def in_pose(self, num_hypotheses: int, pose: int) -> NDArray[np.floating]:
-        """Embedded hypotheses in one pose, by its index, ``(K, N, D)``, read-only and kept for the next call.
-
-        In half precision where those of all poses would fill more than 128 MB.
-        """
+        """Embedded hypotheses in one pose, ``(K, N, D)``, read-only; in half precision if all poses exceed 128 MB."""
         key = num_hypotheses, pose
         if key not in self._kept:
             found = self._embed(num_hypotheses, pose)
@@ -65,10 +57,7 @@ class HypothesisTable:
 
     @property
     def groups(self) -> tuple[int, ...]:
-        """Group of each pose: those that aim alike; none in scenes of few poses, and where objects do not lie anyhow.
-
-        See :class:`belief.observation_model.outcome_mixture.Views`.
-        """
+        """Group of each pose, by its aim; empty for few poses, and if objects do not lie in random orientations."""
         turns_with_body = self.scene.hand is not None and self.scene.hand.offset == "kept"
         few = len(self.scene.poses) <= _FEW_POSES or turns_with_body
         if few or not isinstance(self.scene.presentation, LyingAnyhow):
@@ -77,7 +66,7 @@ class HypothesisTable:
         return tuple(list(dict.fromkeys(aims)).index(aim) for aim in aims)
 
     def views(self, num_hypotheses: int) -> Views:
-        """Which hypotheses look alike in different poses, by orientation."""
+        """The hypotheses that look alike in different poses, by orientation."""
         if not self.groups:
             raise WrongScene(
                 f"this observation model takes poses as alike, which holds for more than {_FEW_POSES} poses of objects "

@@ -13,14 +13,9 @@ from torch.optim import AdamW, Muon, Optimizer
 
 
 class Learner:
-    """A network and its optimizers.
+    """A network and its optimizers: AdamW (Loshchilov & Hutter 2019), or Muon (Jordan et al. 2024) for matrices.
 
-    These are AdamW (Loshchilov & Hutter 2019) for all parameters, or Muon (Jordan et al. 2024) for matrices and AdamW
-    for others. Muon's steps are scaled as Liu et al. (2025) do, so that both take the same learning rate. Vectors do
-    not decay.
-
-    Args:
-        muon: whether matrices have Muon.
+    Muon's steps are scaled as by Liu et al. (2025), so that both take the same learning rate. Vectors do not decay.
     """
 
     def __init__(self, network: nn.Module, weight_decay: float, muon: bool = False) -> None:
@@ -42,7 +37,7 @@ class Learner:
         ]
 
     def gradient(self, loss: Tensor) -> Tensor:
-        """Compute the gradient of a loss, cut to length 1; the length that it had."""
+        """Compute the gradient of a loss, cut to length 1, and return its length before."""
         self.network.zero_grad(set_to_none=True)
         torch.autograd.backward(loss)
         return nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
@@ -61,7 +56,7 @@ class Learner:
         return {name: value.detach().cpu().contiguous().numpy() for name, value in tensors.items()}
 
     def restore(self, tensors: Mapping[str, Tensor], steps: int) -> None:
-        """Go on as after so many steps with these :meth:`arrays`; ``tensors`` may hold others."""
+        """Set the state after so many steps from :meth:`arrays`; ``tensors`` may hold others."""
         self.network.load_state_dict(with_prefix(tensors, "model."))
         for key, optimizer, parameter, moment in self._moments:
             optimizer.state[parameter][moment] = tensors[key].to(parameter.device)

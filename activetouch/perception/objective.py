@@ -1,4 +1,4 @@
-"""What a network is trained to do: to tell shapes, or to tell whole hypotheses apart by contrast."""
+"""Objectives of the training: to tell shapes apart, or whole hypotheses by contrast."""
 
 from __future__ import annotations
 
@@ -14,17 +14,13 @@ from activetouch.perception.recipe import TrainingRecipe
 from belief.naming import index_of
 
 _CHECKED = 4096
-"""Hypotheses among which the calibration split's are distinguished."""
+"""Number of hypotheses in the evaluation on the calibration split."""
 _FOCUS = 4.0
-"""How much more often shapes in the recipe's focus are drawn than others."""
+"""Factor by which shapes in the recipe's focus are drawn more often than others."""
 
 
 class ShapeObjective:
-    """Cross-entropy of the shape.
-
-    Args:
-        recipe: says whether rare shapes are weighted up.
-    """
+    """Cross-entropy of the shape, where the recipe may weight rare shapes up."""
 
     def __init__(self, train: TouchSet, labels: tuple[str, ...], recipe: TrainingRecipe) -> None:
         counts = np.bincount(train.shapes, minlength=len(labels))
@@ -43,13 +39,7 @@ class ShapeObjective:
     def loss(
         self, network: TouchNetwork, images: Tensor, rows: Tensor, turns: Tensor, chance: torch.Generator
     ) -> Tensor:
-        """Mean loss [nats] of a batch of the training split.
-
-        Args:
-            images: uint8, augmented, ``(B, H, W)`` or ``(B, H, W, channels)``.
-            rows: which touches of the training split they show, ``(B,)``.
-            turns: by how much each image was turned about the approach axis [rad], ``(B,)``.
-        """
+        """Mean loss [nats] of augmented images ``(B, H, W[, 3])`` of ``rows (B,)``, turned by ``turns (B,)`` [rad]."""
         with torch.autocast("cpu", torch.bfloat16, enabled=self._bf16):
             logits, _ = network(images)
         return nn.functional.cross_entropy(logits.float(), self._shapes[rows], weight=self.class_weights)
@@ -63,18 +53,12 @@ class ShapeObjective:
 class Contrast:
     """The negative log probability of a touch's own hypothesis among others, plus that of its shape.
 
-    The first term is InfoNCE (van den Oord et al. 2018). The others are those of the batch's other touches and fresh
-    draws from the prior: each shape equally often; orientation and size each those of a random training touch. The
+    The first term is InfoNCE (van den Oord et al. 2018). The other hypotheses are those of the batch's other touches
+    and draws from the prior: each shape equally often; orientation and size each from a random training touch. The
     minimiser over all functions is log p(o | k, R, s) / p(o) up to a constant of the image (Gutmann & Hyvärinen 2010;
-    Durkan et al. 2020). The second term is the cross-entropy of the shape, whose likelihood
-    is the mean over the draws of that shape. It has the same minimiser, and spends the network's capacity on what the
-    belief is asked for.
-
-    Shapes in the recipe's focus are drawn more often, as touches and as hypotheses. This changes p(o) only, so the
-    minimiser stays the same up to a constant of the image.
-
-    Args:
-        train: what is learned from, with known orientations and sizes.
+    Durkan et al. 2020). The second term, the cross-entropy of the shape, whose likelihood is the mean over its draws,
+    has the same minimiser, and spends the network's capacity on what the belief needs. Shapes in the recipe's focus are
+    drawn more often, as touches and as hypotheses; this changes p(o) only.
     """
 
     def __init__(self, train: TouchSet, labels: tuple[str, ...], recipe: TrainingRecipe) -> None:
@@ -152,18 +136,13 @@ def drawn(known: Hypotheses, shapes: Tensor, chance: torch.Generator) -> Hypothe
 
 
 def shape_logits(scores: Tensor, shapes: Tensor, num_shapes: int) -> Tensor:
-    """Log of the mean ratio over the hypotheses of each shape, ``(B, K)``.
-
-    Args:
-        scores: log ratio of each image and hypothesis, ``(B, H)``.
-        shapes: of the hypotheses, ``(H,)``; all K occur.
-    """
+    """Log of the mean ratio over each shape's hypotheses, ``(B, K)``; scores ``(B, H)``; shapes ``(H,)``, all K."""
     of_shape = [scores[:, shapes == shape] for shape in range(num_shapes)]
     return torch.stack([torch.logsumexp(some, dim=1) - math.log(some.shape[1]) for some in of_shape], dim=1)
 
 
 def embeddings(network: TouchNetwork, touches: TouchSet, bf16: bool) -> Tensor:
-    """What a network says of all images of some touches, ``(N, D)``."""
+    """Embeddings of the images of touches, ``(N, D)``."""
     network.eval()
     with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16, enabled=bf16):
         parts = [network(torch.from_numpy(touches.images[i : i + 256]))[0] for i in range(0, len(touches.images), 256)]

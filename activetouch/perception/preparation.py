@@ -33,7 +33,7 @@ from belief.touch_batch import TouchBatch
 
 _TOUCHES = 1200  # simulated, in all
 _LEAST, _MOST = 12, 48  # objects of each shape
-_ENOUGH = 0.9  # of the objects named rightly after a touch in every pose
+_ENOUGH = 0.9  # share of objects that must be named rightly after a touch in every pose
 
 
 def prepared(reader: TactileReader, scene: Scene, seed: int = 0) -> ArrayModel:
@@ -50,7 +50,7 @@ def prepared(reader: TactileReader, scene: Scene, seed: int = 0) -> ArrayModel:
 
 
 def hypotheses_of(reader: TactileReader, scene: Scene) -> int:
-    """How many hypotheses of each shape :func:`prepared` fits a model with."""
+    """Number of hypotheses of each shape with which :func:`prepared` fits a model."""
     grasps = reader.hypotheses
     return grasps.number if isinstance(grasps, GraspHypotheses) else num_hypotheses(scene)
 
@@ -71,7 +71,7 @@ def _write(path: Path, fitted: tuple[ArrayModel, str]) -> None:
 
 
 def _fitted(reader: TactileReader, scene: Scene, rng: np.random.Generator) -> tuple[FittedRigidBody, str]:
-    """The model, and in words which shapes are mistaken for each other; nothing if they rarely are."""
+    """The model, and in words which shapes are mistaken for each other; empty if they rarely are."""
     num_shapes, num_poses = len(scene.shapes), len(scene.poses)
     number = int(np.clip(_TOUCHES // (num_shapes * num_poses), _LEAST, _MOST))
     truth = np.repeat(np.arange(num_shapes), number)

@@ -28,17 +28,15 @@ from belief.files import array_digest
 from belief.sealed_tensors import read_tensors, write_tensors
 
 INPUT, OUTPUTS = "images", ("embedding", "features")
-"""What the graph of a reader calls its input and its outputs."""
+"""Names of the input and the outputs of the graph of a reader."""
 _NETWORK = "network"
 
 
 class Reading(NamedTuple):
-    """What a reader says of N images, from one pass.
+    """What a reader makes of N images in one pass: ``logits (N, K)`` float64, features and embeddings in float32.
 
-    Attributes:
-        logits: log p(image | shape) up to a constant of each image, ``(N, K)`` float64.
-        features: the backbone's, before the head, ``(N, F)`` float32; F is 768 for Tiny.
-        embeddings: of the images, ``(N, D)`` float32; the features where the card has no embedding.
+    The logits are log p(image | shape) up to a constant of each image. ``features (N, F)`` are the backbone's, before
+    the head. ``embeddings (N, D)`` are the features where the card has no embedding.
     """
 
     logits: NDArray[np.float64]
@@ -53,12 +51,7 @@ class Reading(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TactileReader:
-    """A trained network, ready to read touches.
-
-    Attributes:
-        card: what it was trained for.
-        network: an ONNX graph.
-        hypotheses: embeds hypotheses; None where the network gives logits of the shapes.
+    """A trained network as an ONNX graph; ``hypotheses`` is None for a network that gives logits of the shapes.
 
     With :class:`activetouch.perception.grasps.GraspHypotheses` it reads the images of grasps, and what it gives for a
     grasp is that of its fingers, one after another.
@@ -69,22 +62,14 @@ class TactileReader:
     hypotheses: Hypotheses | None = None
 
     def read(self, images: NDArray[np.uint8], batch_size: int = 64) -> Reading:
-        """Logits, features and embeddings of images.
-
-        Args:
-            images: uint8, ``(N, H, W)`` or ``(N, H, W, 3)``; those of another size than the card's are averaged down,
-                or repeated up, to it.
-        """
+        """Logits, features and embeddings of uint8 images ``(N, H, W[, 3])``, which are resized to the card's size."""
         embeddings, features = self.run(images, batch_size)
         if self.hypotheses is None:
             return Reading(embeddings.astype(np.float64), features, features)
         return Reading(self.hypotheses.shape_logits(embeddings), features, embeddings)
 
     def run(self, images: NDArray[np.uint8], batch_size: int = 64) -> tuple[Floats32, Floats32]:
-        """What the network gives for images: embeddings or logits ``(N, D)``, and features ``(N, F)``.
-
-        Arguments and errors are those of :meth:`read`.
-        """
+        """Embeddings or logits ``(N, D)``, and features ``(N, F)``, of images as in :meth:`read`."""
         require_stack(images)
         if isinstance(grasps := self.hypotheses, GraspHypotheses):
             single, stops = grasps.hand.apart(images)
@@ -119,7 +104,7 @@ class TactileReader:
 
     @cached_property
     def digest(self) -> str:
-        """Of all that determines what it reads."""
+        """Digest of all that determines what it reads."""
         tensors = {} if self.hypotheses is None else self.hypotheses.tensors()
         return array_digest({_NETWORK: np.frombuffer(self.network, np.uint8), **tensors})
 

@@ -13,34 +13,26 @@ from activetouch.errors import ImpossibleRecipe
 
 @dataclass(frozen=True)
 class TrainingRecipe:
-    """How to train; as it comes, the paper's recipe (paper §5.7).
+    """The settings of a training; the defaults are the paper's recipe (paper §5.7).
 
-    The paper does not give its batch size, nor how far its "small rotations" went; those two are ours.
+    The paper gives neither its batch size nor the range of its "small rotations"; those two are ours.
 
     Attributes:
-        epochs: passes over the training split; the cosine schedule ends with the last.
         optimizer: ``"adamw"`` (Loshchilov & Hutter 2019), or ``"muon"`` (Jordan et al. 2024) for the matrices and AdamW
             for the rest: a step takes longer, and fewer are needed.
-        batch_size: images a step.
         learning_rate: peak of the cosine schedule, after ``warmup`` epochs of linear rise.
         weight_decay: on matrices and kernels only.
-        warmup: epochs of linear rise.
         class_weights: whether rare shapes count more in the loss, so that all shapes count alike together.
-        rotation: images are turned by up to so many degrees either way, where the scene's symmetry allows it.
-        patience: stop after so many epochs without a lower loss on the calibration split, and go back to the best
-            one; None to train to the end and keep the last.
-        embedding: length of the embeddings of a reader that knows orientations, trained by contrast; 0 for a plain
-            classifier of shapes.
-        negatives: hypotheses drawn from the prior for every step, against which the touch's own is contrasted.
+        rotation: largest turn of images either way [degrees], where the scene's symmetry allows it.
+        patience: epochs without a lower loss on the calibration split after which training stops, and goes back to the
+            best epoch; None to train to the end and keep the last.
+        embedding: length of the embeddings of a reader that knows orientations, trained by contrast with ``negatives``
+            hypotheses drawn from the prior for every step; 0 for a plain classifier of shapes.
         cell: standard deviation, about each axis, of a random rotation of the touch's own hypothesis [degrees]. The
             network then learns the average over a cell of that size. Sharp images need it, because a table of
             hypotheses has gaps: N orientations are (8 π² / N)^⅓ rad apart, the width of a cell of √12 deviations.
-        focus: labels of shapes that are hard to tell apart: in training by contrast they are drawn four times as often.
-        gain: in half of the images, the gain is uniform in 1 ± ``gain``, as if the pad were worn; in [0, 1].
-        noise: in the same images, taxels have noise of up to this standard deviation, relative to full scale.
-        dead: in the same images, up to this share of the taxels is dead; in [0, 1].
-        bf16: compute in bfloat16 where it is safe.
-        seed: of shuffling, augmentation and initialisation.
+        focus: labels of similar shapes, which are drawn four times as often in training by contrast.
+        gain, noise, dead: wear of half of the images, see :func:`activetouch.perception.augmentation.worn`.
     """
 
     epochs: int = 30
@@ -80,7 +72,7 @@ class TrainingRecipe:
 
     @property
     def words(self) -> str:
-        """The settings that are not off, in words."""
+        """The settings that are on, in words."""
         chosen = {name: value for name, value in asdict(self).items() if value or name == "seed"}
         return ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in chosen.items())
 
@@ -95,7 +87,7 @@ _CONTRAST = TrainingRecipe(  # for a reader that knows orientations
     rotation=0.0,
     patience=3,
     embedding=64,
-    cell=5.6,  # of 2 048 orientations
+    cell=5.6,  # that of 2 048 orientations
 )
 
 RECIPES: Mapping[str, TrainingRecipe] = MappingProxyType(

@@ -1,4 +1,4 @@
-"""What may be wrong with a sensor: states that a session weighs against the one that its scene describes.
+"""Possible faults of a sensor: states that a session weighs against the one that its scene describes.
 
 Each world is the state of the sensor that the scene describes, with something changed: other forces, another stiffness,
 more noise, and all of these together; an image that is blurred or shifted; hysteresis; broken taxels. A reader of any
@@ -34,7 +34,7 @@ from belief.observation_model.model import ArrayModel
 from belief.observation_model.rigid_body import joint_model
 
 HYPOTHESES = 512
-"""Of each shape, in a changed world."""
+"""Number of hypotheses of each shape in a changed world."""
 _NOISES, _STIFFNESSES, _FORCES = (1.0, 1.6, 2.5), (1.0, 0.4, 0.65, 1.5), (1.0, 0.3, 0.55, 1.3)
 _ALONE = {"noise": (3.6, 6.0), "gain": (0.8, 1.2), "blur": (0.02, 0.05, 0.12, 0.25), "hysteresis": (0.04, 0.09)}
 _SHIFTS = 0.035, 0.075, 0.15, 0.25  # parts of the edge of the image
@@ -42,7 +42,7 @@ _SHARES = 0.012, 0.03, 0.06, 0.11, 0.2  # of all taxels
 
 
 def changed_worlds(imaging: Imaging, usual: SensorState) -> tuple[tuple[str, ...], SensorState]:
-    """What may be wrong with a sensor, within the training of its reader: in words, and arrays of as many states."""
+    """Changed states of a sensor, within the training of its reader: in words, and arrays of as many states."""
     found: list[tuple[str, dict[str, Any]]] = []
     for stiffness, force, noise in product(_STIFFNESSES, _FORCES, _NOISES):
         factors = {"noise": noise, "stiffness": stiffness, "force": force}
@@ -68,7 +68,7 @@ def changed_worlds(imaging: Imaging, usual: SensorState) -> tuple[tuple[str, ...
 
 
 def _with(imaging: Imaging, usual: SensorState, changed: dict[str, Any]) -> SensorState:
-    """A state with something changed, within what readers are trained with."""
+    """A state with changed numbers, clipped to the training of readers."""
     found, limits = usual._asdict(), imaging.limits
     for name, value in changed.items():
         before = found[name]
@@ -84,14 +84,7 @@ def _with(imaging: Imaging, usual: SensorState, changed: dict[str, Any]) -> Sens
 
 @dataclass(frozen=True, eq=False)
 class EmbeddedWorlds:
-    """Hypotheses of a scene's objects, embedded in changed worlds: by pose, at first use.
-
-    Attributes:
-        reader: embeds them.
-        scene: whose objects and poses they are.
-        states: of the sensor, in each of the worlds.
-        number: hypotheses of each shape.
-    """
+    """Hypotheses of a scene's objects, ``number`` of each shape, embedded in changed worlds: by pose, at first use."""
 
     reader: ContactHypotheses
     scene: Scene
@@ -103,7 +96,7 @@ class EmbeddedWorlds:
         return self._embedded(pose, self.scene, pose)
 
     def in_place(self, place: tuple[float, ...]) -> NDArray[np.float16]:
-        """The same for a quaternion and an aim (:meth:`activetouch.session_reader.SensorReader.at`)."""
+        """Embedded hypotheses for a quaternion and an aim (:meth:`activetouch.session_reader.SensorReader.at`)."""
         there = self.scene.with_pose(np.array(place[:4]), np.array(place[4:]))
         return self._embedded(place, there, len(self.scene.poses))
 
@@ -122,7 +115,7 @@ class EmbeddedWorlds:
         return self.scene.hypotheses(self.number)
 
     def __getstate__(self) -> dict[str, Any]:
-        """What another process is sent: no tables, which it finds in the cache, where they are put first."""
+        """The state for another process: without tables, which it reads from the cache, where they are put first."""
         for pose in range(len(self.scene.poses)):
             self.in_pose(pose)
         return {name: value for name, value in vars(self).items() if name != "_kept"}

@@ -11,10 +11,7 @@ if TYPE_CHECKING:
 
 @lru_cache(maxsize=16)
 def session_of(network: bytes) -> InferenceSession:
-    """A session for an ONNX graph, of one thread, so that processes share the cores and sums keep their order.
-
-    The last sessions are kept: each process makes its own at the first reading.
-    """
+    """A cached session of an ONNX graph, of one thread: processes share the cores, and sums keep their order."""
     import onnxruntime
 
     options = onnxruntime.SessionOptions()

@@ -31,7 +31,7 @@ _ADVICE = "Train with a lower --change.learning-rate"
 
 @dataclass(frozen=True)
 class EpochReport:
-    """How one epoch ended: mean training loss, and loss [nats] and accuracy on the calibration split."""
+    """Results of one epoch: mean training loss, and loss [nats] and accuracy on the calibration split."""
 
     epoch: int
     training_loss: float
@@ -40,7 +40,7 @@ class EpochReport:
 
     @property
     def words(self) -> str:
-        """In words."""
+        """The report in words."""
         return (
             f"epoch {self.epoch}: training loss {self.training_loss:.4f}, on the calibration split loss "
             f"{self.calibration_loss:.4f} and accuracy {self.calibration_accuracy:.4f}"
@@ -48,12 +48,7 @@ class EpochReport:
 
 
 class Trainer:
-    """Trains a classifier's network epoch by epoch, resuming from its state file where there is one.
-
-    Args:
-        calibration: touches of other objects, for the reports and for stopping early.
-        state: file of the training's state, written after every epoch.
-    """
+    """Trains a classifier's network epoch by epoch; resumes from the file of its state, written after every epoch."""
 
     def __init__(
         self,
@@ -88,7 +83,7 @@ class Trainer:
 
     @property
     def epochs_done(self) -> int:
-        """Epochs behind this training, those of earlier runs included."""
+        """Number of finished epochs, those of earlier runs included."""
         return len(self.reports)
 
     @property
@@ -119,7 +114,7 @@ class Trainer:
         return peak * falling((epoch - warmup) / (epochs - warmup))
 
     def run_epoch(self, tick: Callable[[int], None] = lambda _: None) -> EpochReport:
-        """One pass over the training split; ``tick`` is called with how many images each step took."""
+        """One pass over the training split; ``tick`` is called with the number of images of each step."""
         recipe, network, train = self.recipe, self.classifier.network, self.train
         generator = torch.Generator().manual_seed(recipe.seed * 1000 + self.epochs_done)
         batches = self.objective.batches(generator)

@@ -32,24 +32,21 @@ _MOUNTS = {  # of each pad in the frame of its fingertip: height [m], how far it
     "rf": (0.029, 32.0, 69.0),
     "th": (0.043, 17.0, 0.0),
 }
-_RADIUS = 0.015  # of the pads' faces about the middle of a fingertip's end [m]
-_MIDDLE = np.array([0.110, 0.033, 0.003])  # between the fingertips, in the frame of the palm [m]
+_RADIUS = 0.015  # distance of the pads' faces from the middle of a fingertip's end [m]
+_MIDDLE = np.array([0.110, 0.033, 0.003])  # point between the fingertips, in the frame of the palm [m]
 _POSTURE = np.array(  # joints of the fingers around a small body [rad]
     [0.16, 0.94, 0.73, 0.71, 0.29, 0.82, 1.02, -0.01, 0.40, 1.35, 0.30, 0.29, 1.37, 0.15, 0.37, 0.27]
 )
-_CLEARANCE = 0.008  # between a body and the pads before they close [m]
-_STIFFNESS, _DAMPING, _TORQUE = 30.0, 0.3, 0.7  # of the joints' servos [N m/rad], [N m s/rad], [N m]
-_ARMATURE = 0.001  # of their motors behind the gears [kg m²]
-_DAMPED = 5e-3  # of the least squares [m]
+_CLEARANCE = 0.008  # distance between a body and the pads before they close [m]
+_STIFFNESS, _DAMPING, _TORQUE = 30.0, 0.3, 0.7  # numbers of the joints' servos [N m/rad], [N m s/rad], [N m]
+_ARMATURE = 0.001  # inertia of their motors behind the gears [kg m²]
+_DAMPED = 5e-3  # damping of the least squares [m]
 
 
 class AllegroFingers(Gripper):
-    """The Allegro hand around a body.
+    """The Allegro hand around a body; ``folder`` is a copy of MuJoCo Menagerie, which has the model of the hand.
 
-    Args:
-        folder: with the model of the hand, a copy of MuJoCo Menagerie.
-        placement: the body; its offset is from the middle of the fingertips, along the palm's y and z.
-        depth: of the body, along the palm's x axis [m].
+    The body's offset is from the middle of the fingertips along the palm's y and z, its ``depth`` along x [m].
     """
 
     in_unison = True

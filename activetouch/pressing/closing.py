@@ -43,9 +43,9 @@ from belief.validation import require_number
 Watch = Callable[[mujoco.MjModel, mujoco.MjData], None]
 
 BODY_MASS = 0.1  # [kg]
-_MOST_FORCE = 50.0  # of a sliding finger's servo [N]
+_MOST_FORCE = 50.0  # largest force of a sliding finger's servo [N]
 _TORSION = 0.003  # friction of a pad's contact against turning about its normal, relative to that against sliding [m]
-_STICKS = (0.004, 1.0)  # of that friction: soft friction lets a body creep
+_STICKS = (0.004, 1.0)  # settings of that friction: soft friction lets a body creep
 _LIGHT = 0.05  # force that a finger keeps until the others touch, too [N]
 _CALM = 0.001  # speed of a body that rests [m/s]
 _BLUE = (0.3, 0.5, 0.75, 1)
@@ -54,14 +54,9 @@ _BLUE = (0.3, 0.5, 0.75, 1)
 class Gripper(ABC):
     """A compiled model of m fingers, with the geoms ``pad0``, ``pad1``, … and a body ``object`` between them.
 
-    Attributes:
-        in_unison: whether all fingers squeeze by the same distance, until their mean force is right.
-        camera: middle of a picture and distance of the camera from it [m].
-
-    Args:
-        spec: the model, to which :func:`add_finger_pad` and :func:`add_body` were applied.
-        radius: of the body [m].
-        open_at: distance of the pads' faces from the palm's centre [m].
+    :func:`add_finger_pad` and :func:`add_body` must have changed ``spec``. ``radius`` of the body and the distance
+    ``open_at`` of the pads' faces from the palm's centre are in [m]. ``in_unison``: all fingers squeeze by the same
+    distance, until their mean force is right. ``camera``: middle of a picture and distance of the camera [m].
     """
 
     in_unison: ClassVar[bool] = False
@@ -95,12 +90,12 @@ class Gripper(ABC):
 
     @property
     def forces(self) -> Floats:
-        """Of each pad on the body, in the world, ``(m, 3)`` [N]."""
+        """Force of each pad on the body, in the world's frame, ``(m, 3)`` [N]."""
         return self.data.sensordata.reshape(-1, 3)
 
     @property
     def rotations(self) -> Floats:
-        """Of the pads, ``(m, 3, 3)``; their first columns are the axes."""
+        """Rotation matrices of the pads, ``(m, 3, 3)``; their first columns are the axes."""
         return self.data.geom_xmat[self._pads].reshape(-1, 3, 3)
 
     @property
@@ -110,7 +105,7 @@ class Gripper(ABC):
 
     @property
     def speed(self) -> float:
-        """Of the body's surface, at most [m/s]."""
+        """Largest speed of the body's surface [m/s]."""
         return float(np.abs(self._velocity[:3]).max() + self._radius * np.abs(self._velocity[3:]).max(initial=0.0))
 
     def met(self, placement: Placement) -> tuple[list[Placement], Floats]:
@@ -122,13 +117,10 @@ class Gripper(ABC):
 def in_front(
     faces: Floats, rotations: Floats, position: Floats, turned: Floats, placement: Placement
 ) -> tuple[list[Placement], Floats]:
-    """A body in the frames of pads, and the distances of its centre from their faces, ``(m,)`` [m].
+    """The body in the frames of pads, and the distances of its centre from their faces, ``(m,)`` [m].
 
-    Args:
-        faces: centres of the pads' faces, ``(m, 3)`` [m].
-        rotations: of the pads, ``(m, 3, 3)``.
-        position: of the body's centre, ``(3,)`` [m].
-        turned: its rotation, ``(3, 3)``.
+    The pads' ``faces (m, 3)`` [m] and ``rotations (m, 3, 3)``, and the body's centre ``position (3,)`` [m] and rotation
+    ``turned (3, 3)`` are in one common frame.
     """
     found, centres = [], np.einsum("mij,mi->mj", rotations, position - faces)
     for rotation, centre in zip(rotations, centres, strict=True):
@@ -152,12 +144,9 @@ def to_quaternion(rotation: Floats) -> Floats:
 
 
 def add_body(spec: mujoco.MjSpec, turned: Floats, centre: Floats, pad: Pad, met: Sequence[Placement]) -> mujoco.MjsBody:
-    """Add a body without joints, which only the pads touch.
+    """Add a body without joints that only the pads touch, with a rotation, ``(3, 3)``, and a centre, ``(3,)`` [m].
 
-    Args:
-        turned: rotation of the body, ``(3, 3)``.
-        centre: of the body, ``(3,)`` [m].
-        met: what each finger has in front of it; it stands for a hollow body there.
+    ``met`` is what each finger has in front of it; it stands for a hollow body there.
     """
     placement, orientation = met[0], to_quaternion(turned)
     body, scale = spec.worldbody.add_body(name="object", pos=centre, quat=orientation), placement.scale
@@ -239,17 +228,7 @@ class Closing(Dynamic):
         return self.settle(SlidingPads(self, pad, met, fingers, centre), met[0], np.asarray(forces, float))
 
     def settle(self, gripper: Gripper, placement: Placement, forces: Floats, watch: Watch | None = None) -> Grasp:
-        """Close the fingers of a model until they and the body rest.
-
-        Args:
-            gripper: with the body in place and the fingers open.
-            placement: of the body.
-            forces: of the fingers, ``(m,)`` [N].
-            watch: is shown the model after every step.
-
-        Raises:
-            UnstablePress: the forces do not settle.
-        """
+        """Close the fingers until they and the body rest; ``forces (m,)`` [N]; ``watch`` is called after every step."""
         model, data, pad = gripper.model, gripper.data, gripper.pad
         faces, axes = gripper.faces, gripper.rotations[:, :, 0]
         met, distances = gripper.met(placement)

@@ -31,8 +31,8 @@ MOST_FORCE = (2.0, 1.0)
 class SteppedPress(Press):
     """A press whose motion is simulated in MuJoCo on a rigid pad with a soft contact.
 
-    The free approach is simulated from ``start`` only where it is recorded. Otherwise the simulation begins shortly
-    before the first contact, in the state that the approach leads to (decision 0044).
+    Without a trace, the simulation begins shortly before the first contact, in the state that the approach from
+    ``start`` leads to (decision 0044).
     """
 
     moves: ClassVar[bool] = True
@@ -164,11 +164,9 @@ class GuardedMove(SteppedPress):
     before the first contact and ends when the pad is free again.
 
     Attributes:
-        timestep: of the simulation [s].
+        timestep, start, travel: as of :class:`Dynamic`.
         speed: forward and backward [m/s].
         pause: time to hold the position before the force is read [s].
-        start: distance of the object's centre from the pad at the start [m]; larger objects start further away.
-        travel: distance past the pad's face, or the first touch if that is behind it, at which the guide ends [m].
         rotation_time: of the object between two presses [s], on which no touch depends.
     """
 
@@ -215,17 +213,13 @@ class GuardedMove(SteppedPress):
 
 
 def facing_geom(pad: Pad, placement: Placement, gap: Floats, touching: float) -> Geom | None:
-    """What stands for the object in MuJoCo in this press, whose meshes are convex; None if the shape's own geom does.
+    """The geom that stands for the object in MuJoCo, whose meshes are convex; None if that is the shape's own geom.
 
-    A flat pad that moves along x meets the points of a hollow object in front of its face and no others, and none of
-    these that lies behind their convex hull. The hull of these points, extended away from the pad, therefore makes
-    first contact where the true surface does. The walls of a hollow beside the pad are not touched. Where the pad meets
-    the foremost point of the whole object first, the hull of the object, which is compiled already, makes the same
-    contact.
-
-    Args:
-        gap: from :func:`activetouch.pressing.contact.first_touch`, ``(num_taxels, num_taxels)`` [m].
-        touching: distance of the object's centre from the pad at the first touch, from the same function [m].
+    A flat pad that moves along x meets only the points of a hollow object in front of its face, and none of these
+    behind their convex hull. The hull of these points, extended away from the pad, therefore makes first contact where
+    the true surface does; the walls of a hollow beside the pad are not touched. Where the pad meets the foremost point
+    of the whole object first, the hull of the object, which is compiled already, makes the same contact. The gap [m],
+    ``(num_taxels, num_taxels)``, and ``touching`` [m] are from :func:`activetouch.pressing.contact.first_touch`.
     """
     geom = placement.shape.geom
     if geom.presses != "surface":

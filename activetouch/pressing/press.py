@@ -26,13 +26,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Grasp:
-    """What m fingers feel that closed on a body.
+    """The grasp of m fingers that closed on a body: contacts, and what each finger has in front of it in the end.
 
-    Attributes:
-        contacts: of the fingers; the force of one that misses is 0.
-        met: what each finger has in front of it in the end.
-        centre: of the body, from the middle of the palm along each finger's axis, ``(m,)`` [m].
-        net_force: sum of the fingers' forces, with friction where it is simulated, ``(3,)`` [N]: what the palm holds.
+    The force of a finger that misses is 0. ``centre (m,)`` is that of the body, from the middle of the palm along each
+    finger's axis [m]; ``net_force (3,)``, which the palm holds, has friction where it is simulated [N].
     """
 
     contacts: tuple[Contact, ...]
@@ -48,10 +45,9 @@ class Grasp:
 
 
 class Press(Protocol):
-    """A way to press an object against the pad. Derive your own press from this class; only ``press`` is required.
+    """A way to press an object against the pad; a subclass needs only ``press``.
 
-    Attributes:
-        moves: whether the object's motion is simulated, so that it can slide or bounce.
+    ``moves`` says whether the object's motion is simulated, so that it can slide or bounce.
     """
 
     moves: ClassVar[bool] = False
@@ -63,16 +59,12 @@ class Press(Protocol):
 
     @property
     def closes(self) -> bool:
-        """Whether the fingers of a hand can close by it; where nothing moves, each presses by itself."""
+        """Whether it can close the fingers of a hand; where nothing moves, each presses by itself."""
         return not self.moves
 
     @abstractmethod
     def press(self, pad: Pad, placement: Placement, target_force: float) -> Contact:
-        """The contact in the pause; its force is 0 for a miss.
-
-        Args:
-            target_force: force at which the motion stops [N].
-        """
+        """The contact in the pause, where the motion stops at ``target_force`` [N]; its force is 0 for a miss."""
 
     def compiled(self, pad: Pad, shape: Shape) -> mujoco.MjModel | None:
         """The MuJoCo model of a press of this shape; None if the press does not use MuJoCo."""
@@ -90,14 +82,10 @@ class Press(Protocol):
         centre: NDArray[np.float64],
         forces: Sequence[float],
     ) -> Grasp:
-        """What fingers feel when they close on a body; by default, each presses by itself.
+        """The grasp of m fingers that close on a body with ``forces`` [N]; by default, each presses by itself.
 
-        Args:
-            met: what each of the m fingers has in front of it.
-            fingers: rotations of the pads about the middle of the palm, ``(m, 3, 3)``; they press along the first
-                columns.
-            centre: of the body in the palm, ``(3,)`` [m].
-            forces: of the fingers [N].
+        ``met`` is what each has in front of it, ``fingers (m, 3, 3)`` the rotations of the pads about the middle of the
+        palm, which press along the first columns, and ``centre (3,)`` that of the body in the palm [m].
         """
         contacts = tuple(self.press(pad, seen, float(force)) for seen, force in zip(met, forces, strict=True))
         axes = fingers[:, :, 0]

@@ -30,16 +30,16 @@ if tuple(int(part) for part in mujoco.__version__.split(".")[:3]) < _OLDEST:
         "pip uninstall -y mujoco mujoco-core && pip install 'mujoco-core>=4.0.1,<5'"
     )
 
-_MASS = 0.5  # of object and guide together [kg]; with the pad's contact it gives 1.5-2.4 mm at 2 N
-SERVO_STIFFNESS = 20_000.0  # of position servos [N/m]
+_MASS = 0.5  # mass of object and guide together [kg]; with the pad's contact it gives 1.5-2.4 mm at 2 N
+SERVO_STIFFNESS = 20_000.0  # stiffness of position servos [N/m]
 PAD_SOLIMP = (0.7, 0.9, 0.003, 0.5, 2.0)  # impedance from 0.7 to 0.9 over 3 mm
 LARGEST_SCALE = 2.0
 """Size at which an object is compiled, relative to nominal: the largest size of a press."""
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION  # all that determines the next step
 _CLEAREST = 0.0005  # smallest distance between pad and object after a skipped approach [m]
-_TRANSIENT = 8.0  # of the servo, relative to its lag: its error is then e^-16 of its first
+_TRANSIENT = 8.0  # duration of the transient of the servo, relative to its lag: its error is then e^-16 of its first
 _DARK, ORANGE = (0.15, 0.16, 0.2, 1), (0.9, 0.45, 0.1, 1)
-NO_CONTACT = {"contype": 0, "conaffinity": 0}  # but of pairs
+NO_CONTACT = {"contype": 0, "conaffinity": 0}  # except of pairs
 FORCE, _POSITION, _NET_FORCE = 1 << 1, 1 << 4, 3  # settings of MuJoCo's contact sensor
 
 
@@ -103,10 +103,10 @@ def add_solid(
 
 @cache
 def stop_clock() -> None:
-    """Let MuJoCo measure no times of its own, in this process, which takes a fifth of a press.
+    """Stop MuJoCo from measuring times in this process, which takes a fifth of a press; ``mjData.timer`` then reads 0.
 
-    ``mjData.timer`` then reads 0. The Python package gives MuJoCo a clock, which every step reads some thirty times. It
-    is taken away where the library is found beside the package. ``mujoco.set_mjcb_time`` sets another.
+    The Python package gives MuJoCo a clock, which every step reads some thirty times. It is taken away where the
+    library is found beside the package. ``mujoco.set_mjcb_time`` sets another.
     """
     for path in Path(mujoco.__file__).parent.glob("*mujoco.*"):
         try:
@@ -119,11 +119,7 @@ def stop_clock() -> None:
 class Rig:
     """A compiled model of a pad and one object, which can be placed and pressed many times.
 
-    Args:
-        timestep: of the simulation [s].
-        traced: whether to record force vector and contact point in every step.
-        largest_scale: largest size of the object. For pictures it must be the placed size, because rays are tested
-            against the bounding volumes of the largest size.
+    For pictures, ``largest_scale`` must be the placed size, as rays are tested against bounding volumes of that size.
     """
 
     def __init__(
@@ -133,7 +129,7 @@ class Rig:
         self.model = build_spec(pad, geom, timestep, traced, largest_scale).compile()
         self._largest_scale = largest_scale
         self.data = mujoco.MjData(self.model)
-        self._fresh = np.empty(mujoco.mj_stateSize(self.model, _STATE))  # of a model that was never stepped
+        self._fresh = np.empty(mujoco.mj_stateSize(self.model, _STATE))  # state of a model that was never stepped
         mujoco.mj_getState(self.model, self.data, self._fresh, _STATE)
         self._traced = traced
         self._body, self._geom = self.model.body("object").id, self.model.geom("object").id
@@ -152,7 +148,7 @@ class Rig:
         actuator = self.model.actuator("guide")
         self.command = self.data.ctrl[actuator.id :]
         """Its first number is the position to which the guide is commanded [m]."""
-        self._lag = -float(actuator.biasprm[2] / actuator.gainprm[0])  # of the servo behind its command [s]
+        self._lag = -float(actuator.biasprm[2] / actuator.gainprm[0])  # lag of the servo behind its command [s]
         self._rows: list[tuple[Phase, float, NDArray[np.float64]]] = []
         self._num_skipped = 0  # steps before the first row
 
@@ -174,16 +170,12 @@ class Rig:
         self._position[0] = self.command[0] = position
 
     def skip_approach(self, position: float, speed: float, nearest: float) -> int:
-        """Put the object, placed at rest at ``position`` [m], near the pad, in the motion that it would have there.
+        """Move the object near the pad, in the motion that it would have there; return the number of skipped steps.
 
         The servo follows a command of constant velocity at a constant distance once its transient has decayed. All
         steps of the free approach after that are alike, so that their end is known without them. Nothing is skipped
-        where this is no more than the transient.
-
-        Args:
-            position: of the object's centre at the start [m].
-            speed: of the approach [m/s].
-            nearest: position of the object's centre at which it touches the pad, ``nan`` if it misses [m].
+        where the approach is no longer than the transient. Positions of the centre are in [m]: ``position``, where the
+        object was placed at rest, and ``nearest``, where it touches the pad, ``nan`` for a miss.
         """
         timestep = self.model.opt.timestep
         step, gap = timestep * speed, _CLEAREST

@@ -13,9 +13,9 @@ from activetouch.recorded.touches import TASKS, RecordedTouches, Split, splits_o
 from belief.naming import few
 from belief.validation import Floats
 
-_OBJECTS = 3  # of a category or shape: to learn from, to calibrate on and to test on
+_OBJECTS = 3  # objects of a category or shape: to learn from, to calibrate on and to test on
 _CONTROL, _SINGLE = 0.5, 0.75  # shares of what all features tell beyond a guess, from which a warning is due
-_UNLIKE, _STEADY = 3.0, 0.1  # times what nine of ten features tell; variance within objects, of that between them
+_UNLIKE, _STEADY = 3.0, 0.1  # factor on what nine of ten features tell; variance within objects, of that between them
 _CHANCE = 4.0  # standard errors above a guess, so that the best of many features is no warning by chance
 _SHOWN = 3  # single features
 
@@ -24,9 +24,9 @@ _SHOWN = 3  # single features
 class Leaks:
     """Accuracy of one held-out touch: by a guess, all features, each control, and each feature alone, ``(F,)``.
 
-    ``within (F,)`` is the variance of features within objects as a share of that between them. ``least`` are the
-    accuracies from which a control tells much; a single feature does; and one that hardly varies within objects is
-    unlike the others.
+    ``within (F,)`` is the variance of features within objects as a share of that between them. ``least`` are three
+    limits: the accuracies from which a control, and a single feature, tell too much; and the one from which a feature
+    that hardly varies within objects is suspicious.
     """
 
     task: str
@@ -39,7 +39,7 @@ class Leaks:
 
     @classmethod
     def of(cls, touches: RecordedTouches, splits: list[Split]) -> Leaks:
-        """Those of a set, whose readers learn from the same touches as those of its splits, and read the same."""
+        """The leaks of a set; its readers learn from the touches of the splits, and read the same ones as there."""
         right = dict.fromkeys(("all features", *touches.controls), 0.0)
         single, number, seen = np.zeros(touches.features.shape[1]), 0, np.zeros(len(touches.label_names))
         kind = LinearDiscriminants(0.3)
@@ -118,7 +118,7 @@ def _within(touches: RecordedTouches) -> Floats:
 
 
 def _means(rows: Floats, groups: NDArray[np.int64]) -> Floats:
-    """Mean of the group of each row, ``(n, F)``."""
+    """Mean row of the group of each row, ``(n, F)``."""
     _, number, counts = np.unique(groups, return_inverse=True, return_counts=True)
     means = np.zeros((len(counts), rows.shape[1]))
     np.add.at(means, number, rows / counts[number, None])

@@ -40,7 +40,7 @@ Integers = NDArray[np.int64]
 
 _MANY_LABELS = 30  # beyond, touches are too few to calibrate single labels
 _POOLING = 20.0  # touches that the calibration of all actions counts as in that of each
-_LEAST_SPREAD = 1e-3  # of a feature's spread, so that a feature that is constant within labels does not dominate
+_LEAST_SPREAD = 1e-3  # share of a feature's spread, so that a feature that is constant within labels does not dominate
 _LEAST_VARIANCE = 1e-9  # so that constant features have one
 
 
@@ -48,14 +48,12 @@ _LEAST_VARIANCE = 1e-9  # so that constant features have one
 class LinearDiscriminants:
     """A classifier with scikit-learn's interface: discriminants with a shrunk pooled covariance.
 
-    With normal distributions they equal scikit-learn's ``LinearDiscriminantAnalysis(solver="lsqr", shrinkage=s)`` for
-    labels with equally many touches, but shrink one pooled covariance instead of one for each label, which is much
-    faster with a hundred labels.
-
-    ``shrinkage`` is the weight of the diagonal part, the mean variance, in the covariance. With ``is_heavy``, labels
-    have heavy tails, as Student's t distributions: touches far from all labels then tell little. ``basis (F, D)`` is of
-    the span of the touches, where there are fewer than features; otherwise None, and D = F. ``factor (D, D)`` is the
-    lower triangle of the covariance, ``means (K, D)`` are whitened, and ``least`` is the variance outside the span.
+    With normal distributions and labels with equally many touches they equal scikit-learn's
+    ``LinearDiscriminantAnalysis(solver="lsqr", shrinkage=s)``, but one covariance is shrunk instead of one for each
+    label, which is much faster with a hundred labels. ``shrinkage`` is the weight of the diagonal part, the mean
+    variance. With ``is_heavy``, labels have tails as Student's t: touches far from all labels then tell little.
+    ``basis (F, D)`` spans the touches where they are fewer than features; otherwise None, and D = F. ``factor (D, D)``
+    is the lower triangle of the covariance, ``means (K, D)`` are whitened, ``least`` is the variance outside the span.
 
     >>> rows = np.array([[0.0, 0.1], [0.1, 0.0], [1.0, 1.1], [1.1, 1.0]])
     >>> LinearDiscriminants(0.5).fit(rows, np.array([0, 0, 3, 3])).decision_function(rows).argmax(axis=1).tolist()
@@ -83,7 +81,7 @@ class LinearDiscriminants:
         np.add.at(means, number, inside)
         means /= counts[:, None]
         rest = inside - means[number]
-        variance = float((rest**2).sum()) / rest.shape[0] / features.shape[1] or 1.0  # as of one touch of each label
+        variance = float((rest**2).sum()) / rest.shape[0] / features.shape[1] or 1.0  # for one touch of each label
         covariance = (1.0 - self.shrinkage) * (rest.T @ rest) / len(rest)
         self.least = self.shrinkage * variance + _LEAST_VARIANCE
         covariance[np.diag_indices_from(covariance)] += self.least
@@ -122,14 +120,14 @@ KINDS: Mapping[str, LinearDiscriminants] = MappingProxyType(
 
 @dataclass(eq=False)
 class GivenLogits:
-    """Features that are logits already: column ``columns[k]`` is that of label k. Nothing is learned."""
+    """A classifier of features that are logits; column ``columns[k]`` is that of label k. Nothing is learned."""
 
     columns: NDArray[np.int64]
     classes_: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
 
     @classmethod
     def of(cls, touches: RecordedTouches) -> GivenLogits:
-        """Those of a set, whose features are named as its labels; raises BadRecording where a label has none."""
+        """The classifier of a set with features named as its labels; raises BadRecording where a label has none."""
         names, labels = touches.feature_names, touches.label_names
         if lacking := [label for label in labels if label not in names]:
             raise BadRecording(
@@ -139,7 +137,7 @@ class GivenLogits:
         return cls(np.array([names.index(label) for label in labels]))
 
     def fit(self, features: Floats, labels: NDArray[np.int64]) -> GivenLogits:
-        """All labels are known, whatever was touched."""
+        """Return itself: all labels are known, whatever was touched."""
         self.classes_ = np.arange(len(self.columns))
         return self
 
@@ -150,14 +148,14 @@ class GivenLogits:
 
 @dataclass(eq=False)
 class OwnClassifier:
-    """A user's classifier with ``fit`` and ``predict_log_proba`` or ``predict_proba``, as scikit-learn's have them."""
+    """A user's classifier with ``fit`` and ``predict_log_proba`` or ``predict_proba``, as in scikit-learn."""
 
     own: Any
     classes_: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     floor: float = 1e-12
 
     def fit(self, features: Floats, labels: NDArray[np.int64]) -> OwnClassifier:
-        """Learn; a probability below half a touch of all counts as that, because zeros have no logarithm."""
+        """Learn; the least probability is half a touch of all, because zeros have no logarithm."""
         self._call("fit", features, labels)
         self.classes_, self.floor = np.unique(labels), 0.5 / (1.0 + len(labels))
         return self
@@ -186,8 +184,7 @@ Classifier: TypeAlias = LinearDiscriminants | GivenLogits | OwnClassifier
 class Fitted:
     """A classifier fitted to scaled features ``(n, F)``, with their centre and scale ``(F,)``, and K.
 
-    ``usual`` measures how far a touch is from those that were learned from; it is the classifier itself where that is
-    a discriminant.
+    ``usual``, the classifier itself if it is a discriminant, measures the distance of touches from the training's.
     """
 
     centre: Floats
@@ -230,10 +227,10 @@ class Fitted:
 class RecordedReader:
     """A classifier and a calibration for each action.
 
-    ``log_prior (K,)`` is the log share of each label that the calibration has learned, equal for a temperature, and
-    ``chosen`` names each action's kind of classifier. ``usual (P, 2)`` are median and width of the novelty of touches
-    with each action, and ``blank (2, F)`` is the row of no contact, and weights so that rows at a distance of up to one
-    are taken for it. Both are empty in files of older versions.
+    ``log_prior (K,)`` is the log share of each label in the calibration, equal for a temperature; ``chosen`` names each
+    action's classifier. ``usual (P, 2)`` are median and width of the novelty of touches with each action. The array
+    ``blank``, ``(2, F)``, is the row of no contact, and weights so that rows at a distance of up to one are taken for
+    it. Both are empty in files of older versions.
     """
 
     classifiers: tuple[Fitted, ...]
@@ -265,7 +262,7 @@ class RecordedReader:
     def ratios(self, features: Floats, actions: Integers) -> Floats:
         """Log likelihood ratios log q(label | touch) - log π, ``(n, K)``, of features ``(n, F)`` by action ``(n,)``.
 
-        They are 0 for a label that was never touched with the action, for and against which the touch tells nothing.
+        They are 0 for a label that was never touched with the action.
         """
         if not len(features):
             return np.empty((0, len(self.label_names)))
@@ -275,7 +272,7 @@ class RecordedReader:
         )
 
     def novelties(self, features: Floats, actions: Integers) -> Floats:
-        """How far touches are from all labels, compared with others with their action, ``(n,)``."""
+        """Distance of touches from all labels, relative to other touches with their action, ``(n,)``."""
         found = _by_action(self.classifiers, features, actions, Fitted.novelty)
         return np.asarray((found - self.usual[actions, 0]) / self.usual[actions, 1])
 
@@ -287,10 +284,10 @@ class RecordedReader:
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """A reader fitted to the training and calibration touches, and what it makes of touches that it did not learn from.
+    """A reader fitted to the training and calibration touches, and its results for touches that it did not learn from.
 
-    That is the log likelihood ratios of the rows of calibration, ``(c, K)``, from which neither the classifiers nor the
-    calibration of each learned, their novelties ``(c,)``, and the ratios of the test touches, ``(t, K)``.
+    These are the log likelihood ratios of the rows of calibration, ``(c, K)``, from which neither the classifiers nor
+    the calibration of each learned, their novelties ``(c,)``, and the ratios of the test touches, ``(t, K)``.
     """
 
     reader: RecordedReader
@@ -300,7 +297,7 @@ class Reading:
     test_ratios: Floats
 
     def model(self, touches: RecordedTouches, repeats: int | None = None) -> ActionKernelModel:
-        """The observation model that is fitted to the calibration touches; ``repeats`` as of it."""
+        """The observation model fitted to the calibration touches; ``repeats`` as in :class:`ActionKernelModel`."""
         rows = self.calibration_rows
         return ActionKernelModel.fit(
             touches.labelled(rows, self.calibration_ratios, self.novelties).batch.sequence(0),
@@ -315,12 +312,11 @@ class Reading:
 
 
 def read(touches: RecordedTouches, split: Split, kinds: Mapping[str, Classifier] | None = None) -> Reading:
-    """Fit a reader to a split, and read the calibration and test touches.
+    """Fit a reader to a split, and read the calibration and test touches; classifiers are from ``kinds``, or KINDS.
 
-    The calibration touches are read by classifiers that learned from the training touches. The classifiers of the
-    result learn from both. So the calibration knows touches that were recorded after those that were learned from, as
-    test touches are: in order of recording, the gap between learning and reading is one share of the sessions in both.
-    Classifiers are chosen from ``kinds``, KINDS by default.
+    The calibration touches are read by classifiers of the training touches; those of the result learn from both. So
+    calibration, as the test, is on touches that were recorded after those that were learned from: in order of
+    recording, the gap between learning and reading is one share of the sessions in both.
     """
     kinds, features, num_labels = kinds or KINDS, touches.features, len(touches.label_names)
     num_actions = touches.num_actions
@@ -383,7 +379,7 @@ def kinds_of(touches: RecordedTouches, classifier: Any, is_logits: bool) -> Mapp
 def learn(
     touches: RecordedTouches, features: Floats, rows: Integers, kinds: Sequence[Classifier]
 ) -> tuple[Fitted, ...]:
-    """A classifier of each action, that learns from some rows of features; of all actions where there are none."""
+    """A classifier for each action from some rows of features; from all actions where it has none."""
     parts = [rows[touches.actions[rows] == action] for action in range(touches.num_actions)]
     return tuple(
         Fitted.of(kind, features[part], touches.labels[part], len(touches.label_names))
@@ -392,7 +388,7 @@ def learn(
 
 
 def _usual(novelties: Floats, actions: Integers, num_actions: int) -> Floats:
-    """Median and width of the novelties with each action, ``(P, 2)``; of all where an action has few."""
+    """Median and width of the novelties with each action, ``(P, 2)``; of all touches where an action has few."""
     found = []
     for action in range(num_actions):
         some = novelties[actions == action] if (actions == action).sum() > 4 else novelties
@@ -404,8 +400,8 @@ def _usual(novelties: Floats, actions: Integers, num_actions: int) -> Floats:
 def _blank(touches: RecordedTouches) -> Floats:
     """The row of no contact and the weights of its features, ``(2, F)``.
 
-    It is the mean of what was measured where nothing was touched, or zeros. Rows as near to it as 98 of 100 of these
-    are taken for it, but no nearer than half of the way to the nearest hundredth of the touches.
+    The row is the mean of the ``untouched`` rows, or zeros. Rows within the distance of 98 of 100 of these are taken
+    for it, but none beyond half the distance of the nearest hundredth of the touches.
     """
     known = touches.controls.get("untouched", np.zeros((1, 0)))
     known = known if known.shape[1] == touches.features.shape[1] else np.zeros((1, touches.features.shape[1]))
@@ -442,7 +438,7 @@ def _calibrated(kind: Calibration, touches: RecordedTouches, rows: Integers, log
 def _by_action(
     classifiers: Sequence[Fitted], features: Floats, actions: Integers, what: Callable[[Fitted, Floats], Floats]
 ) -> Floats:
-    """What the classifier of each action makes of its touches: ``Fitted.logits`` or ``Fitted.novelty``."""
+    """Results of the classifier of each action for its touches: ``Fitted.logits`` or ``Fitted.novelty``."""
     found = np.zeros((len(features), *what(classifiers[0], features[:1]).shape[1:]))
     for action in np.unique(actions).tolist():
         here = actions == action
@@ -464,7 +460,7 @@ def _known(classifiers: Sequence[Fitted]) -> NDArray[np.bool_]:
 
 
 def _without_unknown(ratios: Floats, actions: Integers, known: NDArray[np.bool_]) -> Floats:
-    """Ratios ``(n, K)`` of which those of labels that an action has not learned are 0."""
+    """Ratios ``(n, K)``, set to 0 for labels that an action has not learned."""
     return np.where(known[actions], ratios, 0.0)
 
 
@@ -476,7 +472,7 @@ def _held_out(
     folds: Integers,
     what: Callable[[Fitted, Floats], Floats],
 ) -> Floats:
-    """What classifiers that learned from the other folds make of touches."""
+    """Results for touches of classifiers that learned from the other folds."""
     found = np.zeros((len(features), num_labels) if what is Fitted.logits else len(features))
     for fold in np.unique(folds).tolist():
         held = folds == fold

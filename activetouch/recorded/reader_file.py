@@ -33,14 +33,14 @@ def write_recorded_reader(path: Path, reader: RecordedReader) -> None:
 
 
 def digest_of(reader: RecordedReader) -> str:
-    """SHA-256 of all that a reader reads with."""
+    """SHA-256 of all that determines the results of a reader."""
     arrays, header = _arrays_and_header(reader)
     text = json.dumps(header, sort_keys=True)
     return hashlib.sha256(f"{array_digest(arrays)} {text}".encode()).hexdigest()
 
 
 def _arrays_and_header(reader: RecordedReader) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-    """What a file holds of a reader."""
+    """The arrays and the header of a reader's file."""
     arrays: dict[str, NDArray[Any]] = {"log_prior": reader.log_prior}
     arrays |= {"usual": reader.usual, "blank": reader.blank}
     for action, fitted in enumerate(reader.classifiers):
@@ -62,7 +62,7 @@ def _arrays_and_header(reader: RecordedReader) -> tuple[dict[str, NDArray[Any]],
 
 
 def read_recorded_reader(path: Path) -> RecordedReader:
-    """The reader of :func:`write_recorded_reader`, which reads to the last bit what the written one does."""
+    """The reader from :func:`write_recorded_reader`, with the same results to the last bit."""
     arrays, header = read_tensors(path, RECORDED_READER)
     try:
         labels, actions = (checked_names(name, header[name]) for name in ("label_names", "action_names"))
@@ -92,7 +92,7 @@ def read_recorded_reader(path: Path) -> RecordedReader:
 
 
 def _classifier(prefix: str, arrays: Mapping[str, NDArray[Any]]) -> Any:
-    """A classifier from its arrays, of which those without dimensions are numbers; None where there are none."""
+    """A classifier from its arrays, where arrays without dimensions are numbers; None where there are none."""
     own = {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
     values: dict[str, Any] = {name: array if array.ndim else array.item() for name, array in own.items()}
     return (GivenLogits if "columns" in values else LinearDiscriminants)(**values) if values else None

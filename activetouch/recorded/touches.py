@@ -16,12 +16,12 @@ from belief.problem import Touch
 from belief.validation import Floats
 
 TASKS = "objects", "categories", "shapes"
-"""What the labels of touches are: their objects, or kinds of objects."""
+"""Tasks: labels of touches are their objects, or kinds of objects."""
 LARGEST = 1e100
-"""Size of a feature, so that squares and their sums are finite."""
+"""Largest size of a feature, so that squares and their sums are finite."""
 
-_SHARED = 0.9  # of the sessions have all actions, if actions are recorded in sessions
-_SESSIONS = 4  # of three none is left to calibrate on
+_SHARED = 0.9  # share of the sessions with all actions, if actions are recorded in sessions
+_SESSIONS = 4  # least number of sessions: three leave none to calibrate on
 _LEARNED, _CALIBRATED = 0.6, 0.8  # ends of the shares of an object's sessions
 _INNER = 4  # folds
 
@@ -166,12 +166,12 @@ class RecordedTouches(FrozenArrays):
 
     @property
     def num_touches(self) -> int:
-        """N."""
+        """Number of touches, n."""
         return len(self.features)
 
     @property
     def num_actions(self) -> int:
-        """P."""
+        """Number of actions, P."""
         return len(self.action_names)
 
     def sessions_of(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -194,10 +194,9 @@ class RecordedTouches(FrozenArrays):
 class Split(FrozenArrays):
     """Indices of touches to learn from, to calibrate on and to test on, and folds of the first two.
 
-    ``calibration`` is empty where calibration is by cross-validation within ``train``. ``inner`` is the fold of each
-    row of ``train``; without folds, classifiers are chosen by the touches that are calibrated on, and do not learn from
-    these. ``folds`` are of the rows that are calibrated on: correlations are fitted to ratios whose calibration is of
-    the other folds.
+    ``calibration`` is empty if calibration is by cross-validation within ``train``. ``inner`` is the fold of each row
+    of ``train``; without folds, classifiers are chosen by the calibration touches, and do not learn from these.
+    ``folds`` are of the calibration rows: correlations are fitted to ratios calibrated on the other folds.
     """
 
     train: NDArray[np.int64]
@@ -208,7 +207,7 @@ class Split(FrozenArrays):
 
 
 def splits_of(touches: RecordedTouches, num_folds: int) -> list[Split]:
-    """Objects in order of recording; of categories and shapes whole objects held out, each in one of the splits.
+    """Splits by order of recording for objects; for categories and shapes, each object is held out in one split.
 
     Where an object has fewer than four sessions of an action, calibration is across objects: each half of the objects
     is tested once, and the other half calibrated on.
@@ -223,7 +222,7 @@ def splits_of(touches: RecordedTouches, num_folds: int) -> list[Split]:
 
 
 def for_use(touches: RecordedTouches) -> Split:
-    """All touches to learn from and calibrate on, in the same way as for a test, and none to test on."""
+    """A split of all touches to learn from and calibrate on, in the same way as for a test, without test touches."""
     nothing = np.zeros(touches.num_touches, np.bool_)
     return by_session(touches, nothing) if touches.task == TASKS[0] else _held_out(touches, nothing)
 
@@ -242,8 +241,8 @@ def by_session(touches: RecordedTouches, tested: NDArray[np.bool_] | None = None
     """Each object's first sessions to learn from, later ones to calibrate on, the last ones to test on (3 : 1 : 1).
 
     Where an object has fewer than four sessions of an action, the last ones are calibrated on or tested on, so that
-    both are read after as much was learned. ``tested (n,)`` are the touches of objects that are tested, all by default;
-    with none, all sessions are learned from and calibrated on (3 : 1).
+    both are read after as much was learned. ``tested (n,)`` are the touches of tested objects, all by default; if none
+    are tested, the shares are 3 : 1.
     """
     place = np.empty(touches.num_touches)
     rank = np.empty(touches.num_touches, np.int64)

@@ -1,4 +1,4 @@
-"""Sensors: what reads touches, the observation model of what it reads, and the searches that they carry out.
+"""Sensors: readers of touches, the observation models of the readings, and the searches that sensors carry out.
 
 :class:`Sensor` says what every sensor does. :class:`TactileSensor` presses and reads in a scene,
 :class:`RecordedSensor` learned from recorded touches.

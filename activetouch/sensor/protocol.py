@@ -1,4 +1,4 @@
-"""What every sensor does."""
+"""The protocol of all sensors."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ class Sensor(Protocol):
 
     @property
     def shape_labels(self) -> tuple[str, ...]:
-        """What it can tell apart, K labels."""
+        """The K labels of the shapes that it tells apart."""
 
     @property
     def pose_labels(self) -> tuple[str, ...]:
-        """How it can touch, P labels."""
+        """The P labels of the poses in which it can touch."""
 
     @property
     def model(self) -> ArrayModel:
-        """Turns what it reads into evidence."""
+        """The observation model, which turns readings into evidence."""
 
     def read(self, images: NDArray[Any], poses: Sequence[Name]) -> list[Touch]:
-        """Touches from N images, or rows of features, and the N poses that they were felt in."""
+        """Touches from N images, or rows of features, and the N poses in which they were made."""
 
     @property
     def image_reader(self) -> ImageReader:
-        """What reads the images, or rows of features, that a session is told."""
+        """The reader of the images, or rows of features, that a session receives."""
 
     def problem(
         self,
@@ -78,7 +78,7 @@ class Sensor(Protocol):
 
         Raises:
             UnknownName: no shape or no decider has this name.
-            InvalidArgument: a number is out of its range, or a seed is none.
+            InvalidArgument: a number is out of its range, or the seed is not valid.
         """
 
     def session(
@@ -94,7 +94,7 @@ class Sensor(Protocol):
         certificate: str | Path | Certificate | None = None,
         **settings: Unpack[SessionSettings],
     ) -> Session:
-        """A search whose touches somebody else makes, such as a robot; it reads the images that it is told.
+        """A search whose touches a robot or another program makes; it reads the images that it receives.
 
         Args:
             target: label or index of the shape.
@@ -103,8 +103,8 @@ class Sensor(Protocol):
             num_objects: as of :meth:`search`.
             composition: as of :meth:`search`.
             touch_cost: as of :meth:`search`.
-            log: file for all that is told, each on disk before the next question; if it exists, its search goes
-                on, with its own settings alone.
+            log: file for all that the session receives, on disk before the next question; if it exists, its search
+                continues, with its own settings alone.
             certificate: of :func:`activetouch.certify`, or its file: it says where an object is confirmed.
             settings: of :class:`planners.Session`. Where it may abstain and there is no certificate, an image that
                 could be one of no contact is a miss, unless ``least_area`` is given.

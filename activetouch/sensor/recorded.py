@@ -136,12 +136,12 @@ class RecordedSensor:
 
     @property
     def pose_labels(self) -> tuple[str, ...]:
-        """Its actions."""
+        """The labels of its actions."""
         return self.recorded_reader.action_names
 
     @property
     def shape_labels(self) -> tuple[str, ...]:
-        """What it can tell apart."""
+        """The labels that it tells apart."""
         return tuple(self.model.shape_labels)
 
     def problem(
@@ -186,7 +186,7 @@ class RecordedSensor:
         certificate: str | Path | Certificate | None = None,
         **settings: Unpack[SessionSettings],
     ) -> Session:
-        """A search whose touches a robot makes; it reads the rows of features that it is told.
+        """A search whose touches a robot makes; it reads the rows of features that it receives.
 
         A certificate is of a sensor with a scene, so that it is refused. See :meth:`Sensor.session`.
         """
@@ -199,7 +199,7 @@ class RecordedSensor:
 
     @property
     def image_reader(self) -> RecordedRowReader:
-        """What reads the rows that a session is told."""
+        """The reader of the rows that a session receives."""
         return RecordedRowReader(self.recorded_reader, self.read)
 
     def __repr__(self) -> str:

@@ -26,10 +26,7 @@ def problem_of(
     composition: Composition | Counts | str | None,
     touch_cost: float,
 ) -> SearchProblem:
-    """The usual search of a sensor, with some rules of another kind.
-
-    Where the exact sum over the usual, different objects is too large, they are independent, with a warning.
-    """
+    """The usual search with changed rules; objects are independent, with a warning, if the exact sum is too large."""
     if num_objects is None:
         most = composition.total if isinstance(composition, Counts) else usual.num_objects
         num_objects = min(usual.num_objects, most)
@@ -59,14 +56,14 @@ def player_of(
 
 
 def begun(session: Session, decider: Decider, log: str | Path | None, reader: ImageReader) -> Session:
-    """The session, or the one that goes on in its log."""
+    """The session, or the one that its log continues."""
     if log is None:
         return session
     if not Path(log).exists():
         session.save(log)
         return session
     found = Session.load(log, model=session.model, decider=decider, reader=reader)
-    checked = dict.fromkeys(("arrangement", "decider", "stop_rule"))  # by load, or of no matter
+    checked = dict.fromkeys(("arrangement", "decider", "stop_rule"))  # checked by load, or irrelevant
     if other := differences({**found.set_up, **checked}, {**session.set_up, **checked}):
         found.close()
         raise InvalidArgument(f"{log} is the log of another search: {'; '.join(other)}")
@@ -74,7 +71,7 @@ def begun(session: Session, decider: Decider, log: str | Path | None, reader: Im
 
 
 def with_misses(settings: SessionSettings) -> SessionSettings:
-    """Settings of a session in which an image that could be one of no contact is none, where it may abstain."""
+    """Settings of a session in which, if it may abstain, an image that could be one of no contact is a miss."""
     is_abstaining = settings.get("abstain")
     is_abstaining = settings.get("arrangement") is None if is_abstaining is None else is_abstaining
     if is_abstaining and settings.get("least_area") is None:

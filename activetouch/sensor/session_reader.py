@@ -1,4 +1,4 @@
-"""What a sensor reads for a session: images that somebody else recorded, and where touches were made."""
+"""Readers for sessions: of images that others recorded, and of the places of touches."""
 
 from __future__ import annotations
 
@@ -31,14 +31,7 @@ _KEYS = {"quaternion", "aim"}
 
 @dataclass(frozen=True, eq=False)
 class SensorReader:
-    """Reads images for sessions of a sensor of a scene (:class:`planners.session_log.ImageReader`).
-
-    Attributes:
-        scene: of the sensor.
-        reader: of the sensor.
-        model: of the sensor.
-        touches: what the sensor reads in images and poses.
-    """
+    """Reads images for sessions of a sensor of a scene (:class:`planners.session_log.ImageReader`)."""
 
     scene: Scene
     reader: TactileReader
@@ -52,19 +45,14 @@ class SensorReader:
         return hashlib.sha256(f"{reader.digest} {reader.card.fields()}".encode()).hexdigest()
 
     def read(self, image: ArrayLike, pose: int) -> tuple[NDArray[np.uint8], Touch, float]:
-        """The checked image, the touch that it shows, and the area of the contact [m²].
-
-        Args:
-            image: whole numbers from 0 to 255, of the shape of the scene's images.
-        """
+        """The image as bytes, the touch that it shows, and the area of the contact [m²]; see :func:`checked_image`."""
         checked = checked_image(image, self.scene.image_shape)
         return checked, self.touches(checked[None], [pose])[0], self.area(checked)
 
     def area(self, image: NDArray[np.uint8]) -> float:
-        """Area of the taxels that read more than they do without contact [m²].
+        """Area of the taxels that read more than without contact [m²]; 0 for an image like 98 of 100 of no contact.
 
-        It is 0 where the image could be one of no contact: 98 of 100 of these are. A weak contact that only the sum of
-        all taxels tells counts as one taxel.
+        A weak contact that only the sum of all taxels shows counts as one taxel.
         """
         nothing, limit, limit_of_sum = self._blank
         if (hand := self.scene.hand) is not None:
@@ -78,9 +66,8 @@ class SensorReader:
     def at(self, place: Mapping[str, Any]) -> tuple[int, Elsewhere | None]:
         """The pose of a place; if it is none of the poses, the nearest one, and the hypotheses embedded there.
 
-        Args:
-            place: ``quaternion`` (w, x, y, z), by which the object was turned, and ``aim``, where its centre was, from
-                the approach axis along y and z [m]; or ``place``, the six numbers together.
+        ``place`` has a ``quaternion`` (w, x, y, z), the turn of the object, and an ``aim``, the position of its centre
+        from the approach axis along y and z [m]; or ``place``, the six numbers together.
         """
         quaternion, aim = _numbers_of(place)
         scene = self.scene
@@ -104,7 +91,7 @@ class SensorReader:
 
     @cached_property
     def _blank(self) -> tuple[NDArray[np.float64], float, float]:
-        """The mean image of no contact; how much a taxel, and all together, differ from it in 2 of 100 such images."""
+        """The mean image of no contact, and how much a taxel, and the sum, differ from it in 2 of 100 such images."""
         scene, rng = self.scene, np.random.default_rng(0)
         ideal, number = scene.image(missed(scene.pad)), 1 if scene.hand is None else len(scene.hand)
         readings = [read_out(ideal, scene.faults, rng) for _ in range(_BLANKS * number)]
@@ -130,10 +117,7 @@ class RecordedRowReader:
         return digest_of(self.reader)
 
     def read(self, image: ArrayLike, pose: int) -> tuple[NDArray[np.float64], Touch, float | None]:
-        """The row of features ``(F,)`` as numbers, and the touch that it shows; see :meth:`RecordedSensor.read`.
-
-        The area of the contact is 0 for a row that could be one of no contact, and otherwise not known.
-        """
+        """The row ``(F,)`` as numbers, the touch that it shows, and 0 if it could be one of no contact, else None."""
         row, size = np.asarray(image, np.float64), self.reader.num_features
         if row.shape != (size,):
             raise InvalidArgument(f"image must be a row of {size} features of the recordings, got {row.shape}")
@@ -141,17 +125,14 @@ class RecordedRowReader:
         return row, touch, 0.0 if self.reader.is_blank(row) else None
 
     def at(self, place: Mapping[str, Any]) -> tuple[int, None]:
-        """Refused: actions of recordings are no places."""
+        """Raise InvalidArgument: actions of recordings are no places."""
         raise InvalidArgument(
             f"this sensor knows the actions {self.reader.action_names} and no places, got {place!r:.80}"
         )
 
 
 def checked_image(image: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.uint8]:
-    """An image as bytes.
-
-    Args:
-        image: whole numbers from 0 to 255.
+    """An image of whole numbers from 0 to 255 as bytes.
 
     >>> checked_image([[0, 255]], (1, 2)).dtype
     dtype('uint8')
@@ -169,7 +150,7 @@ def checked_image(image: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.uint8]
 
 
 def _numbers_of(place: Mapping[str, Any]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Unit quaternion and aim."""
+    """Unit quaternion and aim of a place."""
     if set(place) not in ({"place"}, {"quaternion"}, _KEYS):
         raise InvalidArgument(f"a place has a quaternion, and an aim where it is not 0; got {sorted(map(str, place))}")
     parts = [place[name] for name in ("place", "quaternion", "aim") if name in place]

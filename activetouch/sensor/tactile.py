@@ -56,7 +56,7 @@ class TactileSensor:
     Attributes:
         scene: where presses come from.
         reader: reads their images.
-        model: turns what it reads into evidence.
+        model: turns these readings into evidence.
         shift: how the scene differs from the one that reader and model were made for, in words; empty where it is
             the same.
         with_logits: whether touches for a joint model have logits too. The model reads their features alone; deciders
@@ -121,7 +121,7 @@ class TactileSensor:
             NoIndependentModel: the sensor has only a joint model.
             LabelMismatch: they were made for other shapes or poses than the scene's.
             WrongScene: they were made for a scene that differs by more than a known shift, or for recorded touches.
-            InvalidArgument: ``scene`` is no scene.
+            InvalidArgument: ``scene`` is not a scene.
         """
         folder = Path(folder)
         if scene is None and (folder / RECORDED_FILE).exists():
@@ -144,7 +144,7 @@ class TactileSensor:
     def _model(reader: TactileReader, scene: Scene, fitted: FittedModel | None, unknown_state: bool) -> ArrayModel:
         """The observation model of a reader in a scene; one that is not in a file is made, and kept in the cache."""
         if fitted is None or (reader.card.imaging is not None and not is_of_objects(fitted.scene, scene)):
-            from activetouch.perception.preparation import prepared  # which sensors of known objects do not need
+            from activetouch.perception.preparation import prepared  # sensors of known objects do not need it
 
             model: ArrayModel = prepared(reader, scene)
         else:
@@ -152,7 +152,7 @@ class TactileSensor:
         if reader.hypotheses is not None:
             model = model.with_hypotheses(HypothesisTable(reader, scene))
         if unknown_state:
-            from activetouch.perception.sensor_worlds import sensor_health  # which others do not need
+            from activetouch.perception.sensor_worlds import sensor_health  # other sensors do not need it
 
             model = sensor_health(model, reader, scene)
         return model
@@ -201,12 +201,12 @@ class TactileSensor:
 
     @property
     def shape_labels(self) -> tuple[str, ...]:
-        """What it can tell apart."""
+        """The labels of the shapes that it tells apart."""
         return tuple(self.model.shape_labels)
 
     @property
     def pose_labels(self) -> tuple[str, ...]:
-        """How it can touch."""
+        """The labels of the poses in which it can touch."""
         return self.scene.pose_labels
 
     def __repr__(self) -> str:
@@ -274,7 +274,7 @@ class TactileSensor:
         certificate: str | Path | Certificate | None = None,
         **settings: Unpack[SessionSettings],
     ) -> Session:
-        """A search whose touches somebody else makes, such as a robot; it reads the images that it is told.
+        """A search whose touches a robot or another program makes; it reads the images that it receives.
 
         It asks for what :meth:`search` with the same seed would do, given the same touches, if ``abstain`` is False.
         See :meth:`Sensor.session`.
@@ -282,7 +282,7 @@ class TactileSensor:
         problem = self.problem(num_objects, composition, touch_cost)
         shape, key, player = player_of(problem, self.model, target, decider, seed)
         if certificate is None:
-            settings = with_misses(settings)  # which are not among what is certified
+            settings = with_misses(settings)  # a certificate does not cover them
         else:
             problem = problem.with_unsure()
             player = self._certified(problem, shape, decider, Certificate.opened(certificate))
@@ -291,7 +291,7 @@ class TactileSensor:
 
     @property
     def image_reader(self) -> SensorReader:
-        """What reads the images that a session is told."""
+        """The reader of the images that a session receives."""
         return SensorReader(self.scene, self.reader, self.model, self.read)
 
     def certified_world(

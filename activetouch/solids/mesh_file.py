@@ -1,4 +1,4 @@
-"""Reading of mesh files: triangles in metres, with equal corners merged, of an ordinary number.
+"""Reading of mesh files: triangles in metres, with equal corners merged.
 
 The reader of a format gives vertices ``(v, 3)`` in the file's unit, and triangles ``(f, 3)``. It raises ValueError with
 the reason and the line for what it cannot read, needs memory in proportion to the size of the file whatever its header
@@ -41,7 +41,7 @@ _CODES = {name: code for names in (_NAMES, _ALIASES) for name, code in zip(names
 _ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
 _CORNERS = ("vertex_indices", "vertex_index")
 Take: TypeAlias = Callable[[str, int], Sequence[float]]
-"""Gives a number of numbers of one code of ``struct``, the next ones of a row."""
+"""Returns so many next numbers of a row, of one code of ``struct``."""
 Rows: TypeAlias = Callable[[str], Take]
 """Goes to the next row; the text names it, in case there is none."""
 Element: TypeAlias = tuple[str, int, list[tuple[str, str, str]]]
@@ -49,11 +49,11 @@ Element: TypeAlias = tuple[str, int, list[tuple[str, str, str]]]
 
 
 class SurfaceBuilder:
-    """The vertices and polygons that a reader found so far."""
+    """The vertices and polygons that a reader has collected."""
 
     def __init__(self, lines: Lines | None = None) -> None:
         self.coordinates, self.corners, self.sizes = array("d"), array("q"), array("q")
-        self._lines, self._numbers = lines, array("q")  # of the line that each polygon is in
+        self._lines, self._numbers = lines, array("q")  # the line number of each polygon
 
     @property
     def num_vertices(self) -> int:
@@ -61,7 +61,7 @@ class SurfaceBuilder:
         return len(self.coordinates) // 3
 
     def add_vertex(self, words: Sequence[str]) -> None:
-        """Add the vertex that the first three words give; the others are weights, normals or colours."""
+        """Add the vertex of the first three words; any others are weights, normals or colours."""
         if len(words) < 3:
             raise ValueError(f"a vertex has {len(words)} numbers instead of 3")
         self.coordinates.extend([plain_number(word) for word in words[:3]])
@@ -288,7 +288,7 @@ def _fill_from_ply(surface: SurfaceBuilder, elements: Sequence[Element], rows: R
 
 _READERS = {".stl": read_stl, ".obj": read_obj, ".ply": read_ply}
 ENDINGS = tuple(_READERS)
-"""Of the files that can be read."""
+"""Endings of the files that can be read."""
 _BY_TRIMESH = {".glb": "", ".gltf": "", ".off": "", ".3mf": " networkx lxml", ".dae": " pycollada"}
 _BY_TRIMESH |= {".step": " cascadio", ".stp": " cascadio"}  # and the packages that it needs
 OTHERS = (
@@ -300,7 +300,7 @@ OTHERS = (
 
 
 def conversion(path: Path) -> str:
-    """What makes a file that can be read of a file of another format.
+    """Instructions for the conversion of a file of another format to one that can be read.
 
     >>> print(conversion(Path("mug.glb")))
     GLB is not read; pip install trimesh, then this writes mug.glb.stl: python -c "import sys, trimesh; \
@@ -344,7 +344,7 @@ def read_surface(path: Path, scale: float | None) -> tuple[Floats, Ints, tuple[s
 
 
 def _scale(path: Path, vertices: Floats, given: float | None) -> tuple[float, tuple[str, ...]]:
-    """Metres per unit: what is given, or 1, unless only millimetres make an object that a pad may press; and why."""
+    """Metres per unit, and remarks on it: as given, or 0.001 if only millimetres make a suitable object, or 1."""
     extent = np.ptp(vertices, axis=0)
     radius = float(np.linalg.norm(extent) / 2)
     if given is not None or not _MILLIMETRES[0] < radius < _MILLIMETRES[1]:
@@ -368,10 +368,7 @@ def _welded(name: str, vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
 
 
 def _distinct(rows: Floats | Ints) -> tuple[Ints, Ints]:
-    """The first of each group of equal rows, in the order of their numbers, and the group of each row, ``(n,)``.
-
-    It is that of :func:`numpy.unique` with ``axis=0``, and takes a fifth of the time.
-    """
+    """First of each group of equal rows, and group of each row, ``(n,)``; faster than :func:`numpy.unique`."""
     order = np.lexsort(rows.T[::-1])
     is_new = np.append(True, (rows[order[1:]] != rows[order[:-1]]).any(axis=1))[: len(rows)]
     group = np.empty(len(rows), np.intp)

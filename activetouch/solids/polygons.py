@@ -9,14 +9,14 @@ import numpy as np
 
 from activetouch.solids.vectors import Floats, Ints, frame_across
 
-_ROUNDING = 1e-6  # of the coordinates of a file, relative to the largest
+_ROUNDING = 1e-6  # rounding of the coordinates of a file, relative to the largest
 _PLANE = 1e-3  # distance from its plane up to which a polygon is flat, relative to its extent
-_MOST_CORNERS = 10_000  # which take half a minute
+_MOST_CORNERS = 10_000  # largest number of corners, which takes half a minute
 
 
 def not_fans(vertices: Floats, faces: Ints, begins: Ints) -> Ints:
-    """Polygons whose fans, ``(f, 3)``, have triangles that face the wrong way; ``begins``: the first of each fan."""
-    if len(begins) == len(faces):  # there are triangles alone
+    """Polygons whose fans, ``(f, 3)``, have triangles that face the wrong way; ``begins``: first triangle of each."""
+    if len(begins) == len(faces):  # all polygons are triangles
         return np.arange(0)
     first, second, third = vertices[faces.T]
     areas = np.cross(second - first, third - first)
@@ -51,7 +51,7 @@ def ears(corners: Floats) -> Ints:
         flat = flat if _area(flat, np.roll(flat, -1, axis=0)).sum() > 0.0 else flat * (1.0, -1.0)
         if (found := _cut_off(flat, rounding)) is not None:
             return found
-        if np.abs(around @ normal).max() > _PLANE * extent:  # which has no inside in its plane
+        if np.abs(around @ normal).max() > _PLANE * extent:  # it has no inside in its plane
             return np.array([(0, step + 1, step + 2) for step in range(len(corners) - 2)])
     raise ValueError("the sides of a face cross each other; divide it into triangles")
 

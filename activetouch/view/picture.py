@@ -17,10 +17,10 @@ from activetouch.pressing.rig import Rig
 
 _SKY = (237, 240, 245)
 _LIGHT = np.array([0.45, -0.55, 0.7])  # direction towards the light
-_AZIMUTH, _ELEVATION = np.deg2rad([128.0, -27.0])  # of the camera: from the front right and above
+_AZIMUTH, _ELEVATION = np.deg2rad([128.0, -27.0])  # direction of the camera: from the front right and above
 _FIELD_OF_VIEW = np.deg2rad(35.0)  # vertical
-_SEEN = np.array([1, 1, 1, 0, 0, 0], np.uint8)  # groups of geoms; in the others stands what only collides
-_MOST_FRAMES, _FRAME = 40, (320, 240)  # of an animation [pixels]
+_SEEN = np.array([1, 1, 1, 0, 0, 0], np.uint8)  # groups of geoms; the other groups hold geoms that only collide
+_MOST_FRAMES, _FRAME = 40, (320, 240)  # number and size [pixels] of the frames of an animation
 
 
 def press_picture(pad: Pad, placement: Placement, depth: float, **view: Any) -> NDArray[np.uint8]:
@@ -44,10 +44,8 @@ def write_motion(
 ) -> None:
     """Write a motion as an animated picture, at half its speed, with the last state for a second.
 
-    Args:
-        states: positions of its joints, one a time step, at least one.
-        middle: of the picture, ``(3,)`` [m].
-        distance: of the camera from it [m].
+    ``states`` are joint positions, at least one, one for each time step; ``middle (3,)`` of the picture and
+    ``distance`` of the camera from it are in [m].
     """
     from PIL import Image
 
@@ -69,14 +67,10 @@ def cast_rays(
     sky: tuple[int, int, int] = _SKY,
     oversampling: int = 2,
 ) -> NDArray[np.uint8]:
-    """What a camera sees, ``(height, width, 3)``, with Lambert shading.
+    """A picture by a camera, ``(height, width, 3)``, with Lambert shading, without geoms of the groups 3 to 5.
 
-    Args:
-        model: what is seen, but for its geoms of the groups 3 to 5.
-        middle: of the picture, ``(3,)`` [m].
-        distance: of the camera from it [m].
-        size: width and height of the picture [pixels].
-        sky: colour of the background, in [0, 255].
+    ``middle (3,)`` of the picture and ``distance`` of the camera from it are in [m]; ``size`` is width and height
+    [pixels], ``sky`` the colour of the background, in [0, 255].
     """
     width, height = size
     level = np.cos(_ELEVATION)

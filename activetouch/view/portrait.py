@@ -18,10 +18,8 @@ def portraits(
 ) -> Floats:
     """Pictures of a body, ``(n, pixels, pixels)`` in [0, 1], row 0 at the bottom; NaN beside the body.
 
-    Args:
-        orientations: how it lies, unit quaternions ``wxyz``, ``(n, 4)``.
-        reach: half of a picture's width [m].
-        sizes: size factors, ``(n,)`` or one number.
+    ``orientations (n, 4)`` are unit quaternions ``wxyz``, ``reach`` is half of a picture's width [m], and ``sizes`` are
+    factors, ``(n,)`` or one number.
     """
     window = Window(2.1 * reach, pixels)
     heights = predicted_contacts(solid, turned(_CAMERA, orientations), (0.0, 0.0), window, sizes)

@@ -27,25 +27,25 @@ from belief.validation import Floats, require_count, require_number
 
 _AT_ONCE = 256  # contacts
 _PROPOSED = (1, 2)  # levels: of the wide cells, and of their parts of which the best is proposed
-_PARTS = 8  # of a cell
+_PARTS = 8  # parts of a cell
 
 
 @dataclass(frozen=True)
 class CloseLook:
-    """How closely the bodies that are still possible are looked at: the dial of accuracy against seconds of a check.
+    """The accuracy against the seconds of a check: how closely the bodies that are still possible are examined.
 
     Attributes:
-        bodies: that are looked at, at most; 0 never looks.
-        least: posterior of a body that is looked at.
-        share: of the posterior that these bodies must have together; before that, a look is too early.
-        touches: before which it is too early, too: an object may lie in more ways than are weighed.
+        bodies: largest number of examined bodies; 0 for no examination.
+        least: posterior from which a body is examined.
+        share: posterior that these bodies must have together; before that, a look is too early.
+        touches: number of touches before the first look, as an object may lie in more ways than are weighed.
         enough: posterior of a body after a look above which there is no other look.
-        proposed: cells of a body that are weighed.
-        divided: the best cells that are divided, at each of two levels.
-        sizes: of a body, relative to its mesh, equally probable; the middle one first.
-        behind: log evidence by which a body is behind the best when it is looked at no further.
-        widths: of the orientations that a cell of each of three levels stands for, which the network of contacts is
-            told [rad].
+        proposed: number of cells of a body that are weighed.
+        divided: number of best cells that are divided, at each of two levels.
+        sizes: equally probable sizes of a body, relative to its mesh; the middle one first.
+        behind: distance in log evidence behind the best body at which the examination of a body ends.
+        widths: of the orientations that a cell of each of three levels stands for, an input of the network of contacts
+            [rad].
         scale, drift: of log likelihoods, see :class:`belief.coarse_to_fine.CoarseToFine`.
     """
 
@@ -72,15 +72,7 @@ class CloseLook:
 
 @dataclass(frozen=True, eq=False)
 class CloseContacts:
-    """Weighs few bodies by exactly predicted contacts.
-
-    Attributes:
-        reader: embeds contacts.
-        code: of the state of the sensor, ``(1, STATE_SIZE)``.
-        solids: the bodies.
-        bodies: their views.
-        look: how closely.
-    """
+    """Weighs a few bodies by exactly predicted contacts; ``code (1, STATE_SIZE)`` is the state of the sensor."""
 
     reader: ContactHypotheses
     code: Floats32
@@ -94,7 +86,7 @@ class CloseContacts:
         return cls(reader, sensor_state(reader.imaging, scene).code(), tuple(scene.solids.values()), bodies, look)
 
     def checked(self, belief: CoarseToFine) -> CoarseToFine:
-        """The belief with the evidence of the bodies that are still possible made again; the others keep theirs."""
+        """The belief with recomputed evidence of the bodies that are still possible; the others keep theirs."""
         look, probs = self.look, belief.probs
         few = np.argsort(-probs)[: look.bodies]
         few = few[probs[few] >= look.least]
@@ -104,11 +96,7 @@ class CloseContacts:
         return belief.corrected(few, self.log_evidence(few, belief.touches))
 
     def log_evidence(self, few: Ints, touches: Sequence[Felt]) -> Floats:
-        """Of some bodies, ``(n,)``, each in its likeliest cells.
-
-        Args:
-            few: indices of the bodies, ``(n,)``.
-        """
+        """Log evidence of the bodies with indices ``few (n,)``, each in its most probable cells, ``(n,)``."""
         look = self.look
         share = look.scale / (1.0 + look.drift * (len(touches) - 1))
         shares = [np.log(nested((level,)).shares[0]) for level in range(2, 5)]
@@ -140,14 +128,14 @@ class CloseContacts:
         return found
 
     def _proposed(self, body: int, touches: Sequence[Felt]) -> Ints:
-        """The likeliest cells by the views of a body: the best one of each wide cell."""
+        """The most probable cells by the views of a body: the best one of each wide cell."""
         total = sum(self.bodies.view_scores(body, touch)[self.bodies.shown(2, touch.pose)] for touch in touches)
         wide = np.reshape(total, (-1, _PARTS))
         best = np.argsort(-wide.max(axis=1))[: self.look.proposed]
         return best * _PARTS + wide[best].argmax(axis=1)
 
     def _scores(self, body: int, step: int, cells: Ints, sizes: Floats, touches: Sequence[Felt]) -> Floats:
-        """Log likelihoods of all touches together in some cells, ``(n,)``; what a touch was weighed for is kept."""
+        """Log likelihoods of all touches together in some cells, ``(n,)``; each touch keeps its own."""
         keys = [(body, step, *key) for key in zip(cells.tolist(), sizes.tolist(), strict=True)]
         wanted = [(touch, place) for touch in touches for place, key in enumerate(keys) if key not in touch.exact]
         rests, width = centres(2 + step), self.look.widths[step]

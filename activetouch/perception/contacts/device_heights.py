@@ -16,10 +16,10 @@ from torch import Tensor
 
 from activetouch.solids.raster import Surface
 
-_SLACK = 1e-4  # by which triangles are widened [pixels]
+_SLACK = 1e-4  # distance by which triangles are widened [pixels]
 _FLAT = 1e-6  # twice the area below which a triangle is seen from its side [pixels²]
-_BLOCK = 512  # pixels of a program
-_NUMBERS = 16  # of a triangle, see _planes
+_BLOCK = 512  # pixels per program
+_NUMBERS = 16  # numbers per triangle, see _planes
 
 
 class DeviceBodies:
@@ -33,17 +33,10 @@ class DeviceBodies:
         self._device = device
 
     def heights(self, bodies: np.ndarray, turns: np.ndarray, places: np.ndarray, pixel: float, edge: int) -> Tensor:
-        """See :func:`activetouch.solids.raster.heights`, for one body a map.
+        """Height maps as by :func:`activetouch.solids.raster.heights`, one body for each, ``(B, edge, edge)`` [m].
 
-        Args:
-            bodies: of each map, ``(B,)``.
-            turns: rotation matrices times size factors, ``(B, 3, 3)``.
-            places: of the bodies' origins along y and z [m], ``(B, 2)``.
-            pixel: its edge [m].
-            edge: number of pixels along an edge of a map.
-
-        Returns:
-            ``(B, edge, edge)`` [m] in single precision, ``-inf`` where there is no surface.
+        ``bodies (B,)`` are indices, ``turns (B, 3, 3)`` rotation matrices times size factors, ``places (B, 2)`` the
+        origins along y and z [m], and ``pixel`` is the edge of a pixel [m]. The maps are ``-inf`` beside a body.
         """
         counts = self._counts[bodies]
         ends = np.append(0, counts.cumsum())
@@ -59,13 +52,10 @@ class DeviceBodies:
 
 
 def _planes(points: Tensor) -> Tensor:
-    """What a pixel asks a triangle.
+    """Planes and bounds of triangles, ``(F, 16)``, from row, column and height of their corners, ``(F, 3, 3)``.
 
-    Args:
-        points: row, column and height of the corners, ``(F, 3, 3)``.
-
-    Returns:
-        ``(F, 16)``: three distances from the edges, positive inside, and the height, each as the slopes and the
+    They are three distances from the edges, positive inside, and the height, each as the slopes and the constant of a
+    plane over row and column; then least and greatest height, least and greatest row.
     """
     row, column, height = points.unbind(2)
     ahead, behind = (1, 2, 0), (2, 0, 1)
@@ -96,7 +86,7 @@ def greatest(planes: Tensor, starts: Tensor, edge: int) -> Tensor:
 
 @cache
 def _kernel() -> Any:
-    """In Triton, which CUDA builds of torch bring along; one program is a block of pixels of a map."""
+    """The kernel in Triton, which comes with torch for CUDA; one program computes a block of pixels of a map."""
     import triton
     import triton.language as tl
 

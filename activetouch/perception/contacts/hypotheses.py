@@ -27,28 +27,28 @@ from activetouch.solids.solid import Shape
 from belief.files import array_digest
 
 CONTACTS = ("contacts", "cells", "code")
-"""What the graph of contacts calls its inputs."""
+"""Names of the inputs of the graph of contacts."""
 EMBEDDING = "embedding"
-"""What it calls its output."""
+"""Name of its output."""
 _NETWORK = "contacts"
 _AT_ONCE = 256  # contacts
 _MOST_SCORES = 1 << 22  # of images and hypotheses at once, 32 MB
 _DECIMALS = 7
 FEWEST, MOST = 1024, 4096
-"""Hypotheses of each shape, at least and at most, in a model of new objects."""
+"""Least and largest number of hypotheses of each shape in a model of new objects."""
 CONTACTS_IN_ALL = 300_000
-"""Predicted contacts of all shapes in all poses, as many as fit: two to three minutes of one core."""
+"""Largest number of predicted contacts of all shapes in all poses: two to three minutes of one core."""
 
 
 class Hypotheses(Protocol):
-    """Embeds hypotheses about an object: its shape, how it lies, and its size.
+    """Embeds hypotheses about an object: its shape, its orientation, and its size.
 
     The product of the embeddings of an image and of a hypothesis is log p(image | hypothesis) / p(image), up to a
     constant of the image.
     """
 
     def bound_to(self, scene: Scene) -> Hypotheses:
-        """The same for the objects of a scene, where they are of any objects."""
+        """The embedder for the objects of a scene; one of fixed objects returns itself."""
 
     def embedded(self, scene: Scene, bodies: Bodies, pose: int) -> Floats32:
         """Embeddings of N hypotheses of each of the K shapes of a scene, in one of its poses, ``(K, N, D)``."""
@@ -62,13 +62,7 @@ class Hypotheses(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class ContactHypotheses:
-    """Embeds hypotheses of the objects of a scene, whatever their shapes.
-
-    Attributes:
-        imaging: what the images that the reader was trained on are made of.
-        network: ONNX graph of the network of contacts.
-        scene: whose objects the shape logits are about; None until :meth:`bound_to`.
-    """
+    """Embeds hypotheses of any objects by an ONNX graph; ``scene`` has the objects, None until :meth:`bound_to`."""
 
     imaging: Imaging
     network: bytes
@@ -83,11 +77,7 @@ class ContactHypotheses:
         return self.embedded_in(scene, bodies, pose, sensor_state(self.imaging, scene).code())[0]
 
     def embedded_in(self, scene: Scene, bodies: Bodies, pose: int, codes: Floats32) -> Floats32:
-        """Embedded hypotheses in one pose, for W states of the sensor, ``(W, K, N, D)``.
-
-        Args:
-            codes: of the states, ``(W, STATE_SIZE)``.
-        """
+        """Embeddings in one pose, for W states of the sensor with ``codes (W, STATE_SIZE)``, ``(W, K, N, D)``."""
         rotation, cell = scene.rotations[scene.pose_labels[pose]], cell_of(len(bodies.rests))
         window, aim = self.imaging.wide_window, scene.aim_offsets[pose]
 
@@ -120,12 +110,9 @@ class ContactHypotheses:
         return np.stack(found, axis=1)
 
     def embed(self, maps: Floats32, cell: float, codes: Floats32) -> Floats32:
-        """Embeddings of height maps in W states of the sensor, ``(W, H, D)``.
+        """Embeddings of predicted contacts ``(H, n, n)`` [m] in W states of the sensor, ``(W, H, D)``.
 
-        Args:
-            maps: predicted contacts over the window of the sensor, ``(H, n, n)`` [m].
-            cell: width of the orientations that each stands for [rad].
-            codes: of the states, ``(W, STATE_SIZE)``.
+        ``cell`` is the width of the orientations that a contact stands for [rad]; the codes are ``(W, STATE_SIZE)``.
         """
         contacts = encoded(maps, self.imaging.contact_pixels)
         cells = np.full(len(maps), cell, np.float32)
@@ -146,7 +133,7 @@ class ContactHypotheses:
 
     @cached_property
     def digest(self) -> str:
-        """Of all that determines its embeddings."""
+        """Digest of all that determines its embeddings."""
         content = hashlib.sha256(self.network + repr(self.imaging.fields()).encode())
         return f"{content.hexdigest()} {version('activetouch')}"
 
@@ -184,10 +171,7 @@ def mean_ratios(embeddings: Floats32, hypotheses: Floats32) -> NDArray[np.float6
 
 
 def num_hypotheses(scene: Scene, places: int = 1) -> int:
-    """How many hypotheses of each shape a model of new objects has: a power of two.
-
-    Args:
-        places: in the palm of the scene's hand in which each is embedded.
+    """Number of hypotheses of each shape in a model of new objects, a power of two, for ``places`` in the palm.
 
     >>> from activetouch import SCENES
     >>> [num_hypotheses(SCENES[name].scene) for name in ("gel", "many", "keyed")]
@@ -200,7 +184,7 @@ def num_hypotheses(scene: Scene, places: int = 1) -> int:
 
 
 def cell_of(num_hypotheses: int) -> float:
-    """Standard deviation of an orientation about each axis in the cell of one of so many hypotheses [rad].
+    """Width [rad] of the cell of one of ``num_hypotheses``: the standard deviation of orientations about each axis.
 
     >>> round(cell_of(1024), 3)
     0.123

@@ -1,4 +1,4 @@
-"""What a pressure sensor makes of surfaces that are pressed against it, for many touches at once, on any device."""
+"""Images of a pressure sensor from surfaces that are pressed against it, for many touches at once, on any device."""
 
 from __future__ import annotations
 
@@ -19,11 +19,8 @@ def images(
 ) -> tuple[Tensor, Tensor]:
     """Images in [0, 1] of bodies that meet the pad, ``(B, pixels, pixels)``, and whether they hit it, ``(B,)``.
 
-    Args:
-        reached: height maps of the bodies over ``imaging.window`` [m], ``-inf`` where there is nothing, ``(B, n, n)``.
-        states: of the sensor in each of W worlds.
-        world: of each touch, ``(B,)`` in 0 … W − 1.
-        random: from which forces, amplifications and noise are drawn, on the device of the maps.
+    ``reached (B, n, n)`` are height maps over ``imaging.window`` [m], ``-inf`` beside a body, and ``world (B,)`` in
+    0 … W − 1 is the state of each touch. ``random`` draws forces, gains and noise, on the device of the maps.
     """
     touches = _Touches(imaging, states, world, random)
     highest = reached.amax(dim=(1, 2))

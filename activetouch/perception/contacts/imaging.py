@@ -1,4 +1,4 @@
-"""What images of a pressure sensor are made of, and the contact that a hypothesis predicts, as its network reads it.
+"""The imaging of a pressure sensor, and the contact that a hypothesis predicts, as its network reads it.
 
 A :class:`SensorState` is the state of the sensor and of the press. Height maps
 (:func:`activetouch.predicted_contacts`) become images in :mod:`activetouch.perception.contacts.images`.
@@ -19,7 +19,7 @@ from activetouch.pressing.pad import Pad
 Floats32 = NDArray[np.float32]
 
 BROKEN = 4
-"""Cells along the edge of the map of broken taxels that a world is described by."""
+"""Cells along the edge of the map of broken taxels in the description of a world."""
 STATE_SIZE = 9 + 2 * BROKEN**2
 """Numbers that describe a state of the sensor to the network of contacts; all are 0 in the nominal state."""
 LIMITS = {
@@ -34,24 +34,20 @@ LIMITS = {
 """Least and largest of the numbers of a :class:`SensorState` that a reader is trained with, unless its
 :class:`Imaging` goes further."""
 FEW_PIXELS = 8
-"""Along the edge of an image that needs no convolutions, and whose noise does not average away."""
+"""Pixels along the edge of an image that needs no convolutions, and whose noise does not average away."""
 SAMPLES = 32
-"""Points along the edge of a pad, at least, at which a surface is computed; at most as many pixels are read."""
+"""Least number of points along the edge of a pad at which a surface is computed, and largest number of pixels."""
 
 
 class SensorState(NamedTuple):
-    """The state of the sensor and of the press, relative to what the sensor's description says; arrays are ``(n,)``.
+    """The state of the sensor and of the press, relative to the sensor's description; arrays are ``(n,)``.
 
     Attributes:
-        stiffness: factor.
-        force: factor.
-        noise: factor.
-        gain: factor.
+        stiffness, force, noise, gain: factors.
         blur: standard deviation of a Gaussian filter, in parts of the image's edge.
         shift: displacement of the image along rows and columns, in parts of its edge, ``(n, 2)``.
-        hysteresis: by which all readings are too low, relative to full scale.
-        dead: share of dead taxels in each cell, ``(n, BROKEN, BROKEN)``.
-        stuck: share of taxels at full scale in each cell, ``(n, BROKEN, BROKEN)``.
+        hysteresis: amount by which all readings are too low, relative to full scale.
+        dead, stuck: share of dead taxels, and of taxels at full scale, in each cell, ``(n, BROKEN, BROKEN)``.
         wide: 0 for the taxels of the sensor; k > 0 for taxels that are 2^k of the reader's pixels wide.
     """
 
@@ -68,7 +64,7 @@ class SensorState(NamedTuple):
 
     @classmethod
     def nominal(cls, number: int) -> SensorState:
-        """The world in which the sensor is as it should be, ``number`` times."""
+        """The nominal state of the sensor, ``number`` times."""
         ones, zeros = np.ones(number, np.float32), np.zeros(number, np.float32)
         cells = np.zeros((number, BROKEN, BROKEN), np.float32)
         return cls(ones, ones, ones, ones, zeros, np.zeros((number, 2), np.float32), zeros, cells, cells, zeros)
@@ -84,22 +80,18 @@ class SensorState(NamedTuple):
 
 @dataclass(frozen=True)
 class Imaging:
-    """What images of a sensor are made of.
+    """How a sensor makes images.
 
     Attributes:
-        pad: the pad.
-        taxels: along an edge of the image.
-        pixels: along an edge of what the network reads; divides ``taxels``, or is divided by it.
+        taxels, pixels: along an edge of the image, and of what the network reads; one divides the other.
         force: smallest and largest force [N].
-        gain: half range of the amplification of each touch.
-        noise: standard deviation of each taxel, relative to full scale.
+        gain: half range of the gain of each touch.
+        noise: standard deviation of each taxel, relative to full scale; ``noisier`` is the largest factor in training.
         offset: largest displacement along y and z [m].
-        sizes: smallest and largest factor on a body's size.
-        dead: which taxels never read anything, ``(taxels, taxels)``; none if not given.
+        dead: which taxels never read anything, ``(taxels, taxels)``; None for none.
         samples: points along the edge of the pad at which the surface is computed; a multiple of ``pixels``.
         coarser: share of worlds whose sensor may have taxels two pixels wide.
-        noisier: largest factor on the noise that the reader is trained with.
-        displaced: largest blur and largest shift of the image that it is trained with, in parts of the edge.
+        displaced: largest blur and largest shift of the image in training, in parts of the edge.
     """
 
     pad: Pad
@@ -139,17 +131,17 @@ class Imaging:
 
     @property
     def window(self) -> Window:
-        """Of the images."""
+        """The window of the images."""
         return Window(2 * self.pad.half_width, self.samples)
 
     @property
     def wide_window(self) -> Window:
-        """Of the predicted contacts: wider than the pad by the largest offset and the largest shift of the image."""
+        """The window of the predicted contacts: the pad and, around it, the largest offset and shift of the image."""
         return Window.of(self.pad, self.offset + self.displaced[1] * 2 * self.pad.half_width, self.contact_pixels)
 
     @property
     def contact_pixels(self) -> int:
-        """Along the edge of the pad in a predicted contact."""
+        """Pixels along the edge of the pad in a predicted contact."""
         return max(self.pixels, 16)
 
     def fields(self) -> dict[str, Any]:
@@ -167,9 +159,7 @@ class Imaging:
 def encoded(reached: Floats32, inner: int) -> Floats32:
     """Predicted contacts as the network reads them: gaps behind the first contact, near and far, ``(n, 2, W, W)``.
 
-    Args:
-        reached: height maps of :func:`activetouch.predicted_contacts`, ``(n, W, W)`` [m].
-        inner: pixels along the edge of the pad in the middle of the window.
+    ``reached (n, W, W)`` are height maps [m], with ``inner`` pixels along the edge of the pad in their middle.
     """
     margin = (reached.shape[-1] - inner) // 2
     middle = slice(margin, margin + inner)

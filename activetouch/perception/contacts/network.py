@@ -16,15 +16,13 @@ from activetouch.perception.contacts.imaging import FEW_PIXELS, STATE_SIZE
 if TYPE_CHECKING:
     from activetouch.perception.contacts.touches import Batch
 
-_CELLS = 4  # along the edge, over which the last convolution is averaged
+_CELLS = 4  # cells along the edge, over which the last convolution is averaged
 
 
 class ContactReader(nn.Module):
-    """f and h, trained together.
+    """The networks f and h, trained together; ``widths`` are channels of the convolutions of h, ``image_widths`` of f.
 
-    Args:
-        widths: channels after each convolution of h; every other one halves the image.
-        image_widths: the same of f. Images of few pixels are read by the layers after the convolutions alone.
+    Every other convolution halves the image. Images of few pixels have no convolutions, only the layers after them.
     """
 
     def __init__(
@@ -45,13 +43,13 @@ class ContactReader(nn.Module):
         return self.embedded(self.first(images))
 
     def first(self, images: Tensor) -> Tensor:
-        """What the dense layers of :meth:`f` read, ``(B, F)``."""
+        """The input of the dense layers of :meth:`f`, ``(B, F)``."""
         seen = (images[:, None] * 4 - 0.3).contiguous(memory_format=torch.channels_last)
         found: Tensor = self.of_image.first(self.images(seen))
         return found
 
     def embedded(self, first: Tensor) -> Tensor:
-        """Embeddings of :meth:`first`."""
+        """Embeddings ``(B, D)`` of the output of :meth:`first`."""
         return self.of_image.out(first).float() * self._scale
 
     def h(self, contacts: Tensor, cells: Tensor, codes: Tensor) -> Tensor:
@@ -64,7 +62,7 @@ class ContactReader(nn.Module):
 
 
 class ImageNetwork(nn.Module):
-    """The network of images as a reader has it: bytes in, the embedding and what the last layers read out."""
+    """The network of images in a reader: from bytes to the embedding and the features."""
 
     def __init__(self, network: ContactReader) -> None:
         super().__init__()
@@ -89,7 +87,7 @@ class ContactNetwork(nn.Module):
 
 
 class _Head(nn.Module):
-    """Dense layers with shortcuts; the first is linear, so that what is known of a world can be added to it."""
+    """Dense layers with shortcuts; the first is linear, so that the input of a world can be added to it."""
 
     def __init__(self, features: int, dense: int, embedding: int) -> None:
         super().__init__()
@@ -121,7 +119,7 @@ class _Averages(nn.Module):
 
 
 def _shares(edge: int, like: Tensor) -> Tensor:
-    """By which an axis is multiplied, ``(_CELLS, edge)``."""
+    """The matrix that averages an axis of ``edge`` pixels over cells, ``(_CELLS, edge)``."""
     found = torch.zeros(_CELLS, edge)
     for cell in range(_CELLS):
         first, last = cell * edge // _CELLS, -(-(cell + 1) * edge // _CELLS)
@@ -130,11 +128,7 @@ def _shares(edge: int, like: Tensor) -> Tensor:
 
 
 def losses(network: ContactReader, batch: Batch, groups: int, bf16: bool) -> tuple[Tensor, Tensor, Tensor]:
-    """Contrast and cross-entropy of the body [nats], and the accuracy of the body, means over the touches that hit.
-
-    Args:
-        bf16: whether the networks compute in half precision.
-    """
+    """Contrast and cross-entropy of the body [nats], and the accuracy of the body, means over the touches that hit."""
     number = len(batch.images)
     with torch.autocast(batch.images.device.type, torch.bfloat16, enabled=bf16):
         seen = network.f(batch.images)

@@ -36,15 +36,15 @@ from activetouch.scene_description import OBJECTS
 _KNOWN = (Blur, DeadTaxels, Gain, Hysteresis, Noise, Shift, StuckTaxels)
 _OF_FAULTS = {"noise", "blur", "shift", "hysteresis"}
 _QUANTILES = 64
-_ROUNDED = 1e-6  # by which a limit may be exceeded
-_DIFFERENT = 0.02  # of a number of the code
+_ROUNDED = 1e-6  # amount by which a limit may be exceeded
+_DIFFERENT = 0.02  # smallest difference of a number of the code that counts
 _COARSER = 0.3  # share of worlds with wider taxels, of a sensor that has more than the reader sees
-_NOISIER = 8.0  # than described may a sensor of few pixels become
-_TAXEL, _PART = 1.1, 0.3  # by which an image may be blurred or shifted: in taxels, and at most in parts of its edge
+_NOISIER = 8.0  # factor by which the noise of a sensor of few pixels may exceed the description
+_TAXEL, _PART = 1.1, 0.3  # largest blur and shift of an image, in taxels; and their limit in parts of its edge
 
 
 def imaging_of(scene: Scene) -> Imaging:
-    """What the images of a scene are made of."""
+    """The imaging of a scene's sensor."""
     if not isinstance(scene.renderer, PressureRenderer):
         raise WrongScene(f"a reader of any object reads images of pressure, not those of {scene.renderer!r}")
     taxels = scene.pad.num_taxels // scene.renderer.binning
@@ -68,7 +68,7 @@ def imaging_of(scene: Scene) -> Imaging:
 
 
 def sensor_state(imaging: Imaging, scene: Scene) -> SensorState:
-    """The state that a scene describes, within what the reader was trained with, as arrays ``(1, ...)``."""
+    """The state that a scene describes, clipped to the training of the reader, as arrays ``(1, ...)``."""
     found = _state(imaging, scene)
     found |= {name: np.clip(found[name], *limits) for name, limits in imaging.limits.items()}
     shapes = {name: part.shape for name, part in SensorState.nominal(1)._asdict().items()}
@@ -76,7 +76,7 @@ def sensor_state(imaging: Imaging, scene: Scene) -> SensorState:
 
 
 def _state(imaging: Imaging, scene: Scene) -> dict[str, Any]:
-    """The state that a scene describes, whatever the reader was trained with."""
+    """The state that a scene describes, not clipped."""
     taxels, vary = scene.image_shape[0], scene.variation
     finer = imaging.taxels / taxels if imaging.pixels <= taxels else 1.0  # taxels are averaged in a pixel
     dead = _broken(scene, DeadTaxels, taxels)
@@ -98,16 +98,16 @@ def _state(imaging: Imaging, scene: Scene) -> dict[str, Any]:
 
 
 def differs_from_training(imaging: Mapping[str, Any] | None, scene: Scene) -> bool:
-    """Whether a scene says that the sensor is not as it was when a reader of any object was trained."""
+    """Whether the sensor of a scene differs from that in the training of a reader of any object."""
     if imaging is None or not isinstance(scene.renderer, PressureRenderer):
         return False
     return bool(np.abs(sensor_state(Imaging.from_fields(imaging), scene).code()).max() > _DIFFERENT)
 
 
 def fields_read(imaging: Imaging, own: Mapping[str, Any], scene: Scene, here: Mapping[str, Any]) -> dict[str, Any]:
-    """The fields of the reader's own scene, with all that its state can say of another one, within its limits.
+    """The fields of the reader's own scene, with those of another scene that a state within the limits can express.
 
-    Less noise than the reader was trained with is within them.
+    Less noise than in the training is within the limits.
     """
     same, state = list(OBJECTS), _state(imaging, scene)
     limits = imaging.limits.items()

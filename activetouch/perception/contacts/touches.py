@@ -27,21 +27,20 @@ from activetouch.pressing.height_maps import Window
 from activetouch.solids.raster import heights
 from activetouch.solids.solid import Floats
 
-_NOMINAL = 0.45  # share of nuisances that are as they should be
+_NOMINAL = 0.45  # share of nominal nuisances
 _CELLS = (0.035, 0.35)  # narrowest and widest cell [rad]
 _FACTORS = ("stiffness", "force", "noise", "gain")
 _TOGETHER = (*((name,) for name in _FACTORS), ("blur", "hysteresis"), ("shift",), ("dead", "stuck"))
-"""Nuisances that are as they should be together."""
+"""Groups of nuisances that are nominal together."""
 
 
 class Batch(NamedTuple):
-    """B touches of G bodies, of which touches i · B / G … belong to body i, in W worlds, and H hypotheses.
+    """B touches of G bodies in W worlds, and H hypotheses; touches i · B / G … belong to body i.
 
     Attributes:
         images: ``(B, n, n)``.
         hit: whether the pad was hit, ``(B,)``.
-        contacts: encoded, of every touch's own hypothesis, then of others, of each body after another,
-            ``(H, 2, m, m)``.
+        contacts: encoded, ``(H, 2, m, m)``: first each touch's own hypothesis, then the others, body after body.
         cells: width of the cells that the hypotheses stand for [rad], ``(H,)``.
         world: of every touch, ``(B,)``, in 0 … W − 1.
         codes: of the worlds, ``(W, STATE_SIZE)``.
@@ -61,17 +60,9 @@ class Batch(NamedTuple):
 class Batches(Dataset[Batch]):
     """An endless stream of batches; batch i follows from the seed and i alone.
 
-    Attributes:
-        imaging: of the sensor.
-        bodies: numbers of the random bodies to draw from.
-        groups: G.
-        touches: of each body in a batch.
-        worlds: W.
-        late: number of the first batch in which the sensor is as it should be in at least half of the worlds, instead
-            of one, and every body has hypotheses beside those of its touches, as in a table.
-        others: these, for each body.
-        seed: of the stream.
-        device: where batches are made. On ``cuda``, the triangles of all bodies are kept there.
+    From batch ``late`` on, the sensor is nominal in at least half of the worlds, instead of one, and every body has
+    ``others`` hypotheses beside those of its touches, as in a table. Of the random bodies numbered ``bodies``, a batch
+    has ``groups`` with ``touches`` touches each. With the device ``cuda``, the triangles of all bodies are kept there.
     """
 
     imaging: Imaging
@@ -113,7 +104,7 @@ class Batches(Dataset[Batch]):
         return Batch(read, hit, encoded(predicted, imaging.contact_pixels), *given)
 
     def _maps(self, chosen: NDArray[np.int64], turns: Floats, sizes: Floats, places: Floats, window: Window) -> Tensor:
-        """Height maps over a window, those of each body after another."""
+        """Height maps over a window, body after body."""
         axes, pixel = to_matrices(turns) * sizes[:, None, None], window.edge / window.num_pixels
         if self.device != "cpu":
             bodies = chosen.repeat(len(turns) // len(chosen))
@@ -131,7 +122,7 @@ class Batches(Dataset[Batch]):
 
 
 def drawn_worlds(rng: np.random.Generator, number: int, imaging: Imaging, usual: int) -> SensorState:
-    """Random worlds of a sensor; in the first ``usual``, all is as it should be, because the sensor mostly is."""
+    """Random states of a sensor; the first ``usual`` are nominal, because a sensor mostly is."""
     limits = imaging.limits
     broken = np.zeros((2, number, BROKEN, BROKEN), np.float32)
     for world in range(number):
@@ -149,7 +140,7 @@ def drawn_worlds(rng: np.random.Generator, number: int, imaging: Imaging, usual:
     strange |= {"dead": broken[0], "stuck": broken[1] * (broken[0] == 0.0)}
     is_strange = rng.uniform(size=(number, len(_TOGETHER))) > _NOMINAL
     wide = rng.uniform(size=number) < imaging.coarser
-    is_strange &= (~wide | (rng.uniform(size=number) < 0.5))[:, None]  # and often is as it should be otherwise
+    is_strange &= (~wide | (rng.uniform(size=number) < 0.5))[:, None]  # and is often nominal otherwise
     wide[:usual] = is_strange[:usual] = False
     drawn = SensorState.nominal(number)._asdict()
     for column, names in enumerate(_TOGETHER):
@@ -164,7 +155,7 @@ def _normalised(vectors: Floats) -> Floats:
 
 
 def _near(turns: Floats, cells: Floats, rng: np.random.Generator) -> Floats:
-    """Orientations after small turns, whose standard deviation about each axis is the width of the cell."""
+    """Orientations after small random turns, whose standard deviation about each axis is the width of the cell."""
     small = rng.normal(size=(3, len(turns))) * (cells / 2)
     product = hamilton_product(turns.T, (np.ones(len(turns)), *small))
     return _normalised(np.stack(product, axis=1))

@@ -29,20 +29,20 @@ from belief.coarse_to_fine import CoarseToFine, Effort, Ints
 from belief.validation import Floats, require_number
 
 _AT_ONCE = 128  # contacts
-_BODIES = 50  # at a time
+_BODIES = 50  # bodies at a time
 _DECIMALS = 7
 _IN_SINGLE = 1 << 28  # numbers; larger tables stay in half precision
 
 
 @dataclass(frozen=True)
 class ViewPlan:
-    """In which views bodies are embedded: the dial of accuracy against the time for a new body.
+    """The views in which bodies are embedded: accuracy against the time for a new body.
 
     Attributes:
-        directions: sides from which a body is seen.
-        rolls: about the approach axis, a multiple of 4.
-        width: of the orientations that a view stands for, which the network of contacts is told: a standard deviation
-            about each axis [rad].
+        directions: number of sides from which a body is seen.
+        rolls: number of rolls about the approach axis, a multiple of 4.
+        width: standard deviation, about each axis, of the orientations that a view stands for, an input of the network
+            of contacts [rad].
     """
 
     directions: int = 88
@@ -54,7 +54,7 @@ class ViewPlan:
 
     @property
     def orientations(self) -> Floats:
-        """Of the views, unit quaternions ``wxyz``, ``(V, 4)``."""
+        """Orientations of the views, unit quaternions ``wxyz``, ``(V, 4)``."""
         return views(self.directions, self.rolls)
 
 
@@ -92,13 +92,7 @@ def _key(reader: ContactHypotheses, scene: Scene, solid: Shape, plan: ViewPlan) 
 
 @dataclass(eq=False)
 class Felt:
-    """A touch as a set of bodies reads it.
-
-    Attributes:
-        pose: its index.
-        embedding: of its image, ``(D,)``.
-        exact: log likelihoods given contacts that were predicted for this touch, by hypothesis.
-    """
+    """A touch with the embedding of its image, ``(D,)``, and a cache ``exact`` of log likelihoods by hypothesis."""
 
     pose: int
     embedding: Floats32
@@ -111,14 +105,8 @@ class Felt:
 class BodySet:
     """K bodies, embedded in all views: the likelihood of touches for a belief from coarse to fine.
 
-    Attributes:
-        labels: names of the bodies.
-        table: embeddings, ``(K, V, D)``.
-        plan: the views.
-        poses: rotations of the exploration poses, ``(P, 4)``.
-        levels: of the cells, coarse first.
-        scale, drift: of log likelihoods, see :class:`belief.coarse_to_fine.CoarseToFine`.
-        effort: how far a belief is refined.
+    ``table (K, V, D)`` has the embeddings, ``poses (P, 4)`` the rotations of the poses, ``levels`` the levels of the
+    cells, coarse first. ``scale`` and ``drift`` are those of :class:`belief.coarse_to_fine.CoarseToFine`.
     """
 
     labels: tuple[str, ...]
@@ -182,13 +170,10 @@ class BodySet:
         return touch._scores[body]
 
     def log_ratios(self, level: Ints, bodies: Ints, cells: Ints, references: Floats32) -> Floats32:
-        """Log ratios of reference touches in every pose for some hypotheses, ``(P, n, M)``.
+        """Log ratios of reference touches in every pose for n hypotheses, ``(P, n, M)``.
 
-        Args:
-            level: of each cell, by its place among the levels of this set, ``(n,)``.
-            bodies: ``(n,)``.
-            cells: ``(n,)``.
-            references: embeddings of touches that stand for all, ``(M, D)``.
+        ``level (n,)`` is the place of each cell's level in this set; ``bodies`` and ``cells`` are ``(n,)``.
+        ``references (M, D)`` are embeddings of touches that stand for all.
         """
         shown = np.empty((len(self.poses), len(bodies)), np.int64)
         for place in np.unique(level).tolist():
