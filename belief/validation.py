@@ -17,7 +17,7 @@ SUM_TOLERANCE = 2e-3
 """Tolerance for sums of probabilities: twice the rounding error of a dozen probabilities in float16."""
 LARGEST_VALUE = 1e150  # sums of a million larger ones, or their squares, overflow
 _MOST_POSES = 1000  # or the number of touches, if that is larger
-_ROUNDING = 1e-12  # sums this near to one are not normalised again
+_ROUNDING, _NORMAL = 1e-12, 1e-9  # of sums of what was computed, and of rows as users give them
 _NEAR_ONE = 1e-5  # sums of rows that were meant as probabilities
 
 
@@ -136,12 +136,13 @@ def at(row: tuple[int, ...]) -> str:
 
 
 def renormalised(probs: Floats) -> Floats:
-    """Checked probabilities ``(..., K)`` divided by their sums, unless all sums are one up to rounding.
+    """Checked probabilities ``(..., K)``, of which each row is divided by its sum unless that is one up to rounding.
 
     Probabilities that are read from a file therefore keep their last bit.
     """
     totals = probs.sum(axis=-1, keepdims=True)
-    return probs / totals if np.abs(totals - 1.0).max() > _ROUNDING else probs
+    off = np.abs(totals - 1.0) > _ROUNDING
+    return probs / np.where(off, totals, 1.0) if off.any() else probs
 
 
 def normalise_log_probs(log_probs: ArrayLike, name: str = "log_probs", row: tuple[int, ...] = ()) -> Floats:
@@ -154,11 +155,14 @@ def normalise_log_probs(log_probs: ArrayLike, name: str = "log_probs", row: tupl
     log_total = np.logaddexp.reduce(values, axis=-1, keepdims=True)
     near_one = np.abs(np.expm1(log_total)) <= SUM_TOLERANCE
     require(near_one, values, name, "probabilities that do not sum to one", row)
-    return np.asarray(values - log_total)
+    return np.asarray(values - np.where(np.abs(log_total) > _NORMAL, log_total, 0.0))
 
 
 def normalise_probs(probs: ArrayLike, name: str = "probs", axis: int = -1, row: tuple[int, ...] = ()) -> Floats:
-    """Probabilities, normalised along an axis where they sum to one within :data:`SUM_TOLERANCE`."""
+    """Probabilities, normalised along an axis where they sum to one within :data:`SUM_TOLERANCE`.
+
+    Those that sum to one within 1e-9 are left as they are: rounding would move 0.4 across the edge of a bin.
+    """
     values = np.asarray(as_real(probs, name), np.float64)
     if values.ndim == 0 or values.size == 0:
         raise ValueError(f"{name} needs at least one axis, none of them empty, got shape {values.shape}")
@@ -170,7 +174,7 @@ def normalise_probs(probs: ArrayLike, name: str = "probs", axis: int = -1, row: 
         require(last >= 0.0, last, name, "NaN or a probability below zero", row)
         unequal = "probabilities that do not sum to one (divide rounded ones by their sum)"
         require(np.moveaxis(off, axis, -1) <= SUM_TOLERANCE, last, name, unequal, row)
-    return values / totals
+    return np.minimum(values / np.where(off > _NORMAL, totals, 1.0), 1.0)
 
 
 def pose_count(poses: NDArray[np.integer], num_poses: int | None) -> int:
