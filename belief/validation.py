@@ -11,10 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.errors import InvalidArgument
+from belief.naming import shown
 
 Floats: TypeAlias = NDArray[np.float64]
 SUM_TOLERANCE = 2e-3
 """Tolerance for sums of probabilities: twice the rounding error of a dozen probabilities in float16."""
+MOST_COUNT = 2**53
+"""Largest count: integers up to here are exact floats."""
 LARGEST_VALUE = 1e150  # sums of a million larger ones, or their squares, overflow
 _MOST_POSES = 1000  # or the number of touches, if that is larger
 _ROUNDING, _NORMAL = 1e-12, 1e-9  # of sums of what was computed, and of rows as users give them
@@ -93,22 +96,23 @@ def checked_indices(name: str, values: ArrayLike, size: int) -> NDArray[np.int64
     return indices.astype(np.int64)
 
 
-def require_count(name: str, value: object, least: int = 1) -> None:
-    """Raise InvalidArgument unless an argument is an integer, at least ``least``."""
-    if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
-        raise InvalidArgument(f"{name} must be an integer, at least {least}, got {value!r}")
+def require_count(name: str, value: object, least: int = 1, most: int = MOST_COUNT) -> None:
+    """Raise InvalidArgument unless an argument is an integer in [least, most]."""
+    if isinstance(value, bool) or not isinstance(value, Integral) or not least <= value <= most:
+        limit = f" and at most {most}" if isinstance(value, Integral) and value > most else ""
+        raise InvalidArgument(f"{name} must be an integer, at least {least}{limit}, got {shown(value)}")
 
 
 def require_index(name: str, value: object, size: int) -> None:
     """Raise InvalidArgument unless an argument is an integer in [0, size)."""
     if isinstance(value, bool) or not isinstance(value, Integral) or not 0 <= int(value) < size:
-        raise InvalidArgument(f"{name} must be an integer in [0, {size}), got {value!r}")
+        raise InvalidArgument(f"{name} must be an integer in [0, {size}), got {shown(value)}")
 
 
 def require_number(name: str, value: object, least: float, most: float) -> None:
     """Raise InvalidArgument unless an argument is a real number in [least, most]."""
-    if not isinstance(value, Real) or isinstance(value, bool) or not least <= float(value) <= most:
-        raise InvalidArgument(f"{name} must be a number in [{least:g}, {most:g}], got {value!r}")
+    if not isinstance(value, Real) or isinstance(value, bool) or not least <= value <= most:
+        raise InvalidArgument(f"{name} must be a number in [{least:g}, {most:g}], got {shown(value)}")
 
 
 def require_choice(name: str, value: object, choices: Sequence[str]) -> None:
