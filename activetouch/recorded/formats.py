@@ -15,7 +15,6 @@
 from __future__ import annotations
 
 import csv
-import zipfile
 from array import array
 from bisect import bisect
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -39,6 +38,7 @@ from activetouch.recorded.tables import (
 )
 from activetouch.recorded.touches import RecordedTouches
 from belief.files import plain_number, require_regular_file
+from belief.files import read_npz as read_npz_arrays
 from belief.naming import few
 
 _NAMES = ("object", "action", "session", *KINDS_OF.values())  # columns that are no features
@@ -175,14 +175,8 @@ def read_npz(path: Path) -> Read:
         path = found[0]
     require_regular_file(path, BadRecording)
     try:
-        with zipfile.ZipFile(path) as archive:
-            size = sum(entry.file_size for entry in archive.infolist())
-        if size > MOST_BYTES:
-            raise BadRecording(f"{path} holds {size} bytes when decompressed; at most {MOST_BYTES} are read")
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {n: file[n] for n in file.files if n in _ARRAYS}
-            others = [name for name in file.files if name not in arrays]
-            given = {name: _text(name, arrays[name], str(path)) for name in _NAMES if name in arrays}
+        arrays, others = read_npz_arrays(path, MOST_BYTES, _ARRAYS)
+        given = {name: _text(name, arrays[name], str(path)) for name in _NAMES if name in arrays}
     except BadRecording:
         raise
     except Exception as error:  # readers of zip and npy raise a dozen kinds on damaged bytes
