@@ -199,7 +199,7 @@ _LONGEST_END, _LONGEST_LIST = (
 def read_npz(
     source: Path | bytes, most: int, names: Collection[str] | None = None
 ) -> tuple[dict[str, NDArray[Any]], list[str]]:
-    """The arrays of an npz file, and the names of others; at most ``most`` bytes are decompressed, whatever it promises.
+    """The arrays of an npz file, and the names of others; at most ``most`` bytes are decompressed.
 
     Args:
         source: the file, or its bytes.

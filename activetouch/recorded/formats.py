@@ -14,10 +14,9 @@
 
 from __future__ import annotations
 
-import csv
 from array import array
 from bisect import bisect
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, TypeAlias, get_args
@@ -37,9 +36,11 @@ from activetouch.recorded.tables import (
     touches_of_columns,
 )
 from activetouch.recorded.touches import RecordedTouches
+from belief.errors import InvalidArgument
 from belief.files import plain_number, require_regular_file
 from belief.files import read_npz as read_npz_arrays
 from belief.naming import few
+from belief.table import csv_rows
 
 _NAMES = ("object", "action", "session", *KINDS_OF.values())  # columns that are no features
 _ARRAYS = (*_NAMES, "features", "feature_names", "provenance", "licence")
@@ -59,16 +60,15 @@ def _read_tables(
     numbers, known = array("d"), dict[str, str]()
     line_of, firsts = array("q"), list[int]()  # line of each row, and first row of each file
     for path in paths:
-        lines = lines_of(path)
-        names = _header(path, *next(lines, (1, "")))
+        lines = _rows(path)
+        names = _header(path, next(lines, (1, []))[1])
         if header and names != header:
             raise BadRecording(f"{path} has the columns {names[:12]}, {paths[0]} has {header[:12]}")
         header = names
         features = [column for column, name in enumerate(header) if name not in columns]
         labels = [(columns[name], column) for column, name in enumerate(header) if name in columns]
         firsts.append(len(line_of))
-        for number, line in lines:
-            cells = _cells(path, number, line)
+        for number, cells in lines:
             if len(cells) != len(header):
                 raise BadRecording(f"line {number} of {path} has {len(cells)} cells, the header has {len(header)}")
             numbers.extend([_number(cells[column], header[column], number, path) for column in features])
@@ -131,9 +131,9 @@ def read_bts3(folder: Path) -> Read:
     return touches, ("the column 'slipped' is left out: it is known only after the touch",)
 
 
-def _header(path: Path, number: int, line: str) -> list[str]:
+def _header(path: Path, cells: Sequence[str]) -> list[str]:
     """The names of the columns."""
-    names = [name.strip() for name in _cells(path, number, line)]
+    names = [name.strip() for name in cells]
     if "object" not in names or len(set(names)) < len(names):
         raise BadRecording(
             f"the first line of {path} must name the columns, each once, separated by commas, with 'object' among "
@@ -155,11 +155,11 @@ def _number(cell: str, name: str, number: int, path: Path) -> float:
         raise BadRecording(f"line {number} of {path}: the feature {name!r} is {cell[:40]!r}, no number{hint}") from None
 
 
-def _cells(path: Path, number: int, line: str) -> list[str]:
+def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
     try:
-        return next(csv.reader([line]), [])
-    except csv.Error as error:
-        raise BadRecording(f"line {number} of {path} is not CSV: {error}") from error
+        yield from csv_rows(lines_of(path))
+    except InvalidArgument as error:
+        raise BadRecording(f"{path}, {error}") from error
 
 
 def read_npz(path: Path) -> Read:

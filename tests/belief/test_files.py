@@ -41,9 +41,9 @@ def test_an_archive_of_very_many_names_is_refused_before_they_are_read(tmp_path,
     with zipfile.ZipFile(path, "w", compression) as archive:
         for number in range(20_000):
             archive.writestr(f"{number}.npy", b"")
+    monkeypatch.setattr(zipfile, "ZipInfo", None)  # which would be made of every name
     for source in (path, path.read_bytes()):
-        with monkeypatch.context() as patched, pytest.raises(zipfile.BadZipFile, match="list of names has .* bytes"):
-            patched.setattr(zipfile, "ZipInfo", None)  # which would be made of every name
+        with pytest.raises(zipfile.BadZipFile, match=r"list of names has \d+ bytes"):
             read_npz(source, 100)
 
 
