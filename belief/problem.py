@@ -19,7 +19,7 @@ from belief.composition import Composition, Counts
 from belief.errors import InvalidArgument
 from belief.frozen import FrozenArrays
 from belief.naming import Name, checked_names, index_of, one_line
-from belief.validation import Floats, as_real, require_count
+from belief.validation import Floats, as_real, require_count, warn_of_probs
 
 WHO_GIVES_LOGITS = (
     ", only features, which a joint observation model reads. Logits come from the reader: Touch(pose, logits, "
@@ -87,6 +87,8 @@ class Touch(FrozenArrays):
             object.__setattr__(self, "logits", scores)
             if scores.ndim != 1 or not scores.size or not scores.max() < np.inf:  # NaN fails too
                 raise InvalidArgument(f"a touch needs a row of logits without NaN and +inf, got {scores.tolist()}")
+            if scores.min() >= 0.0 and np.count_nonzero(scores) > 1:
+                warn_of_probs(scores, "logits", "take the logarithms of probabilities")
         if self.features is not None:
             object.__setattr__(self, "features", as_real(self.features, "features of a touch"))
         self.freeze()

@@ -36,19 +36,36 @@ def as_real(values: ArrayLike, name: str) -> NDArray[np.floating]:
 
 
 def warn_of_probs(values: NDArray[np.floating], name: str, instead: str, callers: int = 3) -> None:
-    """A UserWarning, so many callers up, about logarithms ``(..., K)`` that look like probabilities."""
+    """A UserWarning, so many callers up, about logarithms ``(..., K)`` that look like probabilities or percentages."""
     if values.ndim == 0 or values.size == 0 or values.shape[-1] < 2:
         return
-    near = SUM_TOLERANCE if values.itemsize < 4 else _NEAR_ONE
     rows = values.reshape(-1, values.shape[-1])
+    near = SUM_TOLERANCE if values.itemsize < 4 else _NEAR_ONE if len(rows) > 1 else _NEAR_ONE / 20
+    for total, words in ((1.0, "one, as probabilities"), (100.0, "100, as percentages")):
+        if all(_sums_to(total, some, near) for some in (rows[:1], rows)):  # one row usually tells
+            warnings.warn(f"{name} has no negative number and sums to {words} do; {instead}", stacklevel=1 + callers)
+
+
+def _sums_to(total: float, rows: NDArray[np.floating], near: float) -> bool:
+    """Whether rows have no negative number and sum to a total, or do so before rounding to two to four decimals."""
     with np.errstate(over="ignore", invalid="ignore"):
-        look_like = all(
-            some.min() >= 0.0 and np.abs(some.sum(axis=1, dtype=np.float64) - 1.0).max() <= near
-            for some in (rows[:1], rows)  # one row usually tells
+        if not (rows.min() >= 0.0 and rows.max() <= 2.0 * total):
+            return False
+        parts = rows.astype(np.float64) / total
+        off = np.abs(parts.sum(axis=1) - 1.0).max()
+        return off <= near or any(
+            off < 0.499 * rows.shape[1] / step and np.abs(parts * step - np.round(parts * step)).max() < 1e-3
+            for step in (100.0, 1_000.0, 10_000.0)
         )
-    if look_like:
+
+
+def warn_of_one_shape(labels: NDArray[np.integer], num_shapes: int, callers: int = 2) -> None:
+    """A UserWarning, so many callers up, about labels that are all the same."""
+    if num_shapes > 1 and labels.size and (labels == labels[0]).all():
         warnings.warn(
-            f"{name} has no negative number and sums to one, as probabilities do; {instead}", stacklevel=1 + callers
+            f"all {labels.size} labels are {labels[0]}: touches of one shape tell nothing about the other "
+            f"{num_shapes - 1}; add touches of these",
+            stacklevel=1 + callers,
         )
 
 
