@@ -320,14 +320,26 @@ def interval(value: float, low: float, high: float, *, spec: str = ".3f") -> str
     >>> interval(0.8125, 0.7, 0.9)
     '0.812 [0.700, 0.900]'
     """
-    return f"{value:{spec}} [{low:{spec}}, {high:{spec}}]"
+    return f"{value:{spec}} [{', '.join(ends(low, high, spec))}]"
+
+
+def ends(low: float, high: float, spec: str) -> tuple[str, str]:
+    """Both ends of an interval as text, with as many more decimals as they need to differ.
+
+    >>> ends(0.7, 0.9, ".2f"), ends(0.9962, 1.0, ".2f")
+    (('0.70', '0.90'), ('0.996', '1.000'))
+    """
+    if (found := re.fullmatch(r"(.*\.)(\d)f", spec)) and low < high:
+        decimals = next((n for n in range(int(found[2]), 10) if round(low, n) < round(high, n)), int(found[2]))
+        spec = f"{found[1]}{decimals}f"
+    return f"{low:{spec}}", f"{high:{spec}}"
 
 
 def _text(value: Value, spec: str) -> str:
     if value is None:
         return "–"
     if isinstance(value, tuple):
-        return f"{value[0]:{spec}} … {value[1]:{spec}}"
+        return " … ".join(ends(*value, spec))
     return f"{value:{spec}}"
 
 
