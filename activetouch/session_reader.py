@@ -18,6 +18,7 @@ from activetouch.sensor import RecordedSensor, TactileSensor
 from belief.errors import InvalidArgument
 from belief.observation_model.rigid_body import joint_model
 from belief.problem import Elsewhere, Touch
+from belief.validation import are_finite
 
 _BLANKS, _USUAL = 100, 0.98  # images of no contact, and the share of them that is taken for one
 _FAINT = 8.0  # of 255: a taxel that differs by less feels nothing, even without noise
@@ -170,9 +171,10 @@ def _numbers_of(place: Mapping[str, Any]) -> tuple[NDArray[np.float64], NDArray[
     parts = [place[name] for name in ("place", "quaternion", "aim") if name in place]
     given = [number for part in parts if isinstance(part, Sequence | np.ndarray) for number in part]
     given += [0.0, 0.0] * (set(place) == {"quaternion"})
-    is_numbers = all(isinstance(number, int | float | np.number) for number in given)
-    if not is_numbers or len(given) != 6 or not np.isfinite(numbers := np.array(given, np.float64)).all():
+    is_numbers = all(isinstance(number, int | float | np.number) and are_finite(number) for number in given)
+    if not is_numbers or len(given) != 6:
         raise InvalidArgument(f"a place must be a quaternion (w, x, y, z) and an aim (y, z), got {parts!r:.80}")
+    numbers = np.array(given, np.float64)
     norm = float(np.linalg.norm(numbers[:4]))
     if abs(norm - 1.0) > 1e-3:
         raise InvalidArgument(f"the quaternion of a place must have the norm 1, got {norm:g}")

@@ -18,6 +18,9 @@ SUM_TOLERANCE = 2e-3
 """Tolerance for sums of probabilities: twice the rounding error of a dozen probabilities in float16."""
 MOST_COUNT = 2**53
 """Largest count: integers up to here are exact floats."""
+MOST_REPEATED = 10**7
+"""Largest count of what takes time or memory for each one, such as resamples, simulations or the objects of a scene."""
+_LARGEST_FLOAT = float(np.finfo(np.float64).max)
 LARGEST_VALUE = 1e150  # sums of a million larger ones, or their squares, overflow
 _MOST_POSES = 1000  # or the number of touches, if that is larger
 _ROUNDING, _NORMAL = 1e-12, 1e-9  # of sums of what was computed, and of rows as users give them
@@ -118,6 +121,11 @@ def require_count(name: str, value: object, least: int = 1, most: int = MOST_COU
     if isinstance(value, bool) or not isinstance(value, Integral) or not least <= value <= most:
         limit = f" and at most {most}" if isinstance(value, Integral) and value > most else ""
         raise InvalidArgument(f"{name} must be an integer, at least {least}{limit}, got {shown(value)}")
+
+
+def are_finite(*values: float) -> bool:
+    """Whether numbers are finite as floats, which NaN and integers beyond the largest float are not."""
+    return all(-_LARGEST_FLOAT <= value <= _LARGEST_FLOAT for value in values)
 
 
 def require_index(name: str, value: object, size: int) -> None:

@@ -34,7 +34,7 @@ class Frustum:
         require_lengths(self, self.bottom_radius, self.height)
         if not 0.0 <= self.top_radius < np.inf:
             raise ValueError(f"top_radius must be finite and ≥ 0, got {self}")
-        require_count("num_facets", self.num_facets, 3)
+        require_count("num_facets", self.num_facets, 3, 10_000)
 
     @property
     def bounding_radius(self) -> float:
@@ -117,7 +117,7 @@ class Cone:
 
     def __post_init__(self) -> None:
         require_lengths(self, self.radius, self.height)
-        require_count("num_facets", self.num_facets, 3)
+        require_count("num_facets", self.num_facets, 3, 10_000)
 
     @property
     def bounding_radius(self) -> float:
@@ -203,7 +203,7 @@ class Dome:
 
     def __post_init__(self) -> None:
         require_lengths(self, self.radius)
-        require_count("num_facets", self.num_facets, 4)
+        require_count("num_facets", self.num_facets, 4, 10_000)
 
     @property
     def bounding_radius(self) -> float:
@@ -243,7 +243,7 @@ class Torus:
     def __post_init__(self) -> None:
         if not 0.0 < self.tube_radius < self.ring_radius < np.inf:
             raise ValueError(f"tube_radius must be in (0, ring_radius), got {self.tube_radius} and {self.ring_radius}")
-        require_count("num_facets", self.num_facets, 4)
+        require_count("num_facets", self.num_facets, 4, 10_000)
 
     @property
     def bounding_radius(self) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.errors import BadMesh
+from belief.validation import are_finite
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -71,7 +72,7 @@ def require_lengths(solid: object, *lengths: float) -> None:
     Raises:
         ValueError: a length is not positive and finite.
     """
-    if not (np.isfinite(lengths).all() and min(lengths) > 0.0):
+    if not (are_finite(*lengths) and min(lengths) > 0.0):
         raise ValueError(f"a solid needs finite lengths above zero, got {solid}")
 
 

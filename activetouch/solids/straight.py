@@ -117,7 +117,7 @@ class Prism(FlatFaced):
     half_length: float
 
     def __post_init__(self) -> None:
-        require_count("num_sides", self.num_sides, 3)
+        require_count("num_sides", self.num_sides, 3, 10_000)
         super().__post_init__()
 
     @property

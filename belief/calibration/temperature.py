@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.calibration.base import Calibration, Status
-from belief.validation import Floats, finite_logits, labelled_logits, require_choice
+from belief.validation import Floats, are_finite, finite_logits, labelled_logits, require_choice
 
 _ROUNDING = 1e-12  # of a slope, in units of the largest logit
 _EXTREME = 1e6  # ratio of the fallback temperatures to the scale of the logits
@@ -62,7 +62,7 @@ class TemperatureScaling(Calibration):
     floor: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.temperature < np.inf or not 0.0 <= self.floor < 1.0:
+        if not (self.temperature > 0.0 and are_finite(self.temperature)) or not 0.0 <= self.floor < 1.0:
             raise ValueError(
                 f"need a finite temperature > 0 and a floor in [0, 1), got {self.temperature} and {self.floor}"
             )
