@@ -150,7 +150,7 @@ def num_states(counts: Sequence[int], num_objects: int) -> int:
     (4096, 12)
     """
     most = min(MAX_STATES, _LARGEST_LAYERS // len(counts))
-    number = 1 + max(np.count_nonzero(counts), min(max(counts), num_objects))  # at least: of no object, of one …
+    number = 1 + max(int(np.count_nonzero(counts)), min(max(counts), num_objects))  # at least: of no object, of one …
     if number <= most:
         number = num_multisets(tuple(counts), num_objects, most)
     if number > most:

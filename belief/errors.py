@@ -45,18 +45,18 @@ def install_command(extra: str) -> str:
 
 
 def code_source() -> tuple[Path | str, str]:
-    """Where this code comes from, and its commit; both are empty where they are not known, as after an index.
+    """The clone of this code, or the folder, file or address from which pip installed it, and its commit.
 
-    That is its clone, the folder or file from which pip installed it, or an address.
+    Each is empty where it is not known, as after an installation from an index.
     """
+    clone = Path(__file__).parents[1]
+    if (clone / "pyproject.toml").is_file():
+        return clone, ""
     import importlib.metadata
     import json
     from urllib.parse import urlsplit
     from urllib.request import url2pathname
 
-    clone = Path(__file__).parents[1]
-    if (clone / "pyproject.toml").is_file():
-        return clone, ""
     try:
         origin = json.loads(importlib.metadata.distribution("activetouch").read_text("direct_url.json") or "{}")
         url, repository = origin.get("url", ""), origin.get("vcs_info")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Sequence
 from numbers import Integral, Real
@@ -20,7 +21,6 @@ MOST_COUNT = 2**53
 """Largest count: integers up to here are exact floats."""
 MOST_REPEATED = 10**7
 """Largest count of what takes time or memory for each one, such as resamples, simulations or the objects of a scene."""
-_LARGEST_FLOAT = float(np.finfo(np.float64).max)
 LARGEST_VALUE = 1e150  # sums of a million larger ones, or their squares, overflow
 _MOST_POSES = 1000  # or the number of touches, if that is larger
 _ROUNDING, _NORMAL = 1e-12, 1e-9  # of sums of what was computed, and of rows as users give them
@@ -116,16 +116,19 @@ def checked_indices(name: str, values: ArrayLike, size: int) -> NDArray[np.int64
     return indices.astype(np.int64)
 
 
-def require_count(name: str, value: object, least: int = 1, most: int = MOST_COUNT) -> None:
+def require_count(name: str, value: Any, least: int = 1, most: int = MOST_COUNT) -> None:
     """Raise InvalidArgument unless an argument is an integer in [least, most]."""
-    if isinstance(value, bool) or not isinstance(value, Integral) or not least <= value <= most:
-        limit = f" and at most {most}" if isinstance(value, Integral) and value > most else ""
+    if isinstance(value, bool) or not isinstance(value, Integral) or not least <= int(value) <= most:
+        limit = f" and at most {most}" if isinstance(value, Integral) and int(value) > most else ""
         raise InvalidArgument(f"{name} must be an integer, at least {least}{limit}, got {shown(value)}")
 
 
-def are_finite(*values: float) -> bool:
+def are_finite(*values: Any) -> bool:
     """Whether numbers are finite as floats, which NaN and integers beyond the largest float are not."""
-    return all(-_LARGEST_FLOAT <= value <= _LARGEST_FLOAT for value in values)
+    try:
+        return all(map(math.isfinite, values))
+    except OverflowError:
+        return False
 
 
 def require_index(name: str, value: object, size: int) -> None:
@@ -134,9 +137,10 @@ def require_index(name: str, value: object, size: int) -> None:
         raise InvalidArgument(f"{name} must be an integer in [0, {size}), got {shown(value)}")
 
 
-def require_number(name: str, value: object, least: float, most: float) -> None:
+def require_number(name: str, value: Any, least: float, most: float) -> None:
     """Raise InvalidArgument unless an argument is a real number in [least, most]."""
-    if not isinstance(value, Real) or isinstance(value, bool) or not least <= value <= most:
+    is_number = isinstance(value, Real) and not isinstance(value, bool) and are_finite(value)
+    if not is_number or not least <= float(value) <= most:
         raise InvalidArgument(f"{name} must be a number in [{least:g}, {most:g}], got {shown(value)}")
 
 
