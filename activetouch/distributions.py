@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from belief.errors import InvalidArgument
+from belief.validation import are_finite
 
 
 class Distribution(Protocol):
@@ -96,7 +97,7 @@ def require_distribution(name: str, given: object) -> None:
 
 
 def _require_finite(distribution: object, *values: float) -> None:
-    if not np.isfinite(values).all():
+    if not are_finite(*values):
         raise ValueError(f"the parameters of a distribution must be finite, got {distribution}")
 
 

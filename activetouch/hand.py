@@ -35,7 +35,7 @@ from activetouch.poses import Quaternion, multiply, require_unit, to_matrix, tur
 from belief.errors import InvalidArgument, UnknownName
 from belief.frozen import frozen
 from belief.naming import few
-from belief.validation import require_choice, require_number
+from belief.validation import require_choice, require_count, require_number
 
 _UNBALANCED = 0.02  # largest net force, relative to the sum of all forces
 _SAME_PLACE = 1e-3  # rad
@@ -126,7 +126,8 @@ class Hand:
 
     @classmethod
     def around(cls, number: int) -> Hand:
-        """Pads evenly about the palm's z axis."""
+        """Pads evenly about the palm's z axis, at most 1000."""
+        require_count("the number of fingers", number, most=1000)
         return cls(tuple(tuple(turn("z", 2 * np.pi * finger / number)) for finger in range(number)))
 
     @cached_property

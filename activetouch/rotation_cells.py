@@ -21,7 +21,7 @@ from activetouch.hypotheses import Floats
 from activetouch.poses import facing, hamilton_product, turn
 from activetouch.solids.solid import on_spiral
 from belief.coarse_to_fine import NestedCells
-from belief.validation import require_count
+from belief.validation import MOST_REPEATED, require_count
 
 LEVELS = 5
 """Levels of cells."""
@@ -70,8 +70,8 @@ def views(directions: int, rolls: int) -> Floats:
     View d R + r is direction d at roll r, of D directions and R rolls, a multiple of 4. A quarter of the rolls differ
     by less than 90°: the others show the same height maps, turned by quarters.
     """
-    require_count("directions", directions)
-    require_count("rolls / 4", rolls / 4 if rolls % 4 else rolls // 4)
+    require_count("directions", directions, most=MOST_REPEATED)
+    require_count("rolls / 4", rolls / 4 if rolls % 4 else rolls // 4, most=MOST_REPEATED)
     sides = on_spiral(1.0 - 2.0 * (np.arange(directions) + 0.5) / directions)
     faced = np.array([facing(side) for side in sides])
     rolled = np.array([turn("x", 2 * math.pi * roll / rolls) for roll in range(rolls)])

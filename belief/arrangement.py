@@ -27,14 +27,18 @@ from __future__ import annotations
 import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
 
+from belief.bayes import update
 from belief.errors import ImpossibleObservation, InvalidArgument
-from belief.validation import Floats, as_real, require_index
+from belief.naming import shown
+from belief.validation import MOST_COUNT, Floats, as_real, require_index
 
 MAX_STATES = 2**20
 """Largest number of multisets in an exact sum, reached by 20 distinct shapes."""
@@ -42,6 +46,9 @@ MAX_STATES = 2**20
 _LARGEST = np.finfo(np.float64).max
 _RELIABLE = 1e-200  # smallest weight that is told apart from an underflow
 _LARGEST_TABLE = 2**17  # entries (object, shape, arrangement) of a table of all arrangements
+_LARGEST_LAYERS = 2**27  # entries (shape, multiset) of the layers of a sum
+_LARGEST_ROUNDED = 1e8  # weight of which sums in floats are exact to 1e-7
+_ROUNDS = 50  # of exact prices: numbers have 2098 bits, of which each round takes fifty or so
 
 
 def arrangement_marginals(log_weights: ArrayLike, counts: Sequence[int] | None = None) -> Floats:
@@ -88,6 +95,9 @@ def _log_marginals(weights: Floats, bag: tuple[int, ...]) -> Floats:
             kept[first] = True
             rows = np.where(blank, kept[:first].sum(), kept.cumsum() - 1)
             return _log_marginals(weights[kept], bag)[rows]
+        if len(weights) == 1 and weights.max() > -np.inf:
+            with np.errstate(divide="ignore"):
+                return update(np.log(np.array(bag) / sum(bag)), weights)[0]
     elif (listed := _listed_marginals(weights, *table)) is not None:
         with np.errstate(divide="ignore"):
             return np.log(listed)
@@ -139,12 +149,15 @@ def num_states(counts: Sequence[int], num_objects: int) -> int:
     >>> num_states([1] * 12, 12), num_states([2, 1, 1], 4)
     (4096, 12)
     """
-    number = num_multisets(tuple(counts), num_objects, MAX_STATES)
-    if number > MAX_STATES:
+    most = min(MAX_STATES, _LARGEST_LAYERS // len(counts))
+    number = 1 + max(int(np.count_nonzero(counts)), min(max(counts), num_objects))  # at least: of no object, of one …
+    if number <= most:
+        number = num_multisets(tuple(counts), num_objects, most)
+    if number > most:
         raise InvalidArgument(
             f"an exact sum over {num_objects} objects from a bag of {sum(counts)} in {np.count_nonzero(counts)} shapes "
-            f"has more than {MAX_STATES} multisets (20 distinct shapes). Use fewer objects or shapes, or the "
-            "composition 'independent'"
+            f"has more than {most} multisets of {len(counts)} shapes (at most {MAX_STATES}, as of 20 distinct shapes, "
+            f"and {_LARGEST_LAYERS} numbers). Use fewer objects or shapes, or the composition 'independent'"
         )
     return number
 
@@ -156,8 +169,10 @@ def _checked(log_weights: ArrayLike, counts: Sequence[int] | None) -> tuple[Floa
         raise ValueError(f"log_weights must be (N, K) with at least one object and shape, got {weights.shape}")
     num_objects, num_shapes = weights.shape
     bag = (1,) * num_shapes if counts is None else tuple(operator.index(count) for count in counts)
-    if len(bag) != num_shapes or min(bag) < 0:
-        raise ValueError(f"counts must be {num_shapes} numbers of at least zero, got {list(bag)}")
+    if len(bag) != num_shapes or min(bag) < 0 or max(bag) > MOST_COUNT:
+        raise ValueError(
+            f"counts must be {num_shapes} numbers of at least zero and at most 2^53, got {shown(list(bag))}"
+        )
     if counts is None and num_objects > num_shapes:
         raise ValueError(f"{num_objects} objects cannot all differ in shape when there are {num_shapes} shapes")
     if num_objects > sum(bag):
@@ -178,6 +193,8 @@ def _every_arrangement(counts: tuple[int, ...], num_objects: int) -> tuple[NDArr
         to the largest, zero for the other arrangements, ``(N * K, A)``.
     """
     num_shapes, capacity = len(counts), np.array(counts, np.float64)
+    if num_objects * num_shapes * np.count_nonzero(counts) > _LARGEST_TABLE:  # of the first object
+        return None
     shapes, used, draws = np.zeros((0, 1), np.intp), np.zeros((num_shapes, 1)), np.ones(1)
     for _ in range(num_objects):
         if num_objects * num_shapes * shapes.shape[1] > _LARGEST_TABLE:  # further objects only increase the number
@@ -214,35 +231,63 @@ def _listed_marginals(log_weights: Floats, places: NDArray[np.intp], draws: Floa
 
 def _relative(weights: Floats, bag: tuple[int, ...]) -> tuple[Floats, Floats, list[Layer]]:
     """Weights less the prices, ``(N, K)``, the term for what all objects use up, ``(S,)``, and the multisets."""
-    num_objects, num_shapes = weights.shape
+    num_objects = len(weights)
     num_states(bag, num_objects)  # raises if the sum is too large
     table = layers(bag, num_objects)
     capacity = np.minimum(bag, num_objects)
     shift = 4 + num_objects.bit_length()
     scaled = np.ldexp(weights, -shift)  # so that no sum over objects overflows
-    places = np.repeat(np.arange(num_shapes), capacity)
     try:
-        _, chosen = scipy.optimize.linear_sum_assignment(scaled[:, places], maximize=True)
+        price, rent = _prices(scaled, capacity)
     except ValueError as error:
         raise ImpossibleObservation(_why_impossible(weights, bag)) from error
-    match = places[chosen]
-    taken = scaled[np.arange(num_objects), match]
-    moves = scaled - taken[:, None]
-    # Prices of shapes: longest paths of at most N exchanges of shapes between objects (Bellman-Ford).
-    price = np.zeros(num_shapes)
-    for _ in range(num_objects):
-        raised = np.maximum(price, (moves + price[match][:, None]).max(axis=0))
-        if (raised == price).all():
-            break
-        price = raised
+    differences = (scaled - price) - rent[:, None]
+    possible = weights > -np.inf
+    if np.abs(weights[possible]).max() > _LARGEST_ROUNDED:
+        differences, price = _exact_differences(np.where(possible, scaled, 0.0), possible, capacity)
     left = capacity[:, None] - table[-1].used.astype(np.float64)
     # Differences are limited so that no sum over objects overflows; only an exact -inf stays -inf.
     least = -_LARGEST / (8 * (num_objects + 1))
     with np.errstate(over="ignore"):
-        relative = np.ldexp((scaled - price) - (taken - price[match])[:, None], shift)
-        relative = np.where(weights == -np.inf, -np.inf, np.maximum(relative, least))
+        relative = np.where(possible, np.maximum(np.ldexp(differences, shift), least), -np.inf)
         end = table[-1].log_draws + np.maximum(np.ldexp(-(price @ left), shift), least)
     return relative, end, table
+
+
+def _prices(scaled: Floats, capacity: NDArray[np.integer]) -> tuple[Floats, Floats]:
+    """Prices of the shapes, ``(K,)``, and what each object is worth in the best arrangement less its price, ``(N,)``.
+
+    The prices are longest paths of at most N exchanges of shapes between objects (Bellman-Ford algorithm).
+    """
+    places = np.repeat(np.arange(scaled.shape[1]), capacity)
+    match = places[scipy.optimize.linear_sum_assignment(scaled[:, places], maximize=True)[1]]
+    taken = scaled[np.arange(len(scaled)), match]
+    moves = scaled - taken[:, None]
+    price = np.zeros(scaled.shape[1])
+    for _ in range(len(scaled)):
+        raised = np.maximum(price, (moves + price[match][:, None]).max(axis=0))
+        if (raised == price).all():
+            break
+        price = raised
+    return price, taken - price[match]
+
+
+def _exact_differences(scaled: Floats, possible: NDArray[np.bool_], capacity: NDArray[np.integer]) -> tuple[Any, Any]:
+    """Weights ``(N, K)`` less prices and rents, and the prices, for numbers whose rounding errors are large.
+
+    In fractions: each round finds the prices of what the round before left, which is smaller by 15 digits. Objects of
+    equal weights take what is left of the bag, so that a round may also lower a price.
+    """
+    fractions, spare = np.vectorize(Fraction, [object]), int(capacity.sum()) - len(scaled)
+    exact = fractions(np.pad(scaled, [(0, spare), (0, 0)]))
+    possible = np.pad(possible, [(0, spare), (0, 0)], constant_values=True)
+    for _ in range(_ROUNDS):
+        price, rent = _prices(np.where(possible, exact.astype(np.float64), -np.inf), capacity)
+        if not (price.any() or rent.any()):
+            break
+        exact = exact - fractions(price) - fractions(rent)[:, None]
+    exact = exact.astype(np.float64)
+    return exact[: len(scaled)], -exact[-1] * bool(spare)
 
 
 def _why_impossible(weights: Floats, bag: tuple[int, ...]) -> str:

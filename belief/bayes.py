@@ -201,12 +201,14 @@ def _careful_logs(prior: Floats, likelihood: Floats) -> tuple[Floats, Floats, ND
     possible = (prior > -np.inf) & (likelihood > -np.inf)
     prior = prior - log_prior_total
     halves = np.where(possible, prior / 2 + likelihood / 2, -np.inf)  # a sum that never overflows
-    winner = np.argmax(halves, axis=1)[:, None]
-    top_prior, top_likelihood = (np.take_along_axis(scores, winner, axis=1) for scores in (prior, likelihood))
-    joint = (prior - top_prior) + (likelihood - top_likelihood)
-    beyond = possible & ~np.isfinite(joint)  # a term overflows, and often the sum does not
-    joint[beyond] = np.maximum(2.0 * (halves - np.take_along_axis(halves, winner, axis=1))[beyond], -_LARGEST)
-    joint = np.where(possible, joint, -np.inf)
+    joint = halves
+    for _ in range(2):  # halves that rounding makes equal are told apart relative to one of them
+        winner = np.argmax(joint, axis=1)[:, None]
+        top_prior, top_likelihood = (np.take_along_axis(scores, winner, axis=1) for scores in (prior, likelihood))
+        joint = (prior - top_prior) + (likelihood - top_likelihood)
+        beyond = possible & ~np.isfinite(joint)  # a term overflows, and often the sum does not
+        joint[beyond] = np.maximum(2.0 * (halves - np.take_along_axis(halves, winner, axis=1))[beyond], -_LARGEST)
+        joint = np.where(possible, joint, -np.inf)
     log_total = np.log(np.exp(joint).sum(axis=1, keepdims=True))
     log_evidence = np.maximum((top_prior + top_likelihood + log_total)[:, 0], -_LARGEST)
     sums_to_one = np.abs(np.expm1(log_prior_total[:, 0])) <= SUM_TOLERANCE

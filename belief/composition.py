@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from belief.errors import InvalidArgument, UnknownName
-
-_MOST = 2**53  # integers up to here are exact floats
+from belief.naming import shown
+from belief.validation import MOST_COUNT
 
 
 class Composition(StrEnum):
@@ -55,8 +55,8 @@ class Counts:
             items = tuple(sorted((str(label), operator.index(count)) for label, count in counts.items()))
         except TypeError as error:
             raise ValueError(f"counts must be integers, got {dict(counts)}") from error
-        if not all(0 <= count <= _MOST for _, count in items) or not any(count for _, count in items):
-            raise ValueError(f"counts must be in [0, 2^53], and at least one above zero, got {dict(counts)}")
+        if not all(0 <= count <= MOST_COUNT for _, count in items) or not any(count for _, count in items):
+            raise ValueError(f"counts must be in [0, 2^53], and at least one above zero, got {shown(dict(counts))}")
         object.__setattr__(self, "items", items)
 
     @property

@@ -33,14 +33,41 @@ class MissingPackage(ActiveTouchError, ImportError):
 
 
 def install_command(extra: str) -> str:
-    """The command that installs an extra here: in a clone, of the clone; otherwise from an index.
+    """The command that installs an extra: of the clone that this code is in, or whatever it was installed from.
 
     >>> install_command("train").endswith("[train]'")
     True
     """
-    root, here = Path(__file__).parents[1] / "pyproject.toml", Path("pyproject.toml")
-    place = "activetouch" if not root.is_file() else "." if here.exists() and here.samefile(root) else root.parent
-    return f"pip install '{place}[{extra}]'"
+    (source, commit), here = code_source(), Path()
+    if isinstance(source, Path):
+        return f"pip install '{'.' if source.is_dir() and source.samefile(here) else source}[{extra}]'"
+    return f"pip install 'activetouch[{extra}]{f' @ {source}' if source else ''}{f'@{commit}' if commit else ''}'"
+
+
+def code_source() -> tuple[Path | str, str]:
+    """The clone of this code, or the folder, file or address from which pip installed it, and its commit.
+
+    Each is empty where it is not known, as after an installation from an index.
+    """
+    clone = Path(__file__).parents[1]
+    if (clone / "pyproject.toml").is_file():
+        return clone, ""
+    import importlib.metadata
+    import json
+    from urllib.parse import urlsplit
+    from urllib.request import url2pathname
+
+    try:
+        origin = json.loads(importlib.metadata.distribution("activetouch").read_text("direct_url.json") or "{}")
+        url, repository = origin.get("url", ""), origin.get("vcs_info")
+        if repository:
+            return f"{repository['vcs']}+{url}", repository["commit_id"]
+        if not url.startswith("file:"):
+            return url, ""
+        place = Path(url2pathname(urlsplit(url).path))
+        return ("" if origin.get("dir_info", {}).get("editable") or not place.exists() else place), ""
+    except (importlib.metadata.PackageNotFoundError, ValueError, LookupError, AttributeError, TypeError):
+        return "", ""
 
 
 class CodeFailed(ActiveTouchError, RuntimeError):

@@ -167,21 +167,46 @@ def require_regular_file(path: Path, error: type[Exception] = CorruptFile) -> Pa
 _KINDS = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
 
 
-def read_npz(content: bytes, most: int, names: Collection[str] | None = None) -> dict[str, NDArray[Any]]:
-    """The arrays of an npz file; no more than ``most`` bytes are decompressed, whatever the file promises.
-
-    Args:
-        content: bytes of the file.
-        most: largest size of all of them together, with some hundred bytes for the header of each [bytes].
-        names: of the arrays; all by default.
+def opened_zip(source: Path | bytes) -> zipfile.ZipFile:
+    """A zip archive, from a file or its content, unless its list of names would take much memory.
 
     Raises:
-        KeyError: an array is missing.
+        BadZipFile: the list is longer than a megabyte, or there is none.
+    """
+    with source.open("rb") if isinstance(source, Path) else io.BytesIO(source) as file:
+        file.seek(max(0, file.seek(0, os.SEEK_END) - _LONGEST_END))
+        end = file.read().rpartition(b"PK\5\6")[2]  # the record at the end of an archive
+    if (length := int.from_bytes(end[8:12], "little")) > _LONGEST_LIST:
+        raise zipfile.BadZipFile(f"its list of names has {length} bytes, and at most {_LONGEST_LIST} are read")
+    return zipfile.ZipFile(source if isinstance(source, Path) else io.BytesIO(source))
+
+
+_LONGEST_END, _LONGEST_LIST = (
+    2**16 + 22,
+    2**20,
+)  # bytes of that record and of a list of names, which takes 20 times more
+
+
+def read_npz(
+    source: Path | bytes, most: int, names: Collection[str] | None = None
+) -> tuple[dict[str, NDArray[Any]], list[str]]:
+    """The arrays of an npz file, and the names of others; at most ``most`` bytes are decompressed.
+
+    Args:
+        source: the file, or its bytes.
+        most: largest size of all of them together, with some hundred bytes for the header of each [bytes].
+        names: of the arrays that are read where they are there; all by default.
+
+    Raises:
         Exception: the file is larger, damaged or something else; zipfile and numpy raise many kinds.
     """
     arrays: dict[str, NDArray[Any]] = {}
-    with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        for name in [name.removesuffix(".npy") for name in archive.namelist()] if names is None else names:
+    with opened_zip(source) as archive:
+        listed = [name.removesuffix(".npy") for name in archive.namelist()]
+        if len(set(listed)) < len(listed):
+            raise ValueError("it has two arrays of one name")
+        others = [] if names is None else [name for name in listed if name not in names]
+        for name in [name for name in listed if name not in others]:
             member = archive.getinfo(f"{name}.npy")
             if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
                 raise ValueError(f"{name} is compressed in a way that numpy does not write")
@@ -189,7 +214,7 @@ def read_npz(content: bytes, most: int, names: Collection[str] | None = None) ->
             if (most := most - len(data)) < 0:
                 raise ValueError("it would unpack to more bytes than such a file has")
             arrays[name] = _array(data)
-    return arrays
+    return arrays, others
 
 
 def _array(data: bytes) -> NDArray[Any]:

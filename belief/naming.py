@@ -51,6 +51,18 @@ def one_line(cls: type, *parts: str) -> str:
     return text if len(text) <= _WIDTH else f"{text[: _WIDTH - 2]}…)"
 
 
+def shown(value: object) -> str:
+    """What was given, for an error: at most 80 characters, also of integers that Python does not print.
+
+    >>> shown(10**5000)
+    'a number with too many digits to print'
+    """
+    try:
+        return f"{value!r:.80}"
+    except ValueError:
+        return "a number with too many digits to print"
+
+
 def few(labels: Sequence[str], most: int = 4) -> str:
     """The first labels, and the number of further ones."""
     shown = ", ".join(labels[:most])

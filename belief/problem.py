@@ -19,7 +19,7 @@ from belief.composition import Composition, Counts
 from belief.errors import InvalidArgument
 from belief.frozen import FrozenArrays
 from belief.naming import Name, checked_names, index_of, one_line
-from belief.validation import Floats, as_real, require_count
+from belief.validation import MOST_REPEATED, Floats, are_finite, as_real, require_count, warn_of_probs
 
 WHO_GIVES_LOGITS = (
     ", only features, which a joint observation model reads. Logits come from the reader: Touch(pose, logits, "
@@ -87,6 +87,8 @@ class Touch(FrozenArrays):
             object.__setattr__(self, "logits", scores)
             if scores.ndim != 1 or not scores.size or not scores.max() < np.inf:  # NaN fails too
                 raise InvalidArgument(f"a touch needs a row of logits without NaN and +inf, got {scores.tolist()}")
+            if scores.min() >= 0.0 and np.count_nonzero(scores) > 1:
+                warn_of_probs(scores, "logits", "take the logarithms of probabilities")
         if self.features is not None:
             object.__setattr__(self, "features", as_real(self.features, "features of a touch"))
         self.freeze()
@@ -209,7 +211,7 @@ class SearchProblem:
             object.__setattr__(self, "composition", Composition(self.composition))  # may be a plain string
         for name in ("shape_labels", "pose_labels"):
             object.__setattr__(self, name, checked_names(name, getattr(self, name)))
-        require_count("num_objects", self.num_objects)
+        require_count("num_objects", self.num_objects, most=MOST_REPEATED)
         if self.touch_limit is None:
             object.__setattr__(self, "touch_limit", max(48, 4 * int(self.num_objects)))
         require_count("touch_limit", self.touch_limit)
@@ -220,7 +222,7 @@ class SearchProblem:
                 f"{self.num_objects} objects cannot all differ in shape when there are only {self.num_shapes} "
                 f"shapes ({', '.join(self.shape_labels)}); use at most that many or composition 'independent'"
             )
-        if not (isinstance(self.touch_cost, Real) and np.isfinite(float(self.touch_cost)) and self.touch_cost >= 0.0):
+        if not (isinstance(self.touch_cost, Real) and are_finite(self.touch_cost) and self.touch_cost >= 0.0):
             raise ValueError(f"touch_cost must be finite and ≥ 0, got {self.touch_cost}")
         if not isinstance(self.touch_cost, int):  # a float16 would round every return
             object.__setattr__(self, "touch_cost", float(self.touch_cost))

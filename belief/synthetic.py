@@ -13,6 +13,7 @@ from belief.naming import Name, index_of
 from belief.observation_model.confusion import ConfusionModel
 from belief.observation_model.model import ObservationModel
 from belief.problem import SearchProblem, Touch
+from belief.validation import are_finite, require_count
 
 
 def sample_arrangement(problem: SearchProblem, rng: np.random.Generator) -> tuple[int, ...]:
@@ -46,7 +47,9 @@ def random_model(
     (3, 4, 4) 0.1
     (3, 4, 4) 1.1
     """
-    if not np.isfinite(sharpness):
+    for name, number in (("num_shapes", num_shapes), ("num_poses", num_poses)):
+        require_count(name, number, most=1000)
+    if not are_finite(sharpness):
         raise ValueError(f"sharpness must be finite, got {sharpness}")
     scores = rng.normal(size=(num_poses, num_shapes, num_shapes)) + sharpness * np.eye(num_shapes)
     labels = tuple(f"shape_{k}" for k in range(num_shapes))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Sequence
 from numbers import Integral, Real
@@ -11,13 +12,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.errors import InvalidArgument
+from belief.naming import shown
 
 Floats: TypeAlias = NDArray[np.float64]
 SUM_TOLERANCE = 2e-3
 """Tolerance for sums of probabilities: twice the rounding error of a dozen probabilities in float16."""
+MOST_COUNT = 2**53
+"""Largest count: integers up to here are exact floats."""
+MOST_REPEATED = 10**7
+"""Largest count of what takes time or memory for each one, such as resamples, simulations or the objects of a scene."""
 LARGEST_VALUE = 1e150  # sums of a million larger ones, or their squares, overflow
 _MOST_POSES = 1000  # or the number of touches, if that is larger
-_ROUNDING = 1e-12  # sums this near to one are not normalised again
+_ROUNDING, _NORMAL = 1e-12, 1e-9  # of sums of what was computed, and of rows as users give them
 _NEAR_ONE = 1e-5  # sums of rows that were meant as probabilities
 
 
@@ -33,19 +39,36 @@ def as_real(values: ArrayLike, name: str) -> NDArray[np.floating]:
 
 
 def warn_of_probs(values: NDArray[np.floating], name: str, instead: str, callers: int = 3) -> None:
-    """A UserWarning, so many callers up, about logarithms ``(..., K)`` that look like probabilities."""
+    """A UserWarning, so many callers up, about logarithms ``(..., K)`` that look like probabilities or percentages."""
     if values.ndim == 0 or values.size == 0 or values.shape[-1] < 2:
         return
-    near = SUM_TOLERANCE if values.itemsize < 4 else _NEAR_ONE
     rows = values.reshape(-1, values.shape[-1])
+    near = SUM_TOLERANCE if values.itemsize < 4 else _NEAR_ONE if len(rows) > 1 else _NEAR_ONE / 20
+    for total, words in ((1.0, "one, as probabilities"), (100.0, "100, as percentages")):
+        if all(_sums_to(total, some, near) for some in (rows[:1], rows)):  # one row usually tells
+            warnings.warn(f"{name} has no negative number and sums to {words} do; {instead}", stacklevel=1 + callers)
+
+
+def _sums_to(total: float, rows: NDArray[np.floating], near: float) -> bool:
+    """Whether rows have no negative number and sum to a total, or do so before rounding to two to four decimals."""
     with np.errstate(over="ignore", invalid="ignore"):
-        look_like = all(
-            some.min() >= 0.0 and np.abs(some.sum(axis=1, dtype=np.float64) - 1.0).max() <= near
-            for some in (rows[:1], rows)  # one row usually tells
+        if not (rows.min() >= 0.0 and rows.max() <= 2.0 * total):
+            return False
+        parts = rows.astype(np.float64) / total
+        off = np.abs(parts.sum(axis=1) - 1.0).max()
+        return off <= near or any(
+            off < 0.499 * rows.shape[1] / step and np.abs(parts * step - np.round(parts * step)).max() < 1e-3
+            for step in (100.0, 1_000.0, 10_000.0)
         )
-    if look_like:
+
+
+def warn_of_one_shape(labels: NDArray[np.integer], num_shapes: int, callers: int = 2) -> None:
+    """A UserWarning, so many callers up, about labels that are all the same."""
+    if num_shapes > 1 and labels.size and (labels == labels[0]).all():
         warnings.warn(
-            f"{name} has no negative number and sums to one, as probabilities do; {instead}", stacklevel=1 + callers
+            f"all {labels.size} labels are {labels[0]}: touches of one shape tell nothing about the other "
+            f"{num_shapes - 1}; add touches of these",
+            stacklevel=1 + callers,
         )
 
 
@@ -93,22 +116,32 @@ def checked_indices(name: str, values: ArrayLike, size: int) -> NDArray[np.int64
     return indices.astype(np.int64)
 
 
-def require_count(name: str, value: object, least: int = 1) -> None:
-    """Raise InvalidArgument unless an argument is an integer, at least ``least``."""
-    if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
-        raise InvalidArgument(f"{name} must be an integer, at least {least}, got {value!r}")
+def require_count(name: str, value: Any, least: int = 1, most: int = MOST_COUNT) -> None:
+    """Raise InvalidArgument unless an argument is an integer in [least, most]."""
+    if isinstance(value, bool) or not isinstance(value, Integral) or not least <= int(value) <= most:
+        limit = f" and at most {most}" if isinstance(value, Integral) and int(value) > most else ""
+        raise InvalidArgument(f"{name} must be an integer, at least {least}{limit}, got {shown(value)}")
+
+
+def are_finite(*values: Any) -> bool:
+    """Whether numbers are finite as floats, which NaN and integers beyond the largest float are not."""
+    try:
+        return all(map(math.isfinite, values))
+    except OverflowError:
+        return False
 
 
 def require_index(name: str, value: object, size: int) -> None:
     """Raise InvalidArgument unless an argument is an integer in [0, size)."""
     if isinstance(value, bool) or not isinstance(value, Integral) or not 0 <= int(value) < size:
-        raise InvalidArgument(f"{name} must be an integer in [0, {size}), got {value!r}")
+        raise InvalidArgument(f"{name} must be an integer in [0, {size}), got {shown(value)}")
 
 
-def require_number(name: str, value: object, least: float, most: float) -> None:
+def require_number(name: str, value: Any, least: float, most: float) -> None:
     """Raise InvalidArgument unless an argument is a real number in [least, most]."""
-    if not isinstance(value, Real) or isinstance(value, bool) or not least <= float(value) <= most:
-        raise InvalidArgument(f"{name} must be a number in [{least:g}, {most:g}], got {value!r}")
+    is_number = isinstance(value, Real) and not isinstance(value, bool) and are_finite(value)
+    if not is_number or not least <= float(value) <= most:
+        raise InvalidArgument(f"{name} must be a number in [{least:g}, {most:g}], got {shown(value)}")
 
 
 def require_choice(name: str, value: object, choices: Sequence[str]) -> None:
@@ -136,12 +169,13 @@ def at(row: tuple[int, ...]) -> str:
 
 
 def renormalised(probs: Floats) -> Floats:
-    """Checked probabilities ``(..., K)`` divided by their sums, unless all sums are one up to rounding.
+    """Checked probabilities ``(..., K)``, of which each row is divided by its sum unless that is one up to rounding.
 
     Probabilities that are read from a file therefore keep their last bit.
     """
     totals = probs.sum(axis=-1, keepdims=True)
-    return probs / totals if np.abs(totals - 1.0).max() > _ROUNDING else probs
+    off = np.abs(totals - 1.0) > _ROUNDING
+    return probs / np.where(off, totals, 1.0) if off.any() else probs
 
 
 def normalise_log_probs(log_probs: ArrayLike, name: str = "log_probs", row: tuple[int, ...] = ()) -> Floats:
@@ -154,11 +188,14 @@ def normalise_log_probs(log_probs: ArrayLike, name: str = "log_probs", row: tupl
     log_total = np.logaddexp.reduce(values, axis=-1, keepdims=True)
     near_one = np.abs(np.expm1(log_total)) <= SUM_TOLERANCE
     require(near_one, values, name, "probabilities that do not sum to one", row)
-    return np.asarray(values - log_total)
+    return np.asarray(values - np.where(np.abs(log_total) > _NORMAL, log_total, 0.0))
 
 
 def normalise_probs(probs: ArrayLike, name: str = "probs", axis: int = -1, row: tuple[int, ...] = ()) -> Floats:
-    """Probabilities, normalised along an axis where they sum to one within :data:`SUM_TOLERANCE`."""
+    """Probabilities, normalised along an axis where they sum to one within :data:`SUM_TOLERANCE`.
+
+    Those that sum to one within 1e-9 are left as they are: rounding would move 0.4 across the edge of a bin.
+    """
     values = np.asarray(as_real(probs, name), np.float64)
     if values.ndim == 0 or values.size == 0:
         raise ValueError(f"{name} needs at least one axis, none of them empty, got shape {values.shape}")
@@ -170,7 +207,7 @@ def normalise_probs(probs: ArrayLike, name: str = "probs", axis: int = -1, row: 
         require(last >= 0.0, last, name, "NaN or a probability below zero", row)
         unequal = "probabilities that do not sum to one (divide rounded ones by their sum)"
         require(np.moveaxis(off, axis, -1) <= SUM_TOLERANCE, last, name, unequal, row)
-    return values / totals
+    return np.minimum(values / np.where(off > _NORMAL, totals, 1.0), 1.0)
 
 
 def pose_count(poses: NDArray[np.integer], num_poses: int | None) -> int:

@@ -5,7 +5,6 @@ A :class:`SequentialDecider` combines a stopping rule with a probe selector.
 
 from __future__ import annotations
 
-import math
 import operator
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -23,7 +22,7 @@ from belief.observation_model.evidence import ObjectEvidence
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Confirm, Probe, Reject, SearchProblem, Touch, TouchHistory, Unsure
 from belief.scene_belief import SceneBelief, SceneView
-from belief.validation import require_index
+from belief.validation import are_finite, require_index
 
 
 class BadState(ActiveTouchError, TypeError):
@@ -240,7 +239,7 @@ def _with_plain_scores(decision: Decision, who: str) -> Decision:
         raise BadDecision(f"{who} with the scores {scores!r}; scores are named numbers, such as {{'value': 0.5}}")
     plain = True
     for name, value in scores.items():
-        if not isinstance(name, str) or not isinstance(value, Real) or not math.isfinite(value):
+        if not isinstance(name, str) or not isinstance(value, Real) or not are_finite(value):
             raise BadDecision(f"{who} with the score {name!r}: {value!r}; scores are named, finite numbers")
         plain = plain and isinstance(value, float)
     return decision if plain else replace(decision, scores={name: float(value) for name, value in scores.items()})

@@ -7,6 +7,7 @@ of a user, is known by its source text.
 from __future__ import annotations
 
 import enum
+import filecmp
 import functools
 import hashlib
 import importlib.metadata
@@ -25,9 +26,11 @@ from typing import Any
 
 import numpy as np
 
+from belief.errors import code_source
 from belief.files import is_installed, is_standard, require_regular_file, source_digest
 from planners.registry import MadeAnew
 
+_PACKAGES = ("activetouch", "belief", "planners", "experiments")
 _PLAIN = (type(None), bool, int, float, complex, str, bytes)
 
 
@@ -70,10 +73,21 @@ def versions() -> dict[str, str]:
 
 
 def commit_of_code() -> str:
-    """Git commit of this code, marked if there are uncommitted changes; empty outside a Git checkout."""
-    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=12"]
+    """Git commit of this code, marked if there are uncommitted changes.
+
+    It is that of the clone which the code is in or was installed from; empty if there is none, or if the clone holds
+    other code than was installed.
+    """
+    (clone, commit), root = code_source(), Path(__file__).parents[1]
+    if commit or not isinstance(clone, Path):
+        return commit[:12]
+    git = ["git", f"--git-dir={clone / '.git'}", f"--work-tree={clone}"]  # of no other repository around it
     try:
-        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout.strip()
+        for file in (path for package in _PACKAGES for path in (root / package).rglob("*.py") if clone != root):
+            if not filecmp.cmp(file, clone / file.relative_to(root), shallow=False):
+                return ""
+        described = [*git, "describe", "--always", "--dirty", "--abbrev=12"]
+        return subprocess.run(described, capture_output=True, text=True, check=True, timeout=10).stdout.strip()
     except (OSError, subprocess.SubprocessError):
         return ""
 

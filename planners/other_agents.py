@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from belief.errors import BrokenContract, MissingPackage, install_command
-from belief.files import require_regular_file
+from belief.files import opened_zip, require_regular_file
 from belief.policy_state import TOUCH_LIMIT, state_size
 from belief.problem import Confirm, Probe, Reject
 from belief.references import Reference
@@ -241,7 +241,7 @@ class SB3Policy:
 def _model(path: Path, written: tuple[int, int] | None) -> Any:
     """The model, read once in each process, and again when its file was written anew."""
     try:
-        with zipfile.ZipFile(require_regular_file(path, BadPolicy)) as file, file.open("data") as settings:
+        with opened_zip(require_regular_file(path, BadPolicy)) as file, file.open("data") as settings:
             data = json.loads(settings.read(_MOST_SETTINGS))
         module, name = _algorithm(data)
     except (zipfile.BadZipFile, KeyError, ValueError, TypeError, AttributeError) as error:

@@ -35,6 +35,7 @@ from scipy.special import rel_entr
 
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Action, Confirm, Probe, Reject, SearchProblem
+from belief.validation import MOST_REPEATED, require_count
 from planners.continuation_value import belief_with_missed, shapes_ahead
 from planners.decider import Decision, InformationState, are_touches_used, require_fit, touch_share
 from planners.episode import ACTION_NAMES
@@ -151,6 +152,7 @@ class Pouct:
     rollout: type[InformedRollout] = InformedRollout
 
     def __post_init__(self) -> None:
+        require_count("simulations", self.simulations, most=MOST_REPEATED)
         least = self.table.num_poses + 3  # the first simulation creates the root; the others try every action
         if self.simulations < least:
             raise ValueError(f"{self.table.num_poses} poses need at least {least} simulations, got {self.simulations}")

@@ -158,9 +158,8 @@ class TargetInformationGain:
 class ShapeInformationGain(TargetInformationGain):
     """The pose with the largest expected information gain about the shape of this object.
 
-    It is the usual criterion of active perception. Where many touches are needed, as in the scene ``keyed``, it needs
-    fewer than the gain about the target: what tells the other shapes apart tells how the object lies, and so where the
-    target would differ. Attributes as of :class:`TargetInformationGain`; ``given`` is "body".
+    It is the usual criterion of active perception. In the scene ``keyed`` it needs as many touches as the gain about
+    the target. Attributes as of :class:`TargetInformationGain`; ``given`` is "body".
     """
 
     given: Literal["body"] = field(default="body", init=False)

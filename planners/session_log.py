@@ -7,7 +7,6 @@ import hashlib
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import isfinite
 from numbers import Real
 from typing import Any, Protocol
 
@@ -17,10 +16,10 @@ from numpy.typing import NDArray
 from belief.composition import Counts
 from belief.errors import InvalidArgument
 from belief.journal import array_field, array_from
-from belief.naming import index_of
+from belief.naming import index_of, shown
 from belief.observation_model.model import ObservationModel
 from belief.problem import Action, Elsewhere, Probe, SearchProblem, Touch
-from belief.validation import require_index
+from belief.validation import are_finite, require_index
 from planners.decider import Decision
 from planners.episode import ACTION_NAMES, ACTIONS
 
@@ -163,8 +162,8 @@ def _is_within(number: float | None, limit: float | None) -> bool:
 def _not_negative(name: str, value: float | None) -> float | None:
     if value is None:
         return None
-    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not isfinite(value) or value < 0:
-        raise InvalidArgument(f"{name} must be a finite number ≥ 0, got {value!r:.60}")
+    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not are_finite(value) or value < 0:
+        raise InvalidArgument(f"{name} must be a finite number ≥ 0, got {shown(value)}")
     return float(value)
 
 
@@ -262,7 +261,7 @@ def decider_fields(value: Any) -> Any:
     if isinstance(value, str | bool | int | None):
         return value
     if isinstance(value, Real):
-        return float(value) if isfinite(value) else str(value)
+        return float(value) if are_finite(value) else str(value)
     if isinstance(value, list | tuple):
         return [decider_fields(one) for one in value]
     kind = value if hasattr(value, "__qualname__") else type(value)

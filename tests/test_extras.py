@@ -1,16 +1,20 @@
 """The main job runs with the base installation alone, and what needs more says which extra to install."""
 
+import json
 import os
+import shutil
 import subprocess
 import sys
 from importlib.metadata import requires
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from activetouch.extras import EXTRAS, extra_of, require_extra, script_needs
 from belief import errors
 from belief.errors import MissingPackage, install_command
+from experiments.search import fingerprint
 
 ROOT = Path(__file__).parent.parent
 HIDDEN = sorted({module for modules in EXTRAS.values() for module in modules})
@@ -115,6 +119,83 @@ def test_extras_are_found_by_module(monkeypatch):
     with pytest.raises(SystemExit, match=r"gymnasium.* are not installed: pip install '\.\[rl\]'"):
         script_needs("rl")
     monkeypatch.setattr(errors, "__file__", "/somewhere/site-packages/belief/errors.py")
-    assert install_command("rl") == "pip install 'activetouch[rl]'"
+    assert install_command("rl") == "pip install 'activetouch[rl]'"  # the clone that pip names is not this one
     with pytest.raises(MissingPackage, match=r"onnx and onnxscript are not installed: .*\[train\]"):
         require_extra("train")
+
+
+@pytest.fixture
+def origin(tmp_path, monkeypatch):
+    """Set what pip wrote about the origin of a copy in ``tmp_path / "site-packages"``."""
+    for module, path in ((errors, "belief/errors.py"), (fingerprint, "experiments/search/fingerprint.py")):
+        monkeypatch.setattr(module, "__file__", str(tmp_path / "site-packages" / path))
+
+    def be(written):
+        copy = SimpleNamespace(read_text=lambda name: json.dumps(written) if written else None)
+        monkeypatch.setattr("importlib.metadata.distribution", lambda name: copy)
+
+    be(None)
+    return be
+
+
+FOLDER, FILE = "{clone}", "{clone}/activetouch-0.2.0-py3-none-any.whl"
+GIT = "https://example.org/activetouch.git"
+
+
+@pytest.mark.parametrize(
+    ("written", "command"),
+    [
+        ({"url": f"file://{FOLDER}", "dir_info": {}}, f"'{FOLDER}[rl]'"),
+        ({"url": f"file://{FILE}", "archive_info": {"hash": "sha256=1"}}, f"'{FILE}[rl]'"),
+        ({"url": GIT, "vcs_info": {"vcs": "git", "commit_id": "a" * 40}}, f"'activetouch[rl] @ git+{GIT}@{'a' * 40}'"),
+        ({"url": "https://example.org/a.whl", "archive_info": {}}, "'activetouch[rl] @ https://example.org/a.whl'"),
+        ({"url": "file:///no/longer/there", "dir_info": {}}, "'activetouch[rl]'"),
+        ({"url": f"file://{FOLDER}", "dir_info": {"editable": True}}, "'activetouch[rl]'"),
+        (None, "'activetouch[rl]'"),
+        ([], "'activetouch[rl]'"),
+    ],
+)
+def test_a_missing_extra_is_installed_from_where_the_copy_came_from(written, command, origin, tmp_path, monkeypatch):
+    clone = tmp_path / "my clone"
+    clone.mkdir()
+    (clone / Path(FILE).name).touch()
+    as_url = json.dumps(written).replace("{clone}", clone.as_posix().replace(" ", "%20"))
+    origin(json.loads(as_url))
+    assert install_command("rl") == f"pip install {command.replace('{clone}', str(clone))}"
+    monkeypatch.chdir(clone)
+    assert install_command("rl") == f"pip install {command.replace(FOLDER + '[', '.[').replace('{clone}', str(clone))}"
+
+
+def git(folder, *words):
+    who = ("-c", "user.name=a", "-c", "user.email=a@example.org")
+    return subprocess.run(["git", *who, *words], cwd=folder, check=True, capture_output=True, text=True).stdout.strip()
+
+
+def test_the_commit_of_an_installed_copy_is_that_of_the_clone_it_was_installed_from(origin, tmp_path):
+    clone, copy = tmp_path / "clone", tmp_path / "site-packages"
+    (clone / "belief").mkdir(parents=True)
+    (clone / "belief" / "code.py").write_text("x = 1")
+    git(tmp_path, "init", "--quiet")  # another repository around both
+    git(tmp_path, "commit", "--quiet", "--allow-empty", "--message=other")
+    origin({"url": clone.as_uri(), "dir_info": {}})
+    shutil.copytree(clone, copy)
+    assert fingerprint.commit_of_code() == ""
+    git(clone, "init", "--quiet")
+    git(clone, "add", ".")
+    git(clone, "commit", "--quiet", "--message=first")
+    commit = git(clone, "rev-parse", "--short=12", "HEAD")
+    assert fingerprint.commit_of_code() == commit
+    (clone / "belief" / "code.py").write_text("x = 2")
+    assert fingerprint.commit_of_code() == ""  # the copy is of neither
+    (copy / "belief" / "code.py").write_text("x = 2")
+    assert fingerprint.commit_of_code() == f"{commit}-dirty"
+    origin({"url": GIT, "vcs_info": {"vcs": "git", "commit_id": "a" * 40}})
+    assert fingerprint.commit_of_code() == "a" * 12
+    origin(None)
+    assert fingerprint.commit_of_code() == ""
+    (copy / "pyproject.toml").touch()  # code in a clone itself, which is no repository
+    assert fingerprint.commit_of_code() == ""
+    git(copy, "init", "--quiet")
+    git(copy, "add", ".")
+    git(copy, "commit", "--quiet", "--message=second")
+    assert fingerprint.commit_of_code() == git(copy, "rev-parse", "--short=12", "HEAD")

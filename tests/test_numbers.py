@@ -2,6 +2,8 @@
 
 import json
 import re
+import subprocess
+import zlib
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
@@ -189,3 +191,11 @@ def test_a_record_says_what_made_it(path):
     lines = path.read_text().splitlines()
     assert [line.partition(": ")[0] for line in lines[:4]] == ["command", "commit", "versions", "processor time"]
     assert lines[0].partition(": ")[2].split()[0] in ("activetouch", "python")
+
+
+def test_the_size_of_the_wheel_is_that_of_its_files_compressed():
+    listed = ["git", "ls-files", "activetouch", "belief", "planners", "experiments"]
+    tracked = subprocess.run(listed, cwd=ROOT, capture_output=True, text=True, check=True)
+    packed = sum(len(zlib.compress((ROOT / name).read_bytes(), 1)) for name in tracked.stdout.splitlines())
+    stated = re.search(r"The wheel has (\d+\.\d) MB", (ROOT / "docs/install.md").read_text())
+    assert packed / 1e6 == pytest.approx(float(stated[1]), rel=0.02)

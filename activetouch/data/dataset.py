@@ -196,7 +196,7 @@ def read_shard(folder: Path, manifest: Manifest, split: str, shard: int, objects
     planned = _columns(manifest, number)
     size = sum(math.prod(shape) * dtype.itemsize for shape, dtype in planned.values())
     try:
-        found = read_npz(require_regular_file(path).read_bytes(), size + _HEADERS)
+        found, _ = read_npz(require_regular_file(path), size + _HEADERS)
     except Exception as error:  # readers of zip and npy raise a dozen kinds on damaged bytes, and all mean this
         raise CorruptFile(f"{path} is truncated or damaged ({error}). {remedy}") from error
     for name, (shape, dtype) in planned.items():

@@ -14,7 +14,7 @@ from activetouch.pressing.contact import Contact, Phase, elastic_contact, first_
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Press
 from activetouch.solids.solid import FINITE, Floats, Geom, Shape, on_spiral
-from belief.validation import require_number
+from belief.validation import are_finite, require_number
 
 if TYPE_CHECKING:
     import mujoco
@@ -45,7 +45,7 @@ class SteppedPress(Press):
     def __post_init__(self) -> None:
         if not self.pause >= self.timestep > 0.0:
             raise ValueError(f"pause must be at least one timestep, got {self.pause} s and {self.timestep} s")
-        if not 0.0 < self.speed * self.timestep <= _LONGEST_STEP:
+        if not (are_finite(self.speed) and 0.0 < self.speed * self.timestep <= _LONGEST_STEP):
             raise ValueError(
                 f"speed × timestep must be in (0, {_LONGEST_STEP} m], or the object could pass through the pad in one "
                 f"step; got {self.speed} m/s × {self.timestep} s"

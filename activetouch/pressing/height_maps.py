@@ -36,7 +36,7 @@ class Window:
     def __post_init__(self) -> None:
         if not 0.0 < self.edge < np.inf:
             raise InvalidArgument(f"the edge of a window must be above zero and finite, got {self.edge} m")
-        require_count("num_pixels", self.num_pixels)
+        require_count("num_pixels", self.num_pixels, most=10_000)
 
     @classmethod
     def of(cls, pad: Pad, margin: float = 0.0, num_pixels: int | None = None) -> Window:

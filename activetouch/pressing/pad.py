@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from activetouch.solids.solid import FINITE, Floats
-from belief.validation import require_count, require_number
+from belief.validation import are_finite, require_count, require_number
 
 
 @dataclass(frozen=True)
@@ -39,9 +39,9 @@ class Pad:
     damping_ratio: float = 1.0
 
     def __post_init__(self) -> None:
-        require_count("num_taxels", self.num_taxels)
+        require_count("num_taxels", self.num_taxels, most=10_000)
         lengths = (self.half_width, self.half_thickness, self.stiffness, self.max_depth, self.contact_time)
-        if not (np.isfinite(lengths).all() and min(lengths) > 0.0 and 0.0 <= self.damping_ratio < np.inf):
+        if not (are_finite(*lengths, self.damping_ratio) and min(lengths) > 0.0 <= self.damping_ratio):
             raise ValueError(f"sizes, stiffness and contact_time must be positive, damping_ratio ≥ 0; got {self}")
 
     @property

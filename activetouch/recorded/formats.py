@@ -15,11 +15,9 @@
 
 from __future__ import annotations
 
-import csv
-import zipfile
 from array import array
 from bisect import bisect
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, TypeAlias, get_args
@@ -39,8 +37,11 @@ from activetouch.recorded.tables import (
     touches_of_columns,
 )
 from activetouch.recorded.touches import RecordedTouches
+from belief.errors import InvalidArgument
 from belief.files import plain_number, require_regular_file
+from belief.files import read_npz as read_npz_arrays
 from belief.naming import few
+from belief.table import csv_rows
 from belief.validation import Floats
 
 _NAMES = ("object", "action", "session", *KINDS_OF.values())  # columns that are no features
@@ -69,16 +70,15 @@ def _read_tables(
     numbers, known = array("d"), dict[str, str]()
     line_of, firsts = array("q"), list[int]()  # line of each row, and first row of each file
     for path in paths:
-        lines = lines_of(path)
-        names = _header(path, *next(lines, (1, "")))
+        lines = _rows(path)
+        names = _header(path, next(lines, (1, []))[1])
         if header and names != header:
             raise BadRecording(f"{path} has the columns {names[:12]}, {paths[0]} has {header[:12]}")
         header = names
         features = [column for column, name in enumerate(header) if name not in columns]
         labels = [(columns[name], column) for column, name in enumerate(header) if name in columns]
         firsts.append(len(line_of))
-        for number, line in lines:
-            cells = _cells(path, number, line)
+        for number, cells in lines:
             if len(cells) != len(header):
                 raise BadRecording(f"line {number} of {path} has {len(cells)} cells, the header has {len(header)}")
             numbers.extend([_number(cells[column], header[column], number, path) for column in features])
@@ -144,9 +144,9 @@ def read_bts3(folder: Path) -> Read:
     return touches, ("the column 'slipped' is left out: it is known only after the touch",)
 
 
-def _header(path: Path, number: int, line: str) -> list[str]:
+def _header(path: Path, cells: Sequence[str]) -> list[str]:
     """The names of the columns."""
-    names = [name.strip() for name in _cells(path, number, line)]
+    names = [name.strip() for name in cells]
     if "object" not in names or len(set(names)) < len(names):
         raise BadRecording(
             f"the first line of {path} must name the columns, each once, separated by commas, with 'object' among "
@@ -170,11 +170,11 @@ def _number(cell: str, name: str, number: int, path: Path) -> float:
         raise BadRecording(f"line {number} of {path}: the feature {name!r} is {cell[:40]!r}, no number{hint}") from None
 
 
-def _cells(path: Path, number: int, line: str) -> list[str]:
+def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
     try:
-        return next(csv.reader([line]), [])
-    except csv.Error as error:
-        raise BadRecording(f"line {number} of {path} is not CSV: {error}") from error
+        yield from csv_rows(lines_of(path))
+    except InvalidArgument as error:
+        raise BadRecording(f"{path}, {error}") from error
 
 
 def read_npz(path: Path, factors: Sequence[str] = ()) -> Read:
@@ -186,14 +186,8 @@ def read_npz(path: Path, factors: Sequence[str] = ()) -> Read:
         path = found[0]
     require_regular_file(path, BadRecording)
     try:
-        with zipfile.ZipFile(path) as archive:
-            size = sum(entry.file_size for entry in archive.infolist())
-        if size > MOST_BYTES:
-            raise BadRecording(f"{path} holds {size} bytes when decompressed; at most {MOST_BYTES} are read")
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {n: file[n] for n in file.files if n in (*_ARRAYS, *factors)}
-            others = [name for name in file.files if name not in arrays]
-            given = {name: _text(name, arrays[name], str(path)) for name in (*_NAMES, *factors) if name in arrays}
+        arrays, others = read_npz_arrays(path, MOST_BYTES, (*_ARRAYS, *factors))
+        given = {name: _text(name, arrays[name], str(path)) for name in (*_NAMES, *factors) if name in arrays}
     except BadRecording:
         raise
     except Exception as error:  # readers of zip and npy raise a dozen kinds on damaged bytes

@@ -30,8 +30,8 @@ _LONGEST_LINE = 2**22
 _MOST_SESSION = 2**53  # so that it is exact as a float
 
 
-def lines_of(path: Path) -> Iterator[tuple[int, str]]:
-    """Numbered lines of a text file, from 1, without empty ones; one at a time in memory; of ``.gz`` decompressed.
+def lines_of(path: Path) -> Iterator[str]:
+    """Lines of a text file, one at a time in memory; of ``.gz`` decompressed.
 
     Raises BadRecording for a file that cannot be read, is too large or no UTF-8, or has too long a line.
     """
@@ -49,8 +49,7 @@ def lines_of(path: Path) -> Iterator[tuple[int, str]]:
                         f"{path} holds more than {MOST_BYTES} characters or {2 * MOST_TOUCHES} lines when "
                         "decompressed; such files are not read"
                     )
-                if line.strip():
-                    yield number, line.rstrip("\r\n")
+                yield line
     except UnicodeDecodeError as error:
         raise BadRecording(f"{path} is not text in UTF-8, save it as such: {error}") from error
     except (OSError, EOFError, zlib.error) as error:

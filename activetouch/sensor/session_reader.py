@@ -19,6 +19,7 @@ from belief.errors import InvalidArgument
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.rigid_body import joint_model
 from belief.problem import Elsewhere, Touch
+from belief.validation import are_finite
 
 if TYPE_CHECKING:
     from activetouch.recorded.reader import RecordedReader
@@ -156,9 +157,10 @@ def _numbers_of(place: Mapping[str, Any]) -> tuple[NDArray[np.float64], NDArray[
     parts = [place[name] for name in ("place", "quaternion", "aim") if name in place]
     given = [number for part in parts if isinstance(part, Sequence | np.ndarray) for number in part]
     given += [0.0, 0.0] * (set(place) == {"quaternion"})
-    is_numbers = all(isinstance(number, int | float | np.number) for number in given)
-    if not is_numbers or len(given) != 6 or not np.isfinite(numbers := np.array(given, np.float64)).all():
+    is_numbers = all(isinstance(number, int | float | np.number) and are_finite(number) for number in given)
+    if not is_numbers or len(given) != 6:
         raise InvalidArgument(f"a place must be a quaternion (w, x, y, z) and an aim (y, z), got {parts!r:.80}")
+    numbers = np.array(given, np.float64)
     norm = float(np.linalg.norm(numbers[:4]))
     if abs(norm - 1.0) > 1e-3:
         raise InvalidArgument(f"the quaternion of a place must have the norm 1, got {norm:g}")

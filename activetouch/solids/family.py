@@ -24,7 +24,7 @@ from activetouch.distributions import Distribution, require_distribution
 from activetouch.hypotheses import kronecker, quantiles, roberts_steps
 from activetouch.solids.solid import Floats, Shape
 from belief.errors import InvalidArgument, UnknownName
-from belief.validation import require_count
+from belief.validation import MOST_REPEATED, require_count
 
 _MOST_MEMBERS = 64  # among hypotheses
 
@@ -81,7 +81,7 @@ class Family:
         Raises:
             InvalidArgument: ``num`` is no integer ≥ 1.
         """
-        require_count("num", num)
+        require_count("num", num, most=MOST_REPEATED)
         first, others = (np.arange(num) + 0.5) / num, roberts_steps(len(self.parameters) - 1)
         shares = [first, *(kronecker(step, num) for step in others)]
         columns = [quantiles(given, some).tolist() for (_, given), some in zip(self.parameters, shares, strict=True)]

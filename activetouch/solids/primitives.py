@@ -26,6 +26,7 @@ TOLERANCE = 1e-5
 
 _FINEST, _COARSEST = 1 / 30_000, 1 / 10  # least and greatest such distance of other radii, relative to the radius
 _MOST_BODIES = 256  # whose triangles are kept
+_MOST_FACETS = 10_000  # of a solid that says its own number
 _FACETS = 64  # sides of what stands for a circle in MuJoCo
 _DOWN = (1.0, -1.0, 1.0)  # turns rings upside down
 
@@ -293,7 +294,7 @@ class Frustum(Turned):
         require_lengths(self, self.bottom_radius, self.height)
         if not 0.0 <= self.top_radius < np.inf:
             raise ValueError(f"top_radius must be finite and ≥ 0, got {self}")
-        require_count("num_facets", self.num_facets, 3)
+        require_count("num_facets", self.num_facets, 3, _MOST_FACETS)
 
     def rings(self, facets: int = 0) -> Floats:
         """See :class:`Turned`."""
@@ -312,7 +313,7 @@ class Cone(Turned):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_count("num_facets", self.num_facets, 3)
+        require_count("num_facets", self.num_facets, 3, _MOST_FACETS)
 
     def rings(self, facets: int = 0) -> Floats:
         """See :class:`Turned`."""
@@ -341,7 +342,7 @@ class Prism(Turned):
     half_length: float
 
     def __post_init__(self) -> None:
-        require_count("num_sides", self.num_sides, 3)
+        require_count("num_sides", self.num_sides, 3, _MOST_FACETS)
         super().__post_init__()
 
     def rings(self, facets: int = 0) -> Floats:
@@ -402,7 +403,7 @@ class Dome(Turned):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require_count("num_facets", self.num_facets, 4)
+        require_count("num_facets", self.num_facets, 4, _MOST_FACETS)
 
     def rings(self, facets: int = 0) -> Floats:
         """See :class:`Turned`."""
@@ -425,7 +426,7 @@ class Torus(Turned):
     def __post_init__(self) -> None:
         if not 0.0 < self.tube_radius < self.ring_radius < np.inf:
             raise ValueError(f"tube_radius must be in (0, ring_radius), got {self.tube_radius} and {self.ring_radius}")
-        require_count("num_facets", self.num_facets, 4)
+        require_count("num_facets", self.num_facets, 4, _MOST_FACETS)
 
     def rings(self, facets: int = 0) -> Floats:
         """The tube; of the mesh for MuJoCo its outer half, which has the same convex hull. See :class:`Turned`."""

@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
-import numpy as np
-
 from activetouch.errors import BadMesh
 from activetouch.solids.raster import Surface
 from activetouch.solids.vectors import Floats as Floats
 from activetouch.solids.vectors import Ints as Ints
 from activetouch.solids.vectors import on_spiral as on_spiral
+from belief.validation import are_finite
 
 FINITE = 1e308
 """Largest number that an argument may be."""
@@ -60,7 +59,7 @@ def require_lengths(solid: object, *lengths: float) -> None:
     Raises:
         ValueError: a length is not positive and finite.
     """
-    if not (np.isfinite(lengths).all() and min(lengths) > 0.0):
+    if not (are_finite(*lengths) and min(lengths) > 0.0):
         raise ValueError(f"a solid needs finite lengths above zero, got {solid}")
 
 

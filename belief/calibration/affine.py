@@ -104,9 +104,9 @@ class AffineCalibration(FrozenArrays, Calibration):
         unsolved = replace(self, temperature=temperature, coefficients=None)
         return replace(unsolved, coefficients=unsolved._problem(z, y, weights).solve())
 
-    def predict_log_proba(self, logits: ArrayLike) -> Floats:
-        """See :meth:`Calibration.predict_log_proba`."""
-        x = self.temperature.predict_log_proba(logits)
+    def log_proba(self, logits: ArrayLike) -> Floats:
+        """See :meth:`Calibration.log_proba`."""
+        x = self.temperature.log_proba(logits)
         if self.coefficients is None:
             return x
         self._check_shapes(x.shape[-1])
@@ -146,7 +146,7 @@ class AffineCalibration(FrozenArrays, Calibration):
         w = np.ones(num_rows) if weights is None else weights
         centre = np.eye(num_shapes, num_shapes + 1)  # changes nothing
         features = np.ones((num_shapes + 1, num_rows))
-        features[:-1] = self.temperature.predict_log_proba(logits).T
+        features[:-1] = self.temperature.log_proba(logits).T
         return SoftmaxRegression(features, labels, w, self.penalty(float(w.sum()), num_shapes), centre)
 
     def _check_shapes(self, num_shapes: int) -> None:

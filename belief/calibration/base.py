@@ -10,7 +10,15 @@ from typing import Any, ClassVar, Literal, Self, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from belief.validation import Floats, as_real, checked_values, labelled_logits, normalise_probs, warn_of_probs
+from belief.validation import (
+    Floats,
+    as_real,
+    checked_values,
+    labelled_logits,
+    normalise_probs,
+    warn_of_one_shape,
+    warn_of_probs,
+)
 
 Status: TypeAlias = Literal["unfitted", "ok", "separable", "uninformative", "anti_informative"]
 
@@ -49,8 +57,8 @@ class Calibration(ABC):
     def fit(self, logits: ArrayLike, labels: ArrayLike, weights: ArrayLike | None = None) -> Self:
         """A calibration that minimises :meth:`objective` on these data.
 
-        Logits that look like probabilities, non-negative rows that sum to one, cause a UserWarning: give
-        :func:`logits_from_probs` of them.
+        Logits that look like probabilities or percentages, non-negative rows that sum to one or 100, cause a
+        UserWarning: give :func:`logits_from_probs` of them. So do labels that are all the same.
 
         Args:
             logits: ``(n, K)``, any float type, finite.
@@ -61,10 +69,10 @@ class Calibration(ABC):
             ValueError: empty input, NaN or infinite logits, labels out of range, shapes that do not fit; weights that
                 are negative, not finite, or all zero.
         """
-        z = no_probs(logits)
+        z, y = labelled_logits(no_probs(logits), labels)
+        warn_of_one_shape(y, z.shape[1])
         if weights is None:
-            return self.fit_logits(z, labels)
-        z, y = labelled_logits(z, labels)
+            return self.fit_logits(z, y)
         w = checked_values("weights", weights)
         if w.shape != y.shape:
             raise ValueError(f"need a weight for each of {len(y)} rows, got shape {w.shape}")
@@ -73,20 +81,22 @@ class Calibration(ABC):
             raise ValueError(f"weights must not be negative, and one must be above zero; got {w[row]} in row {row}")
         return self.fit_logits(z[w > 0.0], y[w > 0.0], w[w > 0.0])
 
-    @abstractmethod
     def predict_log_proba(self, logits: ArrayLike) -> Floats:
         """Calibrated log probabilities, ``(..., K)``, of logits ``(..., K)``; finite.
+
+        Logits that look like probabilities cause a UserWarning, as in :meth:`fit`.
 
         Raises:
             ValueError: empty, NaN or infinite logits, or another K than in the fit.
         """
+        return self.log_proba(no_probs(logits))
 
     def predict_proba(self, logits: ArrayLike) -> Floats:
         """Calibrated probabilities, ``(..., K)``; arguments and errors are those of :meth:`predict_log_proba`.
 
         A calibration that is not fitted changes nothing but what its settings say, with a UserWarning.
         """
-        log_probs = self.predict_log_proba(logits)
+        log_probs = self.log_proba(no_probs(logits))
         if self.status == "unfitted":
             written = "calibration = calibration.fit(logits, labels)"
             warnings.warn(
@@ -98,6 +108,10 @@ class Calibration(ABC):
     @abstractmethod
     def fit_logits(self, logits: ArrayLike, labels: ArrayLike, weights: Floats | None = None) -> Self:
         """:meth:`fit` to logits, without a warning; weights are above zero."""
+
+    @abstractmethod
+    def log_proba(self, logits: ArrayLike) -> Floats:
+        """:meth:`predict_log_proba`, without a warning."""
 
     @abstractmethod
     def objective(self, logits: ArrayLike, labels: ArrayLike) -> tuple[float, Floats]:

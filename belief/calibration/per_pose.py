@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from belief.calibration.affine import CALIBRATIONS, StructuredMatrixScaling
 from belief.calibration.base import Calibration, no_probs
-from belief.validation import Floats, checked_indices, finite_logits, labelled_logits, pose_count
+from belief.validation import Floats, checked_indices, finite_logits, labelled_logits, pose_count, warn_of_one_shape
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +71,7 @@ class PerPose:
             ValueError: invalid logits or labels, or poses out of range.
         """
         z, y = labelled_logits(no_probs(logits), labels)
+        warn_of_one_shape(y, z.shape[1])
         p = checked_indices("poses", poses, np.iinfo(np.int64).max)
         if p.shape != y.shape:
             raise ValueError(f"need a pose for each of {len(y)} rows, got {p.shape}")
@@ -87,15 +88,15 @@ class PerPose:
         """
         if not self.fitted:
             raise ValueError("there is no calibration yet: call fit first")
-        z, p = finite_logits(logits), checked_indices("poses", poses, len(self.num_touches))
+        z, p = finite_logits(no_probs(logits)), checked_indices("poses", poses, len(self.num_touches))
         if z.ndim != 2 or p.shape != z.shape[:1]:
             raise ValueError(f"need logits (n, K) and a pose for each row, got {z.shape} and {p.shape}")
-        log_probs = self.fitted[0].predict_log_proba(z)
+        log_probs = self.fitted[0].log_proba(z)
         with np.errstate(over="ignore", under="ignore"):
             for pose in np.unique(p).tolist():
                 rows, n = p == pose, self.num_touches[pose]
                 weight = n / (n + self.pooling) if n else 0.0
-                own = self.fitted[1 + pose].predict_log_proba(z[rows])
+                own = self.fitted[1 + pose].log_proba(z[rows])
                 log_probs[rows] = weight * own + (1.0 - weight) * log_probs[rows]
             log_probs -= log_probs.max(axis=1, keepdims=True)
             np.maximum(log_probs, -np.finfo(float).max, out=log_probs)

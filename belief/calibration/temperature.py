@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.calibration.base import Calibration, Status
-from belief.validation import Floats, finite_logits, labelled_logits, require_choice
+from belief.validation import Floats, are_finite, finite_logits, labelled_logits, require_choice
 
 _ROUNDING = 1e-12  # of a slope, in units of the largest logit
 _EXTREME = 1e6  # ratio of the fallback temperatures to the scale of the logits
@@ -62,7 +62,7 @@ class TemperatureScaling(Calibration):
     floor: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.temperature < np.inf or not 0.0 <= self.floor < 1.0:
+        if not (self.temperature > 0.0 and are_finite(self.temperature)) or not 0.0 <= self.floor < 1.0:
             raise ValueError(
                 f"need a finite temperature > 0 and a floor in [0, 1), got {self.temperature} and {self.floor}"
             )
@@ -78,7 +78,7 @@ class TemperatureScaling(Calibration):
 
         The relative error is about 1e-15 for logits of any scale.
 
-        >>> TemperatureScaling().fit([[0.0, 1e-300], [0.0, 1e-300], [1e-300, 0.0]], [1, 1, 1]).status
+        >>> TemperatureScaling().fit([[0.0, 1e-300], [0.0, 1e-300], [0.0, 1e-300]], [1, 1, 0]).status
         'ok'
         """
         z, y = labelled_logits(logits, labels)
@@ -90,8 +90,8 @@ class TemperatureScaling(Calibration):
             gaps -= gaps.max(axis=0)
             return _fit(gaps, y, np.ones(len(y)) if weights is None else weights, 1.0 / factor)
 
-    def predict_log_proba(self, logits: ArrayLike) -> Floats:
-        """See :meth:`Calibration.predict_log_proba`."""
+    def log_proba(self, logits: ArrayLike) -> Floats:
+        """See :meth:`Calibration.log_proba`."""
         z = finite_logits(logits)
         with np.errstate(over="ignore", under="ignore"):
             scaled = z / 2 - z.max(axis=-1, keepdims=True) / 2  # halves: the difference of ±1e308 stays finite
@@ -111,7 +111,7 @@ class TemperatureScaling(Calibration):
         [0.813, [-0.231]]
         """
         z, y = labelled_logits(logits, labels)
-        log_probs = TemperatureScaling(self.temperature, self.status).predict_log_proba(z)
+        log_probs = TemperatureScaling(self.temperature, self.status).log_proba(z)
         with np.errstate(over="ignore", under="ignore"):
             at_label = np.take_along_axis(log_probs, y[:, None], axis=1)
             excess = log_probs - at_label  # β (z - z_label)

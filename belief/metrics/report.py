@@ -24,7 +24,7 @@ from belief.metrics.scores import (
     top_label,
 )
 from belief.table import Table, Tabular
-from belief.validation import Floats, checked_pair, checked_probs, require_count, require_fraction
+from belief.validation import MOST_REPEATED, Floats, checked_pair, checked_probs, require_count, require_fraction
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +183,7 @@ def null_quantile(
 
 def drawn_labels(probs: Floats, rng: np.random.Generator, num_resamples: int) -> Iterator[NDArray[np.int64]]:
     """Sets of labels drawn from checked ``probs (n, K)``, in blocks ``(number of sets, n)`` that fit in memory."""
-    require_count("num_resamples", num_resamples)
+    require_count("num_resamples", num_resamples, most=MOST_REPEATED)
     cumulative = probs.cumsum(axis=1)
     cumulative /= cumulative[:, -1:]  # exactly one at the end
     size = max(1, _BLOCK // len(probs))

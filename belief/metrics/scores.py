@@ -149,11 +149,12 @@ def bin_edges(values: Floats, num_bins: int, binning: Binning) -> Floats:
     """
     if not isinstance(num_bins, int | np.integer) or not 1 <= num_bins <= _MOST_BINS:
         raise ValueError(f"num_bins must be an integer from 1 to {_MOST_BINS}, got {num_bins}")
-    fractions = np.arange(num_bins + 1) / num_bins
     if binning == "width":
-        return fractions
-    if binning == "mass":
-        return np.quantile(values, fractions)
+        return np.arange(num_bins + 1) / num_bins
+    if binning == "mass":  # in integers: np.quantile rounds the ranks, and may put a value into the next bin
+        below, more = np.divmod(np.arange(num_bins + 1) * (len(values) - 1), num_bins)
+        x = np.sort(values)
+        return np.asarray(x[below] + (x[np.minimum(below + 1, len(x) - 1)] - x[below]) * (more / num_bins))
     raise ValueError(f"binning must be 'width' or 'mass', got {binning!r}")
 
 

@@ -141,10 +141,10 @@ class EmbeddedHypotheses:
 
 
 def scaled(embeddings: Floats, temperature: float) -> Floats32:
-    """Embeddings by temperature in single precision, limited to numbers whose products do not overflow."""
-    with np.errstate(over="ignore"):
-        by_temperature = np.asarray(embeddings, np.float64) / temperature
-    return np.clip(by_temperature, -_LARGEST, _LARGEST).astype(np.float32)
+    """Embeddings by temperature in single precision, each made so short that its products do not overflow."""
+    rows = np.asarray(embeddings, np.float64)
+    sizes = np.abs(rows).max(axis=-1, keepdims=True, initial=0.0)
+    return np.asarray(rows / np.maximum(temperature, sizes / _LARGEST), np.float32)
 
 
 def log_ratios(embeddings: Floats, table: NDArray[np.floating], temperature: float) -> Floats32:

@@ -146,7 +146,7 @@ class RatioModel(ArrayModel):
         return _within_floats((effective_touches(counts, self.correlation)[:, None] * means).sum(axis=0))
 
     def _log_ratio(self, batch: TouchBatch) -> Floats:
-        return self.calibration.predict_log_proba(batch.require_logits()) - self._log_prior
+        return self.calibration.log_proba(batch.require_logits()) - self._log_prior
 
     def weights_of_sums(self, num_touches: NDArray[np.int64]) -> Floats:
         """See :class:`ArrayModel`."""
@@ -163,7 +163,7 @@ class RatioModel(ArrayModel):
 
     def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
         """See :class:`ArrayModel`; the references clustered by posterior, with each pose shrunk towards all poses."""
-        log_posteriors = self.calibration.predict_log_proba(self.references) - self._log_prior
+        log_posteriors = self.calibration.log_proba(self.references) - self._log_prior
         log_posteriors -= np.logaddexp.reduce(log_posteriors, axis=-1, keepdims=True)
         table = tabulate(log_posteriors, self._weights, num_outcomes, rng)
         number = self.references.shape[1] * self.training_prior[:, None]  # touches of each shape in a pose
@@ -205,7 +205,7 @@ class RatioModel(ArrayModel):
     @cached_property
     def _weights(self) -> Floats:
         """Weight of each reference for each shape, ``(P, N, K)``; sums to one over N."""
-        probs = self.calibration.predict_proba(self.references)
+        probs = np.exp(self.calibration.log_proba(self.references))
         return np.asarray(probs / probs.sum(axis=1, keepdims=True))
 
 
@@ -224,7 +224,7 @@ def _within_floats(log_likelihoods: Floats) -> Floats:
 
 def _training_prior(calibrated: Calibration, data: LabelledTouches) -> Floats:
     """Fraction of each shape, ``(K,)``; for a shape without touches, its mean probability by the calibration."""
-    predicted = np.maximum(calibrated.predict_proba(data.logits).mean(axis=0), np.finfo(float).tiny)
+    predicted = np.maximum(np.exp(calibrated.log_proba(data.logits)).mean(axis=0), np.finfo(float).tiny)
     shares = np.where(data.counts > 0, data.counts / len(data.shapes), predicted)
     return np.asarray(shares / shares.sum())
 
@@ -236,7 +236,7 @@ def _cross_fitted(unfitted: Calibration, data: LabelledTouches, num_folds: int) 
     for fold in np.unique(folds).tolist():
         kept, held = folds != fold, folds == fold
         fitted = unfitted.fit_logits(data.logits[kept], data.shapes[kept]) if kept.any() else unfitted
-        found[held] = fitted.predict_log_proba(data.logits[held])
+        found[held] = fitted.log_proba(data.logits[held])
     return found
 
 

@@ -21,11 +21,13 @@ from belief.table import Table, Tabular
 from belief.touch_batch import TouchBatch
 from belief.validation import (
     Floats,
+    as_real,
     labelled_logits,
     pose_count,
     require_count,
     require_fraction,
     unmasked,
+    warn_of_one_shape,
     warn_of_probs,
 )
 
@@ -169,6 +171,7 @@ def choose_observation_model(
     require_count("num_folds", num_folds, least=2)
     truth, ids, batch = np.asarray(shapes), np.asarray(object_ids), TouchBatch.of([touches])
     folds = object_folds(truth, ids, num_folds)
+    warn_of_one_shape(truth, len(shape_labels))
     options: dict[str, Any] = {"shape_labels": tuple(shape_labels), "num_poses": num_poses}
     losses = {}
     for name, fit in candidates.items():
@@ -350,7 +353,7 @@ def _batch(
 ) -> tuple[TouchBatch, NDArray[np.int64]]:
     """All touches as one sequence, and their labels."""
     z, y = labelled_logits(logits, labels)
-    warn_of_probs(z, "logits", "give belief.calibration.logits_from_probs of them", callers)
+    warn_of_probs(as_real(logits, "logits"), "logits", "give belief.calibration.logits_from_probs of them", callers)
     ids = unmasked(groups, "groups")
     p = np.zeros(len(y), np.int64) if poses is None else unmasked(poses, "poses")
     for name, values in (("groups", ids), ("poses", p)):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from belief.frozen import FrozenArrays
 from belief.observation_model.embedded_hypotheses import require_table
-from belief.validation import Floats, require_number
+from belief.validation import MOST_REPEATED, Floats, require_count, require_number
 
 AS_DESCRIBED, UNKNOWN = "as described", "unknown"
 """Labels of the first and the last component."""
@@ -84,6 +84,7 @@ def spread_prior(num_worlds: int, nominal: float = 0.9, unknown: float = 0.005) 
     >>> spread_prior(2).round(4).tolist(), spread_prior(0).tolist()
     ([0.9, 0.0475, 0.0475, 0.005], [0.995, 0.005])
     """
+    require_count("num_worlds", num_worlds, 0, MOST_REPEATED)
     require_number("nominal", nominal, 0.0, 1.0)
     require_number("unknown", unknown, 0.0, 1.0 - nominal)
     rest = max(0.0, 1.0 - nominal - unknown)

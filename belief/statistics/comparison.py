@@ -10,7 +10,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import betainc, betainccinv, betaincinv, ndtri
 
-from belief.validation import Floats, checked_outcomes, checked_values, require_count, require_fraction
+from belief.naming import shown
+from belief.validation import (
+    MOST_REPEATED,
+    Floats,
+    are_finite,
+    checked_outcomes,
+    checked_values,
+    require_count,
+    require_fraction,
+)
 
 _MOST_TRIALS = 10**15  # below the largest exact integer of a float
 _BLOCK = 4_000_000  # draws held in memory at a time
@@ -53,10 +62,12 @@ def clopper_pearson_interval(successes: int, trials: int, confidence: float = 0.
 
 
 def _checked(successes: int, trials: int, confidence: float) -> tuple[int, int]:
-    some, every = float(successes), float(trials)  # float16 cannot be compared with the largest number of trials
+    # float16 cannot be compared with the largest number of trials
+    some, every = (float(number) if are_finite(number) else math.nan for number in (successes, trials))
     if not (some.is_integer() and every.is_integer() and 0 <= some <= every and 1 <= every <= _MOST_TRIALS):
         raise ValueError(
-            f"need integers with 0 ≤ successes ≤ trials and 1 ≤ trials ≤ {_MOST_TRIALS:g}, got {successes} of {trials}"
+            f"need integers with 0 ≤ successes ≤ trials and 1 ≤ trials ≤ {_MOST_TRIALS:g}, got {shown(successes)} of "
+            f"{shown(trials)}"
         )
     require_fraction("confidence", confidence)
     return int(successes), int(trials)
@@ -91,7 +102,7 @@ def paired_bootstrap(
     if a.ndim != 1 or a.shape != b.shape or a.size == 0:
         raise ValueError(f"need two equally long, non-empty lists of episodes, got {a.shape} and {b.shape}")
     require_fraction("confidence", confidence)
-    require_count("num_resamples", num_resamples)
+    require_count("num_resamples", num_resamples, most=MOST_REPEATED)
     values = a - b
     blocks = (
         _index_blocks(len(values), rng, num_resamples) if np.ptp(values) else ()
@@ -118,7 +129,7 @@ def cluster_bootstrap(
     if x.ndim != 1 or x.shape != groups.shape or x.size == 0:
         raise ValueError(f"need as many clusters as values, at least one of each; got {groups.shape} and {x.shape}")
     require_fraction("confidence", confidence)
-    require_count("num_resamples", num_resamples)
+    require_count("num_resamples", num_resamples, most=MOST_REPEATED)
     _, index = np.unique(groups, return_inverse=True)
     sums, sizes = np.bincount(index, x), np.bincount(index)
     blocks = _index_blocks(len(sizes), rng, num_resamples)

@@ -55,7 +55,7 @@ DECIDERS = {
     "shape_information_gain": Description(
         f"As `information_gain`, but for the whole shape: it also pays to tell cube from cylinder when the target is a cone. {_THRESHOLDS}",
         _GAINS,
-        "Searches with few touches for one target: part of what it learns does not matter for the answer. With many touches it is the better one.",
+        "Searches with few touches for one target: part of what it learns does not matter for the answer. Where many touches are needed, as in `keyed`, the two need equally many.",
     ),
     "value_of_information": Description(
         "It has no thresholds: it stops when no plan of two more touches is worth its cost (`depth=1`: of one). Rejecting is worth the value of the rest of the search.",
@@ -139,7 +139,7 @@ WORLDS = {
         "touch is ([where to touch next](../where_to_touch.md)).",
         _SUCCESS.format(
             guess="0.50, because in half the scenes the target is absent and rejecting all is right",
-            where="mostly in touches: `shape_information_gain` finds the place that matters",
+            where="mostly in touches: `information_gain` and `shape_information_gain` find the places that matter",
         ),
         "Time: it has more directions, and needs more touches, than the other scenes.",
     ),

@@ -51,7 +51,7 @@ class Found(MeshResult):
     _kind = "searches"
     _columns = ("target", ""), ("answer", ""), ("stated", ".3f"), ("touches", "d"), ("objects", "")
     _note = (
-        "{right} of {number} answers are right, {low:.2f} to {high:.2f}; stated {stated:.2f} and {spent:.1f} touches "
+        "{right} of {number} answers are right, {low} to {high}; stated {stated:.2f} and {spent:.1f} touches "
         "in the mean."
     )
 

@@ -78,7 +78,7 @@ class Identified(MeshResult):
     namings: Sequence[Naming]
     _kind = "objects"
     _columns = ("body", ""), ("named", ""), ("stated", ".3f"), ("touches", "d")
-    _note = "{right} of {number} named rightly, {low:.2f} to {high:.2f}; stated {stated:.2f} in the mean."
+    _note = "{right} of {number} named rightly, {low} to {high}; stated {stated:.2f} in the mean."
 
     def rows(self) -> list[dict[str, Any]]:
         """One row for each object: its body, the named one, the stated probability, and touches."""

@@ -21,7 +21,7 @@ from belief.claims import claim_folder
 from belief.errors import InvalidArgument
 from belief.naming import index_of
 from belief.statistics import wilson_interval
-from belief.table import Table, Tabular
+from belief.table import Table, Tabular, ends
 from belief.validation import Floats
 from experiments.command_line.arguments import Jobs, Positive, Seed, Share, check_arguments
 from experiments.command_line.console import plain_console
@@ -65,7 +65,7 @@ class MeshResult(Tabular, ABC):
         """The rows, and how many are right."""
         rows = self.rows()
         right = sum(row["right"] for row in rows)
-        low, high = wilson_interval(right, len(rows))
+        low, high = ends(*wilson_interval(right, len(rows)), ".2f")
         stated, spent = np.mean([(row["stated"], row["touches"]) for row in rows], axis=0)
         note = self._note.format(right=right, number=len(rows), low=low, high=high, stated=stated, spent=spent)
         cells = [tuple(row[name] for name, _ in self._columns) for row in rows]

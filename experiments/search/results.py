@@ -6,7 +6,6 @@ perturbation: a policy that fails without it, too, is not broken by it, so what 
 
 from __future__ import annotations
 
-import csv
 import io
 import itertools
 import json
@@ -21,10 +20,11 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from belief.errors import InvalidArgument
 from belief.files import plain_number, require_regular_file, write_text
 from belief.statistics import paired_bootstrap, wilson_interval
 from belief.statistics.comparison import LEVEL
-from belief.table import Table, Value
+from belief.table import Table, Value, csv_rows
 from experiments.command_line.arguments import BadArgument
 from experiments.reporting.page import Section, write_page
 from experiments.search.run import RunFolder, read_episode
@@ -304,8 +304,8 @@ def _episodes(path: Path, rows: Iterable[_Row]) -> dict[Key, tuple[bool, float]]
                     f"{path}, {place}: the episode of task {key[0]!r} with seed {key[1]!r} is there twice"
                 )
             found[key] = _outcome(f"{path}, {place}", row["success"], row.get("length", ""))
-    except csv.Error as error:
-        raise BadArgument(f"{path} is not CSV: {error}") from error
+    except InvalidArgument as error:
+        raise BadArgument(f"{path}, {error}") from error
     if not found:
         raise BadArgument(f"{path} holds no episodes")
     return found
@@ -336,8 +336,8 @@ def _of_lerobot(path: Path, text: str) -> tuple[Iterable[_Row], bool]:
 
 def _rows(path: Path, text: str) -> Iterator[_Row]:
     """The place of each row in the file, and its cells by column."""
-    lines = csv.reader(io.StringIO(text, newline=""), strict=True)
-    header = [name.strip().lower() for name in next(lines, [])]
+    lines = csv_rows(io.StringIO(text, newline=""))
+    header = [name.strip().lower() for name in next(lines, (1, []))[1]]
     if missing := [name for name in NEEDED if name not in header]:
         raise BadArgument(
             f"{path} has no column {' and no column '.join(map(repr, missing))}: it needs {', '.join(NEEDED)}, and may "
@@ -345,8 +345,8 @@ def _rows(path: Path, text: str) -> Iterator[_Row]:
         )
     if twice := [name for name in (*NEEDED, "length") if header.count(name) > 1]:
         raise BadArgument(f"{path} has the column {twice[0]!r} {header.count(twice[0])} times")
-    for cells in filter(None, lines):
-        place = f"line {lines.line_num}"
+    for number, cells in lines:
+        place = f"line {number}"
         if len(cells) != len(header):
             raise BadArgument(f"{path}, {place}: {len(cells)} cells under {len(header)} columns")
         yield place, dict(zip(header, map(str.strip, cells), strict=True))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from belief.table import Table, Value
+from belief.table import Table, Value, ends
 from experiments.search.summary import ALL, Summary
 from experiments.search.verdict import ENOUGH, is_calibrated
 
@@ -120,12 +120,10 @@ def terminal_table(comparison: Summary) -> Table:
         rows.append((decider,))
         for target in [*(comparison.targets if by_target else ()), ALL]:
             cell = comparison.cells[decider, target]
-            low, high = cell.success_interval
+            success = "–".join(ends(*cell.success_interval, ".2f"))
             ms = "+".join(f"{part:.{part < 10:d}f}" for part in cell.seconds.ms_per_touch().values())
             counts = (str(cell.wrong), str(cell.none + cell.truncated), str(cell.unsure), f"{cell.touches:.2f}")
-            rows.append(
-                (f"  {target}", f"{cell.success:.3f}", f"{low:.2f}–{high:.2f}", *counts, ms if cell.touches else "–")
-            )
+            rows.append((f"  {target}", f"{cell.success:.3f}", success, *counts, ms if cell.touches else "–"))
     table = Table(
         "",
         ["target", "success", "95 %", "wrong", "none", "unsure", "touches", "ms/touch"],

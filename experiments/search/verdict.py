@@ -7,6 +7,7 @@ from statistics import fmean
 
 from belief.metrics.calibration_at_stop import StopScore
 from belief.statistics.comparison import LEVEL, POWER
+from belief.table import ends, interval
 from experiments.search.summary import ALL, Cell, Difference, Summary
 from planners.one_touch import one_touch_bound
 
@@ -52,9 +53,9 @@ def verdict_sentences(comparison: Summary) -> list[str]:
 def _best(comparison: Summary) -> str:
     names, equals = by_return(comparison), tied(comparison)
     best = comparison.cells[names[0], ALL]
-    low, high = best.success_interval
+    low, high = ends(*best.success_interval, ".3f")
     said = (
-        f"{names[0]} is best: it succeeds in {_share(best.success)} [{_share(low)}, {_share(high)}] of "
+        f"{names[0]} is best: it succeeds in {_share(best.success)} [{low}, {high}] of "
         f"{best.num_episodes} searches with {best.touches:.1f} touches on average, a return of {best.reward:.3f}."
     )
     if len(names) == 1:
@@ -136,9 +137,9 @@ def _touches(name: str, difference: Difference, comparison: Summary) -> str:
             f"{ENOUGH} searches."
         )
     if low <= 0.0 <= high:
-        return f"They do not differ significantly in touches ({mean:+.2f} [{low:+.2f}, {high:+.2f}])."
-    more = "more" if mean > 0 else "fewer"
-    return f"{name} takes {abs(mean):.2f} touches {more} than {comparison.reference} [{low:+.2f}, {high:+.2f}]."
+        return f"They do not differ significantly in touches ({interval(mean, low, high, spec='+.2f')})."
+    more, between = "more" if mean > 0 else "fewer", ", ".join(ends(low, high, "+.2f"))
+    return f"{name} takes {abs(mean):.2f} touches {more} than {comparison.reference} [{between}]."
 
 
 def is_calibrated(score: StopScore) -> str:

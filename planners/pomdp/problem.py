@@ -25,8 +25,9 @@ from numpy.typing import ArrayLike, NDArray
 from belief.composition import Composition
 from belief.errors import InvalidArgument
 from belief.frozen import FrozenArrays
+from belief.naming import shown
 from belief.observation_model.outcome_table import OutcomeTable
-from belief.validation import Floats, as_real, normalise_probs, require_count, require_index
+from belief.validation import MOST_REPEATED, Floats, are_finite, as_real, normalise_probs, require_count, require_index
 
 MAX_STATES = 2000
 _LEAST_LOG = -500.0  # of a probability relative to the largest
@@ -120,7 +121,7 @@ class SearchTouchProblem(_Tabular, FrozenArrays):
                 f"composition must be 'distinct' or 'independent', got {self.composition!r}; the decider "
                 "planners.point_based.PointBased also plans for bags of known content"
             ) from None
-        require_count("num_objects", self.num_objects)
+        require_count("num_objects", self.num_objects, most=MOST_REPEATED)
         if self.composition is Composition.DISTINCT:
             if self.prior is not None:
                 raise InvalidArgument("a distinct composition fixes the prior; leave it out or use 'independent'")
@@ -148,7 +149,7 @@ def checked_table(outcome_probs: ArrayLike, target: int, touch_cost: float, disc
     """The outcome table ``(P, K, M)`` as float64."""
     table = OutcomeTable(np.asarray(as_real(outcome_probs, "outcome_probs"), np.float64)).probs
     require_index("target", target, table.shape[1])
-    if not (isinstance(touch_cost, Real) and np.isfinite(float(touch_cost)) and touch_cost >= 0.0):
+    if not (isinstance(touch_cost, Real) and are_finite(touch_cost) and touch_cost >= 0.0):
         raise InvalidArgument(f"touch_cost must be finite and ≥ 0, got {touch_cost!r}")
     if not (isinstance(discount, Real) and 0.0 < discount <= 1.0):
         raise InvalidArgument(f"discount must be in (0, 1], got {discount!r}")
@@ -166,10 +167,11 @@ def require_rounds(rounds: object) -> tuple[int, ...]:
     belief.errors.InvalidArgument: rounds must be one or more integers, each at least 1, such as (200, 400); got 2
     """
     numbers = list(rounds) if isinstance(rounds, Iterable) else []
-    if not numbers or not all(isinstance(n, Integral) and not isinstance(n, bool) and int(n) >= 1 for n in numbers):
+    if not numbers or any(isinstance(n, bool) or not isinstance(n, Integral) or n < 1 for n in numbers):
         raise InvalidArgument(
-            f"rounds must be one or more integers, each at least 1, such as (200, 400); got {rounds!r}"
+            f"rounds must be one or more integers, each at least 1, such as (200, 400); got {shown(rounds)}"
         )
+    require_count("the largest number of rounds", max(numbers), most=MOST_REPEATED)
     return tuple(int(n) for n in numbers)
 
 

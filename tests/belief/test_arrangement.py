@@ -2,10 +2,11 @@
 
 import itertools
 import math
+from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.special import gammaln, softmax
@@ -239,6 +240,63 @@ def test_the_probability_that_some_objects_lack_a_shape_equals_enumeration(bag, 
     lacking[:, shape] = 0.0
     expected = enumerate_draws(lacking, counts)[1] / evidence
     assert prob_shape_absent(weights, counts, shape) == pytest.approx(expected, rel=1e-9, abs=1e-12)
+
+
+SIZES = [0.0, 0.5, -1.0, -700.0, 1e9, 1e16, -1e16, 1e300, -1e300, 1e308, -1e308, 1.797e308, -1.797e308, -np.inf]
+
+
+def exact_marginals(weights, counts):
+    """Marginals by listing all arrangements, with their log weights as fractions."""
+    places, things = range(len(weights)), [k for k, count in enumerate(counts) for _ in range(count)]
+    every = list(itertools.permutations(range(len(things)), len(weights)))
+    shapes = [[things[i] for i in some] for some in every]
+    shapes = [some for some in shapes if all(weights[i][k] > -np.inf for i, k in zip(places, some, strict=True))]
+    if not shapes:
+        return None
+    logs = [sum(Fraction(weights[i][k]) for i, k in zip(places, some, strict=True)) for some in shapes]
+    shares = [math.exp(max(one - max(logs), -1000)) for one in logs]
+    found = np.zeros((len(weights), len(counts)))
+    for some, share in zip(shapes, shares, strict=True):
+        found[places, some] += share / sum(shares)
+    return found
+
+
+@settings(max_examples=80)
+@given(st.lists(st.lists(st.sampled_from(SIZES), min_size=3, max_size=3), min_size=1, max_size=3), st.booleans())
+@example([[1e16, 1e300, 1e16], [1.0, 1e308, 0.5], [1.5, 1.0, 0.5]], True)
+@example([[-np.inf, -1.797e308, -np.inf], [-1.797e308, -1e300, 1e300], [-1e300, -0.5, 1.797e308]], False)
+@example([[0.0, -1e16, 1.0], [0.0, 1.5, 1e308]], False)
+def test_weights_of_all_sizes_together_have_the_marginals_of_exact_fractions(weights, is_bag):
+    counts = (2, 1, 1) if is_bag else (1, 1, 1)
+    expected = exact_marginals(weights, counts)
+    for find in (arrangement_marginals, lambda *given: np.exp(arrangement._sum_over_arrangements(*given))):
+        if expected is None:
+            with pytest.raises(ImpossibleObservation):
+                find(np.array(weights), counts)
+        else:
+            np.testing.assert_allclose(find(np.array(weights), counts), expected, atol=1e-6)
+
+
+def test_a_million_shapes_of_objects_that_were_not_touched_are_equally_likely():
+    found = arrangement_marginals(np.zeros((2, 10**6)))
+    np.testing.assert_allclose([found.min(), found.max()], 1e-6, rtol=1e-9)
+
+
+def test_one_object_of_many_shapes_has_its_posterior(rng):
+    weights, counts = rng.normal(size=(1, 500)), rng.integers(0, 4, 500)
+    expected = counts * np.exp(weights[0])
+    np.testing.assert_allclose(arrangement_marginals(weights, counts)[0], expected / expected.sum(), rtol=1e-9)
+    with pytest.raises(ImpossibleObservation, match="object 0 has zero likelihood for every shape"):
+        arrangement_marginals(np.where(counts > 0, -np.inf, weights), counts)
+
+
+@pytest.mark.parametrize("num_shapes", [20_000, 200_000])
+def test_a_sum_that_needs_more_memory_than_there_is_is_refused_at_once(num_shapes):
+    weights = np.zeros((2, num_shapes))
+    weights[:, 0] = [1.0, 2.0]
+    for ask in (log_arrangement_marginals, lambda weights: prob_shape_absent(weights, None, 0)):
+        with pytest.raises(ValueError, match=r"2 objects from a bag .* 134217728 numbers\). Use fewer"):
+            ask(weights)
 
 
 @given(log_weights(), st.sampled_from([1e3, 1e6, 1e9, 1e15, 1e300]))

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from belief import ImpossibleObservation, bayes
+from belief import Belief, ImpossibleObservation, bayes
 from belief.bayes import entropy, expected_information_gain, target_information_gain, update
 
 log_likelihoods = arrays(np.float64, 4, elements=st.floats(-50, 50))
@@ -263,6 +263,19 @@ def test_what_is_possible_stays_possible_however_improbable(others, data):
         np.testing.assert_allclose(found, np.tile(expected, (copies, 1)), rtol=1e-12, atol=max(1e-15 * size, 1e-12))
         np.testing.assert_allclose(np.exp(found).sum(axis=1), 1.0, rtol=1e-12)
     np.testing.assert_array_equal(update(log_prior, log_likelihood)[0] > -np.inf, found[0] > -np.inf)
+
+
+@pytest.mark.parametrize("size", [1e16, 1e300, 1e308, LARGEST])
+@pytest.mark.parametrize("unlikely", [1e-320, 1e-300, 1e-17])
+def test_priors_decide_between_equal_likelihoods_of_any_size(unlikely, size):
+    log_prior = np.log([unlikely, 0.5, 0.5])
+    for log_likelihood in ([size, size, -size], [size, -size, size], [-size, -size, -size], [size, size, size]):
+        expected = exact_log_posterior(log_prior, log_likelihood)
+        for found in (update(log_prior, log_likelihood)[0], update([log_prior] * 2, [log_likelihood] * 2)[0][1]):
+            np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(
+            Belief(tuple("abc"), log_prior).update(log_likelihood).log_probs, expected, atol=1e-12
+        )
 
 
 def test_what_overflowed_comes_back():

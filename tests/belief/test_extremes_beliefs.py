@@ -162,6 +162,7 @@ def test_beliefs_answer_or_refuse(values, scores):
                 assert_log_posterior(after.log_probs)
 
 
+@pytest.mark.filterwarnings("ignore:logits has no negative number")
 @given(st.lists(extremes(3, dtypes=(np.float64,)), min_size=1, max_size=3))
 def test_trackers_answer_or_refuse_and_then_are_unchanged(rounds):
     tracker = BeliefTracker(Belief.from_probs(LABELS, [0.5, 0.5, 0.0]), Told())
@@ -173,6 +174,7 @@ def test_trackers_answer_or_refuse_and_then_are_unchanged(rounds):
         assert np.isfinite(tracker.log_evidence)
 
 
+@pytest.mark.filterwarnings("ignore:logits has no negative number")
 @given(
     st.sampled_from(["distinct", "independent", Counts({"a": 2, "b": 1}), Counts({"a": 2**53, "c": 1})]),
     st.lists(st.tuples(st.integers(0, 2), extremes(3, dtypes=(np.float64,))), min_size=1, max_size=4),

@@ -5,13 +5,14 @@ import os
 import socket
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from belief.errors import CannotWrite, CorruptFile, InvalidArgument
-from belief.files import atomic_path, require_regular_file, require_writable, write_text
+from belief.files import atomic_path, read_npz, require_regular_file, require_writable, write_text
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 NOT_ALLOWED = (errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO, errno.ESTALE, errno.ETIMEDOUT, errno.ENODEV)
@@ -32,6 +33,26 @@ def old(tmp_path):
     path.parent.mkdir()
     path.write_text("old")
     return path
+
+
+@pytest.mark.parametrize("compression", [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED])
+def test_an_archive_of_very_many_names_is_refused_before_they_are_read(tmp_path, compression, monkeypatch):
+    path = tmp_path / "a.npz"
+    with zipfile.ZipFile(path, "w", compression) as archive:
+        for number in range(20_000):
+            archive.writestr(f"{number}.npy", b"")
+    monkeypatch.setattr(zipfile, "ZipInfo", None)  # which would be made of every name
+    for source in (path, path.read_bytes()):
+        with pytest.raises(zipfile.BadZipFile, match=r"list of names has \d+ bytes"):
+            read_npz(source, 100)
+
+
+def test_an_npz_with_two_arrays_of_one_name_is_refused(tmp_path):
+    np.savez(tmp_path / "a.npz", x=np.ones(2))
+    with zipfile.ZipFile(tmp_path / "a.npz", "a") as archive, pytest.warns(UserWarning, match="Duplicate name"):
+        archive.writestr("x.npy", archive.read("x.npy"))
+    with pytest.raises(ValueError, match="two arrays of one name"):
+        read_npz(tmp_path / "a.npz", 10_000)
 
 
 @pytest.mark.parametrize("number", [*NO_ROOM, *NOT_ALLOWED], ids=os.strerror)

@@ -7,7 +7,7 @@ import unicodedata
 import pytest
 
 from belief.observation_model.selection import ModelChoice
-from belief.table import Table
+from belief.table import Table, ends, interval
 
 LABELS = ["cone", "杯子と皿", "a\tb\x1b[31m\nc\0", "50% & {more}_$#~^\\", "<b>bold</b>", "x" * 90, "", "two words " * 9]
 TABLE = Table(
@@ -68,3 +68,25 @@ def test_a_choice_prints_shows_and_gives_its_losses():
     assert [row["chosen"] for row in choice.rows()] == ["yes", ""]
     assert all(name in text for name in choice.losses for text in (str(choice), choice._repr_html_()))
     assert choice.to_latex().count(r"\\") == 3
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "spec", "expected"),
+    [
+        (0.9961731, 1.0, ".2f", ("0.996", "1.000")),
+        (0.9999617, 1.0, ".3f", ("0.99996", "1.00000")),
+        (0.0, 0.0000384, ".3f", ("0.00000", "0.00004")),
+        (0.50012, 0.50031, ".2f", ("0.5001", "0.5003")),
+        (-0.001, 0.002, "+.2f", ("-0.001", "+0.002")),
+        (0.25, 0.75, ".2f", ("0.25", "0.75")),
+        (0.5, 0.5, ".2f", ("0.50", "0.50")),
+        (0.5, 0.5 + 1e-15, ".2f", ("0.50", "0.50")),
+        (3, 4, "d", ("3", "4")),
+    ],
+)
+def test_the_ends_of_an_interval_are_told_apart_wherever_it_is_printed(low, high, spec, expected):
+    assert ends(low, high, spec) == expected
+    assert interval(1, low, high, spec=spec).endswith(f" [{expected[0]}, {expected[1]}]")
+    table = Table("", ["name", ("95 %", spec)], [("a", (low, high))])
+    assert f"{expected[0]} … {expected[1]}" in table.text(80)
+    assert f"{expected[0]} … {expected[1]}" in table.html()

@@ -278,6 +278,8 @@ NO_NUMBERS = {
     "require_number": "one number",
     "require_choice": "a word",
     "warn_of_probs": "a warning",
+    "warn_of_one_shape": "a warning",
+    "are_finite": "numbers, to answer whether they are finite",
     "read_origin": "text",
     "sample_arrangement": "of a problem",
 }

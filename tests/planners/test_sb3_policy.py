@@ -45,6 +45,9 @@ def saved(tmp_path_factory):
     for name, content in {"damaged": data, "list": b"[]"}.items():
         with zipfile.ZipFile(folder / f"{name}.zip", "w") as file:
             file.writestr("data", content)
+    with zipfile.ZipFile(folder / "many-names.zip", "w") as file:
+        for number in range(20_000):
+            file.writestr(f"{number}.data", b"")
     return folder
 
 
@@ -79,6 +82,7 @@ def test_a_file_for_each_target_is_found_by_its_name(saved, model):
         ("posterior-of-a-search", r"\(10,\) from -1 on .*10 numbers \(paper\), .* from 0 on.*train it there"),
         ("nonsense", "no file that Stable-Baselines3"),
         ("list", "no file that Stable-Baselines3"),
+        ("many-names", r"no file that Stable-Baselines3 saved: its list of names has \d+ bytes"),
         ("damaged", "cannot be loaded as PPO: .*undamaged PPO, A2C, DQN or MaskablePPO"),
     ],
 )

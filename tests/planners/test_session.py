@@ -132,7 +132,7 @@ def test_a_log_cut_at_any_byte_loses_at_most_its_last_line(tmp_path):
 
 def part_touch(session):
     action = session.ask()
-    return felt(action.pose if isinstance(action, Probe) else 0, 0.1, 0.2, 0.3, 0.4)
+    return felt(action.pose if isinstance(action, Probe) else 0, 0.1, 0.2, 0.3, 0.5)
 
 
 def test_a_disk_that_is_full_changes_nothing(tmp_path, monkeypatch):

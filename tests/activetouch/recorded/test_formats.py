@@ -127,6 +127,14 @@ def test_an_npz_that_says_it_is_larger_than_memory_is_refused(tmp_path):
         read_recorded(tmp_path, "npz")
 
 
+def test_an_npz_of_very_many_names_is_refused_before_they_are_read(tmp_path):
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+        for number in range(20_000):
+            archive.writestr(f"{number}.npy", b"")
+    with pytest.raises(BadRecording, match=r"a\.npz cannot be read .* its list of names has \d+ bytes, and at most"):
+        read_recorded(tmp_path, "npz")
+
+
 @pytest.mark.parametrize(
     ("arrays", "words"),
     [

@@ -19,6 +19,7 @@ from belief.calibration import (
 from belief.calibration.affine import AffineCalibration
 from belief.calibration.softmax_regression import SoftmaxRegression
 
+pytestmark = pytest.mark.filterwarnings("ignore:all .* labels are .*:UserWarning")
 AFFINE = {name: kind for name, kind in CALIBRATIONS.items() if issubclass(kind, AffineCalibration)}
 every_affine = pytest.mark.parametrize("calibration", [kind() for kind in AFFINE.values()], ids=list(AFFINE))
 

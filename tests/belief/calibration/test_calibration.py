@@ -10,7 +10,10 @@ from scipy.special import softmax
 
 from belief.calibration import TemperatureScaling
 
-pytestmark = pytest.mark.filterwarnings("ignore:logits has no negative number:UserWarning")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:logits has no negative number:UserWarning"),
+    pytest.mark.filterwarnings("ignore:all .* labels are .*:UserWarning"),
+]
 
 
 def sample(rng, n=400, num_shapes=4, temperature=2.0):

@@ -9,9 +9,15 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.special import log_softmax
 
+from belief import Belief, Touch
 from belief.calibration import CALIBRATIONS, PerPose
+from belief.observation_model import calibration_of_stops, certified_stops, fit_observation_model
+from belief.synthetic import random_model
 
-pytestmark = pytest.mark.filterwarnings("ignore:logits has no negative number:UserWarning")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:logits has no negative number:UserWarning"),
+    pytest.mark.filterwarnings("ignore:all .* labels are .*:UserWarning"),
+]
 LABELS = ("cube", "sphere", "cone")
 every_calibration = pytest.mark.parametrize("name", CALIBRATIONS)
 ODD_NUMBERS = [0.0, 1.0, -1.0, 0.5, 5e-324, -1e-310, 1e-300, 1e-16, 1e4, -1e4, 1e154, 1e308, -1e308]
@@ -235,6 +241,68 @@ def test_a_calibration_comes_back_from_its_fields_to_the_last_bit(name, rng):
     again = type(fitted).from_fields(json.loads(json.dumps(fitted.to_fields())))
     assert again.status == fitted.status
     np.testing.assert_array_equal(again.predict_log_proba(logits), fitted.predict_log_proba(logits))
+
+
+FORMS = {
+    "exact": lambda p: p,
+    "single precision": np.float32,
+    "half precision": np.float16,
+    "four decimals": lambda p: p.round(4),
+    "three decimals": lambda p: p.round(3),
+    "two decimals": lambda p: p.round(2),
+    "two decimals in single precision": lambda p: p.round(2).astype(np.float32),
+    "percentages": lambda p: 100.0 * p,
+    "percentages, two decimals": lambda p: (100.0 * p).round(2),
+    "percentages, one decimal": lambda p: (100.0 * p).round(1),
+    "whole percentages": lambda p: (100.0 * p).round().astype(int),
+}
+MODEL = random_model(np.random.default_rng(0), num_shapes=3, num_poses=1)
+TAKE_LOGITS = {
+    "fit": lambda z, y: CALIBRATIONS["vector"]().fit(z, y),
+    "fit with weights": lambda z, y: CALIBRATIONS["temperature"]().fit(z, y, np.ones(300)),
+    "fit by pose": lambda z, y: PerPose().fit(z, y, 0 * y),
+    "predict_proba": lambda z, y: CALIBRATIONS["temperature"](2.0, "ok").predict_proba(z),
+    "predict_log_proba": lambda z, y: CALIBRATIONS["dirichlet"]().predict_log_proba(z),
+    "predict by pose": lambda z, y: PerPose().fit(np.log(z + 1e-3), y, 0 * y).predict_log_proba(z, 0 * y),
+    "fit_observation_model": lambda z, y: fit_observation_model(z, y, np.arange(300)),
+    "calibration_of_stops": lambda z, y: calibration_of_stops(MODEL, z, y, np.arange(300), 0.4),
+    "certified_stops": lambda z, y: certified_stops(MODEL, z, y, np.arange(300), 0.5),
+    "a touch": lambda z, y: Touch(0, z[0]),
+    "Belief.update": lambda z, y: Belief.uniform(["x", "y", "z"]).update(z[0]),
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("name", TAKE_LOGITS)
+@pytest.mark.filterwarnings("error")
+def test_no_form_of_probabilities_is_taken_for_logits_in_silence(name, form, rng):
+    logits, labels = sample(rng)
+    probs = FORMS[form](np.exp(log_softmax(logits, axis=1)))
+    with pytest.warns(UserWarning, match=r"no negative number and sums to (one|100), as p.* do; ") as caught:
+        TAKE_LOGITS[name](probs, labels)
+    assert caught[0].filename == __file__
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    "row", [[0.2, 0.7], [0.2, 0.800_1], [8.0, 2.0], [0.0, 1.0], [0.125, 0.874_99], [60.0, 39.0], [1e308, 1e308], [50.5]]
+)
+def test_a_touch_whose_logits_only_resemble_probabilities_is_no_mistake(row):
+    assert Touch(0, row).logits.tolist() == row
+
+
+@pytest.mark.parametrize("labels", [[1] * 20, [0]])
+def test_labels_of_one_shape_are_said_to_tell_nothing_about_the_others(labels, rng):
+    logits, labels = rng.normal(size=(len(labels), 3)), np.array(labels)
+    for call in (
+        *(lambda kind=kind: kind().fit(logits, labels) for kind in CALIBRATIONS.values()),
+        lambda: PerPose().fit(logits, labels, 0 * labels),
+        lambda: fit_observation_model(
+            np.tile(logits, (2, 1)), np.tile(labels, 2), np.arange(2 * len(labels)), num_folds=2
+        ),
+    ):
+        with pytest.warns(UserWarning, match=rf"all \d+ labels are {labels[0]}: .* nothing about the other 2"):
+            call()
 
 
 @every_calibration

@@ -15,6 +15,11 @@ from belief.calibration import (
 )
 from belief.observation_model.calibration_data import object_folds
 
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:logits has no negative number:UserWarning"),
+    pytest.mark.filterwarnings("ignore:all .* labels are .*:UserWarning"),
+]
+
 LABELS = ("cube", "sphere", "cone")
 
 

@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from belief import metrics
+from belief import Belief, metrics, validation
+from belief.calibration import logits_from_probs
 from belief.metrics import shape_scores
 from belief.metrics.scores import bin_index
 
@@ -97,6 +98,55 @@ def test_binned_errors_are_those_of_exact_fractions(rows, num_bins):
     right = [y == (p < Fraction(1, 2)) for p, y in zip(first, labels, strict=True)]
     expected = float(error_by_hand(confidence, right, num_bins))
     assert metrics.expected_calibration_error(probs, labels, num_bins) == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_probabilities_in_steps_of_a_bin_have_the_error_of_exact_fractions(seed):
+    # Sums of three such probabilities are one up to rounding; dividing by them would move 6/15 across an edge.
+    rng = np.random.default_rng(seed)
+    counts = rng.multinomial(15, [0.5, 0.3, 0.2], size=400)
+    labels = (rng.random((400, 1)) > np.cumsum(counts / 15, axis=1)[:, :2]).sum(axis=1)
+    exact = [[Fraction(int(k), 15) for k in row] for row in counts]
+    right = counts.argmax(axis=1) == labels
+    expected = error_by_hand([max(row) for row in exact], right, 15)
+    assert metrics.expected_calibration_error(counts / 15, labels) == pytest.approx(float(expected), abs=1e-12)
+    expected = sum(error_by_hand([row[k] for row in exact], labels == k, 15) for k in range(3)) / 3
+    assert metrics.classwise_calibration_error(counts / 15, labels) == pytest.approx(float(expected), abs=1e-12)
+    bins = [-(-max(row) // Fraction(1, 15)) for row in exact]
+    assert metrics.reliability_curve(counts / 15, labels).count.tolist() == [bins.count(b) for b in sorted({*bins})]
+
+
+@pytest.mark.parametrize("num_rows", [2, 16, 76, 91, 151, 171, 301])
+def test_mass_bins_are_those_of_exact_ranks(num_rows):
+    ranks = np.arange(num_rows)
+    for num_bins in (5, 10, 15, 20, 25):
+        exact = [max(-(-rank * num_bins // (num_rows - 1)) - 1, 0) for rank in ranks.tolist()]
+        assert bin_index(ranks / 512, num_bins, "mass").tolist() == exact
+
+
+@pytest.mark.parametrize(
+    ("normalise", "takes_logs", "gives_logs"),
+    [
+        (validation.normalise_probs, False, False),
+        (validation.renormalised, False, False),
+        (lambda probs: validation.checked_pair(probs, np.zeros(len(probs), int))[0], False, False),
+        (lambda probs: [Belief.from_probs(tuple("abc"), row).log_probs for row in probs], False, True),
+        (logits_from_probs, False, True),
+        (validation.normalise_log_probs, True, True),
+        (lambda logs: [Belief(tuple("abc"), row).log_probs for row in logs], True, True),
+    ],
+)
+def test_rows_that_sum_to_one_up_to_rounding_are_left_as_they_are(normalise, takes_logs, gives_logs, rng):
+    normal = (rng.multinomial(12, [0.5, 0.3, 0.2], size=100) + 1) / 15
+    rows = np.vstack([normal, [[0.501, 0.3, 0.2]]])  # the last is to be divided, which changes no other row
+    found = np.asarray(normalise(np.log(rows) if takes_logs else rows))
+    np.testing.assert_array_equal(found[:-1], np.log(normal) if gives_logs else normal)
+    assert (np.exp(found[-1]) if gives_logs else found[-1]).sum() == pytest.approx(1.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("metric", [*METRICS.values(), metrics.reliability_curve])
+def test_a_certainty_above_one_by_rounding_is_a_certainty(metric):
+    assert str(metric([[1.0 + 5e-10, 0.0]] * 3, [0, 0, 1])) == str(metric([[1.0, 0.0]] * 3, [0, 0, 1]))
 
 
 def test_mass_bins_hold_as_many_rows_each(rng):

@@ -12,6 +12,7 @@ from scipy.special import log_softmax, logsumexp
 from scipy.stats import kstest
 
 from belief import Touch
+from belief.bayes import update
 from belief.observation_model import FittedRigidBody, FixedHypotheses, RigidBodyModel, read_observation_model
 from belief.observation_model.model import check_observation_model
 from belief.touch_batch import TouchBatch
@@ -46,6 +47,20 @@ class World:
         return RigidBodyModel(
             labels, N, temperature, np.array(found), np.array(marginal), hypotheses=FixedHypotheses(self.embed(N))
         )
+
+
+@pytest.mark.parametrize("size", [1e10, 1e30, 1e31, 1e100, 1e300, np.finfo(float).max])
+@pytest.mark.parametrize("alternatives", [1, 2])
+def test_what_an_embedding_says_does_not_depend_on_its_size(size, alternatives):
+    table = np.tile(np.array([[[[3.0, 0.0]], [[0.0, 3.0]]]], np.float32), alternatives)
+    one = np.ones((1, 1, 2))
+    for temperature in (1.0, 1e-6, 1e6):
+        model = RigidBodyModel(("mug", "cup"), 1, temperature, one, one, hypotheses=FixedHypotheses(table))
+        for embedding, expected in (([0.25, 1.0], [0.0, 1.0]), ([1.0, 0.5], [1.0, 0.0]), ([1.0, 1.0], [0.5, 0.5])):
+            touch = Touch(0, features=np.array(embedding) * size)
+            for found in (model.log_likelihood([touch]), model.start().update(touch).log_likelihood):
+                posterior = np.exp(update(np.log([0.5, 0.5]), found)[0])
+                np.testing.assert_allclose(posterior, expected, atol=1e-6)
 
 
 @pytest.fixture

@@ -2,6 +2,7 @@
 
 import csv
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,9 +12,11 @@ from belief import Belief, Confirm, Probe, Reject, SearchProblem, Touch, Unsure
 from belief.statistics import clopper_pearson_interval, wilson_interval
 from belief.statistics.comparison import episodes_for_success
 from belief.table import Table
+from experiments.meshes.find import Found
+from experiments.meshes.identify import Identified
 from experiments.search.play import Seconds
 from experiments.search.summary import Summary, calibration_of_confirmations, prob_best, summarise
-from experiments.search.tables import comparison_tables
+from experiments.search.tables import comparison_tables, terminal_table
 from experiments.search.verdict import verdict_sentences
 from planners import Decision, Episode, Outcome, Step
 
@@ -232,3 +235,19 @@ def test_without_a_touch_it_may_be_best_to_reject_all(rng):
     targets = {(("x", label)): [search("c", arrangement=(0,))] for label in "ab"}
     found = Summary.from_episodes(problem, targets, dict.fromkeys(targets, Seconds()), "x", rng)
     assert found.no_touch_baseline == pytest.approx(2 / 3)  # of three shapes the target is absent in two of three cases
+
+
+def test_the_interval_of_a_thousand_successes_is_no_point_in_table_and_verdict(rng):
+    comparison = compared({"a": [search("tc", number=i) for i in range(4)]}, rng)
+    cells = {key: replace(cell, success_interval=(0.99617, 1.0)) for key, cell in comparison.cells.items()}
+    assert terminal_table(replace(comparison, cells=cells)).text(100).count("0.996–1.000") == 2
+    cells = {key: replace(cell, success_interval=(0.999617, 1.0)) for key, cell in comparison.cells.items()}
+    assert "succeeds in 1.000 [0.9996, 1.0000] of" in " ".join(verdict_sentences(replace(comparison, cells=cells)))
+
+
+@pytest.mark.parametrize("kind", [Found, Identified])
+def test_the_interval_of_a_thousand_right_answers_is_no_point_below_the_table(kind, monkeypatch):
+    row = dict.fromkeys((name for name, _ in kind._columns), 1) | {"right": 1, "stated": 0.99, "touches": 2}
+    monkeypatch.setattr(kind, "rows", lambda _: [row] * 1000)
+    monkeypatch.setattr(kind, "_title", "")
+    assert "0.996 to 1.000; stated 0.99" in object.__new__(kind).table().note
