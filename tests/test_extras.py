@@ -14,7 +14,7 @@ import pytest
 from activetouch.extras import EXTRAS, extra_of, require_extra, script_needs
 from belief import errors
 from belief.errors import MissingPackage, install_command
-from experiments.search import fingerprint
+from planners import fingerprint
 
 ROOT = Path(__file__).parent.parent
 HIDDEN = sorted({module for modules in EXTRAS.values() for module in modules})
@@ -127,7 +127,7 @@ def test_extras_are_found_by_module(monkeypatch):
 @pytest.fixture
 def origin(tmp_path, monkeypatch):
     """Set what pip wrote about the origin of a copy in ``tmp_path / "site-packages"``."""
-    for module, path in ((errors, "belief/errors.py"), (fingerprint, "experiments/search/fingerprint.py")):
+    for module, path in ((errors, "belief/errors.py"), (fingerprint, "planners/fingerprint.py")):
         monkeypatch.setattr(module, "__file__", str(tmp_path / "site-packages" / path))
 
     def be(written):

@@ -429,7 +429,7 @@ def _cross_calibrated(
 def _calibrated(kind: Calibration, touches: RecordedTouches, rows: Integers, logits: Floats) -> tuple[PerPose, Floats]:
     """A calibration of each action, and the log shares of the labels in it."""
     labels, num_labels = touches.labels[rows], logits.shape[1]
-    calibration = PerPose(kind, _POOLING).fit(logits, labels, touches.actions[rows], touches.num_actions)
+    calibration = PerPose(kind, _POOLING).fit_logits(logits, labels, touches.actions[rows], touches.num_actions)
     learns_shares = isinstance(kind, StructuredMatrixScaling)
     counts = np.bincount(labels, minlength=num_labels) + 0.5 if learns_shares else np.ones(num_labels)
     return calibration, np.log(counts / counts.sum())
@@ -484,4 +484,4 @@ def _held_out(
 def _loss(logits: Floats, labels: Integers) -> float:
     if not len(labels):
         return 0.0
-    return negative_log_likelihood(TemperatureScaling().fit(logits, labels).predict_proba(logits), labels)
+    return negative_log_likelihood(TemperatureScaling().fit_logits(logits, labels).predict_proba(logits), labels)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from belief.calibration.affine import CALIBRATIONS, StructuredMatrixScaling
 from belief.calibration.base import Calibration, no_probs
@@ -75,7 +75,11 @@ class PerPose:
         p = checked_indices("poses", poses, np.iinfo(np.int64).max)
         if p.shape != y.shape:
             raise ValueError(f"need a pose for each of {len(y)} rows, got {p.shape}")
-        masks = [p == pose for pose in range(pose_count(p, num_poses))]
+        return self.fit_logits(z, y, p, pose_count(p, num_poses))
+
+    def fit_logits(self, z: Floats, y: NDArray[np.int64], poses: NDArray[np.int64], num_poses: int) -> PerPose:
+        """:meth:`fit` of checked arrays, without a warning; labels may be all the same, as in a part of the data."""
+        masks = [poses == pose for pose in range(num_poses)]
         pooled = self.kind.fit_logits(z, y)
         own = (self.kind.fit_logits(z[mask], y[mask]) if mask.any() else pooled for mask in masks)
         return replace(self, fitted=(pooled, *own), num_touches=tuple(int(mask.sum()) for mask in masks))

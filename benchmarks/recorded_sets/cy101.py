@@ -81,8 +81,10 @@ def _lines(path: Path, width: int) -> Iterator[tuple[str, int, Floats, str]]:
     """Object, trial and values of each line, or what is wrong with the line."""
     if not path.exists():
         raise BadRecording(f"there is no file {path}; cy101 has one for each behaviour and modality")
-    for number, line in lines_of(path):
-        name, *values = line.split(",")
+    for number, line in enumerate(lines_of(path), 1):
+        if not line.strip():
+            continue
+        name, *values = line.strip().split(",")
         found = _NAME.fullmatch(name)
         if found is None:
             raise BadRecording(f"line {number} of {path} must begin with OBJECT_tN, got {name[:80]!r}")

@@ -4,8 +4,6 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from activetouch.solids.round import Cone, Cylinder, Ellipsoid, Sphere
-from activetouch.solids.straight import Prism
 
 from activetouch import SCENES
 from activetouch.distributions import LogUniform, Uniform
@@ -14,6 +12,7 @@ from activetouch.pressing.dynamic import Dynamic, GuardedMove
 from activetouch.pressing.height_maps import Window
 from activetouch.pressing.pad import Pad
 from activetouch.rotation_cells import views
+from activetouch.solids.primitives import Cone, Cylinder, Ellipsoid, Prism, Sphere
 from belief import Counts, SceneBelief, SearchProblem, Touch
 from belief.arrangement import arrangement_marginals, num_states
 from belief.calibration import TemperatureScaling
