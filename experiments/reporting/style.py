@@ -55,7 +55,10 @@ def figure(
 
 @dataclass(frozen=True)
 class Picture:
-    """Panels of a figure, each drawn by a function, with one caption and one legend; ``size`` of a panel [inches]."""
+    """Panels of a figure, each drawn by a function, with one caption and one legend; ``size`` of a panel [inches].
+
+    ``is_file`` says whether a report writes it as files as well.
+    """
 
     name: str
     caption: str
@@ -63,6 +66,7 @@ class Picture:
     legend: Mapping[str, str] = field(default_factory=dict)
     size: tuple[float, float] = (4.0, 3.2)
     columns: int | None = None
+    is_file: bool = True
 
     def inline(self) -> list[str]:
         """Every panel as SVG; the page shows the legend."""

@@ -21,12 +21,12 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from belief.files import plain_number, require_regular_file, write_text
+from belief.files import plain_number, require_regular_file
 from belief.statistics import paired_bootstrap, wilson_interval
 from belief.statistics.comparison import LEVEL
 from belief.table import Table, Value
 from experiments.command_line.arguments import BadArgument
-from experiments.reporting.page import Section, write_page
+from experiments.reporting.report import Report, Reported, Section
 from experiments.search.run import RunFolder, read_episode
 from experiments.search.summary import ALL, Difference, MeanInterval, corrected, difference
 from experiments.search.verdict import success_sentence
@@ -41,7 +41,7 @@ _Row: TypeAlias = tuple[str, dict[str, str]]
 
 
 @dataclass(frozen=True, eq=False)
-class ResultsComparison:
+class ResultsComparison(Reported):
     """Success of several policies on the same episodes, their differences, and these minus controls.
 
     Attributes:
@@ -142,19 +142,11 @@ class ResultsComparison:
         """Those rows of a table that are of all tasks together; all rows if there is one task."""
         return [row for row in rows if row[1] == ALL] or rows
 
-    def save(self, folder: Path) -> Path:
-        """Write ``report.html`` and the tables as CSV and LaTeX; return the path of the page.
-
-        Raises:
-            CannotWrite: the disk is full, or the folder is not writable.
-        """
+    def report(self) -> Report:
+        """The verdict and the tables that have rows."""
         tables = [table for table in self.tables() if table.rows]
-        for table in tables:
-            table.write_csv(folder / "tables" / f"{table.name}.csv")
-            write_text(folder / "tables" / f"{table.name}.tex", f"{table.latex()}\n")
         sections = [Section("Verdict", self.verdict()), Section("Tables", (), tables)]
-        write_page(folder / "report.html", f"Results of {', '.join(self.success)}", sections)
-        return folder / "report.html"
+        return Report(f"Results of {', '.join(self.success)}", sections, ("tables", "figures"))
 
 
 def compare_results(
