@@ -7,6 +7,7 @@ import pytest
 from belief.table import Table
 from experiments.calibration.measurements import Measurements
 from experiments.meshes.identify import Identified
+from experiments.paper.reproduce import Reproduction
 from experiments.recorded.report import RecordedReport
 from experiments.reporting.report import Report, Reported, Section
 from experiments.reporting.style import Picture
@@ -62,7 +63,8 @@ def test_only_reports_write_pages_and_tables():
 
 
 @pytest.mark.parametrize(
-    "kind", [Identified, Measurements, RecordedReport, ResultsComparison, RobustnessReport, TradeoffReport]
+    "kind",
+    [Identified, Measurements, RecordedReport, Reproduction, ResultsComparison, RobustnessReport, TradeoffReport],
 )
 def test_results_of_commands_are_saved_as_reports(kind):
     assert kind.save is Reported.save
