@@ -209,8 +209,7 @@ def compare(
         jobs=jobs,
         certificate=certificate,
     )
-    run.play(jobs=jobs)
-    found = compared(run, reference)
+    found = played(run, reference, jobs)
     if out is not None:
         found.save(out)
     return found
@@ -336,8 +335,9 @@ def _players(deciders: Mapping[str, Decider | str] | Sequence[str] | str) -> dic
     return players
 
 
-def compared(run: Run, reference: str | None = None) -> Comparison:
-    """All numbers of a run that was played."""
+def played(run: Run, reference: str | None, jobs: int | None) -> Comparison:
+    """Play the searches that a run lacks, and compute the comparison of all."""
+    run.play(jobs)
     return _computed(run.searches.problem, run.folder, run.lines(), reference, run.searches.seed, run)
 
 
