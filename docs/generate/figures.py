@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from tables import DRAWN, health_of, read_record
 
-from experiments.paper.table2 import Column, draw_figure3
+from experiments.paper.table2 import Column, figure3
 from experiments.tradeoff.report import front_picture
 
 DOCS = Path(__file__).parent.parent
@@ -36,14 +36,15 @@ def point(stored: dict[str, Any]) -> Any:
 def main() -> None:
     """Write docs/tradeoff/tradeoff.svg, docs/reproduction/figure3.svg, and docs/robustness/drift.svg, also dark."""
     points = [point(stored) for stored in read_record("tradeoff/searches_0")["points"]]
-    front_picture(points).write(DOCS / "tradeoff")
-    (DOCS / "tradeoff" / "tradeoff.png").unlink()
     confusion = read_record("reproduction/table1")["splits"]["by image"]["held out"]["confusion"]
     columns = [
         Column(**{name: value for name, value in stored.items() if name != "oracle"})
         for stored in read_record("reproduction/table2")
     ]
-    draw_figure3(confusion, columns, DOCS / "reproduction" / "figure3.svg")
+    pictures = {"tradeoff": front_picture(points), "reproduction": figure3(confusion, columns)}
+    for folder, picture in pictures.items():
+        picture.write(DOCS / folder)
+        (DOCS / folder / f"{picture.name}.png").unlink()
     for name, colours in THEMES.items():
         draw_drift(DOCS / "robustness" / f"{name}.svg", *colours)
 

@@ -5,13 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import chain
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from belief.files import write_text
 from belief.metrics import (
     CalibrationAtStop,
     CalibrationError,
@@ -28,7 +25,7 @@ from belief.statistics import cluster_bootstrap
 from belief.statistics.stop_thresholds import CandidateStops
 from belief.table import Table, Value
 from experiments.calibration.sequences import Sequences
-from experiments.reporting.page import Section
+from experiments.reporting.report import Report, Reported, Section
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -89,7 +86,7 @@ def score_model(
 
 
 @dataclass(frozen=True)
-class Measurements:
+class Measurements(Reported):
     """All numbers of a calibration report.
 
     Attributes:
@@ -107,28 +104,11 @@ class Measurements:
     touches: Mapping[str, CalibrationReport]
     models: Sequence[ModelScores]
 
-    def __str__(self) -> str:
-        pieces = [[f"# {s.title}", *s.sentences, *(table.markdown() for table in s.tables)] for s in sections(self)]
-        return "\n\n".join(chain.from_iterable(pieces))
-
-    def save(self, folder: Path) -> None:
-        """Write ``report.html``, ``numbers.json``, ``tables.md`` and the figure into a folder."""
-        from experiments.reporting.page import write_page  # loads jinja2
-        from experiments.reporting.style import Picture  # loads matplotlib
-
-        report = sections(self)
-        picture = Picture(
-            "reliability",
-            "Accuracy of touches by their confidence. A calibrated model's points lie in the grey bars 95 % of the "
-            "time (if touches are independent); the area of a point shows its fraction of the touches.",
-            [_panel(name, self.touches[name]) for name in (RAW, DEFAULT)],
-        )
-        report[1] = Section(report[1].title, report[1].sentences, report[1].tables, [picture])
-        write_page(folder / "report.html", f"Calibration in the scene “{self.scene}”", report)
-        write_text(folder / "numbers.json", json.dumps(asdict(self), indent=1, default=np.ndarray.tolist) + "\n")
-        tables = [table.markdown() for section in report for table in section.tables]
-        write_text(folder / "tables.md", "\n\n".join(tables) + "\n")
-        picture.write(folder)
+    def report(self) -> Report:
+        """The verdict first; ``numbers.json`` has all numbers."""
+        sections = [_verdict(self), _touches(self), _fusion(self), _stops(self)]
+        files = {"numbers.json": json.dumps(asdict(self), indent=1, default=np.ndarray.tolist) + "\n"}
+        return Report(f"Calibration in the scene “{self.scene}”", sections, markdown="tables.md", files=files)
 
     @property
     def model(self) -> ModelScores:
@@ -142,11 +122,6 @@ def _panel(name: str, report: CalibrationReport) -> Callable[[Axes], None]:
         axes.set_title(name)
 
     return draw
-
-
-def sections(found: Measurements) -> list[Section]:
-    """All sections of the report, the verdict first."""
-    return [_verdict(found), _touches(found), _fusion(found), _stops(found)]
 
 
 def _verdict(found: Measurements) -> Section:
@@ -178,6 +153,14 @@ def _verdict(found: Measurements) -> Section:
 
 
 def _touches(found: Measurements) -> Section:
+    from experiments.reporting.style import Picture  # loads matplotlib
+
+    picture = Picture(
+        "reliability",
+        "Accuracy of touches by their confidence. A calibrated model's points lie in the grey bars 95 % of the "
+        "time (if touches are independent); the area of a point shows its fraction of the touches.",
+        [_panel(name, found.touches[name]) for name in (RAW, DEFAULT)],
+    )
     raw, default = found.touches[RAW], found.touches[DEFAULT]
     rows: list[tuple[Value, ...]] = [
         (
@@ -195,7 +178,7 @@ def _touches(found: Measurements) -> Section:
         f"{raw.ece_width.value:.4f}."
     )
     title = f"Single touches of the test split, {raw.num_rows} (in brackets: chance)"
-    return Section("A single touch", [sentence], [Table(title, columns, rows)])
+    return Section("A single touch", [sentence], [Table(title, columns, rows, name="touches")], [picture])
 
 
 def _fusion(found: Measurements) -> Section:
@@ -206,7 +189,8 @@ def _fusion(found: Measurements) -> Section:
         rows: list[tuple[Value, ...]] = [
             (s.name, s.fused[kind][-1].nll, *(_error(fused.ece) for fused in s.fused[kind])) for s in found.models
         ]
-        tables.append(Table(f"Calibration error by number of touches (chance), {kind}", columns, rows))
+        title, name = f"Calibration error by number of touches (chance), {kind}", f"fused_{kind.replace(' ', '_')}"
+        tables.append(Table(title, columns, rows, name=name))
     return Section("Touches fused", [], tables)
 
 
@@ -222,7 +206,8 @@ def _stops(found: Measurements) -> Section:
             mean = sum(part.count * (part.num_touches or 0) for part in stopped.by_num_touches) / every.count
             rows.append((scores.name, every.count, mean, every.mean_stated, every.share_right, (every.low, every.high)))
         numbers = [("touches", ".2f"), ("confidence", ".4f"), ("accuracy", ".4f"), ("95 %", ".4f")]
-        tables.append(Table(f"Stops at {found.confidence:g}, {kind}", ["model", ("stops", "d"), *numbers], rows))
+        name, columns = f"stops_{kind.replace(' ', '_')}", ["model", ("stops", "d"), *numbers]
+        tables.append(Table(f"Stops at {found.confidence:g}, {kind}", columns, rows, name=name))
     sentence = (
         f"A search that touches until a shape has a posterior of {found.confidence:g} stops where favourable noise and "
         "the model's confidence in it are greatest. The stated confidence must be right after few touches and after "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -36,7 +36,7 @@ from experiments.meshes.setting import (
     sources_of,
 )
 from experiments.parallel import default_jobs
-from experiments.reporting.page import Section, write_page
+from experiments.reporting.report import Report, Reported, Section
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -47,7 +47,7 @@ _MOST_TWINS = 20  # that are printed
 
 
 @dataclass(frozen=True, eq=False)
-class MeshResult(Tabular, ABC):
+class MeshResult(Tabular, Reported):
     """Touched objects of many bodies, those that feel alike, and lines on files left out; prints as its table."""
 
     setting: MeshSetting
@@ -88,21 +88,16 @@ class MeshResult(Tabular, ABC):
     def __str__(self) -> str:
         return "\n\n".join([*self.left_out, *map(str, self.twins), super().__str__()])
 
-    def save(self, folder: Path | str) -> Path:
-        """Write ``report.html``, with the bodies that were still possible after each touch, and the table as CSV."""
-        folder = Path(folder)
-        folder.mkdir(parents=True, exist_ok=True)
-        table = self.table()
-        table.write_csv(folder / f"{self._kind}.csv")
+    def report(self) -> Report:
+        """The table, and the bodies that were still possible after each touch."""
         alike = [f"{twin}." for twin in self.twins] or ["No two bodies feel nearly alike."]
-        sections = [Section(self._kind.capitalize(), [], [table]), Section("Bodies that feel alike", alike)]
+        sections = [Section(self._kind.capitalize(), [], [self.table()]), Section("Bodies that feel alike", alike)]
         sections += [Section("Files that were left out", self.left_out)] if self.left_out else []
         sections += [
             Section(title, [end], [], _pictures(self.setting, title, touches, possible))
             for title, end, touches, possible in self._shown()
         ]
-        write_page(folder / "report.html", self._question, sections)
-        return folder / "report.html"
+        return Report(self._question, sections)
 
 
 def _pictures(setting: MeshSetting, title: str, touches: Sequence[str], possible: Sequence[Possible]) -> list[Any]:
@@ -125,6 +120,7 @@ def _pictures(setting: MeshSetting, title: str, touches: Sequence[str], possible
             f"After touch {number}: {said}.",
             [partial(draw, body=body, prob=prob, rest=rest) for body, prob, rest in bodies],
             size=(1.3, 1.5),
+            is_file=False,
         )
         for number, (said, bodies) in enumerate(zip(touches, possible, strict=True), 1)
         if bodies

@@ -11,12 +11,13 @@ from typing import Annotated, Any, Literal
 from activetouch.extras import require_extra
 from activetouch.named_scenes import SCENES
 from belief.claims import claim_folder, ends_claims
-from belief.files import sealed_json, write_text
+from belief.files import sealed_json
 from experiments.command_line.arguments import Count, Jobs, NotEmpty, Pixels, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.paper import table1, table2
 from experiments.paper.table1 import record_windows
 from experiments.parallel import default_jobs
+from experiments.reporting.report import Report, Reported, Section
 from experiments.sensor.train import require_input_size
 from experiments.sensor_choice import independent_sensor
 
@@ -61,7 +62,7 @@ class Reproduce:
     seed: Seed = 0
     """Seed of splits, intervals and searches."""
     out: Path = Path("runs/reproduce")
-    """Folder for trainings and searches, figure3.svg, the numbers, and reproduce.md with all tables."""
+    """Folder for trainings and searches, report.html, reproduce.md with all tables, figure3.svg, and the numbers."""
     jobs: Jobs = field(default_factory=default_jobs)
     """Number of processes, and of threads for training."""
 
@@ -75,46 +76,38 @@ class Reproduce:
         require_input_size(settings.input_size, SCENES["paper"].scene.image_shape[0], settings.backbone)
         claim_folder(self.out)
         found = reproduce(self.parts, self.out, settings, self.sensor, self.episodes, self.seed, self.jobs)
-        found.save(self.out)
+        page = found.save(self.out)
         from rich.markdown import Markdown
 
         plain_console().print(Markdown(str(found)))
-        print(f"wrote {self.out}/reproduce.md, and numbers and figure beside it")
+        print(f"wrote {page}, and reproduce.md, tables, numbers and figure beside it")
 
 
 @dataclass(frozen=True, eq=False)
-class Reproduction:
+class Reproduction(Reported):
     """Results of Table 1 by split and set of images, and columns of Table 2; None for what was not asked for."""
 
     splits: dict[str, dict[str, table1.Result]] | None
     columns: Sequence[table2.Column] | None
     arguments: dict[str, Any]
 
-    def __str__(self) -> str:
-        pieces = []
+    def report(self) -> Report:
+        """The tables beside the paper's and Figure 3, with the numbers in ``table1.json`` and ``table2.json``."""
+        sections, files, labels = list[Section](), dict[str, str](), SCENES["paper"].scene.shape_labels
         if self.splits is not None:
-            text = table1.table(self.splits, SCENES["paper"].scene.shape_labels).markdown()
-            pieces.append(f"**Table 1: the classifier, split by image and by object**\n\n{text}")
-        if self.columns is not None:
-            origin = f"Sensor and policies of the searches: {self.arguments['sensor']}."
-            text = table2.table(self.columns).markdown()
-            pieces.append(f"**Table 2: success of searches**\n\n{origin}\n\n{text}")
-        return "\n\n".join(pieces)
-
-    def save(self, folder: Path) -> None:
-        """Write the tables as ``reproduce.md``, the numbers as JSON, and Figure 3 if there are searches."""
-        labels = SCENES["paper"].scene.shape_labels
-        if self.splits is not None:
+            title = "Table 1: the classifier, split by image and by object"
+            sections.append(Section(title, (), [table1.table(self.splits, labels)]))
             splits = {n: {what: r.to_dict(labels) for what, r in row.items()} for n, row in self.splits.items()}
             numbers = {"arguments": self.arguments, "splits": splits, "deviations": DEVIATIONS}
-            write_text(folder / "table1.json", sealed_json(numbers) + "\n")
+            files["table1.json"] = sealed_json(numbers) + "\n"
         if self.columns is not None:
-            columns = json.dumps([asdict(column) for column in self.columns], indent=1, default=dict)
-            write_text(folder / "table2.json", columns + "\n")
+            origin = f"Sensor and policies of the searches: {self.arguments['sensor']}."
             confusion = None if self.splits is None else self.splits["by image"]["held out"].confusion
-            table2.draw_figure3(confusion, self.columns, folder / "figure3.svg")
-        deviations = "**Deviations from the paper**\n\n" + "\n".join(f"- {line}" for line in DEVIATIONS)
-        write_text(folder / "reproduce.md", f"{self}\n\n{deviations}\n")
+            own = [table2.table(self.columns)], [table2.figure3(confusion, self.columns)]
+            sections.append(Section("Table 2: success of searches", [origin], *own))
+            files["table2.json"] = json.dumps([asdict(one) for one in self.columns], indent=1, default=dict) + "\n"
+        sections.append(Section("Deviations from the paper", DEVIATIONS))
+        return Report("The paper's tables and Figure 3, reproduced", sections, markdown="reproduce.md", files=files)
 
 
 def reproduce(

@@ -193,7 +193,7 @@ def table(results: Mapping[str, Mapping[str, Result]], labels: Sequence[str]) ->
     rows.append(("accuracy", "0.81", *(interval(one.accuracy, *one.interval) for one in columns.values())))
     nearest = (interval(one.nearest, *one.nearest_interval) for one in columns.values())
     rows.append(("accuracy of the nearest training image", "", *nearest))
-    return Table("", ["", "paper", *columns], rows)
+    return Table("", ["", "paper", *columns], rows, name="table1")
 
 
 def _cell(score: ShapeScore) -> str:

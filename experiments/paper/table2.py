@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from statistics import fmean
 from types import MappingProxyType
@@ -19,6 +20,8 @@ from experiments.search.summary import ALL
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from experiments.reporting.style import Picture
 
 SCENE = "paper"
 """Scene of the searches: images like the paper's."""
@@ -73,24 +76,28 @@ def table(columns: Sequence[Column]) -> Table:
         shown = [interval(right / of, *wilson_interval(right, of), spec=spec) for right, of, spec in cells]
         rest = (f"{column.touches:.1f}", f"{column.no_touch_baseline:.2f}")
         rows.append((f"{column.decider}, {column.scene}", *shown, *rest))
-    return Table("", ["decider, scene", *PAPER["PPO"], "all", "touches per search", "no-touch baseline"], rows)
+    headings = ["decider, scene", *PAPER["PPO"], "all", "touches per search", "no-touch baseline"]
+    return Table("", headings, rows, name="table2")
 
 
+_GREYS = ("#999999", "#e6e6e6")  # of the paper's bars
 _SHAPES = ("sphere", "cube", "cylinder", "cone")  # order of the rows of a confusion matrix
 
 
-def draw_figure3(confusion: Sequence[Sequence[int]] | None, columns: Sequence[Column], path: Path) -> None:
-    """Draw (a) the confusion matrix of the split by image, if there are counts, and (b) success by target."""
-    from experiments.reporting.style import figure  # loads matplotlib
+def figure3(confusion: Sequence[Sequence[int]] | None, columns: Sequence[Column]) -> Picture:
+    """Figure 3: (a) the confusion matrix of the split by image, if there are counts, and (b) success by target."""
+    from experiments.reporting.style import PALETTE, Picture  # loads matplotlib
 
-    widths = [1.0, 1.5] if confusion is not None else [1.5]
-    with figure((3.2 * sum(widths), 4.2), path) as drawn:
-        panels = list(drawn.subplots(1, len(widths), squeeze=False, width_ratios=widths)[0])
-        if confusion is not None:
-            _confusion(panels[0], confusion)
-        _success(panels[-1], columns)
-        panels[-1].set(title=f"(b) searches, scene {columns[0].scene}", ylabel="success")
-        drawn.legend(loc="outside lower right", ncols=4, frameon=False, fontsize=8)
+    colours = [*_GREYS, *(PALETTE[index % len(PALETTE)] for index in range(len(columns)))]
+    names = [*(f"paper: {name}" for name in PAPER), *(column.decider for column in columns)]
+    success = partial(_success, columns=columns, styles=dict(zip(names, colours, strict=True)))
+    caption = f"Success by target in the scene {columns[0].scene}, with 95 % Wilson intervals; the paper's is hatched."
+    legend, size = dict(zip(names, colours, strict=True)), (3.2, 3.9)
+    if confusion is None:
+        return Picture("figure3", caption, [success], legend, size, 4, widths=(1.5,))
+    caption = f"(a) Confusions of the classifier split by image; in brackets, the paper's recalls. (b) {caption}"
+    panels = [partial(_confusion, confusion=confusion), success]
+    return Picture("figure3", caption, panels, legend, size, 4, widths=(1.0, 1.5))
 
 
 def _confusion(axes: Axes, confusion: Sequence[Sequence[int]]) -> None:
@@ -111,22 +118,24 @@ def _confusion(axes: Axes, confusion: Sequence[Sequence[int]]) -> None:
     axes.set(xlabel="predicted", ylabel="true", title="(a) classifier, split by image")
 
 
-def _success(axes: Axes, columns: Sequence[Column]) -> None:
-    """Draw bars by target: the paper's (hatched), and ours with 95 % Wilson intervals."""
-    from experiments.reporting.style import INK, PALETTE  # loads matplotlib
+def _success(axes: Axes, columns: Sequence[Column], styles: Mapping[str, str]) -> None:
+    """Draw bars by target: the paper's (hatched), and ours with 95 % Wilson intervals; ``styles`` are colours."""
+    from experiments.reporting.style import INK  # loads matplotlib
 
     targets = list(PAPER["PPO"])
-    width, x = 0.85 / (len(PAPER) + len(columns)), np.arange(len(targets))
-    first = -0.425 + width / 2
-    for index, (name, printed) in enumerate(PAPER.items()):
-        style: Any = {"color": str(0.6 + 0.3 * index), "edgecolor": "0.4", "hatch": "//", "label": f"paper: {name}"}
-        axes.bar(x + first + index * width, [printed[target] for target in targets], 0.9 * width, **style)
-    for index, column in enumerate(columns):
+    width, x = 0.85 / len(styles), np.arange(len(targets))
+    places = [x - 0.425 + (index + 0.5) * width for index in range(len(styles))]
+    for (name, printed), place in zip(PAPER.items(), places, strict=False):
+        label = f"paper: {name}"
+        style: Any = {"color": styles[label], "edgecolor": "0.4", "hatch": "//", "label": label}
+        axes.bar(place, [printed[target] for target in targets], 0.9 * width, **style)
+    for column, place in zip(columns, places[len(PAPER) :], strict=True):
         wins = np.array([column.successes[target] for target in targets])
         low, high = np.transpose([wilson_interval(int(n), column.trials) for n in wins])
-        share, place = wins / column.trials, x + first + (len(PAPER) + index) * width
-        axes.bar(place, share, 0.9 * width, color=PALETTE[index % len(PALETTE)], label=column.decider)
+        share = wins / column.trials
+        axes.bar(place, share, 0.9 * width, color=styles[column.decider], label=column.decider)
         spread = [np.maximum(share - low, 0.0), np.maximum(high - share, 0.0)]
         axes.errorbar(place, share, spread, fmt="none", ecolor=INK, elinewidth=0.7)
     axes.set_xticks(x, targets)
     axes.set_ylim(0, 1.03)
+    axes.set(title=f"(b) searches, scene {columns[0].scene}", ylabel="success")

@@ -6,17 +6,16 @@ import json
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from activetouch.recorded.checking import Leaks
-from belief.files import write_text
 from belief.statistics import cluster_bootstrap
 from belief.table import Table, Value, interval
 from belief.validation import Floats
 from experiments.recorded.play import FIXED, GAIN, RANDOM, Fold, Found, Named
+from experiments.reporting.report import Report, Reported, Section
 from experiments.sensor.scores import accuracy_of_objects
 from planners.search import Identification
 
@@ -24,7 +23,7 @@ _MOSTLY = 0.5  # share of objects that reach the threshold, below which a mean n
 
 
 @dataclass(frozen=True, eq=False)
-class RecordedReport:
+class RecordedReport(Reported):
     """Identifications and searches among recorded objects, in some splits; it prints as a verdict and tables.
 
     ``facts`` are about the set and the settings, of JSON types; ``leaks`` are accuracies of guesses and controls.
@@ -80,22 +79,12 @@ class RecordedReport:
             )
         return sentences
 
-    def __str__(self) -> str:
-        texts = [f"# {self._title()}", *self.verdict(), *self._about(), *(table.markdown() for table in self.tables())]
-        return "\n\n".join(texts)
-
-    def save(self, folder: Path) -> None:
-        """Write report.html, recorded.md, results.json, episodes.jsonl and tables into a folder."""
-        from experiments.reporting.page import Section, write_page  # loads jinja2
-
+    def report(self) -> Report:
+        """Verdict, tables and the set, with ``results.json`` and ``episodes.jsonl``."""
         tables, verdict = self.tables(), self.verdict()
         sections = [Section("Result", verdict, tables[:1])]
         sections += [Section("Searches", (), [table]) for table in tables[1:]]
-        write_page(folder / "report.html", self._title(), [*sections, Section("The set", self._about())])
-        for table in tables:
-            table.write_csv(folder / f"{table.name}.csv")
-        write_text(folder / "recorded.md", f"{self}\n")
-        rows = {table.name: [list(row) for row in table.rows] for table in tables}
+        sections += [Section("The set", self._about())]
         result = {
             **self.facts,
             "verdict": verdict,
@@ -106,14 +95,15 @@ class RecordedReport:
                 "variance within objects": dict(zip(self.leaks.names, self.leaks.within.tolist(), strict=True)),
             },
             "kernels": [fold.model.kernel.tolist() for fold in self.folds],
-            "tables": rows,
+            "tables": {table.name: [list(row) for row in table.rows] for table in tables},
         }
-        write_text(folder / "results.json", json.dumps(result, indent=1, ensure_ascii=False) + "\n")
         episodes = [{"decider": one.decider, "scene": one.scene, **one.episode.to_dict()} for one in self.found]
-        write_text(folder / "episodes.jsonl", "".join(json.dumps(episode) + "\n" for episode in episodes))
-
-    def _title(self) -> str:
-        return f"Recorded touches: {self.facts['name']}, {self.facts['task']}"
+        files = {
+            "results.json": json.dumps(result, indent=1, ensure_ascii=False) + "\n",
+            "episodes.jsonl": "".join(json.dumps(episode) + "\n" for episode in episodes),
+        }
+        title = f"Recorded touches: {self.facts['name']}, {self.facts['task']}"
+        return Report(title, sections, markdown="recorded.md", files=files)
 
     def _about(self) -> list[str]:
         facts, folds = self.facts, self.folds

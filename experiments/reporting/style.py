@@ -55,7 +55,11 @@ def figure(
 
 @dataclass(frozen=True)
 class Picture:
-    """Panels of a figure, each drawn by a function, with one caption and one legend; ``size`` of a panel [inches]."""
+    """Panels of a figure, each drawn by a function, with one caption and one legend; ``size`` of a panel [inches].
+
+    ``columns`` are of panels and of the legend; ``widths`` of panels in one row, relative to ``size``; ``is_file`` says
+    whether a report writes it as files as well.
+    """
 
     name: str
     caption: str
@@ -63,6 +67,8 @@ class Picture:
     legend: Mapping[str, str] = field(default_factory=dict)
     size: tuple[float, float] = (4.0, 3.2)
     columns: int | None = None
+    is_file: bool = True
+    widths: Sequence[float] = ()
 
     def inline(self) -> list[str]:
         """Every panel as SVG; the page shows the legend."""
@@ -70,7 +76,8 @@ class Picture:
             return [_on_page(self._files["svg"], f"{self.name}0")]
         found = []
         for number, draw in enumerate(self.panels):
-            with figure(self.size) as drawn:
+            wide = self.widths[number] if self.widths else 1.0
+            with figure((wide * self.size[0], self.size[1])) as drawn:
                 draw(drawn.subplots())
                 found.append(_on_page(_saved(drawn, "svg"), f"{self.name}{number}"))
         return found
@@ -87,15 +94,17 @@ class Picture:
         (width, height), count = self.size, min(self.columns or len(self.panels), len(self.panels))
         rows = -(-len(self.panels) // count)
         columns = self.columns or (4 * count - 1 if count > 1 else 2)
-        width = max(width * count, 5.2) if self.legend else width * count
+        width *= sum(self.widths) if self.widths else count
+        width = max(width, 5.2) if self.legend else width
         with figure((width, height * rows + 0.3 * np.ceil(len(self.legend) / columns))) as drawn:
-            grid = drawn.subplots(rows, count, squeeze=False).ravel()
+            grid = drawn.subplots(rows, count, squeeze=False, width_ratios=self.widths or None).ravel()
             for draw, axes in zip(self.panels, grid, strict=False):
                 draw(axes)
             for axes in grid[len(self.panels) :]:
                 axes.set_axis_off()
             if self.legend:
-                lines = [Line2D([], [], color=colour, linewidth=3) for colour in self.legend.values()]
+                own = {n: one for axes in grid for one, n in zip(*axes.get_legend_handles_labels(), strict=True)}
+                lines = [own.get(n) or Line2D([], [], color=c, linewidth=3) for n, c in self.legend.items()]
                 drawn.legend(lines, list(self.legend), loc="outside upper center", ncols=columns, frameon=False)
             return {suffix: _saved(drawn, suffix) for suffix in ("svg", "png")}
 

@@ -19,12 +19,12 @@ from activetouch.named_scenes import NamedScene
 from activetouch.scene import Scene
 from activetouch.sensor import TactileSensor
 from belief.claims import claim_folder, ends_claims
-from belief.files import write_text
 from belief.seeding import keyed_rng
 from belief.statistics import wilson_interval
 from belief.table import Table, Value, interval
 from experiments.command_line.arguments import Count, Jobs, Seed, check_arguments
 from experiments.parallel import Shared, default_jobs, run_tasks
+from experiments.reporting.report import Report, Reported, Section
 from experiments.robustness.conditions import AS_TRAINED, applicable_conditions
 from experiments.scene_choice import SceneChoice, in_file_names
 from experiments.search.comparison import compare
@@ -37,7 +37,7 @@ _LEAST = 0.02  # share of images that a condition changes, below which it is sai
 
 
 @dataclass(frozen=True)
-class RobustnessReport:
+class RobustnessReport(Reported):
     """Success and stated confidence of searches by condition, as ``numbers`` of JSON types; prints as a table."""
 
     numbers: Mapping[str, Any]
@@ -67,22 +67,16 @@ class RobustnessReport:
             widest = max(gaps, key=lambda name: abs(gaps[name]))
             notes.append(f"Largest gap: {gaps[widest]:+.3f} ({widest}).")
         title = f"{self.numbers['scene']}: {first['number']} live searches by information gain in each condition"
-        found = [Table(title, headings, cells, " ".join(notes))]
+        found = [Table(title, headings, cells, " ".join(notes), "conditions")]
         if left_out := self.numbers["left_out"]:
-            found.append(Table("left out", ("condition", ("because", "")), list(left_out.items())))
+            found.append(Table("left out", ("condition", ("because", "")), list(left_out.items()), name="left_out"))
         return found
 
-    def __str__(self) -> str:
-        return "\n\n".join(table.markdown() for table in self.tables())
-
-    def save(self, folder: Path) -> None:
-        """Write report.html, tables (robustness.md) and robustness.json into a folder."""
-        from experiments.reporting.page import Section, write_page
-
-        write_text(folder / "robustness.json", json.dumps(self.numbers, indent=1) + "\n")
-        write_text(folder / "robustness.md", f"{self}\n")
+    def report(self) -> Report:
+        """The tables, and ``robustness.json`` with the numbers."""
         title = f"Changed worlds: the sensor of the scene “{self.numbers['scene']}”"
-        write_page(folder / "report.html", title, [Section("Searches", tables=self.tables())])
+        files = {"robustness.json": json.dumps(self.numbers, indent=1) + "\n"}
+        return Report(title, [Section("Searches", tables=self.tables())], markdown="robustness.md", files=files)
 
 
 def robustness(
@@ -200,5 +194,4 @@ class Robustness:
         )
         for table in found.tables():
             print(table, end="\n\n")
-        found.save(out)
-        print(f"wrote {out / 'report.html'}")
+        print(f"wrote {found.save(out)}")

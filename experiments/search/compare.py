@@ -16,7 +16,7 @@ from experiments.command_line.arguments import BadArgument, Count, InFile, Jobs,
 from experiments.command_line.trust import Trust
 from experiments.parallel import default_jobs
 from experiments.scene_choice import in_file_names
-from experiments.search.comparison import DEFAULT_DECIDERS, Comparison, compared, prepared
+from experiments.search.comparison import DEFAULT_DECIDERS, Comparison, played, prepared
 from experiments.search.setting import Setting
 from planners.registry import DECIDERS
 
@@ -122,8 +122,7 @@ class Compare:
             jobs=self.jobs,
             certificate=self.certificate,
         )
-        run.play(self.jobs)
-        return compared(run, self.reference)
+        return played(run, self.reference, self.jobs)
 
     def _names(self) -> list[str | None]:
         """Names of scene, renderer and deciders, which can be code."""

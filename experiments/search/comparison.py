@@ -125,14 +125,14 @@ class Comparison(Summary, Tabular):
             BadArgument: The comparison was computed from episodes alone, so that no search can be replayed.
             CannotWrite: The disk is full, or the folder is not writable.
         """
-        from experiments.search.page import write_page_of  # loads matplotlib
+        from experiments.search.page import report_of  # loads matplotlib
 
         if self.run is None:
             raise BadArgument("it was computed from episodes alone; save a comparison that activetouch.compare made")
         written = RunFolder(Path(folder))
         if self.run.folder.path is None or self.run.folder.path.resolve() != Path(folder).resolve():
             written.finish(self.run.searches.identity, self.run.arguments, self.run.lines())
-        return write_page_of(written, self, self.run.searches, self.verdict())
+        return report_of(written, self, self.run.searches, self.verdict()).save(Path(folder))
 
 
 def compare(
@@ -209,8 +209,7 @@ def compare(
         jobs=jobs,
         certificate=certificate,
     )
-    run.play(jobs=jobs)
-    found = compared(run, reference)
+    found = played(run, reference, jobs)
     if out is not None:
         found.save(out)
     return found
@@ -336,8 +335,9 @@ def _players(deciders: Mapping[str, Decider | str] | Sequence[str] | str) -> dic
     return players
 
 
-def compared(run: Run, reference: str | None = None) -> Comparison:
-    """All numbers of a run that was played."""
+def played(run: Run, reference: str | None, jobs: int | None) -> Comparison:
+    """Play the searches that a run lacks, and compute the comparison of all."""
+    run.play(jobs)
     return _computed(run.searches.problem, run.folder, run.lines(), reference, run.searches.seed, run)
 
 

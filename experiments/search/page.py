@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import io
+import json
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -16,7 +16,7 @@ from matplotlib.axis import Axis
 from numpy.typing import NDArray
 from PIL import Image
 
-from experiments.reporting.page import Section, data_uri, write_page
+from experiments.reporting.report import Report, Section, data_uri
 from experiments.reporting.style import Picture
 from experiments.search.play import Searches
 from experiments.search.replay_figures import action_words, replay
@@ -128,43 +128,47 @@ _FAILURES = {
 }
 
 
-def write_page_of(run: RunFolder, comparison: Summary, searches: Searches, verdict: Sequence[str]) -> Path:
-    """Write ``report.html``, ``figures/`` and ``tables/`` into the folder of a run; return the path of the page."""
-    assert run.path is not None, "a page is a file"
-    folder, path = run.path, run.path / "report.html"
-    tables, drawn = comparison_tables(comparison), pictures(comparison)
-    for table in tables:
-        table.write_csv(folder / "tables" / f"{table.name}.csv")
-    for picture in drawn:
-        picture.write(folder / "figures")
-    shown = {table.name: table for table in tables if table.rows}
+def report_of(run: RunFolder, comparison: Summary, searches: Searches, verdict: Sequence[str]) -> Report:
+    """The report of a comparison, whose searches are those of a run folder."""
+    tables, stored, problem = comparison_tables(comparison), run.read_run(), comparison.problem
+    shown = {table.name: table for table in tables}
+    first, *others = [*shift_sentences(searches.sensor.shift), *verdict]
+    composition = getattr(problem.composition, "value", problem.composition)
+    played = (
+        f"Every decider played the same live MuJoCo searches: {problem.num_objects} objects, composition "
+        f"“{composition}”, touch cost λ = {problem.touch_cost}, seed {searches.seed}. A search succeeds if the decider "
+        "confirms an object of the target shape, or rejects all objects when the target is absent. The return is +1 "
+        "for a success, −1 otherwise, minus λ for each touch."
+    )
     sections = [
-        Section(title, (), [shown[name] for name in names if name in shown], drawn if title == "Success" else [])
-        for title, names in _SECTIONS.items()
-        if shown.keys() & names
+        Section("", [first], folded={"Differences, bounds and stated confidence in words": others} if others else {}),
+        Section("", [played]),
     ]
-    stored = run.read_run()
+    if found := shown_searches(comparison):
+        which = "The longest failure, or the longest search if none fails."
+        if len(found) > 1:
+            which = "The search in which two deciders differ most, with the same objects and equal touches."
+        replayed = run.command("replay", folder=run.path, decider="NAME", target="SHAPE", number="N", out="search.png")
+        words = (
+            f"{which} The images were computed again from the episode's seed. Any other search, by its number: "
+            f"`{replayed}` Bars: the belief about the object after the step; the target is orange."
+        )
+        films = [_story(searches, decider, episode) for decider, episode in found]
+        sections.append(Section("One search, touch by touch", [words], films=films))
+    for title, names in _SECTIONS.items():
+        own = [shown[name] for name in names]
+        if any(table.rows for table in own):
+            sections.append(Section(title, (), own, pictures(comparison) if title == "Success" else []))
     if left_out := stored["arguments"].get("left_out"):
         sections.append(Section("Files that were left out", left_out))
-    stories = [_story(searches, decider, episode) for decider, episode in shown_searches(comparison)]
-    write_page(
-        path,
-        f"Searching by touch in the scene “{searches.scene_name}”",
-        sections,
-        "report.html",
-        comparison=comparison,
-        composition=getattr(comparison.problem.composition, "value", comparison.problem.composition),
-        verdict=[*shift_sentences(searches.sensor.shift), *verdict],
-        stories=stories,
-        run=stored,
-        again=run.command("compare", config=folder / "run.json"),
-        replay=run.command("replay", folder=folder, decider="NAME", target="SHAPE", number="N", out="search.png"),
-        before=["One search, touch by touch"] * bool(stories),
-        also=["How this was made"],
-        seed=searches.seed,
-        longest_label=max(map(len, comparison.problem.shape_labels)),
-    )
-    return path
+    assert run.path is not None, "a report is of a folder"
+    again = run.command("compare", config=run.path / "run.json")
+    versions = ", ".join(f"{name} {version}" for name, version in stored["identity"]["versions"].items())
+    text = json.dumps(stored, indent=1, sort_keys=True).replace("`", r"\u0060")
+    made = [f"This command makes it again or continues it: `{again}`"]
+    made.append(f"{versions}; commit {stored['commit'] or 'unknown'}.")
+    sections.append(Section("How this was made", made, folded={"run.json": [f"`{text}`"]}))
+    return Report(f"Searching by touch in the scene “{searches.scene_name}”", sections, ("tables", "figures"))
 
 
 def shown_searches(comparison: Summary) -> list[tuple[str, Episode]]:
@@ -215,6 +219,7 @@ def _story(searches: Searches, decider: str, episode: Episode) -> dict[str, Any]
         "success": bool(episode.success),
         "panels": panels,
         "scale": scale,
+        "longest_label": max(map(len, labels)),
     }
 
 

@@ -21,14 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from belief.errors import InvalidArgument
-from belief.files import plain_number, require_regular_file, write_text
+from belief.files import plain_number, require_regular_file
 from belief.statistics import paired_bootstrap, wilson_interval
 from belief.statistics.comparison import LEVEL
 from belief.table import Table, Value, csv_rows
 from experiments.command_line.arguments import BadArgument
-from experiments.reporting.page import Section, write_page
+from experiments.reporting.report import Report, Reported, Section
 from experiments.search.run import RunFolder, read_episode
-from experiments.search.summary import ALL, Difference, MeanInterval, corrected, difference
+from experiments.search.summary import ALL, Difference, MeanInterval, Outcomes, differences
 from experiments.search.verdict import success_sentence
 
 NEEDED = ("seed", "task", "success")
@@ -41,7 +41,7 @@ _Row: TypeAlias = tuple[str, dict[str, str]]
 
 
 @dataclass(frozen=True, eq=False)
-class ResultsComparison:
+class ResultsComparison(Reported):
     """Success of several policies on the same episodes, their differences, and these minus controls.
 
     Attributes:
@@ -142,19 +142,11 @@ class ResultsComparison:
         """Those rows of a table that are of all tasks together; all rows if there is one task."""
         return [row for row in rows if row[1] == ALL] or rows
 
-    def save(self, folder: Path) -> Path:
-        """Write ``report.html`` and the tables as CSV and LaTeX; return the path of the page.
-
-        Raises:
-            CannotWrite: the disk is full, or the folder is not writable.
-        """
+    def report(self) -> Report:
+        """The verdict and the tables that have rows."""
         tables = [table for table in self.tables() if table.rows]
-        for table in tables:
-            table.write_csv(folder / "tables" / f"{table.name}.csv")
-            write_text(folder / "tables" / f"{table.name}.tex", f"{table.latex()}\n")
         sections = [Section("Verdict", self.verdict()), Section("Tables", (), tables)]
-        write_page(folder / "report.html", f"Results of {', '.join(self.success)}", sections)
-        return folder / "report.html"
+        return Report(f"Results of {', '.join(self.success)}", sections, ("tables", "figures"))
 
 
 def compare_results(
@@ -202,8 +194,9 @@ def compare_results(
     left_out = {name: len(one) - len(keys) for name, one in found.items()}
     chosen, groups, rng = reference or names[0], _groups(keys), np.random.default_rng(seed)
     control_of = {name: controls[min(i, len(controls) - 1)] for i, name in enumerate(names) if controls}
-    beside = _pairs({name: chosen for name in names if name != chosen}, success, length, groups, rng)
-    over = _pairs(control_of, success, length, groups, rng)
+    outcomes = {name: Outcomes(success[name], length[name], np.full(len(keys), np.nan)) for name in found}
+    beside = differences({name: chosen for name in names if name != chosen}, outcomes, groups, rng)
+    over = differences(control_of, outcomes, groups, rng)
     beyond = {}
     if len(controls) == len(names):
         gain = {name: success[name].astype(float) - success[control_of[name]] for name in names}
@@ -220,31 +213,8 @@ def _groups(keys: Sequence[Key]) -> dict[str, NDArray[np.bool_]]:
     return {**(groups if len(groups) > 1 else {}), ALL: np.ones(len(tasks), bool)}
 
 
-def _pairs(
-    others: Mapping[str, str],
-    success: Mapping[str, NDArray[np.bool_]],
-    length: Mapping[str, NDArray[np.float64]],
-    groups: Mapping[str, NDArray[np.bool_]],
-    rng: np.random.Generator,
-) -> dict[Key, Difference]:
-    """By (policy, task), each policy minus another; all tasks together are one question, each of them another."""
-    found = {}
-    for (name, other), (task, rows) in itertools.product(others.items(), groups.items()):
-        right, steps = ((of[name][rows], of[other][rows]) for of in (success, length))
-        found[name, task] = difference(right, steps, None, rng)
-    for together in (True, False):
-        found |= corrected({key: one for key, one in found.items() if (key[1] == ALL) is together})
-    return found
-
-
 def _pairs_table(title: str, pairs: Mapping[Key, Difference], name: str) -> Table:
-    rows = [
-        (
-            *(*key, d.success[0], d.success[1:], d.mcnemar.first_only, d.mcnemar.second_only, d.p_value),
-            *(d.episodes_for_success, *((None, None) if d.touches is None else (d.touches[0], d.touches[1:]))),
-        )
-        for key, d in pairs.items()
-    ]
+    rows = [(*key, *found.cells[:-2]) for key, found in pairs.items()]  # rewards are of searches alone
     return Table(
         title,
         [

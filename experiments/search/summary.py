@@ -4,22 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Self, TypeAlias, TypeVar
+from itertools import chain, product
+from typing import Any, Self, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from belief.metrics import CalibrationAtStop, calibration_at_stop
 from belief.problem import Confirm, SearchProblem
 from belief.statistics import McNemar, mcnemar_test, paired_bootstrap, wilson_interval
 from belief.statistics.comparison import LEVEL, episodes_for_success, holm
+from belief.table import Value
+from belief.validation import Floats
 from experiments.search.play import Seconds
 from planners import Episode, Outcome
 from planners.episode import judged
 
+ALL = "all"
+"""Stands for all targets together in the keys of :attr:`Comparison.cells`."""
 _RESAMPLES, _ROWS = 2000, 200  # bootstrap resamples, and how many are drawn at once
-K = TypeVar("K")
-Pair: TypeAlias = tuple[ArrayLike, ArrayLike]
+Rows: TypeAlias = slice | NDArray[np.bool_]
 MeanInterval: TypeAlias = tuple[float, float, float]
 """A mean and its 95 % bootstrap interval."""
 
@@ -40,31 +44,53 @@ class Difference:
     p_value: float
     episodes_for_success: int | None
 
-
-def difference(success: Pair, touches: Pair, reward: Pair | None, rng: np.random.Generator) -> Difference:
-    """The difference of two deciders on N episodes, p-value not corrected; pairs are ``(N,)``, unknown touches NaN."""
-
-    def interval(pair: Pair | None) -> MeanInterval | None:
-        is_known = pair is not None and np.isfinite(np.array(pair, float)).all()
-        return paired_bootstrap(*pair, rng) if pair is not None and is_known else None
-
-    test = mcnemar_test(*success)
-    return Difference(
-        paired_bootstrap(*success, rng), interval(touches), interval(reward), test, test.mid_p_value, None
-    )
+    @property
+    def cells(self) -> list[Value]:
+        """Success, its interval, discordant pairs, p-value, episodes needed; touches and reward with intervals."""
+        means = [(None, None) if mean is None else (mean[0], mean[1:]) for mean in (self.touches, self.reward)]
+        pairs = self.mcnemar.first_only, self.mcnemar.second_only
+        return [self.success[0], self.success[1:], *pairs, self.p_value, self.episodes_for_success, *chain(*means)]
 
 
-def corrected(found: Mapping[K, Difference]) -> dict[K, Difference]:
-    """Differences with p-values that are corrected for their number, and the episodes needed at these."""
-    level = LEVEL / max(len(found), 1)  # what Holm's correction asks of the smallest p-value
-    p_values = holm([one.mcnemar.mid_p_value for one in found.values()])
-    return {
-        key: replace(one, p_value=p_value, episodes_for_success=episodes_for_success(one.mcnemar, level))
-        for (key, one), p_value in zip(found.items(), p_values, strict=True)
+@dataclass(frozen=True, eq=False)
+class Outcomes:
+    """What a decider or policy reached in N episodes, ``(N,)`` each; touches, or steps, and rewards may be NaN."""
+
+    success: NDArray[np.bool_]
+    touches: Floats
+    reward: Floats
+
+    def minus(self, other: Outcomes, rows: Rows, rng: np.random.Generator) -> Difference:
+        """The difference from another decider in some of the same episodes; its p-value is not corrected."""
+        success = self.success[rows], other.success[rows]
+        mean, test = paired_bootstrap(*success, rng), mcnemar_test(*success)
+        pairs = [(one[rows], two[rows]) for one, two in ((self.touches, other.touches), (self.reward, other.reward))]
+        touches, reward = (paired_bootstrap(*pair, rng) if np.isfinite(pair).all() else None for pair in pairs)
+        return Difference(mean, touches, reward, test, test.mid_p_value, None)
+
+
+def differences(
+    others: Mapping[str, str], outcomes: Mapping[str, Outcomes], groups: Mapping[str, Rows], rng: np.random.Generator
+) -> dict[tuple[str, str], Difference]:
+    """By (name, group), each decider minus another; ``groups`` are rows of episodes by task, and :data:`ALL`.
+
+    All tasks together are one question, each of them another: p-values and the episodes needed are corrected for the
+    number of differences in each.
+    """
+    found = {
+        (name, group): outcomes[name].minus(outcomes[other], rows, rng)
+        for (name, other), (group, rows) in product(others.items(), groups.items())
     }
+    for together in (True, False):
+        keys = [key for key in found if (key[1] == ALL) is together]
+        level = LEVEL / max(len(keys), 1)  # what Holm's correction asks of the smallest p-value
+        for key, p_value in zip(keys, holm([found[key].p_value for key in keys]), strict=True):
+            needed = episodes_for_success(found[key].mcnemar, level)
+            found[key] = replace(found[key], p_value=p_value, episodes_for_success=needed)
+    return found
 
 
-def prob_best(rewards: Mapping[str, Sequence[float]], rng: np.random.Generator) -> dict[str, float]:
+def prob_best(rewards: Mapping[str, ArrayLike], rng: np.random.Generator) -> dict[str, float]:
     """Share of bootstrap resamples in which each decider has the highest mean return; ties count equally."""
     table = np.array(list(rewards.values())).T  # (episodes, deciders)
     num_episodes = len(table)
@@ -75,10 +101,6 @@ def prob_best(rewards: Mapping[str, Sequence[float]], rng: np.random.Generator) 
         best = np.isclose(means, means.max(axis=1, keepdims=True), rtol=0.0, atol=1e-12)
         won += (best / best.sum(axis=1, keepdims=True)).sum(axis=0)
     return dict(zip(rewards, (won / _RESAMPLES).tolist(), strict=True))
-
-
-ALL = "all"
-"""Stands for all targets together in the keys of :attr:`Comparison.cells`."""
 
 
 @dataclass(frozen=True)
@@ -216,23 +238,26 @@ class Summary:
         together: dict[str, list[Episode]] = {}
         for (decider, _), some in episodes.items():
             together.setdefault(decider, []).extend(some)
-        successes = {name: [bool(e.success) for e in some] for name, some in together.items()}
-        touches = {name: [e.num_touches for e in some] for name, some in together.items()}
-        returns = {name: [e.reward(problem) for e in some] for name, some in together.items()}
+        outcomes = {
+            name: Outcomes(
+                np.array([bool(e.success) for e in some]),
+                np.array([float(e.num_touches) for e in some]),
+                np.array([e.reward(problem) for e in some]),
+            )
+            for name, some in together.items()
+        }
         for decider, some in together.items():
             spent = sum((seconds[key] for key in episodes if key[0] == decider), Seconds())
             cells[decider, ALL] = summarise(some, spent, problem)
-        beside = {}
-        for name in (name for name in together if name != reference):
-            success, touched, reward = ((of[name], of[reference]) for of in (successes, touches, returns))
-            beside[name] = difference(success, touched, reward, rng)
+        pairs = {name: reference for name in together if name != reference}
+        beside = differences(pairs, outcomes, {ALL: slice(None)}, rng)
         return cls(
             problem=problem,
             episodes=episodes,
             cells=cells,
-            differences=corrected(beside),
+            differences={name: found for (name, _), found in beside.items()},
             calibration={name: calibration_of_confirmations(some) for name, some in together.items()},
-            prob_best=prob_best(returns, rng),
+            prob_best=prob_best({name: found.reward for name, found in outcomes.items()}, rng),
             reference=reference,
             **others,
         )

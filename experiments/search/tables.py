@@ -54,14 +54,7 @@ def results_table(comparison: Summary) -> Table:
 
 
 def _differences(comparison: Summary) -> Table:
-    rows = [
-        (
-            *(name, d.success[0], d.success[1:], d.mcnemar.first_only, d.mcnemar.second_only, d.p_value),
-            *(d.episodes_for_success, d.touches[0], d.touches[1:], d.reward[0], d.reward[1:]),
-        )
-        for name, d in comparison.differences.items()
-        if d.touches is not None and d.reward is not None
-    ]
+    rows = [(name, *found.cells) for name, found in comparison.differences.items()]
     return Table(
         f"Difference from {comparison.reference} on the same episodes",
         [

@@ -15,9 +15,9 @@ import numpy as np
 
 from activetouch.named_scenes import SCENES
 from activetouch.sensor_files import INDEPENDENT_SUFFIX, MODELS
-from belief.files import write_text
 from belief.statistics import paired_bootstrap, pareto_front, wilson_interval
 from belief.table import Table, Value, interval
+from experiments.reporting.report import Report, Reported, Section
 from experiments.scene_choice import FIDELITIES, command
 from planners import DECIDERS
 from planners.registry import NEED_FILES
@@ -158,7 +158,7 @@ class Measured:
 
 
 @dataclass(frozen=True, eq=False)
-class TradeoffReport:
+class TradeoffReport(Reported):
     """Measured configurations, and the recommended ones; prints as tables and recommendations.
 
     Attributes:
@@ -202,25 +202,16 @@ class TradeoffReport:
         for scene in SHARES:
             rows = [_row(p, defaults.get(scene), id(p) in front) for p in ordered if p.configuration.scene == scene]
             if rows:
-                tables.append(Table(scene, _COLUMNS, rows, "*: no other is both faster and as successful."))
+                tables.append(Table(scene, _COLUMNS, rows, "*: no other is both faster and as successful.", scene))
         return tables
 
-    def __str__(self) -> str:
-        return "\n\n".join([*(table.markdown() for table in self.tables()), *self.sentences()])
-
-    def save(self, folder: Path) -> None:
-        """Write report.html and tradeoff.md, .csv, .json, .svg and .png."""
-        from experiments.reporting.page import Section, write_page
-
-        picture, recommended, tables = front_picture(self.points), self.sentences(), self.tables()
+    def report(self) -> Report:
+        """Recommendations, all configurations, and ``tradeoff.csv`` and ``tradeoff.json`` with them."""
+        recommended, tables = self.sentences(), self.tables()
         sections = [
-            Section("Recommended configurations", recommended, pictures=[picture]),
+            Section("Recommended configurations", recommended, pictures=[front_picture(self.points)]),
             Section("All configurations by scene", [_NOTE], tables),
         ]
-        picture.write(folder)
-        write_page(folder / "report.html", "Trade-off between speed and accuracy", sections)
-        Table("", _COLUMNS, [row for table in tables for row in table.rows]).write_csv(folder / "tradeoff.csv")
-        write_text(folder / "tradeoff.md", f"{self}\n")
         points = [
             {
                 **{name: value for name, value in asdict(p).items() if name != "successes"},
@@ -230,7 +221,11 @@ class TradeoffReport:
             }
             for p in self.points
         ]
-        write_text(folder / "tradeoff.json", json.dumps({"points": points, "answers": recommended}, indent=1) + "\n")
+        files = {
+            "tradeoff.csv": Table("", _COLUMNS, [row for table in tables for row in table.rows]).csv(),
+            "tradeoff.json": json.dumps({"points": points, "answers": recommended}, indent=1) + "\n",
+        }
+        return Report("Trade-off between speed and accuracy", sections, markdown="tradeoff.md", files=files)
 
 
 def _front(points: Sequence[Measured]) -> list[Measured]:

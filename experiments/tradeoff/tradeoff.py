@@ -102,7 +102,7 @@ def measure_all(
     ``episodes`` are searches per target of ``gel``; other scenes have fewer, see :data:`SHARES`. Finished searches in
     the folder are read.
     """
-    from experiments.search.comparison import compared, prepared
+    from experiments.search.comparison import played, prepared
     from experiments.search.setting import Setting
     from experiments.search.summary import ALL
 
@@ -116,8 +116,7 @@ def measure_all(
         number, deciders = max(1, round(episodes * SHARES[scene])), [one.decider for one in group]
         out = folder / in_file_name(f"{scene} {sensor} {touch_cost:g} {fidelity} {seed}")
         run = prepared(setting, deciders, episodes=number, seed=seed, out=out, jobs=jobs)
-        run.play(jobs)
-        comparison = compared(run)
+        comparison = played(run, None, jobs)
         for one in group:
             cell = comparison.cells[one.decider, ALL]
             right = tuple(bool(episode.success) for episode in comparison.of(one.decider))

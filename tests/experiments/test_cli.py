@@ -17,7 +17,7 @@ import tyro
 
 import activetouch
 from experiments import cli
-from experiments.reporting import page
+from experiments.reporting import report
 
 ROOT = Path(__file__).parents[2]
 
@@ -78,12 +78,12 @@ def test_a_name_that_is_none_of_the_choices_is_answered_with_the_choices_alone(o
 def test_open_shows_the_page_that_was_written_or_says_where_it_is(monkeypatch, tmp_path, capsys):
     opened = []
     monkeypatch.setattr("webbrowser.open", lambda page: opened.append(page) or len(opened) < 2)
-    monkeypatch.setattr(page, "written", [])
+    monkeypatch.setattr(report, "written", [])
     cli._open_page()
     assert "wrote no page" in capsys.readouterr().err
-    files = [tmp_path / "one.html", tmp_path / "two.html"]
-    for file in files:
-        page.write_page(file, "title", [])
+    files = []
+    for name in ("one", "two"):
+        files.append(report.Report("title", []).save(tmp_path / name))
         cli._open_page()
     assert opened == [file.as_uri() for file in files]
     assert opened[1] in capsys.readouterr().err

@@ -131,9 +131,9 @@ def test_the_report_of_a_joint_sensor_has_its_model_and_stands_alone(collection,
     CalibrationReport("coarse", collection, Path("coarse"), tmp_path, anyway=True).run()
     page, numbers = (tmp_path / "report.html").read_text(), json.loads((tmp_path / "numbers.json").read_text())
     assert "rigid body" in {model["name"] for model in numbers["models"]}
-    pictures = {"reliability.svg", "reliability.png"}
+    pictures = {"reliability.svg", "reliability.png", "stops_one_pose.csv", "stops_one_pose.tex"}
     assert {path.name for path in tmp_path.iterdir()} >= {"report.html", "numbers.json", "tables.md"} | pictures
-    assert not re.search(r"(src|href)=\"(?!#)|@import|<link|<script[^>]*src|url\((?!#)", page)
+    assert not re.search(r"(src|href)=\"(?!data:|#)|@import|<link|<script[^>]*src|url\((?!#)", page)
     assert numbers["num_objects"] == {"calibration": 16, "test": 12}
     error = numbers["models"][0]["fused"]["one pose"][0]["ece"]["value"]
     assert f"({error:.4f}"[1:] in page

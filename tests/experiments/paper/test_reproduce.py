@@ -14,7 +14,7 @@ from belief.statistics import wilson_interval
 from experiments.paper import table1, table2
 from experiments.paper.reproduce import DEVIATIONS, Reproduce, reproduce
 from experiments.paper.table1 import WindowPlan, record_windows
-from experiments.paper.table2 import DECIDERS, PAPER, Column, draw_figure3, table
+from experiments.paper.table2 import DECIDERS, PAPER, Column, figure3, table
 
 ROOT = Path(__file__).parents[3]
 
@@ -40,7 +40,7 @@ def test_a_confusion_matrix_is_drawn_with_a_shape_that_was_not_held_out(tmp_path
     column = Column("paper", "point_based", dict.fromkeys(PAPER["PPO"], 1), 2, 1.0, 0.25)
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
-        draw_figure3(confusion, [column], tmp_path / "figure3.svg")
+        figure3(confusion, [column]).write(tmp_path)
     text = (tmp_path / "figure3.svg").read_text()
     assert "nan" not in text
     assert "point_based" in text
@@ -71,6 +71,8 @@ def test_table_2_is_played_with_the_shipped_policies_and_every_file_is_written(t
     assert "Sensor and policies of the searches: shipped." in page
     assert str(found) in page
     assert "<svg" in (tmp_path / "figure3.svg").read_text()
+    assert "<svg" in (tmp_path / "report.html").read_text()
+    assert (tmp_path / "table2.tex").exists()
 
 
 def test_the_command_refuses_an_impossible_size_before_any_work(tmp_path):

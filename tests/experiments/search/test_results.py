@@ -3,6 +3,7 @@
 import csv
 import json
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -170,6 +171,8 @@ def test_episodes_of_the_environment_are_paired_with_the_searches_of_a_run(tmp_p
     assert found.success["mine"].tolist() == [e.success for e in played.of("information_gain")]
     assert found.length["mine"].tolist() == found.length["information_gain"].tolist()
     assert not any(found.left_out.values())
+    of_run, searched = compare_results(["run"], seed=5), played.differences["random_confirm"]
+    assert of_run.differences["random_confirm", "all"] == replace(searched, reward=None)
     for folder in ("run", "run again"):
         compare("coarse", "random_confirm", episodes=2, targets="cone", seed=5, out=folder)
     both = compare_results([tmp_path / "run", tmp_path / "run again"])
