@@ -23,7 +23,7 @@ True
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
+from copy import copy, deepcopy
 from enum import StrEnum
 from typing import Any
 
@@ -71,11 +71,6 @@ class BatchedProgress:
         self.objects, self.num_touches = np.zeros(number, np.int64), np.zeros(number, np.int64)
         self.outcomes = np.full(number, ONGOING)
         self._ends = np.array([TRUNCATED] * problem.num_poses + [CONFIRMED, EXHAUSTED, UNSURE])  # by action
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(
-            {name: value.copy() if isinstance(value, np.ndarray) else value for name, value in state.items()}
-        )
 
     @property
     def num_rejected(self) -> NDArray[np.int64]:
@@ -145,7 +140,7 @@ class SearchProgress:
         self._one = BatchedProgress(problem, 1)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state, scene=copy(state["scene"]), _one=copy(state["_one"]))
+        self.__dict__.update(state, scene=copy(state["scene"]), _one=deepcopy(state["_one"]))
 
     @property
     def num_rejected(self) -> int:

@@ -276,7 +276,7 @@ class BankEpisodes(SearchEpisodes, VectorEnv):
         probs = np.broadcast_to(np.asarray(start, np.float64), (len(rows),))
         self._log_priors[rows] = np.log(self._priors.probs(probs, self.targets[rows]))
         self.objects[rows], self._first_rounds[rows] = objects, first_rounds
-        self.right[rows] = right_outcomes(self.targets[rows], self._shapes[objects][:, None])
+        self.right[rows] = right_outcomes(self.targets[rows], self._shapes[self.objects[rows]][:, None])
         self.uses[rows] = 0
         self.log_probs[rows], self._frame_probs[rows] = self._log_priors[rows], 1.0 / self.log_probs.shape[1]
         self._previous[rows] = NO_ACTION
