@@ -1,6 +1,7 @@
 """The rules of a search, in one place: which object is current, what counts as a touch, and how a search ends.
 
-Whoever plays searches keeps a :class:`SearchProgress`: sessions with a robot, the search loop, the environments.
+Environments keep a :class:`BatchedProgress` of all their episodes; sessions with a robot, and the search loop, keep a
+:class:`SearchProgress`, which is one search of a batch with its belief.
 
 >>> import numpy as np
 >>> from belief.problem import Confirm, Reject, SearchProblem
@@ -12,21 +13,27 @@ Whoever plays searches keeps a :class:`SearchProgress`: sessions with a robot, t
 (None, 1, 'confirmed')
 >>> success_of(progress.outcome, target=1, arrangement=(0, 1), object_index=1)
 True
+>>> many = BatchedProgress(progress.problem, 3)
+>>> actions = np.array([0, 3, 4])                                # poses, then CONFIRM, REJECT and UNSURE
+>>> many.act(actions, many.are_touches(actions))
+>>> many.num_touches.tolist(), many.objects.tolist(), [many.outcome(row) for row in range(3)]
+([1, 0, 0], [0, 0, 1], [None, <Outcome.CONFIRMED: 'confirmed'>, None])
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
+from copy import copy, deepcopy
 from enum import StrEnum
 from typing import Any
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from belief.categorical import Belief
 from belief.naming import Name
 from belief.observation_model.model import ObservationModel
-from belief.problem import Action, Confirm, Reject, SearchProblem, Touch, Unsure
+from belief.problem import Action, Confirm, Probe, Reject, SearchProblem, Touch, Unsure
 from belief.scene_belief import UNKNOWN, SceneBelief
 
 
@@ -42,10 +49,81 @@ class Outcome(StrEnum):
     """The decider answered "I do not know"."""
 
 
+OUTCOMES = tuple(Outcome)
+CONFIRMED, EXHAUSTED, TRUNCATED, UNSURE = range(len(OUTCOMES))
+ONGOING, NEVER = -1, -2
+"""Instead of the index of an outcome: the search has not ended, and no outcome is right."""
+
+
+class BatchedProgress:
+    """Where B searches are: the rules for all of them at once.
+
+    An action is an index: the poses, then CONFIRM, REJECT and UNSURE.
+
+    Attributes:
+        objects: the current ones, ``(B,)``; the last one stays once it is rejected.
+        num_touches: of the whole search, misses included, ``(B,)``.
+        outcomes: indices in :data:`OUTCOMES`, or :data:`ONGOING`, ``(B,)``.
+    """
+
+    def __init__(self, problem: SearchProblem, number: int) -> None:
+        self._problem, self._rows = problem, np.arange(number)
+        self.objects, self.num_touches = np.zeros(number, np.int64), np.zeros(number, np.int64)
+        self.outcomes = np.full(number, ONGOING)
+        self._ends = np.array([TRUNCATED] * problem.num_poses + [CONFIRMED, EXHAUSTED, UNSURE])  # by action
+
+    @property
+    def num_rejected(self) -> NDArray[np.int64]:
+        """Objects put aside, ``(B,)``."""
+        return self.objects + (self.outcomes == EXHAUSTED)
+
+    @property
+    def may_touch(self) -> NDArray[np.bool_]:
+        """Whether the touch limit allows one more touch, ``(B,)``."""
+        return self.num_touches < self._problem.touch_limit
+
+    def outcome(self, row: int) -> Outcome | None:
+        """How a search ended; None while it goes on."""
+        index = self.outcomes[row]
+        return None if index == ONGOING else OUTCOMES[index]
+
+    def begin(self, rows: NDArray[np.int64]) -> None:
+        """Begin new searches in these rows."""
+        self.objects[rows], self.num_touches[rows], self.outcomes[rows] = 0, 0, ONGOING
+
+    def are_touches(self, actions: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Which actions are probes that the touch limit allows, ``(B,)``."""
+        return (actions < self._problem.num_poses) & self.may_touch
+
+    def act(self, actions: NDArray[np.int64], touched: NDArray[np.bool_]) -> None:
+        """Count an action of every search, ``(B,)``; a probe that is not ``touched`` is not made, and truncates."""
+        goes_to_next = (actions == self._problem.num_poses + 1) & (self.objects < self._problem.num_objects - 1)
+        self.num_touches += touched
+        self.objects += goes_to_next
+        self.outcomes = self._ends.take(actions)
+        self.outcomes[touched | goes_to_next] = ONGOING
+
+    def are_right(self, right: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Which searches have ended with their :func:`right_outcomes`, ``(B, N)``; ``(B,)``."""
+        return self.outcomes == right[self._rows, self.objects]
+
+
+def right_outcomes(targets: NDArray[np.int64], arrangements: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The outcome that is right at each object, ``(B, N)``: what :func:`success_of` says where all shapes are known.
+
+    Args:
+        targets: ``(B,)``.
+        arrangements: true shape of every object, ``(B, N)``.
+    """
+    is_target = arrangements == targets[:, None]
+    return np.where(is_target, CONFIRMED, np.where(is_target.any(axis=1, keepdims=True), NEVER, EXHAUSTED))
+
+
 class SearchProgress:
     """The state of a search; its arguments are those of :class:`belief.scene_belief.SceneBelief`.
 
-    ``num_touches`` is of the whole search, misses included; ``outcome`` is None until the search has ended.
+    Attributes:
+        scene: joint belief about all objects.
     """
 
     def __init__(
@@ -59,21 +137,35 @@ class SearchProgress:
     ) -> None:
         self.problem = problem
         self.scene = SceneBelief(problem, model, prior, target=target, log_bets=log_bets)
-        self.num_rejected = self.num_touches = 0
-        self.outcome: Outcome | None = None
+        self._one = BatchedProgress(problem, 1)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state, scene=copy(state["scene"]))
+        self.__dict__.update(state, scene=copy(state["scene"]), _one=deepcopy(state["_one"]))
+
+    @property
+    def num_rejected(self) -> int:
+        """Objects put aside."""
+        return int(self._one.num_rejected[0])
+
+    @property
+    def num_touches(self) -> int:
+        """Number of touches of the whole search, misses included."""
+        return int(self._one.num_touches[0])
+
+    @property
+    def outcome(self) -> Outcome | None:
+        """How the search ended; None while it goes on."""
+        return self._one.outcome(0)
 
     @property
     def object_index(self) -> int:
-        """The current object; the last one if all were rejected."""
-        return min(self.num_rejected, self.problem.num_objects - 1)
+        """The current object; the last one stays once it is rejected."""
+        return int(self._one.objects[0])
 
     @property
     def may_touch(self) -> bool:
         """Whether the touch limit allows one more touch."""
-        return self.num_touches < self.problem.touch_limit
+        return bool(self._one.may_touch[0])
 
     def uses(self, pose: int) -> int:
         """Number of earlier touches of the current object in a pose."""
@@ -82,26 +174,21 @@ class SearchProgress:
     def touch(self, touch: Touch) -> Belief:
         """Count a touch of the current object, and return the posterior about it."""
         belief = self.scene.update(self.object_index, [touch])
-        self.num_touches += 1
+        self._one.num_touches += 1
         return belief
 
     def miss(self) -> None:
-        """Count a press without contact: it is no evidence, but takes time, so it counts for the touch limit."""
-        self.num_touches += 1
+        """Count a press without contact, which is no evidence: it takes its time, so the touch limit counts it."""
+        self._one.num_touches += 1
 
     def act(self, action: Action) -> Outcome | None:
         """Carry out an action that is no touch, and return how the search ended, or None.
 
         A probe stands for a touch that the touch limit forbids: it is not made, and ends the search.
         """
-        if isinstance(action, Reject):
-            self.num_rejected += 1
-            if self.num_rejected == self.problem.num_objects:
-                self.outcome = Outcome.EXHAUSTED
-        elif isinstance(action, Confirm):
-            self.outcome = Outcome.CONFIRMED
-        else:
-            self.outcome = Outcome.UNSURE if isinstance(action, Unsure) else Outcome.TRUNCATED
+        kinds = [isinstance(action, kind) for kind in (Confirm, Reject, Unsure)]
+        index = action.pose if isinstance(action, Probe) else self.problem.num_poses + kinds.index(True)
+        self._one.act(np.array([index]), np.array([False]))
         return self.outcome
 
 

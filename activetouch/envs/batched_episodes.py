@@ -6,13 +6,14 @@ envs = gymnasium.make_vec("activetouch:activetouch/ObjectTestBank-v0", num_envs=
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from activetouch.envs.bank_evidence import BankEvidence, JointEvidence, evidence_of
 from activetouch.envs.object_search import BadAction, BadOption
+from activetouch.envs.search_episodes import Bools, Ints, SearchEpisodes, StepResult
 from activetouch.envs.touch_bank import TouchBank
 from activetouch.envs.touch_source import ObjectPriors, TargetProb
 from activetouch.errors import LabelMismatch
@@ -28,11 +29,11 @@ from belief.policy_state import (
     NO_ACTION,
     TOUCH_LIMIT,
     WITH_GAINS,
-    Situation,
     certainty,
     frame_probs,
 )
 from belief.problem import SearchProblem
+from belief.search_progress import right_outcomes
 from belief.seeding import checked_key
 
 try:
@@ -44,20 +45,8 @@ try:
 except ModuleNotFoundError as error:
     raise missing_package(["gymnasium"], "rl") from error
 
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
-
-class StepResult(NamedTuple):
-    """Results of one step of B episodes, each ``(B,)``; ``success`` says whether the decision was correct."""
-
-    reward: NDArray[np.float64]
-    terminated: Bools
-    truncated: Bools
-    success: Bools
-
-
-class BankEpisodes(VectorEnv):
+class BankEpisodes(SearchEpisodes, VectorEnv):
     """B parallel episodes of :class:`activetouch.envs.object_test.ObjectTestEnv` on recorded touches.
 
     The first R touches of an object in a pose come from R different rounds of the bank, starting at a random one; then
@@ -95,6 +84,8 @@ class BankEpisodes(VectorEnv):
         NoGains: the state has gains, and the model is no joint model or the bank has no features.
     """
 
+    _gains: NDArray[np.float64]  # zeros where the state has none
+
     def __init__(
         self,
         bank: TouchBank,
@@ -124,24 +115,23 @@ class BankEpisodes(VectorEnv):
                 f"the bank has the shapes {list(bank.shape_labels)} in {bank.num_poses} poses, the model has "
                 f"{list(model.shape_labels)} in {model.num_poses}"
             )
-        # Checks touch_cost and touch_limit, as in the environment of live touches.
-        SearchProblem(bank.shape_labels, bank.pose_labels, 1, Composition.INDEPENDENT, touch_cost, touch_limit)
-        self.bank, self.num_envs, self.touch_limit, self.state = bank, num_envs, touch_limit, state
+        labels = bank.shape_labels, bank.pose_labels
+        problem = SearchProblem(*labels, 1, Composition.INDEPENDENT, touch_cost, touch_limit)
+        super().__init__(problem, num_envs, state, -problem.touch_cost)
+        self.bank, self.touch_limit = bank, touch_limit
         self._shapes = np.array(bank.shapes)  # a copy: a file mapped into memory is slow to index
         self.num_poses = len(bank.pose_labels)
         only = 0 if target is None else bank.shape_labels.index(target)
-        self.targets, self._draws_target = np.full(num_envs, only), target is None
-        self._encode, self._touch_cost, self._beta, self._discount = ENCODINGS[state], touch_cost, beta, discount
+        self.targets[:], self._draws_target = only, target is None
+        self._beta, self._discount = beta, discount
         self._priors = ObjectPriors.of(len(bank.shape_labels), target_prob)
         self._of_shape = [np.flatnonzero(bank.shapes == shape) for shape in range(len(bank.shape_labels))]
         self._frames = frame_probs(bank.logits)  # (N, R, P, K)
         make = JointEvidence if state in WITH_GAINS else evidence_of
         self._evidence: BankEvidence = make(bank, model, num_envs, touch_limit)
-        num_shapes = len(bank.shape_labels)
-        self._log_priors, self.log_probs, self._frame_probs = (np.zeros((num_envs, num_shapes)) for _ in range(3))
-        self.objects, self._previous, self._num_touches = (np.zeros(num_envs, np.int64) for _ in range(3))
-        self.uses, self._first_rounds = (np.zeros((num_envs, self.num_poses), np.int64) for _ in range(2))
-        self._gains, self._potential = np.zeros((num_envs, self.num_poses)), np.zeros(num_envs)
+        self._log_priors, self.objects = np.zeros_like(self.log_probs), np.zeros(num_envs, np.int64)
+        self._first_rounds, self._gains = np.zeros_like(self.uses), np.zeros(self.uses.shape)
+        self._potential = np.zeros(num_envs)
         self.begin(np.arange(num_envs), self.objects)
         self.metadata = {"autoreset_mode": AutoresetMode(autoreset_mode)}
         self._generators: dict[int, np.random.Generator] = {}  # generators of rows with their own seed
@@ -174,7 +164,7 @@ class BankEpisodes(VectorEnv):
     @property
     def num_touches(self) -> Ints:
         """Number of touches made, ``(B,)``; a copy."""
-        return self._num_touches.copy()
+        return self.progress.num_touches.copy()
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -199,7 +189,7 @@ class BankEpisodes(VectorEnv):
             self._generators = self._generators if seed is None else {}
         self._is_started, self._over[rows] = True, False
         self._start(rows)
-        return self.observe(), self._infos(np.zeros(self.num_envs, np.bool_))
+        return self.observe(), self.infos(np.zeros(self.num_envs, np.bool_))
 
     def _rows_of(self, options: dict[str, Any] | None) -> Ints:
         """The rows that the options of :meth:`reset` select."""
@@ -244,7 +234,7 @@ class BankEpisodes(VectorEnv):
         terminated, truncated, success = (~over & flags for flags in result[1:])
         if over.any():
             self._start(np.flatnonzero(over))
-        observations, infos, ended = self.observe(), self._infos(success), terminated | truncated
+        observations, infos, ended = self.observe(), self.infos(success), terminated | truncated
         if mode is not AutoresetMode.SAME_STEP:
             self._over = ended
         elif ended.any():
@@ -255,10 +245,6 @@ class BankEpisodes(VectorEnv):
             self._start(rows)
             observations = self.observe()
         return observations, np.where(over, 0.0, result.reward), terminated, truncated, infos
-
-    def _infos(self, success: Bools) -> dict[str, Any]:
-        probs = np.exp(self.log_probs[np.arange(self.num_envs), self.targets])
-        return {"is_success": success, "num_touches": self.num_touches, "target_prob": probs}
 
     def restart(self, rows: Ints, rng: np.random.Generator) -> None:
         """Start new random episodes in these rows."""
@@ -290,27 +276,15 @@ class BankEpisodes(VectorEnv):
         probs = np.broadcast_to(np.asarray(start, np.float64), (len(rows),))
         self._log_priors[rows] = np.log(self._priors.probs(probs, self.targets[rows]))
         self.objects[rows], self._first_rounds[rows] = objects, first_rounds
+        self.right[rows] = right_outcomes(self.targets[rows], self._shapes[self.objects[rows]][:, None])
         self.uses[rows] = 0
         self.log_probs[rows], self._frame_probs[rows] = self._log_priors[rows], 1.0 / self.log_probs.shape[1]
-        self._previous[rows], self._num_touches[rows] = NO_ACTION, 0
-        self._potential[rows] = self._potential_of(rows)
+        self._previous[rows] = NO_ACTION
+        self.progress.begin(rows)
+        if self._beta:
+            self._potential[rows] = self._potential_of(rows)
         self._evidence.forget(rows)
         self._ask_gains(rows)
-
-    def situation(self) -> Situation:
-        """The inputs of a policy."""
-        time = self._num_touches / self.touch_limit
-        return Situation(self._frame_probs, self.log_probs, self._previous, self.uses, time, self._gains)
-
-    def observe(self) -> NDArray[np.float32]:
-        """The observations, ``(B, S)``."""
-        return self._encode(self.situation(), self.targets).astype(np.float32)
-
-    def action_masks(self) -> Bools:
-        """Valid actions, ``(B, P + 2)``."""
-        masks = np.ones((self.num_envs, self.num_poses + 2), np.bool_)
-        masks[:, : self.num_poses] = (self._num_touches < self.touch_limit)[:, None]
-        return masks
 
     def act(self, actions: NDArray[np.integer]) -> StepResult:
         """Take one action in each episode; episodes that end keep their state until they are started again.
@@ -326,20 +300,13 @@ class BankEpisodes(VectorEnv):
         return self._step(chosen.astype(np.int64, copy=False))
 
     def _step(self, actions: Ints) -> StepResult:
-        probes = actions < self.num_poses
-        allowed = probes & (self._num_touches < self.touch_limit)
-        rows = np.flatnonzero(allowed)
-        if rows.size:
-            self._touch(rows, actions[rows])
-        is_target = self._shapes[self.objects] == self.targets
-        success = ~probes & ((actions == self.num_poses) == is_target)
-        reward = np.where(probes, -self._touch_cost, np.where(success, 1.0, -1.0))
-        if self._beta:
-            potential = np.where(probes, self._potential_of(np.arange(self.num_envs)), 0.0)
-            reward = reward + self._beta * (self._discount * potential - self._potential)
-            self._potential = potential
-        self._previous = np.where(probes & ~allowed, self._previous, actions)
-        return StepResult(reward, ~probes, probes & ~allowed, success)
+        result = super()._step(actions)
+        if not self._beta:
+            return result
+        potential = np.where(result.terminated, 0.0, self._potential_of(np.arange(self.num_envs)))
+        shaping = self._beta * (self._discount * potential - self._potential)
+        self._potential = potential
+        return result._replace(reward=result.reward + shaping)
 
     def _touch(self, rows: Ints, poses: Ints) -> None:
         objects = self.objects[rows]
@@ -347,7 +314,6 @@ class BankEpisodes(VectorEnv):
         self._evidence.add(rows, objects, rounds, poses)
         self._frame_probs[rows] = self._frames[objects, rounds, poses]
         self.uses[rows, poses] += 1
-        self._num_touches[rows] += 1
         self.log_probs, _ = update(self._log_priors, self._evidence.log_likelihoods)
         self._ask_gains(rows)
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.envs.drawing import Window, draw
+from activetouch.envs.search_episodes import Ints, SearchEpisodes, StepResult
 from activetouch.envs.touch_source import EpisodeWorld, LiveTouches, Touches
 from activetouch.extras import missing_package
 from activetouch.hand import Hand
@@ -20,10 +20,10 @@ from belief.categorical import Belief
 from belief.composition import Composition
 from belief.errors import ActiveTouchError, InvalidArgument, UnknownName
 from belief.observation_model.evidence import start
-from belief.policy_state import ENCODINGS, NO_ACTION, WITH_GAINS, Situation, expected_gains, situation_of, state_size
-from belief.problem import Action, Confirm, Probe, Reject, SearchProblem, TouchHistory, Unsure
+from belief.policy_state import WITH_GAINS, Situation, expected_gains, frame_probs, state_size
+from belief.problem import SearchProblem, TouchHistory
 from belief.scene_belief import SceneBelief
-from belief.search_progress import Outcome, SearchProgress, success_of
+from belief.search_progress import Outcome, right_outcomes
 from belief.seeding import arrangement_rng, checked_key, touch_rng
 from belief.synthetic import sample_arrangement
 
@@ -84,6 +84,8 @@ class ObjectSearchEnv(gymnasium.Env[State, int]):
     metadata: ClassVar[dict[str, Any]] = {"render_modes": ["human", "rgb_array"], "render_fps": 2}  # type: ignore[misc]
     _num_more = 1  # entries of an observation beyond the state
     _truncation_reward = -1.0  # reward of the probe beyond the touch limit
+    _begun: _OneSearch | None = None
+    _prior: Belief | None = None  # of every object of an ``independent`` problem
 
     def __init__(
         self,
@@ -123,10 +125,7 @@ class ObjectSearchEnv(gymnasium.Env[State, int]):
         self.state = state
         if state in WITH_GAINS:
             expected_gains(start(source.model), np.full(len(labels), -np.log(len(labels))), 0)  # raises
-        self.last_image: NDArray[np.uint8] | None = None
         self._window: Window | None = None
-        self._prior: Belief | None = None  # prior of every object of an ``independent`` problem
-        self._begun: SearchProgress | None = None
         has_unsure = problem.unsure_reward is not None
         self.action_space: spaces.Discrete[Any] = spaces.Discrete(problem.num_poses + 2 + has_unsure)
         size = state_size(state, len(labels), problem.num_poses) + self._num_more
@@ -148,19 +147,19 @@ class ObjectSearchEnv(gymnasium.Env[State, int]):
         return None if self.problem.unsure_reward is None else self.problem.num_poses + 2
 
     @property
-    def _progress(self) -> SearchProgress:
+    def _search(self) -> _OneSearch:
         if self._begun is None:
             raise gymnasium.error.ResetNeeded("no episode was started: call reset()")
         return self._begun
 
     @property
     def _scene(self) -> SceneBelief:
-        return self._progress.scene
+        return self._search.scene
 
     @property
     def belief(self) -> Belief:
         """The belief about the current object; raises ResetNeeded before the first episode."""
-        return self._scene.belief(self._progress.object_index)
+        return self._scene.belief(self._search.object_index)
 
     @property
     def arrangement(self) -> tuple[int, ...]:
@@ -170,27 +169,25 @@ class ObjectSearchEnv(gymnasium.Env[State, int]):
     @property
     def history(self) -> TouchHistory:
         """Touches of the current object, oldest first."""
-        return self._scene.touches(self._progress.object_index)
+        return self._scene.touches(self._search.object_index)
+
+    @property
+    def last_image(self) -> NDArray[np.uint8] | None:
+        """Image of the last press of the current object; None before the first, or without physics."""
+        return None if self._begun is None else self._begun.last_image
 
     @property
     def situation(self) -> Situation:
         """The inputs of a policy, as a batch of one row; with gains if the state has them."""
-        problem, log_probs = self.problem, self.belief.log_probs
-        here = situation_of(self.history, log_probs, problem.num_poses, problem.touch_limit)
-        time, gains = self._progress.num_touches / problem.touch_limit, None
-        if self.state in WITH_GAINS:
-            gains = expected_gains(self._scene.evidence(self._progress.object_index), log_probs, self.target)[None]
-        return replace(here, previous=np.array([self._previous]), time=np.array([time]), gains=gains)
+        return self._search.situation()
 
     def observe(self) -> State:
         """The observation ``(S,)``."""
-        return np.append(ENCODINGS[self.state](self.situation, self.target)[0], self._more()).astype(np.float32)
+        return np.append(self._search.observe()[0], self._more()).astype(np.float32)
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Valid actions, one of each in the action space: probes are invalid at the touch limit."""
-        masks = np.ones(int(self.action_space.n), np.bool_)
-        masks[: self.problem.num_poses] = self._progress.may_touch
-        return masks
+        return self._search.action_masks()[0]
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[State, dict[str, Any]]:
         """Start an episode; ``options={"seed": (0, 3, 17)}`` reproduces the episode with that key.
@@ -210,25 +207,24 @@ class ObjectSearchEnv(gymnasium.Env[State, int]):
                 f"{labels[self.target]}, which has the number {self.target}"
             )
         super().reset(seed=seed)
-        self._key = key if key is not None else (int(self.np_random.integers(2**32)),)
-        rng = arrangement_rng(self._key)
+        key = key if key is not None else (int(self.np_random.integers(2**32)),)
+        rng = arrangement_rng(key)
         self._arrangement = self._sample_arrangement(rng)
-        self._world: EpisodeWorld = self.touches.world(self._arrangement, rng)
-        self._begun = SearchProgress(self.problem, self.touches.model, self._prior)
-        self._previous = NO_ACTION
-        self.last_image = None
+        world = self.touches.world(self._arrangement, rng)
+        self._begun = _OneSearch(self, key, world, SceneBelief(self.problem, self.touches.model, self._prior))
         self._follow()
-        return self.observe(), self._info(False)
+        return self.observe(), self._info(np.zeros(1, np.bool_))
 
     def step(self, action: int) -> tuple[State, float, bool, bool, dict[str, Any]]:
         """Probe, confirm, reject, or be unsure where the search has this action."""
-        if self._begun is None or self._begun.outcome is not None:
+        if self._begun is None or self._begun.progress.outcome(0) is not None:
             raise gymnasium.error.ResetNeeded("the episode is over or was not started: call reset()")
         if not self.action_space.contains(action):
             raise BadAction(f"action must be an integer in [0, {self.action_space.n - 1}], got {action!r}")
-        reward, terminated, truncated, success = self._act(int(action))
+        result = self._begun.act(int(action))
         self._follow()
-        return self.observe(), reward, terminated, truncated, self._info(success)
+        ends = bool(result.terminated[0]), bool(result.truncated[0])
+        return self.observe(), float(result.reward[0]), *ends, self._info(result.success)
 
     def render(self) -> NDArray[np.uint8] | None:
         """The image of the last touch and the belief, side by side, ``(H, W, 3)`` uint8; or a window of it."""
@@ -257,49 +253,63 @@ class ObjectSearchEnv(gymnasium.Env[State, int]):
         """Shapes of the objects of a new episode; sets ``_prior`` if the episode has its own."""
         return sample_arrangement(self.problem, rng)
 
-    def _act(self, action: int) -> tuple[float, bool, bool, bool]:
-        """Reward, terminated, truncated, success."""
-        problem, progress = self.problem, self._progress
-        if action < self.confirm:
-            if not progress.may_touch:
-                progress.act(Probe(action))
-                return self._truncation_reward, False, True, False
-            self._probe(action)
-            return -problem.touch_cost, False, False, False
-        chosen: Action = Confirm() if action == self.confirm else Reject() if action == self.reject else Unsure()
-        outcome = progress.act(chosen)
-        if outcome is Outcome.UNSURE:
-            assert problem.unsure_reward is not None, "the action exists"
-            return problem.unsure_reward, True, False, False
-        self._previous = action
-        if outcome is None:
-            self._world.advance()
-            self.last_image = None
-            return 0.0, False, False, False
-        right = bool(success_of(outcome, self.target, self._arrangement, progress.object_index))
-        return (1.0 if right else -1.0), True, False, right
-
-    def _probe(self, pose: int) -> None:
-        """Touch the current object."""
-        progress = self._progress
-        rng = touch_rng(self._key, progress.object_index, pose, progress.uses(pose))
-        touch = self._world.touch(pose, rng)
-        self.last_image = getattr(self._world, "last_image", None)
-        progress.touch(touch)
-        self._previous = pose
-
     def _more(self) -> NDArray[np.floating]:
         """What an observation has beyond the state: here the fraction of objects left."""
-        return np.array([1.0 - self._progress.num_rejected / self.problem.num_objects])
+        return 1.0 - self._search.progress.num_rejected / self.problem.num_objects
 
-    def _info(self, success: bool) -> dict[str, Any]:
-        prob = float(np.exp(self.belief.log_probs[self.target]))
-        facts = {"is_success": success, "num_touches": self._progress.num_touches, "target_prob": prob}
+    def _info(self, success: NDArray[np.bool_]) -> dict[str, Any]:
+        facts = {name: column.item() for name, column in self._search.infos(success).items()}
         return facts | self._more_info()
 
     def _more_info(self) -> dict[str, Any]:
-        unsure = {} if self.unsure is None else {"is_unsure": self._progress.outcome is Outcome.UNSURE}
-        return {"object_index": self._progress.num_rejected, **unsure}
+        progress = self._search.progress
+        unsure = {} if self.unsure is None else {"is_unsure": progress.outcome(0) is Outcome.UNSURE}
+        return {"object_index": progress.num_rejected.item(), **unsure}
+
+
+class _OneSearch(SearchEpisodes):
+    """The batch of one search, whose touches a world makes."""
+
+    last_image: NDArray[np.uint8] | None = None
+
+    def __init__(self, env: ObjectSearchEnv, key: tuple[int, ...], world: EpisodeWorld, scene: SceneBelief) -> None:
+        super().__init__(env.problem, 1, env.state, env._truncation_reward)
+        self._key, self._world, self.scene = key, world, scene
+        self.targets[0] = env.target
+        self.right = right_outcomes(self.targets, np.array([env.arrangement]))
+        self._face(scene.belief(0))
+
+    @property
+    def object_index(self) -> int:
+        return int(self.progress.objects[0])
+
+    def act(self, action: int) -> StepResult:
+        return self._step(np.array([action]))
+
+    def _touch(self, rows: Ints, poses: Ints) -> None:
+        index, pose = self.object_index, int(poses[0])
+        touch = self._world.touch(pose, touch_rng(self._key, index, pose, int(self.uses[0, pose])))
+        self.last_image = getattr(self._world, "last_image", None)
+        belief, self.uses = self.scene.update(index, [touch]), self.uses.copy()
+        self.uses[0, pose] += 1
+        self._know(belief, frame_probs(touch.require_logits()))
+
+    def _advance(self, rows: Ints) -> None:
+        self._world.advance()
+        self.last_image = None
+        self._face(self.scene.belief(self.object_index))
+
+    def _face(self, belief: Belief) -> None:
+        """Begin with an object that was not touched yet."""
+        self.uses = np.zeros_like(self.uses)
+        self._know(belief, np.full(len(belief.labels), 1.0 / len(belief.labels)))
+
+    def _know(self, belief: Belief, frame: NDArray[np.float64]) -> None:
+        """Set what is known of the current object."""
+        self.log_probs, self._frame_probs = belief.log_probs[None], frame[None]
+        if self.state in WITH_GAINS:
+            evidence = self.scene.evidence(self.object_index)
+            self._gains = expected_gains(evidence, belief.log_probs, int(self.targets[0]))[None]
 
 
 def live_or_given(touches: Touches | None, scene: str, hand: Hand | str | None) -> Touches:

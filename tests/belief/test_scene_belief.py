@@ -213,7 +213,8 @@ def test_a_copy_and_what_was_copied_do_not_share_what_they_are_told(kind, copied
 
     def told(one):
         scene = getattr(one, "scene", one)
-        return scene.marginals().tolist(), scene.touches(0), scene.evidence(0).log_likelihood.tolist()
+        counted = getattr(one, "num_touches", None)
+        return scene.marginals().tolist(), scene.touches(0), scene.evidence(0).log_likelihood.tolist(), counted
 
     tell(first)
     twin, before = copied(first), told(first)
