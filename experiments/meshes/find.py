@@ -209,7 +209,7 @@ class Find(MeshOptions):
     """Folder for the report."""
 
     def _expected(self, number: int) -> tuple[float, float]:
-        each = self.objects or min(4, number - 1)  # which was the mean of 24 searches
+        each = self.objects or min(4, number - 1)  # about as many touches as objects
         return self.searches * each, min(self.searches, _PICTURED) * each
 
     @ends_claims

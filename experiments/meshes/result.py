@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -128,7 +128,7 @@ def _pictures(setting: MeshSetting, title: str, touches: Sequence[str], possible
 
 
 @dataclass(frozen=True, kw_only=True)
-class MeshOptions:
+class MeshOptions(ABC):
     """Bodies, sensor, and how they are touched."""
 
     folder: Annotated[Path, tyro.conf.Positional]
@@ -161,9 +161,9 @@ class MeshOptions:
             print(line)
         return solids, left_out
 
+    @abstractmethod
     def _expected(self, number: int) -> tuple[float, float]:
         """About how many touches are made among so many bodies, and how many of them the report shows."""
-        raise NotImplementedError
 
     @property
     def common(self) -> dict[str, Any]:

@@ -46,7 +46,7 @@ _AVERAGED = 64  # bodies that the constants of references are averaged over
 _CHECKPOINTS = (1, 2, 4, 8, 12)
 _RELEVANT, _LEFT = 1e-5, 1e-4  # posterior of a cell that counts for the fit, and of bodies without one
 _MANY = 200  # bodies above which the coarsest cells are used for all
-# Seconds of one core at 2 to 3 GHz by time.process_time, of 4 to 100 icospheres of 320 to 82 000 triangles with waves:
+# Seconds of one core, roughly, by time.process_time, of 4 to 100 icospheres of 320 to 82 000 triangles with waves:
 _READING, _TRIANGLE = 0.15, 1.7e-5  # of a megabyte of a file; of the views of a body, for each of its triangles
 _VIEW = 0.0004  # of a body of few triangles
 _TOUCH, _SEARCHED = 0.0045, 0.04  # of a touch of the fit, and of a search, beside those for each body
