@@ -355,6 +355,10 @@ def _source(part: type | FunctionType) -> bytes:
         return f"{id(part)}".encode()
 
 
+OWN_PACKAGES = ("activetouch", "belief", "planners", "experiments")
+"""The import packages of this project."""
+
+
 def is_standard(name: str) -> bool:
     """Whether a module belongs to the Python standard library."""
     return name.partition(".")[0] in sys.stdlib_module_names

@@ -24,7 +24,7 @@ from types import TracebackType
 from typing import Any
 
 from belief.errors import ActiveTouchError, CodeFailed, UnknownName
-from belief.files import is_installed, is_standard
+from belief.files import OWN_PACKAGES, is_installed, is_standard
 
 
 class BadReference(ActiveTouchError, ValueError):
@@ -140,7 +140,7 @@ class ForeignCode:
 def _is_foreign(module: str, file: str) -> bool:
     """Whether code is of neither this project nor Python, and not installed unless it is offered to this project."""
     top = module.partition(".")[0]
-    if top in ("activetouch", "belief", "planners", "experiments") or is_standard(module):
+    if top in OWN_PACKAGES or is_standard(module):
         return False
     offered = (entry for found in distributions() for entry in found.entry_points)
     names = {re.split("[.:]", entry.value)[0] for entry in offered if entry.group.startswith("activetouch.")}

@@ -27,10 +27,9 @@ from typing import Any
 import numpy as np
 
 from belief.errors import code_source
-from belief.files import is_installed, is_standard, require_regular_file, source_digest
+from belief.files import OWN_PACKAGES, is_installed, is_standard, require_regular_file, source_digest
 from planners.registry import MadeAnew
 
-_PACKAGES = ("activetouch", "belief", "planners", "experiments")
 _PLAIN = (type(None), bool, int, float, complex, str, bytes)
 
 
@@ -83,7 +82,7 @@ def commit_of_code() -> str:
         return commit[:12]
     git = ["git", f"--git-dir={clone / '.git'}", f"--work-tree={clone}"]  # of no other repository around it
     try:
-        for file in (path for package in _PACKAGES for path in (root / package).rglob("*.py") if clone != root):
+        for file in (path for package in OWN_PACKAGES for path in (root / package).rglob("*.py") if clone != root):
             if not filecmp.cmp(file, clone / file.relative_to(root), shallow=False):
                 return ""
         described = [*git, "describe", "--always", "--dirty", "--abbrev=12"]

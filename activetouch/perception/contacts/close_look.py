@@ -26,7 +26,6 @@ from belief.coarse_to_fine import CoarseToFine, Ints
 from belief.validation import Floats, require_count, require_number
 
 _AT_ONCE = 256  # contacts
-_PROPOSED = (1, 2)  # levels: of the wide cells, and of their parts of which the best is proposed
 _PARTS = 8  # parts of a cell
 
 
