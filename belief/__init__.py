@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from belief.categorical import Belief
-    from belief.composition import Composition, Counts
+    from belief.composition import AtMostOne, Composition, Counts
     from belief.errors import ActiveTouchError, ImpossibleObservation, ZeroPriorTarget
     from belief.observation_model.evidence import ObjectEvidence
     from belief.problem import Confirm, Probe, Reject, SearchProblem, Touch, TouchHistory, Unsure
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ActiveTouchError",
+    "AtMostOne",
     "Belief",
     "BeliefTracker",
     "Composition",
@@ -39,7 +40,7 @@ __all__ = [
 
 _HOMES = {
     "categorical": "Belief",
-    "composition": "Composition Counts",
+    "composition": "AtMostOne Composition Counts",
     "errors": "ActiveTouchError ImpossibleObservation ZeroPriorTarget",
     "observation_model.evidence": "ObjectEvidence",
     "problem": "Confirm Probe Reject SearchProblem Touch TouchHistory Unsure",

@@ -130,6 +130,58 @@ def prob_shape_absent(log_weights: ArrayLike, counts: Sequence[int] | None, shap
     return min(float(np.exp(log_total_without - log_total)), 1.0)
 
 
+def log_at_most_one_marginals(log_weights: ArrayLike, target: int) -> Floats:
+    """Log marginals of N objects of which at most one has the target's shape, ``(N, K)`` (:class:`belief.AtMostOne`).
+
+    The target is as probable at each place as it is to be absent; the other shapes are equally probable for each other
+    object.
+
+    Args:
+        log_weights: log p(touches of each object | shape), ``(N, K)``, each row up to a constant.
+        target: index of its shape.
+
+    Raises:
+        ImpossibleObservation: no arrangement has a positive weight.
+
+    Two objects and three shapes; all touches of the first fit the target ten times as well as another shape:
+
+    >>> np.exp(log_at_most_one_marginals(np.log([[10.0, 1.0, 1.0], [1.0, 1.0, 1.0]]), target=0)).round(3).tolist()
+    [[0.833, 0.083, 0.083], [0.083, 0.458, 0.458]]
+    """
+    shape = np.shape(log_weights)
+    weights, _ = _checked(log_weights, (shape[0],) * shape[1] if len(shape) == 2 and all(shape) else None)
+    number, num_shapes = weights.shape
+    weights = weights - np.maximum(weights.max(axis=1, keepdims=True), -_LARGEST)
+    rest = np.where(np.arange(num_shapes) == target, -np.inf, weights)
+    with np.errstate(divide="ignore"):  # log of an empty sum is -inf
+        total = _log_sum(rest, axis=1)
+    others = total - np.log(num_shapes - 1)
+    placed = np.where(np.eye(number + 1, number, dtype=bool), weights[:, target], others)  # place of the target, object
+    shift = 2 + number.bit_length()  # so that no sum overflows
+    sums = np.ldexp(placed, -shift).sum(axis=1)
+    if not sums.max() > -np.inf:
+        raise ImpossibleObservation("no place of the target, and none of it, has a positive weight for all objects")
+    with np.errstate(divide="ignore", over="ignore"):
+        logs = np.ldexp(sums - sums.max(), shift)
+        logs -= _log_sum(logs, axis=0)
+        elsewhere = _log_sum(np.where(np.eye(number, number + 1, dtype=bool), -np.inf, logs), axis=1)
+        found = elsewhere[:, None] + rest - np.where(np.isfinite(total), total, 0.0)[:, None]
+    found[:, target] = logs[:-1]
+    return np.asarray(found)
+
+
+def prob_at_most_one_present(marginals: Floats, target: int, shape: int) -> float:
+    """Probability that an object has a shape, from the marginals ``(N, K)`` of :func:`log_at_most_one_marginals`."""
+    here = marginals[:, target]
+    if shape == target:
+        return min(float(here.sum()), 1.0)
+    other = 1.0 - here
+    missing = 1.0 - np.divide(marginals[:, shape], other, out=np.zeros_like(other), where=other > 0.0)
+    without = [np.delete(missing, place).prod() for place in range(len(here))]
+    absent = here @ without + max(1.0 - here.sum(), 0.0) * missing.prod()
+    return float(np.clip(1.0 - absent, 0.0, 1.0))
+
+
 def blank_objects(log_weights: Floats, counts: Sequence[int]) -> NDArray[np.bool_]:
     """Mask of the objects whose weight is positive and equal for all shapes in the bag, ``(N,)``.
 

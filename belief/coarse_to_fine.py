@@ -133,8 +133,9 @@ class _Families(NamedTuple):
 class CoarseToFine:
     """Posterior over K bodies and their cells after some touches; :meth:`start` and :meth:`update` make it.
 
-    After n touches, sums of log likelihoods are multiplied by scale / (1 + drift (n - 1)). ``log_prior (K,)`` is of the
-    bodies; ``correction (K,)`` holds log factors on their evidence, from a closer look at some of them.
+    After n touches that are no repeats (``num_new``), sums of log likelihoods are multiplied by
+    scale / (1 + drift (n - 1)). ``log_prior (K,)`` is of the bodies; ``correction (K,)`` holds log factors on their
+    evidence, from a closer look at some of them.
     """
 
     log_prior: Floats
@@ -144,6 +145,7 @@ class CoarseToFine:
     scale: float
     drift: float
     touches: tuple[Any, ...]
+    num_new: float
     correction: Floats
     _families: tuple[_Families, ...] = field(repr=False)  # of each level
 
@@ -173,16 +175,20 @@ class CoarseToFine:
             for coarse, fine in pairwise(cells.shares)
         )
         effort = Effort() if effort is None else effort
-        return cls(prior, cells, likelihood, effort, scale, drift, (), np.zeros(len(prior)), (coarsest, *finer))
+        return cls(prior, cells, likelihood, effort, scale, drift, (), 0.0, np.zeros(len(prior)), (coarsest, *finer))
 
-    def update(self, touch: Any) -> CoarseToFine:
-        """The belief after one more touch, refined as far as the effort says."""
+    def update(self, touch: Any, num_new: float | None = None) -> CoarseToFine:
+        """The belief after one more touch, refined as far as the effort says.
+
+        ``num_new`` is the effective number of all touches with this one; one more than before by default.
+        """
         coarsest, *finer = self._families
         found = [_checked(self.likelihood.coarsest(touch), coarsest.sums.shape)]
         found += [self._parts((touch,), level, each.body, each.parent) for level, each in enumerate(finer, 1)]
         pairs = zip(self._families, found, strict=True)
         touches, families = (*self.touches, touch), tuple(each._replace(sums=each.sums + new) for each, new in pairs)
-        belief = replace(self, touches=touches, _families=families)
+        number = self.num_new + 1.0 if num_new is None else num_new
+        belief = replace(self, touches=touches, num_new=number, _families=families)
         if not np.isfinite(belief._log_total):
             raise ImpossibleObservation(f"no body explains touch number {len(touches)} together with those before it")
         return belief._less()._refined()
@@ -214,11 +220,10 @@ class CoarseToFine:
         """Posterior of the bodies, ``(K,)``."""
         return np.exp(self.log_probs)
 
-    @cached_property
+    @property
     def unresolved(self) -> float:
         """Share of the posterior in cells that are not of the finest level."""
-        leaves, finest = self.leaves(), len(self._families) - 1
-        return float(np.exp(leaves.log_weight[leaves.level < finest] - self._log_total).sum())
+        return float(sum(np.exp(weights - self._log_total).sum() for weights in self._leaf_weights[:-1]))
 
     @property
     def num_split(self) -> int:
@@ -233,14 +238,37 @@ class CoarseToFine:
             found.append((np.full(len(rows), level), *self._families[level].places(rows), weights.ravel()[rows]))
         return Leaves(*(np.concatenate(part) for part in zip(*found, strict=True)))
 
+    def leaves_of(self, bodies: Ints) -> Leaves:
+        """The unsplit cells of some bodies."""
+        found = []
+        for level, (family, weights) in enumerate(zip(self._families, self._leaf_weights, strict=True)):
+            mine = np.flatnonzero(np.isin(family.body, bodies)) if level else bodies
+            rows = (mine[:, None] * weights.shape[1] + np.arange(weights.shape[1])).ravel()
+            rows = rows[weights.ravel()[rows] > -np.inf]
+            found.append((np.full(len(rows), level), *family.places(rows), weights.ravel()[rows]))
+        return Leaves(*(np.concatenate(part) for part in zip(*found, strict=True)))
+
+    @property
+    def log_of_bodies(self) -> Floats:
+        """Log of prior times evidence of each body, ``(K,)``: the log of the sum of its cells' weights."""
+        return self._log_bodies
+
     @cached_property
     def _weights(self) -> list[Floats]:
         """Log weights of all cells in memory, split or not, of each level: ``(K, N_0)``, ``(m_1, F)`` and so on."""
-        share = self.scale / (1.0 + self.drift * max(len(self.touches) - 1, 0))
-        prior, found = self.log_prior + self.correction, []
-        for log_shares, each in zip(self.cells.log_shares, self._families, strict=True):
-            of_parts = log_shares.reshape(-1, each.sums.shape[1])[each.parent]
-            found.append(prior[each.body][:, None] + of_parts + share * each.sums + each.offsets)
+        return [self._coarsest_weights, *(self._weights_of(level) for level in range(1, len(self._families)))]
+
+    @cached_property
+    def _coarsest_weights(self) -> Floats:
+        return self._weights_of(0)
+
+    def _weights_of(self, level: int) -> Floats:
+        each, prior = self._families[level], self.log_prior + self.correction
+        of_parts = self.cells.log_shares[level].reshape(-1, each.sums.shape[1])
+        found = each.sums * (self.scale / (1.0 + self.drift * max(self.num_new - 1.0, 0.0)))
+        found += each.offsets
+        found += of_parts[each.parent] if level else of_parts
+        found += prior[each.body][:, None]
         return found
 
     @cached_property
@@ -269,10 +297,18 @@ class CoarseToFine:
     @cached_property
     def _log_bodies(self) -> Floats:
         """Log of prior times evidence of each body, ``(K,)``."""
-        found, *finer = (_log_sum(weights, axis=1) for weights in self._leaf_weights)
-        for family, sums in zip(self._families[1:], finer, strict=True):
-            np.logaddexp.at(found, family.body, sums)
-        return np.asarray(found)
+        found = self._coarsest_sums.copy()
+        if self._rows:
+            split = np.unique(self._rows[0] // self._families[0].sums.shape[1])
+            found[split] = _log_sum(self._leaf_weights[0][split], axis=1)
+        for family, weights in zip(self._families[1:], self._leaf_weights[1:], strict=True):
+            np.logaddexp.at(found, family.body, _log_sum(weights, axis=1))
+        return found
+
+    @cached_property
+    def _coarsest_sums(self) -> Floats:
+        """Log of the sum of all coarsest cells of each body, split or not, ``(K,)``."""
+        return np.asarray(_log_sum(self._coarsest_weights, axis=1))
 
     @cached_property
     def _log_total(self) -> float:
@@ -320,14 +356,20 @@ class CoarseToFine:
     def _to_split(self, number: int) -> list[Ints]:
         """Which entries of each level but the finest to split, by their places in its flattened array."""
         weights = [each.ravel() for each in self._leaf_weights[:-1]]
-        joined = np.concatenate([np.empty(0), *weights])
-        few = np.argpartition(joined, -number)[-number:] if len(joined) > number else np.arange(len(joined))
-        few = few[np.argsort(-joined[few])]
-        with np.errstate(divide="ignore"):
-            open_ = np.exp(joined - self._log_total)
-        before = open_.sum() - np.concatenate([[0.0], np.cumsum(open_[few])[:-1]])  # unresolved before each split
-        few = few[(before > self.effort.tolerance) & (joined[few] > -np.inf)]
         starts = np.cumsum([0, *map(len, weights)])
+        least = -np.inf
+        if self.effort.tolerance and starts[-1]:  # what is below this is less than the tolerance, all together
+            least = self._log_total + np.log(self.effort.tolerance / starts[-1])
+        rows = [np.flatnonzero(each > least) + start for each, start in zip(weights, starts, strict=False)]
+        places, logs = np.concatenate([[], *rows]).astype(np.int64), np.concatenate([[], *weights])
+        resolved = np.exp(self._leaf_weights[-1] - self._log_total).sum()
+        left = max(1.0 - resolved, np.exp(logs[places] - self._log_total).sum())
+        if len(places) > number:
+            places = places[np.argpartition(-logs[places], number)[:number]]
+        few = places[np.argsort(-logs[places], kind="stable")]
+        open_ = np.exp(logs[few] - self._log_total)
+        before = left - np.cumsum(open_) + open_  # each split
+        few = few[before > self.effort.tolerance]
         return [few[(few >= a) & (few < b)] - a for a, b in pairwise(starts)]
 
     def _split(self, chosen: Sequence[Ints]) -> CoarseToFine:
@@ -337,7 +379,9 @@ class CoarseToFine:
                 body, parent = self._families[level - 1].places(rows)
                 sums = self._parts(self.touches, level, body, parent)
                 families[level] = families[level].joined(_Families(body, parent, sums, np.zeros(sums.shape)))
-        return replace(self, _families=tuple(families))
+        found = replace(self, _families=tuple(families))
+        vars(found).update(_coarsest_weights=self._coarsest_weights, _coarsest_sums=self._coarsest_sums)
+        return found
 
     def _parts(self, touches: Sequence[Any], level: int, bodies: Ints, parents: Ints) -> Floats:
         shape = len(bodies), len(self.cells.shares[level]) // len(self.cells.shares[level - 1])

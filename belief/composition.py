@@ -17,6 +17,7 @@ class Composition(StrEnum):
 
     ``DISTINCT``: no two objects have the same shape; all such arrangements are equally likely.
     ``INDEPENDENT``: every object's shape is drawn from the prior independently.
+    ``AT_MOST_ONE``: one object has the target's shape, or none (:class:`AtMostOne`); for many shapes.
 
     >>> Composition("distinct") is Composition.DISTINCT
     True
@@ -24,6 +25,18 @@ class Composition(StrEnum):
 
     DISTINCT = "distinct"
     INDEPENDENT = "independent"
+    AT_MOST_ONE = "at_most_one"
+
+
+@dataclass(frozen=True)
+class AtMostOne:
+    """Objects of which at most one has the shape ``label``: it is as probable at each place as it is to be absent.
+
+    The others have any other shapes, which are equally probable and independent. A problem with ``AT_MOST_ONE`` becomes
+    one with this composition once its target is known (:meth:`belief.SearchProblem.seeking`).
+    """
+
+    label: str
 
 
 @dataclass(frozen=True, init=False, repr=False)

@@ -15,7 +15,7 @@ from typing import TypeAlias, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from belief.composition import Composition, Counts
+from belief.composition import AtMostOne, Composition, Counts
 from belief.errors import InvalidArgument
 from belief.frozen import FrozenArrays
 from belief.naming import Name, checked_names, index_of, one_line
@@ -177,8 +177,8 @@ class SearchProblem:
         shape_labels: names of the K shapes.
         pose_labels: names of the P poses.
         num_objects: N, number of objects on the table.
-        composition: how their shapes depend on each other: "distinct", "independent", or the :class:`Counts` of the bag
-            from which they are drawn.
+        composition: how their shapes depend on each other: "distinct", "independent", "at_most_one"
+            (:class:`AtMostOne`), or the :class:`Counts` of the bag from which they are drawn.
         touch_cost: λ ≥ 0, cost of one touch in units of a success.
         touch_limit: number of touches after which the search is truncated; by default, or with None, 4 for each object,
             and at least 48.
@@ -201,16 +201,20 @@ class SearchProblem:
     shape_labels: Sequence[str]
     pose_labels: Sequence[str]
     num_objects: int
-    composition: Composition | Counts = Composition.DISTINCT
+    composition: Composition | Counts | AtMostOne = Composition.DISTINCT
     touch_cost: float = 0.02
     touch_limit: int = cast("int", None)
     unsure_reward: float | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.composition, Counts):
+        if not isinstance(self.composition, Counts | AtMostOne):
             object.__setattr__(self, "composition", Composition(self.composition))  # may be a plain string
         for name in ("shape_labels", "pose_labels"):
             object.__setattr__(self, name, checked_names(name, getattr(self, name)))
+        if isinstance(self.composition, AtMostOne):
+            index_of("target", self.shape_labels, self.composition.label)
+        if self._seeks and self.num_shapes < 2:
+            raise InvalidArgument("where at most one object has the target's shape, there must be another shape")
         require_count("num_objects", self.num_objects, most=MOST_REPEATED)
         if self.touch_limit is None:
             object.__setattr__(self, "touch_limit", max(48, 4 * int(self.num_objects)))
@@ -236,6 +240,38 @@ class SearchProblem:
         """The search with the answer "I do not know", of reward 0 unless it has one."""
         return self if self.unsure_reward is not None else replace(self, unsure_reward=0.0)
 
+    def seeking(self, target: Name) -> SearchProblem:
+        """The search for a target, which is the label of :class:`AtMostOne` where the composition is "at most one"."""
+        if not self._seeks:
+            return self
+        label = self.shape_labels[index_of("target", self.shape_labels, target)]
+        return self if self.composition == AtMostOne(label) else replace(self, composition=AtMostOne(label))
+
+    def bag_of(self, target: int) -> tuple[int, int] | None:
+        """Objects of the target's shape, and all objects, in the bag from which those of the search are drawn.
+
+        None for independent objects. Where there is at most one target, N objects are drawn from a bag of N + 1.
+        """
+        if self._seeks:
+            return 1, self.num_objects + 1
+        return None if self.counts is None else (self.counts[target], sum(self.counts))
+
+    @property
+    def _seeks(self) -> bool:
+        return self.composition is Composition.AT_MOST_ONE or isinstance(self.composition, AtMostOne)
+
+    @property
+    def _prior_absent(self) -> float:
+        """Probability that at most one target is none, or at each place."""
+        return 1.0 / (self.num_objects + 1)
+
+    @property
+    def _may_be_sought(self) -> NDArray[np.bool_]:
+        """Whether each shape can be the one target, ``(K,)``; all, if no target is known."""
+        if not isinstance(self.composition, AtMostOne):
+            return np.ones(self.num_shapes, np.bool_)
+        return np.arange(self.num_shapes) == list(self.shape_labels).index(self.composition.label)
+
     @property
     def num_shapes(self) -> int:
         """K."""
@@ -248,20 +284,30 @@ class SearchProblem:
 
     @property
     def counts(self) -> tuple[int, ...] | None:
-        """Objects of each shape in the bag, ``(K,)``; None for independent objects."""
+        """Objects of each shape in the bag, ``(K,)``; None for independent objects and for at most one target."""
         if isinstance(self.composition, Counts):
             return self.composition.of(self.shape_labels)
         return (1,) * self.num_shapes if self.composition is Composition.DISTINCT else None
 
     @property
     def prior_probs(self) -> Floats:
-        """Probability of each shape for an untouched object, ``(K,)``; uniform for independent objects."""
+        """Probability of each shape for an untouched object, ``(K,)``; uniform for independent objects.
+
+        With "at_most_one" and no target yet, it is that of each shape if it is the target.
+        """
+        if self._seeks:
+            of_target, of_others = self._prior_absent, (1.0 - self._prior_absent) / (self.num_shapes - 1)
+            return np.where(self._may_be_sought, of_target, of_others)
         counts = np.array(self.counts or (1,) * self.num_shapes, np.float64)
         return counts / counts.sum()
 
     @property
     def prior_absent_probs(self) -> Floats:
         """Probability before any touch that no object has the shape, ``(K,)``; exactly zero where one must have it."""
+        if self._seeks:
+            number, misses = self.num_objects, 1.0 - 1.0 / (self.num_shapes - 1)  # of an object that is no target
+            absent = misses ** (number - 1) * (misses + number) / (number + 1)
+            return np.where(self._may_be_sought, self._prior_absent, absent)
         if self.counts is None:
             return (1.0 - self.prior_probs) ** self.num_objects
         left = np.array(self.counts, np.float64).sum() - np.arange(self.num_objects)  # in the bag before each draw

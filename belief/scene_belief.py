@@ -9,11 +9,18 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike
 
-from belief.arrangement import log_arrangement_marginals, num_states, prob_shape_absent
+from belief.arrangement import (
+    log_arrangement_marginals,
+    log_at_most_one_marginals,
+    num_states,
+    prob_at_most_one_present,
+    prob_shape_absent,
+)
 from belief.bayes import update
 from belief.categorical import Belief
+from belief.composition import AtMostOne, Composition
 from belief.conflict import continued_bets, log_conflict
-from belief.errors import ImpossibleObservation, ZeroPriorTarget
+from belief.errors import ImpossibleObservation, InvalidArgument, ZeroPriorTarget
 from belief.frozen import frozen
 from belief.naming import Name, index_of
 from belief.observation_model.evidence import ObjectEvidence, start
@@ -39,6 +46,7 @@ class ReadableScene:
 
     labels: tuple[str, ...]
     _counts: tuple[int, ...] | None
+    _sought: int | None
     _log_likelihoods: Floats
     _log_marginals: Floats
     _touches: Sequence[TouchHistory]
@@ -78,6 +86,8 @@ class ReadableScene:
     def prob_present(self, target: Name) -> float:
         """Probability that an object has the target shape."""
         target = self._shape(target)
+        if self._sought is not None:
+            return prob_at_most_one_present(np.exp(self._log_marginals), self._sought, target)
         if self._counts is None:
             probs = np.minimum(np.exp(self._log_marginals[:, target]), 1.0)
             with np.errstate(divide="ignore"):
@@ -158,7 +168,8 @@ class SceneBelief(ReadableScene):
         problem: the search.
         model: likelihood of touches.
         prior: belief about one object of an ``independent`` scene; uniform by default.
-        target: label or index of the target shape; used only for the warning :class:`ZeroPriorTarget`.
+        target: label or index of the target shape, for the composition "at_most_one", and for the warning
+            :class:`ZeroPriorTarget`.
         log_bets: log bets of the scene of an earlier search with the same set-up, whose conflict test this one
             continues.
 
@@ -193,8 +204,13 @@ class SceneBelief(ReadableScene):
         self.labels = tuple(problem.shape_labels)
         if self.labels != tuple(model.shape_labels):
             raise ValueError(f"the problem is about {self.labels}, the model about {tuple(model.shape_labels)}")
+        problem = problem if target is None else problem.seeking(target)
+        sought = problem.composition
+        if sought is Composition.AT_MOST_ONE:
+            raise InvalidArgument("at most one object has the target's shape: say which, SceneBelief(…, target=…)")
+        self._sought = self.labels.index(sought.label) if isinstance(sought, AtMostOne) else None
         self._counts = problem.counts
-        if prior is not None and self._counts is not None:
+        if prior is not None and (self._counts is not None or self._sought is not None):
             raise ValueError(
                 f"the composition {problem.composition!r} fixes the prior; leave it out or use 'independent'"
             )
@@ -278,6 +294,8 @@ class SceneBelief(ReadableScene):
 
     def _compute(self, log_likelihoods: Floats) -> Floats:
         """Log marginals of every object, ``(N, K)``."""
+        if self._sought is not None:
+            return log_at_most_one_marginals(log_likelihoods, self._sought)
         if self._counts is None:
             return update(self._prior.log_probs, log_likelihoods)[0]
         return log_arrangement_marginals(log_likelihoods, self._counts)

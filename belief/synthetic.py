@@ -8,6 +8,7 @@ import numpy as np
 from scipy.special import softmax
 
 from belief.calibration import TemperatureScaling
+from belief.composition import AtMostOne, Composition
 from belief.errors import InvalidArgument
 from belief.naming import Name, index_of
 from belief.observation_model.confusion import ConfusionModel
@@ -25,7 +26,15 @@ def sample_arrangement(problem: SearchProblem, rng: np.random.Generator) -> tupl
     >>> sample_arrangement(problem, np.random.default_rng(0))
     (1, 0, 0)
     """
-    if problem.counts is None:
+    if isinstance(problem.composition, AtMostOne):
+        target = problem.shape_labels.index(problem.composition.label)
+        others = rng.permutation(np.delete(np.arange(problem.num_shapes), target))
+        shapes = np.resize(others, problem.num_objects + 1)  # different ones where there are enough
+        shapes[rng.integers(problem.num_objects + 1)] = target
+        shapes = shapes[: problem.num_objects]
+    elif problem.composition is Composition.AT_MOST_ONE:
+        raise InvalidArgument("at most one object has the target's shape, and no target is known: problem.seeking(it)")
+    elif problem.counts is None:
         shapes = rng.integers(problem.num_shapes, size=problem.num_objects)
     else:
         bag = np.repeat(np.arange(problem.num_shapes), problem.counts)

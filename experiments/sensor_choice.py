@@ -5,9 +5,10 @@ from __future__ import annotations
 import sys
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from activetouch.data.manifest import Manifest, NoCollection, read_manifest
 from activetouch.errors import LabelMismatch, SceneShift, WrongScene
@@ -30,12 +31,20 @@ from activetouch.sensor_files import (
     observation_file,
     require_simulated,
 )
+from activetouch.solids.mesh import Mesh
+from activetouch.solids.solid import Shape
 from belief.errors import ActiveTouchError
 from experiments.parallel import Shared, run_tasks
 from experiments.scene_choice import SceneChoice, choice_name, command, in_file_names, named_scene
 from planners.ppo import BadPolicy, MissingPolicy, load_ppo_policy, policy_file
 from planners.registry import trained_state
 
+if TYPE_CHECKING:
+    from activetouch.perception.contacts.hypotheses import ContactHypotheses
+    from activetouch.perception.contacts.views import ViewPlan
+
+_VIEWS, _VIEW = 1056, 0.0004  # of a body of few triangles, and the seconds of one
+_TRIANGLE = 1.7e-5  # seconds of all views of a body, for each of its triangles
 REPEATS = ("--plan.train", "0", "--plan.repeats", "6")
 """Options of ``collect`` for the touches that a sensor is calibrated with."""
 
@@ -83,6 +92,7 @@ def open_sensor(
     independent: bool = False,
     unknown_state: bool = False,
     jobs: int | None = None,
+    nested: bool | None = None,
 ) -> TactileSensor:
     """Load a sensor, which checks that it fits the scene; print an accepted difference to stderr.
 
@@ -98,18 +108,50 @@ def open_sensor(
             none = f"no sensor comes with the scene {name}; name one with --sensor"
             raise NoSensor(f"{where if chosen.parent != MODELS else none}. {_remedy(choice, name, scene)}")
     try:
-        path, fitted, _ = files_for(chosen, scene, anyway, independent, unknown_state)
+        path, fitted, _ = files_for(chosen, scene, anyway, independent, unknown_state or nested is True)
         if jobs is not None and fitted is None:
             reader = TactileReader.load(path).bound_to(scene)
-            predict_contacts(reader, scene, hypotheses_of(reader, scene), jobs)
+            if (plan := TactileSensor.nested_plan(scene, independent, nested)) is not None:
+                embed_all(reader, scene, plan.views, jobs)
+            else:
+                predict_contacts(reader, scene, hypotheses_of(reader, scene), jobs)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SceneShift)  # printed below, also where it is accepted
-            sensor = TactileSensor.load(chosen, scene, anyway, independent, unknown_state)
+            sensor = TactileSensor.load(chosen, scene, anyway, independent, unknown_state, nested)
     except (LabelMismatch, WrongScene) as error:
         raise type(error)(f"{error}. {_remedy(choice, name, scene)}\nTo use it nevertheless, add --anyway.") from error
     for sentence in shift_sentences(sensor.shift):
         print(f"warning: {sentence}", file=sys.stderr)
     return sensor
+
+
+def embed_all(reader: TactileReader, scene: Scene, views: ViewPlan, jobs: int | None = None) -> None:
+    """Make the embeddings of bodies that are not in the cache, with a progress bar."""
+    from activetouch.perception.contacts.views import are_embedded  # few scenes need it
+
+    hypotheses: Any = reader.hypotheses
+    plain = replace(scene, shapes=SCENES["gel"].scene.shapes)  # a task needs the state of the sensor, not all bodies
+    missing = [solid for solid in scene.solids.values() if not are_embedded(hypotheses, scene, solid, views)]
+    if missing:
+        tasks = [partial(_embed, hypotheses, plain, solid, views) for solid in missing]
+        costs = list(map(view_seconds, missing))
+        list(run_tasks(tasks, 1 if len(tasks) == 1 else jobs, f"views of {len(tasks)} bodies", costs))
+
+
+def _embed(hypotheses: ContactHypotheses, scene: Scene, solid: Shape, views: ViewPlan) -> None:
+    from activetouch.perception.contacts.views import embedded_views
+
+    embedded_views(hypotheses, scene, solid, views)  # which stay in the cache
+
+
+def view_seconds(solid: Shape) -> float:
+    """Time of one core for the views of a body, roughly [s]."""
+    return _VIEWS * _VIEW + _TRIANGLE * num_triangles(solid)
+
+
+def num_triangles(solid: Shape) -> int:
+    """Triangles of a mesh; 0 of another solid, which has few."""
+    return len(solid.faces) if isinstance(solid, Mesh) else 0
 
 
 def predict_contacts(reader: TactileReader, scene: Scene, num_hypotheses: int, jobs: int | None) -> None:

@@ -27,6 +27,7 @@ from planners.stopping import share_of_threshold
 
 _SEQUENCES = 2_000  # of touches, in all
 _MOST_TOUCHES = 16  # in a sequence
+_MANY = 64  # shapes, above which all but the target are taken as one
 _REJECT = np.array([0.5, 0.3, 0.2, 0.1, 0.05, 0.02, 0.01, 0.003, 0.001])
 _CONFIRM = 1.0 - _REJECT
 
@@ -50,6 +51,8 @@ class ContinuationValue:
         [0.91, 0.933, 0.96, 1.0, 1.0]
         """
         ahead = shapes_ahead(problem, target)
+        if table.num_shapes > _MANY:
+            ahead, table, target = _target_or_other(ahead, table, target)
         length = min(touch_share(problem), _MOST_TOUCHES)
         evidence = _sequences(table, length, repeats)
         values = np.empty((problem.num_objects + 1, 2))
@@ -80,11 +83,11 @@ def shapes_ahead(problem: SearchProblem, target: int) -> Floats:
     others = np.where(np.arange(problem.num_shapes) == target, 0.0, problem.prior_probs)
     if not others.any():  # every object is a target
         chances = np.ones((problem.num_objects, 2))
-    elif problem.counts is None:
+    elif (bag := problem.bag_of(target)) is None:
         chances = np.full((problem.num_objects, 2), problem.prior_probs[target])
     else:
-        left = sum(problem.counts) - np.arange(problem.num_objects)[:, None]  # in the bag before each draw
-        count = problem.counts[target]
+        count, total = bag
+        left = total - np.arange(problem.num_objects)[:, None]  # in the bag before each draw
         chances = np.minimum([[count, max(count - 1, 0)]], left) / left
     others /= others.sum() if others.any() else 1.0
     probs = (1.0 - chances)[..., None] * others
@@ -115,7 +118,15 @@ def belief_with_missed(info: InformationState) -> Floats:
 
 def _is_only_one(info: InformationState) -> bool:
     """Whether there is at most one target, as counts of shapes say."""
-    return info.problem.counts is not None and info.problem.counts[info.target] <= 1
+    bag = info.problem.bag_of(info.target)
+    return bag is not None and bag[0] <= 1
+
+
+def _target_or_other(ahead: Floats, table: OutcomeTable, target: int) -> tuple[Floats, OutcomeTable, int]:
+    """The same for two shapes: the target and any other one, whose outcomes are those of all others in the mean."""
+    others = np.delete(table.probs, target, axis=1).mean(axis=1)
+    two = OutcomeTable(np.stack([table.probs[:, target], others], axis=1))
+    return np.stack([ahead[..., target], 1.0 - ahead[..., target]], axis=-1), two, 0
 
 
 def _sequences(table: OutcomeTable, length: int, repeats: RepeatDiscount) -> Floats:

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from numbers import Real
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -163,6 +163,7 @@ class StoppingRule(Protocol):
         """CONFIRM, REJECT or UNSURE, or None to go on probing."""
 
 
+@runtime_checkable
 class ProbeSelector(Protocol):
     """Chooses the next pose."""
 

@@ -30,16 +30,17 @@ def one_touch_bound(problem: SearchProblem, target: Name) -> float:
     >>> round(one_touch_bound(problem, "cone"), 4)            # 1 - 0.02 · 9 / 4
     0.955
     """
-    shape, counts, number = index_of("shape", problem.shape_labels, target), problem.counts, problem.num_objects
+    shape, number = index_of("shape", problem.shape_labels, target), problem.num_objects
+    bag = problem.bag_of(shape)
     unsure = -1.0 if problem.unsure_reward is None else problem.unsure_reward
 
     # The probability that an object is a target, by the number of others that touches have revealed.
     revealed = np.arange(number)
-    if counts is None:
+    if bag is None:
         probs = np.full(number, problem.prior_probs[shape])
     else:
-        left = sum(counts) - revealed
-        probs = np.minimum(np.divide(counts[shape], left, out=np.zeros(number), where=left > 0), 1.0)
+        left = bag[1] - revealed
+        probs = np.minimum(np.divide(bag[0], left, out=np.zeros(number), where=left > 0), 1.0)
 
     # The largest expected return once all objects are revealed or rejected untouched: no target is among the latter.
     absent = np.append(np.cumprod(1.0 - probs[::-1])[::-1], 1.0)

@@ -54,6 +54,7 @@ def next_touch(
     return joint, np.ones(len(joint)) if mixture.new is None else mixture.new
 
 
+_MOST_ANSWERS = 64  # shapes that a touch is to tell apart
 _ALIKE = 1e-9  # difference of gains [nats]
 
 
@@ -159,13 +160,19 @@ class ShapeInformationGain(TargetInformationGain):
     """The pose with the largest expected information gain about the shape of this object.
 
     It is the usual criterion of active perception. In the scene ``keyed`` it needs as many touches as the gain about
-    the target. Attributes as of :class:`TargetInformationGain`; ``given`` is "body".
+    the target. Beside the 64 most probable shapes, all others count as one. Attributes as of
+    :class:`TargetInformationGain`; ``given`` is "body".
     """
 
     given: Literal["body"] = field(default="body", init=False)
 
     def _shares(self, info: InformationState) -> Floats:
-        return np.diag(info.belief.probs)
+        probs = info.belief.probs
+        if len(probs) <= _MOST_ANSWERS:
+            return np.diag(probs)
+        likely = np.argpartition(-probs, _MOST_ANSWERS)[:_MOST_ANSWERS]
+        is_likely = likely[:, None] == np.arange(len(probs))
+        return np.vstack([is_likely, ~is_likely.any(axis=0)]) * probs
 
 
 def _best(

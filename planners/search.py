@@ -8,11 +8,11 @@ all episodes are made in one call, so that a network processes many images at on
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Generic, NamedTuple, Protocol, TypeAlias, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from belief.composition import Composition
 from belief.errors import BrokenContract, InvalidArgument
@@ -24,7 +24,9 @@ from belief.seeding import touch_rng
 from belief.validation import Floats
 from planners.decider import Decider, Decision, InformationState, ProbeSelector, SequentialDecider
 from planners.episode import Episode
+from planners.probing import ShapeInformationGain
 from planners.session import Session
+from planners.stopping import StopOverride
 
 
 class World(Protocol):
@@ -165,13 +167,25 @@ def log_bets_after(
 
 @dataclass(frozen=True)
 class Identification:
-    """An object that was named: the truth, the label, its probability, and whether that reached the threshold."""
+    """An object that was named.
+
+    Attributes:
+        truth: its true label.
+        named: the label that is named.
+        stated: probability of that label.
+        poses: of its touches.
+        is_certain: whether the probability reached the threshold.
+        touches: what was felt.
+        log_probs: log posterior of the labels after each touch, ``(n, K)``, in single precision.
+    """
 
     truth: int
     named: int
     stated: float
     poses: tuple[int, ...]
     is_certain: bool
+    touches: tuple[Touch, ...] = field(compare=False, repr=False)
+    log_probs: NDArray[np.float32] = field(compare=False, repr=False)
 
     @property
     def is_right(self) -> bool:
@@ -181,7 +195,7 @@ class Identification:
 
 def identify(
     world: World,
-    selector: ProbeSelector,
+    decider: ProbeSelector | Decider,
     model: ObservationModel,
     pose_labels: Sequence[str],
     seed: int | Sequence[int],
@@ -192,10 +206,11 @@ def identify(
 
     Args:
         world: its first object is touched.
-        selector: chooses the poses. The target in its information state is label 0 and has no meaning.
+        decider: a selector of poses, whose target is label 0 and has no meaning; or a decider, which is asked about the
+            most probable label. Where it would stop too early, the touch that tells most about the label is made.
         model: likelihood of touches; its labels are equally probable before the first.
         pose_labels: names of the P poses.
-        seed: seed of the touches and of the selector.
+        seed: seed of the touches and of the decider.
         threshold: probability at which to stop, in (0, 1].
         max_touches: ≥ 1.
 
@@ -214,18 +229,26 @@ def identify(
         raise InvalidArgument(f"threshold must be in (0, 1], got {threshold!r}")
     labels, poses = tuple(model.shape_labels), tuple(pose_labels)
     problem = SearchProblem(labels, poses, 1, Composition.INDEPENDENT, touch_limit=max_touches, unsure_reward=0.0)
-    decider = SequentialDecider(_Certain(threshold, max_touches), selector)
-    session = Session(problem, decider, 0, model, seed, abstain=False)
+    rule = _Certain(threshold, max_touches)
+    player: Decider
+    if isinstance(decider, ProbeSelector):
+        player = SequentialDecider(rule, decider)
+    else:
+        player = StopOverride(rule, _ForLikeliest(decider), ShapeInformationGain(model.outcome_table()))
+    session = Session(problem, player, 0, model, seed, abstain=False)
     world.reset()
     while (request := _next_request(session, world)) is not None:
         session.tell(world.touch(request.pose, request.rng))
     log_probs = session.belief.log_probs
     best = int(log_probs.argmax())
     stated = float(np.exp(log_probs[best]))
-    touched = tuple(step.touch.pose for step in session.steps if step.touch is not None)
-    if stated < threshold and len(touched) < max_touches:
-        raise BrokenContract(f"a selector must choose poses, and {selector!r:.80} ended the search")
-    return Identification(world.arrangement[0], best, stated, touched, stated >= threshold)
+    touches = tuple(step.touch for step in session.steps if step.touch is not None)
+    if stated < threshold and len(touches) < max_touches:
+        raise BrokenContract(f"a selector must choose poses, and {decider!r:.80} ended the search")
+    after = [step.belief.log_probs for step in session.steps[1:]] if touches else []
+    rows = np.asarray([*after, log_probs][: len(touches)], np.float32).reshape(len(touches), len(labels))
+    poses_of = tuple(touch.pose for touch in touches)
+    return Identification(world.arrangement[0], best, stated, poses_of, stated >= threshold, touches, rows)
 
 
 @dataclass(frozen=True)
@@ -238,3 +261,13 @@ class _Certain:
     def stop(self, info: InformationState) -> Decision | None:
         stated = float(np.exp(info.belief.log_probs.max()))
         return Decision(Unsure()) if stated >= self.threshold or len(info.history) >= self.max_touches else None
+
+
+@dataclass(frozen=True)
+class _ForLikeliest:
+    """Asks a decider about the most probable label."""
+
+    decider: Decider
+
+    def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
+        return self.decider.decide(replace(info, target=int(info.belief.log_probs.argmax())), rng)

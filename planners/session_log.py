@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from belief.composition import Counts
+from belief.composition import AtMostOne, Composition, Counts
 from belief.errors import InvalidArgument
 from belief.journal import array_field, array_from
 from belief.naming import index_of, shown
@@ -229,8 +229,8 @@ def events_from(
 
 
 def problem_fields(problem: SearchProblem) -> dict[str, Any]:
-    """A problem as JSON types."""
-    bag = problem.composition
+    """A problem as JSON types; the target says which shape at most one object has."""
+    bag = Composition.AT_MOST_ONE if isinstance(problem.composition, AtMostOne) else problem.composition
     return {
         "shapes": list(problem.shape_labels),
         "poses": list(problem.pose_labels),

@@ -40,7 +40,7 @@ _CANDIDATES = 12  # first poses, the best by a single touch, after which a secon
 _OUTCOMES = 64
 _HYPOTHESES = 64
 
-_Key: TypeAlias = tuple[int, tuple[int, ...] | None, float, int, int]
+_Key: TypeAlias = tuple[int, object, float, int, int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,10 +97,10 @@ class ValueOfInformation:
 
     def _by_mixture(self, mixture: Outcomes, info: InformationState, payoffs: Floats) -> Floats:
         """:meth:`probe_values` for outcomes that depend on the touches so far."""
-        joint = info.belief.probs[:, None] * mixture.table.probs  # (P, K, M), p(shape, outcome)
-        stop = np.einsum("jk,pkm->jpm", payoffs, joint).max(axis=0)
+        expected, chance = mixture.payoffs_after(payoffs, info.belief.probs)
+        stop = expected.max(axis=0)
         if self.depth == 2:
-            factors, chance = payoffs * info.belief.probs, joint.sum(axis=1)
+            factors = payoffs * info.belief.probs
             best = np.argsort(-stop.sum(axis=1), kind="stable")[:_CANDIDATES]
             for pose in np.sort(best).tolist():
                 second = mixture.two_touches(pose, factors).max(axis=0).sum(axis=2)  # (M, P')
@@ -135,7 +135,7 @@ class ValueOfInformation:
         return np.ascontiguousarray(self.table.probs.transpose(1, 0, 2).reshape(self.table.num_shapes, -1))
 
     def _continuation(self, problem: SearchProblem, target: int) -> ContinuationValue:
-        key = (problem.num_objects, problem.counts, problem.touch_cost, problem.touch_limit, target)
+        key = (problem.num_objects, problem.composition, problem.touch_cost, problem.touch_limit, target)
         if key not in self._continuations:
             self._continuations[key] = ContinuationValue.of(problem, target, self.table, self.repeats)
         return self._continuations[key]

@@ -121,7 +121,8 @@ class ObjectSearchEnv(gymnasium.Env[State, int]):
         ):
             if given not in known:
                 raise UnknownName(what, str(given), [str(name) for name in known])
-        self.problem, self.touches, self.target, self.render_mode = problem, source, labels.index(target), render_mode
+        self.touches, self.target, self.render_mode = source, labels.index(target), render_mode
+        self.problem = problem.seeking(target)
         self.state = state
         if state in WITH_GAINS:
             expected_gains(start(source.model), np.full(len(labels), -np.log(len(labels))), 0)  # raises

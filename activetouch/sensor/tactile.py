@@ -37,7 +37,7 @@ from activetouch.world import TouchWorld
 from belief.composition import Composition, Counts
 from belief.errors import InvalidArgument, UnknownName
 from belief.naming import Name, few, index_of, one_line
-from belief.observation_model.model import ArrayModel
+from belief.observation_model.model import ArrayModel, GivesLogits
 from belief.observation_model.sensor_health import SensorHealthModel
 from belief.problem import SearchProblem, Touch
 from planners import Decider, Episode, Session, make_decider, search
@@ -46,7 +46,10 @@ from planners.fingerprint import digest_of, fingerprint
 from planners.session import SessionSettings
 
 if TYPE_CHECKING:
+    from activetouch.perception.many_bodies import NestedPlan
     from activetouch.shapes import Shape
+
+_FEW_CONTACTS = 256  # shapes times poses for which a table of hypotheses is always made
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +95,7 @@ class TactileSensor:
         anyway: bool = False,
         independent: bool = False,
         unknown_state: bool = False,
+        nested: bool | NestedPlan | None = None,
     ) -> TactileSensor: ...
 
     @classmethod
@@ -102,6 +106,7 @@ class TactileSensor:
         anyway: bool = False,
         independent: bool = False,
         unknown_state: bool = False,
+        nested: bool | NestedPlan | None = None,
     ) -> TactileSensor | RecordedSensor:
         """The sensor whose reader and observation model lie in a folder.
 
@@ -115,6 +120,9 @@ class TactileSensor:
             independent: whether to use its model that takes touches as independent given the shape.
             unknown_state: whether the state of the sensor is inferred from its touches: forces, stiffness, noise,
                 broken taxels, a shifted or blurred image, hysteresis. Its reader of any object then reads all scenes.
+            nested: whether the belief is about nested cells of orientations, for hundreds of shapes, or how closely
+                (:class:`activetouch.perception.many_bodies.NestedPlan`). By default where a table of all
+                hypotheses would take more than ten minutes.
 
         Raises:
             CorruptFile: one of the files is damaged or missing.
@@ -128,10 +136,21 @@ class TactileSensor:
             return RecordedSensor.read_folder(folder)
         if not isinstance(scene, Scene):
             raise InvalidArgument(f"the scene must be a Scene, such as SCENES['coarse'].scene; got {scene!r:.80}")
-        path, fitted, shift = files_for(folder, scene, anyway, independent, unknown_state)
+        plan = cls.nested_plan(scene, independent, nested)
+        path, fitted, shift = files_for(folder, scene, anyway, independent, unknown_state or plan is not None)
         reader = TactileReader.load(path).bound_to(scene)
-        with announced("preparing the sensor: up to two minutes the first time, then kept in the cache"):
-            model = cls._model(reader, scene, fitted, unknown_state)
+        if plan is not None:
+            from activetouch.perception.many_bodies import nested_model
+
+            if unknown_state:
+                raise InvalidArgument(
+                    "the state of the sensor is not inferred with a belief about nested cells, as of "
+                    f"{len(scene.shapes)} shapes; use fewer shapes, or leave out unknown_state"
+                )
+            model: ArrayModel = nested_model(reader, scene, plan)
+        else:
+            with announced("preparing the sensor: up to two minutes the first time, then kept in the cache"):
+                model = cls._model(reader, scene, fitted, unknown_state)
         if shift and not anyway:
             warnings.warn(
                 f"the sensor in {folder} is used outside the scene it was made for: {in_words(shift)}",
@@ -139,6 +158,19 @@ class TactileSensor:
                 stacklevel=2,
             )
         return cls(scene, reader, model, shift=shift, folder=folder)
+
+    @staticmethod
+    def nested_plan(scene: Scene, independent: bool, nested: bool | NestedPlan | None) -> NestedPlan | None:
+        """How closely nested cells are examined; None for a table of hypotheses."""
+        few = len(scene.shapes) * len(scene.poses) < _FEW_CONTACTS
+        if nested is False or independent or (nested is None and few):
+            return None
+        from activetouch.perception.many_bodies import NestedPlan, are_many, require_nested
+
+        if nested is None:
+            return NestedPlan() if are_many(scene) else None
+        require_nested(scene)
+        return NestedPlan() if nested is True else nested
 
     @staticmethod
     def _model(reader: TactileReader, scene: Scene, fitted: FittedModel | None, unknown_state: bool) -> ArrayModel:
@@ -159,7 +191,13 @@ class TactileSensor:
 
     @classmethod
     def shipped(
-        cls, name: str = "gel", scene: Scene | None = None, anyway: bool = False, *, unknown_state: bool = False
+        cls,
+        name: str = "gel",
+        scene: Scene | None = None,
+        anyway: bool = False,
+        *,
+        unknown_state: bool = False,
+        nested: bool | NestedPlan | None = None,
     ) -> TactileSensor:
         """A sensor that comes with the package, in the scene that it was made for or in another. See :meth:`load`.
 
@@ -169,6 +207,7 @@ class TactileSensor:
             scene: in which to use it.
             anyway: as in :meth:`load`.
             unknown_state: as in :meth:`load`.
+            nested: as in :meth:`load`.
 
         Raises:
             UnknownName: there is no such sensor.
@@ -178,7 +217,7 @@ class TactileSensor:
             raise UnknownName("sensor", name, known)
         of_scene = name.removesuffix(INDEPENDENT_SUFFIX)
         scene = SCENES[of_scene].scene if scene is None else scene
-        return cls.load(MODELS / name, scene, anyway, unknown_state=unknown_state)
+        return cls.load(MODELS / name, scene, anyway, unknown_state=unknown_state, nested=nested)
 
     def with_objects(self, objects: Mapping[str, Shape | Path | str] | Sequence[Path | str] | Path) -> TactileSensor:
         """The sensor among other objects, whose contacts its reader of any object predicts; nothing is trained.
@@ -220,8 +259,14 @@ class TactileSensor:
         read, features = self.reader.run(images)
         if (hypotheses := self.reader.hypotheses) is None:
             return [Touch(*touch) for touch in zip(indices, read, features, strict=True)]
+        if not self.with_logits:
+            return [Touch(pose, None, row) for pose, row in zip(indices, read, strict=True)]
+        own = self.model.logits if isinstance(self.model, GivesLogits) else None
         # The logits of one image at a time, as their last bits depend on those they are computed with.
-        logits = [hypotheses.shape_logits(row[None])[0] if self.with_logits else None for row in read]
+        logits = [
+            hypotheses.shape_logits(row[None])[0] if own is None else own(pose, row)
+            for pose, row in zip(indices, read, strict=True)
+        ]
         return [Touch(*touch) for touch in zip(indices, logits, read, strict=True)]
 
     @property
@@ -259,7 +304,7 @@ class TactileSensor:
         """
         problem = self.problem(num_objects, composition, touch_cost)
         shape, key, player = player_of(problem, self.model, target, decider, seed)
-        return search(TouchWorld.of_search(self, problem, key), player, problem, shape, self.model, key)
+        return search(TouchWorld.of_search(self, problem.seeking(shape), key), player, problem, shape, self.model, key)
 
     def session(
         self,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any, ClassVar, Literal, Protocol, Self, TypeAlias
+from typing import Any, ClassVar, Literal, Protocol, Self, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -57,6 +57,14 @@ class ObservationModel(Protocol):
 
     def outcome_table(self, num_outcomes: int | None = None) -> OutcomeTable:
         """The model for discretised touches, with at most ``num_outcomes`` outcomes if given; for planners."""
+
+
+@runtime_checkable
+class GivesLogits(Protocol):
+    """An observation model of embeddings that says what one touch alone tells about the shapes."""
+
+    def logits(self, pose: int, embedding: NDArray[np.floating]) -> Floats:
+        """Log p(touch | shape) of an embedding ``(D,)``, up to a constant, ``(K,)``."""
 
 
 class ArrayModel(FrozenArrays, ABC):

@@ -32,8 +32,20 @@ class Outcomes(Protocol):
     def one_touch(self, factors: Floats) -> NDArray[Any]:
         """See :meth:`OutcomeMixture.one_touch`."""
 
+    def payoffs_after(self, payoffs: Floats, belief: Floats) -> tuple[Floats, Floats]:
+        """Sums over shapes of payoffs ``(J, K)`` times p(shape, outcome of the next touch | pose), ``(J, P, M)``.
+
+        And p(outcome | pose), ``(P, M)``. The belief about the shape is ``(K,)``; see :attr:`new` for the last outcome.
+        """
+
     def two_touches(self, pose: int, factors: Floats) -> NDArray[np.float32]:
         """See :meth:`OutcomeMixture.two_touches`."""
+
+
+def payoffs_by_table(table: OutcomeTable, payoffs: Floats, belief: Floats) -> tuple[Floats, Floats]:
+    """See :meth:`Outcomes.payoffs_after`, by p(outcome | pose, shape)."""
+    joint = belief[:, None] * table.probs  # (P, K, M)
+    return np.einsum("jk,pkm->jpm", payoffs, joint), joint.sum(axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +96,10 @@ class OutcomeMixture(FrozenArrays):
         With the belief on the diagonal as factors, it is the joint probability of shape and outcome.
         """
         return np.asarray(factors @ self._means)
+
+    def payoffs_after(self, payoffs: Floats, belief: Floats) -> tuple[Floats, Floats]:
+        """See :class:`Outcomes`."""
+        return payoffs_by_table(self.table, payoffs, belief)
 
     def two_touches(self, pose: int, factors: Floats) -> NDArray[np.float32]:
         """Sums over shapes of ``factors (J, K)`` times p(outcomes of the next two touches | shape), ``(J, M, P, M)``.
@@ -226,6 +242,10 @@ class SharedMixture(FrozenArrays):
             shape=(num_poses * num_rows, num_groups * num_shapes * number),
         )
         return np.asarray((means @ self.outcomes.reshape(-1, num_outcomes)).reshape(num_poses, num_rows, -1))
+
+    def payoffs_after(self, payoffs: Floats, belief: Floats) -> tuple[Floats, Floats]:
+        """See :class:`Outcomes`."""
+        return payoffs_by_table(self.table, payoffs, belief)
 
     def two_touches(self, pose: int, factors: Floats) -> NDArray[np.float32]:
         """See :meth:`OutcomeMixture.two_touches`."""

@@ -1,55 +1,50 @@
-"""``activetouch find``: is the body of this mesh file among the objects in front of me, and which of them is it?"""
+"""``activetouch find``: is the body of this mesh file among the objects in front of me, and which of them is it?
+
+The searches are those of :func:`activetouch.compare`, in a scene of many shapes of which at most one object has the
+target's.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.special import logsumexp, softmax
 
+from activetouch.named_scenes import SCENES, NamedScene
 from belief.claims import ends_claims
-from belief.coarse_to_fine import CoarseToFine
 from belief.errors import InvalidArgument
-from belief.validation import Floats, require_count
+from belief.table import Table
+from belief.validation import require_count
 from experiments.command_line.arguments import Count
 from experiments.meshes.near_twins import near_twins
 from experiments.meshes.result import Bodies, MeshOptions, MeshResult, body_index, solids_of
-from experiments.meshes.setting import MeshSetting, Possible
-from experiments.parallel import Shared, run_tasks
+from experiments.meshes.setting import SIZES, Possible, model_of, plan_of, possible_after, sensor_of
+from experiments.scene_choice import SceneChoice
+from experiments.search.comparison import Comparison, played, prepared
+from experiments.search.replay_figures import replay
+from experiments.search.setting import Setting
+from planners import Decider, Episode, Outcome
+from planners.certified import Certificate
 
-_EACH = 16  # touches of an object, at most
+_TOUCHES = 12  # of an object, at most, in the mean of all
 _PICTURED = 3  # searches
 
 
 @dataclass(frozen=True, eq=False)
-class Search:
-    """One search for the target; places are numbers of objects, and the number of objects stands for "not there".
+class Found(MeshResult):
+    """Searches for the body with the label ``target``; prints as their table.
 
-    ``objects`` are indices of bodies, ``touches`` pairs of object and pose. After each touch: ``places (n, objects +
-    1)``, the probability of each place, and ``possible``, the most probable bodies of the touched object.
+    Attributes:
+        comparison: the same searches, with all numbers and reports of :func:`activetouch.compare`.
     """
 
-    objects: tuple[int, ...]
-    truth: int
-    answer: int
-    stated: float
-    touches: tuple[tuple[int, int], ...]
-    places: Floats
-    possible: tuple[Possible, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Found(MeshResult):
-    """Searches for the body with the label ``target``; prints as their table."""
-
     target: str
-    searches: Sequence[Search]
+    comparison: Comparison
     _kind = "searches"
-    _columns = ("target", ""), ("answer", ""), ("stated", ".3f"), ("touches", "d"), ("objects", "")
+    _columns = ("decider", ""), ("target", ""), ("answer", ""), ("stated", ".3f"), ("touches", "d"), ("objects", "")
     _note = (
         "{right} of {number} answers are right, {low} to {high}; stated {stated:.2f} and {spent:.1f} touches "
         "in the mean."
@@ -57,22 +52,33 @@ class Found(MeshResult):
 
     def rows(self) -> list[dict[str, Any]]:
         """One row for each search: the objects, where the target was, the answer, its probability, and touches."""
-        labels = self.setting.bodies.labels
+        labels = self.sensor.shape_labels
         return [
             {
-                "objects": " ".join(labels[body] for body in one.objects),
-                "target": self._place(one.truth, one),
-                "answer": self._place(one.answer, one),
-                "right": one.answer == one.truth,
-                "stated": one.stated,
-                "touches": len(one.touches),
+                "decider": decider,
+                "objects": " ".join(labels[body] for body in one.arrangement),
+                "target": self._place(one.arrangement.index(one.target) if one.target in one.arrangement else None),
+                "answer": self._answer(one),
+                "right": bool(one.success),
+                "stated": stated(one),
+                "touches": one.num_touches,
             }
-            for one in self.searches
+            for decider in self.comparison.deciders
+            for one in self.comparison.of(decider)
         ]
 
+    def table(self) -> Table:
+        """The rows, and how many are right; with the deciders, if there are several."""
+        return super().table() if len(self.comparison.deciders) > 1 else super().table().without(["decider"])
+
     @staticmethod
-    def _place(place: int, search: Search) -> str:
-        return "not there" if place == len(search.objects) else f"object {place + 1}"
+    def _place(place: int | None) -> str:
+        return "not there" if place is None else f"object {place + 1}"
+
+    def _answer(self, episode: Episode) -> str:
+        if not episode.is_answered:
+            return "unsure" if episode.outcome is Outcome.UNSURE else "none: the touches were used up"
+        return self._place(episode.steps[-1].object_index if episode.outcome is Outcome.CONFIRMED else None)
 
     @property
     def _title(self) -> str:
@@ -83,14 +89,41 @@ class Found(MeshResult):
         return f"Where is {self.target}?"
 
     def _shown(self) -> Iterator[tuple[str, str, Sequence[str], Sequence[Possible]]]:
-        for number, one in enumerate(self.searches[:_PICTURED], 1):
+        for number, one in enumerate(self.comparison.of(self.comparison.reference)[:_PICTURED], 1):
+            frames = [frame for frame in replay(self.sensor, self.comparison.problem, one) if frame.image is not None]
             words = [
-                f"object {place + 1}, side {self.setting.scene.pose_labels[pose]}; the target is probably "
-                f"{self._place(int(probs.argmax()), one)} ({probs.max():.2f})"
-                for (place, pose), probs in zip(one.touches, one.places, strict=True)
+                f"object {frame.step.object_index + 1}, side {self.sensor.pose_labels[frame.step.touch.pose]}; it is "
+                f"the target with probability {frame.posterior[one.target]:.2f}"
+                for frame in frames
+                if frame.step.touch is not None
             ]
-            end = f"The answer is {self._place(one.answer, one)}; the truth is {self._place(one.truth, one)}."
-            yield f"Search {number}", end, words, one.possible
+            truth = self._place(one.arrangement.index(one.target) if one.target in one.arrangement else None)
+            after = [possible_after(self.sensor, frame.evidence) for frame in frames]
+            yield f"Search {number}", f"The answer is {self._answer(one)}; the truth is {truth}.", words, after
+
+    def save(self, folder: Path | str) -> Path:
+        """Write the report of the comparison, with the bodies that feel alike and were still possible."""
+        report, own = self.comparison.report(folder), self.report().sections
+        return replace(report, title=self._question, sections=[*report.sections[:2], *own, *report.sections[2:]]).save(
+            Path(folder)
+        )
+
+
+def stated(episode: Episode) -> float:
+    """Probability of the answer of a search for at most one target, by its recorded beliefs; of the best without one.
+
+    The odds of each object follow from its last belief, when objects that come later were not touched.
+    """
+    last = {step.object_index: float(step.belief.probs[episode.target]) for step in episode.steps}
+    number, weights = len(episode.arrangement), list[float]()
+    for place in range(number):
+        others = sum(weights) + number - place
+        prob = min(last.get(place, 0.0), 1.0 - 1e-16) if place in last else None
+        weights.append(1.0 if prob is None else others * prob / (1.0 - prob))
+    probs = np.array([*weights, 1.0]) / (sum(weights) + 1.0)
+    if not episode.is_answered:
+        return float(probs.max())
+    return float(probs[episode.steps[-1].object_index if episode.outcome is Outcome.CONFIRMED else -1])
 
 
 def find(
@@ -100,6 +133,9 @@ def find(
     num_objects: int | None = None,
     num_searches: int = 20,
     threshold: float = 0.95,
+    deciders: Mapping[str, Decider | str] | Sequence[str] | str = (),
+    certificate: str | Path | Certificate | None = None,
+    out: str | Path | None = None,
     seed: int = 0,
     scale: float | None = None,
     jobs: int | None = None,
@@ -107,96 +143,77 @@ def find(
 ) -> Found:
     """Search for a body among simulated objects of other bodies; it may be absent.
 
-    The next touch is of the object that is most probably the target.
-
     Args:
         bodies: a folder of mesh files, mesh files, or solids by label: what the objects may be.
         target: label of the body that is sought; the name of its file will do.
         num_objects: objects in front of the sensor, of different bodies; up to four by default.
-        num_searches: number of searches. The target is equally often at each place and absent.
-        threshold: probability of the answer at which to stop.
+        num_searches: number of searches. The target is as probable at each place as it is to be absent.
+        threshold: probability of the answer at which to stop, of the usual decider.
+        deciders: as of :func:`activetouch.compare`; by default that of the certificate, or information gain about the
+            target, which stops at the threshold.
+        certificate: as of :func:`activetouch.compare`.
+        out: folder in which finished searches are kept, as of :func:`activetouch.compare`.
         seed: of objects and touches.
         scale: metres per unit of mesh files without a scale of their own.
         jobs: number of processes; as many as processors by default.
-        setting: further arguments of :meth:`MeshSetting.of`.
+        setting: ``sensor``, and how closely bodies are examined: ``plan`` of views, ``levels``, ``effort``, ``look``,
+            ``pressed`` (:class:`activetouch.perception.many_bodies.NestedPlan`).
 
     Raises:
         UnknownName: there is no such body.
         InvalidArgument: there are not more bodies than objects, or no mesh can be read.
     """
     solids, left_out = solids_of(bodies, scale)
-    sought = body_index(solids, target)
-    num_objects = min(4, len(solids) - 1) if num_objects is None else num_objects
-    require_count("num_objects", num_objects)
-    if len(solids) <= num_objects:
+    label, number = list(solids)[body_index(solids, target)], _num_objects(len(solids), num_objects)
+    sensor = sensor_of(solids, setting.pop("sensor", "gel"), plan_of(**setting), jobs)
+    named = NamedScene(sensor.scene, number, touches_per_object=_TOUCHES)
+    run = prepared(
+        Setting(composition="at_most_one"),
+        deciders or _usual_decider(threshold, number, certificate),
+        named,
+        sensor,
+        targets=[label],
+        episodes=num_searches,
+        seed=seed,
+        out=None if out is None else Path(out),
+        jobs=jobs,
+        certificate=certificate,
+    )
+    comparison = played(run, None, jobs)
+    return Found(sensor, near_twins(model_of(sensor)), label, comparison, left_out=left_out)
+
+
+def _num_objects(number: int, given: int | None) -> int:
+    """Objects of a search among a number of bodies."""
+    chosen = min(4, number - 1) if given is None else given
+    require_count("num_objects", chosen)
+    if number <= chosen:
         raise InvalidArgument(
-            f"{num_objects} different objects of {len(solids)} bodies would leave none out: add meshes, or use "
-            f"--objects {len(solids) - 1}"
+            f"{chosen} different objects of {number} bodies would leave none out: add meshes, or use --objects "
+            f"{number - 1}"
         )
-    made = MeshSetting.of(solids, jobs=jobs, **setting)
-    shared = Shared(made)
-    tasks = [
-        partial(_search_one, shared, sought, num_objects, threshold, [seed, number]) for number in range(num_searches)
-    ]
-    searches = list(run_tasks(tasks, jobs, "searches"))
-    return Found(made, near_twins(made), made.bodies.labels[sought], searches, left_out=left_out)
+    return chosen
 
 
-def _search_one(
-    shared: Shared[MeshSetting], target: int, num_objects: int, threshold: float, seed: Sequence[int]
-) -> Search:
-    """One search: touch the object that is most probably the target until the answer is probable enough."""
-    setting = shared.value
-    rng, number = np.random.default_rng([*seed, 0]), len(setting.bodies.labels)
-    others = rng.permutation(np.delete(np.arange(number), target))[:num_objects]
-    truth = int(rng.integers(num_objects + 1))
-    drawn = [target if place == truth else int(other) for place, other in enumerate(others)]
-    objects = [setting.scene.sample_object(body, rng) for body in drawn]
-    num_poses = len(setting.scene.poses)
-    log_prior = np.full(number, np.log(num_objects / (num_objects + 1) / (number - 1)))
-    log_prior[target] = -np.log(num_objects + 1)
-    beliefs = [setting.bodies.start(log_prior)] * num_objects
-    first = int(rng.permutation(num_poses)[0])
-    used: list[list[int]] = [[] for _ in objects]
-    touches, places, possible = [], [], []
-    probs = np.full(num_objects + 1, 1 / (num_objects + 1))
-    while probs.max() < threshold:
-        ready = [place for place in range(num_objects) if len(used[place]) < min(_EACH, num_poses)]
-        if not ready:
-            break
-        place = max(ready, key=lambda each: probs[each])
-        pose = setting.next_pose(beliefs[place], used[place], target) if used[place] else first
-        touch_rng = np.random.default_rng([*seed, 1, place, pose])
-        beliefs[place] = setting.touched(beliefs[place], objects[place], pose, touch_rng)
-        used[place].append(pose)
-        probs = softmax([*(_log_odds(belief, target) for belief in beliefs), 0.0])
-        touches.append((place, pose))
-        places.append(probs)
-        possible.append(setting.possible(beliefs[place]))
-    answer = int(probs.argmax())
-    return Search(
-        tuple(drawn), truth, answer, float(probs[answer]), tuple(touches), np.reshape(places, (-1, len(probs))),
-        tuple(possible),
-    )  # fmt: skip
-
-
-def _log_odds(belief: CoarseToFine, target: int) -> float:
-    """Log likelihood ratio of an object being the target, against being one of the other bodies."""
-    evidence = belief.log_evidence
-    others = np.delete(evidence, target)
-    return float(evidence[target] - (logsumexp(others) - np.log(len(others))))
+def _usual_decider(threshold: float, num_objects: int, certificate: str | Path | Certificate | None) -> str:
+    """That of a certificate, or one whose answer, an object or none of them, has the probability ``threshold``."""
+    if certificate is not None:
+        return Certificate.opened(certificate).decider
+    reject = round(min((1.0 - threshold) / num_objects, threshold / 2.0), 6)
+    return f"information_gain(confirm={threshold!r}, reject={reject!r}, max_touches=16)"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Find(MeshOptions):
     """Find the object of one mesh among objects of other meshes by touch, in simulation: nothing is trained.
 
-    The target may be absent. The first run makes views of each body, which are kept; the next starts at once.
+    The target may be absent. The first run makes views of each body, which are kept; the next starts at once. The
+    searches are those of compare in this scene, so that compare --config, certify, replay and live know them, too.
 
     For example:
 
         activetouch find scans --target mug.obj
-        activetouch find scans --target mug --objects 6 --out runs/mug
+        activetouch find scans --target mug --objects 6 --deciders information_gain value_of_information --out runs/mug
     """
 
     target: str
@@ -205,16 +222,46 @@ class Find(MeshOptions):
     """Objects in front of the sensor; four by default, or one less than the bodies."""
     searches: Count = 20
     """Number of searches."""
+    deciders: tuple[str, ...] = ()
+    """Deciders, as of compare; by default information gain about the target."""
+    certificate: Path | None = None
+    """File from activetouch certify: its decider also plays stopping by it."""
     out: Path = Path("runs/find")
-    """Folder for the report."""
+    """Folder of the run and its report; finished searches are kept."""
 
     def _expected(self, number: int) -> tuple[float, float]:
         each = self.objects or min(4, number - 1)  # about as many touches as objects
-        return self.searches * each, min(self.searches, _PICTURED) * each
+        return self.searches * each * max(1, len(self.deciders)), min(self.searches, _PICTURED) * each
+
+    @property
+    def setting(self) -> Setting:
+        """The setting of the searches, as of compare."""
+        is_named = self.sensor in SCENES
+        folder = self.folder if self.scale is None else Path(f"{self.folder}@{self.scale}")
+        choice = SceneChoice(
+            self.sensor if is_named else "gel",
+            poses="directions26",
+            meshes=(folder,),
+            only=True,
+            family=("size={}..{}".format(*SIZES),),
+        )
+        own = None if is_named else Path(self.sensor)
+        return Setting(choice, own, self.objects, composition="at_most_one", observation_model="nested")
 
     @ends_claims
     def run(self) -> None:
         """Read, make views, search, report."""
         solids, left_out = self.read(self.target)
-        found = find(solids, self.target, num_objects=self.objects, num_searches=self.searches, **self.common)
-        self.report(replace(found, left_out=left_out))
+        label, number = list(solids)[body_index(solids, self.target)], _num_objects(len(solids), self.objects)
+        run = prepared(
+            replace(self.setting, num_objects=number),
+            self.deciders or _usual_decider(self.threshold, number, self.certificate),
+            targets=[label],
+            episodes=self.searches,
+            seed=self.seed,
+            out=self.out,
+            jobs=self.jobs,
+            certificate=self.certificate,
+        )
+        comparison, sensor = played(run, None, self.jobs), run.searches.sensor
+        self.report(Found(sensor, near_twins(model_of(sensor)), label, comparison, left_out=left_out))

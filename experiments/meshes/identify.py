@@ -10,106 +10,67 @@ from typing import Any
 
 import numpy as np
 
-from activetouch.scene import WorldObject
+from activetouch import TactileSensor, TouchWorld
 from belief.claims import ends_claims
-from belief.validation import Floats
 from experiments.command_line.arguments import Count
 from experiments.meshes.near_twins import near_twins
 from experiments.meshes.result import Bodies, MeshOptions, MeshResult, body_index, solids_of
-from experiments.meshes.setting import MeshSetting, Possible
+from experiments.meshes.setting import Possible, model_of, plan_of, possible_after, sensor_of
 from experiments.parallel import Shared, run_tasks
+from planners import Decider
+from planners.decider import ProbeSelector, SequentialDecider
+from planners.registry import make_decider
+from planners.search import Identification
+from planners.search import identify as name_first
+from planners.stopping import PosteriorThresholds
 
+_BY_EVIDENCE = ("information_gain", "shape_information_gain", "value_of_information", "fixed_poses", "random_poses")
 _PICTURED = 6  # objects
-
-
-@dataclass(frozen=True, eq=False)
-class Naming:
-    """The touches of one object; ``log_probs (n, K)`` float32 and the most probable bodies are after each touch."""
-
-    truth: int
-    poses: tuple[int, ...]
-    log_probs: Floats
-    possible: tuple[Possible, ...]
-
-    @property
-    def named(self) -> int:
-        """Index of the most probable body in the end."""
-        return int(self.log_probs[-1].argmax())
-
-    @property
-    def stated(self) -> float:
-        """Probability of the most probable body in the end."""
-        return float(np.exp(self.log_probs[-1].max()))
-
-
-def name_object(
-    setting: MeshSetting,
-    obj: WorldObject,
-    seed: Sequence[int],
-    max_touches: int = 16,
-    threshold: float = 1.0,
-    order: Sequence[int] | None = None,
-) -> Naming:
-    """Touch an object until a body is as probable as the threshold (1 does not stop), or a number of touches is made.
-
-    The same seed gives the same touch of an object in a pose, whatever the order. Without an ``order``, the first pose
-    is random, and each later one is expected to tell most.
-    """
-    num_poses = len(setting.scene.poses)
-    first = int(np.random.default_rng([*seed, 1]).permutation(num_poses)[0])
-    belief, poses = setting.bodies.start(), list[int]()
-    logs, possible = list[Floats](), list[Possible]()
-    while len(poses) < min(max_touches, num_poses):
-        chosen = setting.next_pose(belief, poses) if poses and order is None else first
-        pose = chosen if order is None else order[len(poses)]
-        belief = setting.touched(belief, obj, pose, np.random.default_rng([*seed, 2, pose]))
-        poses.append(pose)
-        logs.append(belief.log_probs.astype(np.float32))
-        possible.append(setting.possible(belief))
-        if np.exp(logs[-1].max()) >= threshold < 1.0:
-            break
-    return Naming(obj.shape_index, tuple(poses), np.stack(logs), tuple(possible))
 
 
 @dataclass(frozen=True, eq=False)
 class Identified(MeshResult):
     """Simulated objects, and how they were named; prints as their table."""
 
-    namings: Sequence[Naming]
+    namings: Sequence[Identification]
     _kind = "objects"
     _columns = ("body", ""), ("named", ""), ("stated", ".3f"), ("touches", "d")
     _note = "{right} of {number} named rightly, {low} to {high}; stated {stated:.2f} in the mean."
 
     def rows(self) -> list[dict[str, Any]]:
         """One row for each object: its body, the named one, the stated probability, and touches."""
-        labels = self.setting.bodies.labels
+        labels = self.sensor.shape_labels
         return [
             {
                 "body": labels[one.truth],
                 "named": labels[one.named],
-                "right": one.named == one.truth,
+                "right": one.is_right,
                 "stated": one.stated,
                 "touches": len(one.poses),
-                "directions": " ".join(self.setting.scene.pose_labels[pose] for pose in one.poses),
+                "directions": " ".join(self.sensor.pose_labels[pose] for pose in one.poses),
             }
             for one in self.namings
         ]
 
     @property
     def _title(self) -> str:
-        return f"objects among {len(self.setting.bodies.labels)} bodies"
+        return f"objects among {len(self.sensor.shape_labels)} bodies"
 
     @property
     def _question(self) -> str:
         return "Which body is it?"
 
     def _shown(self) -> Iterator[tuple[str, str, Sequence[str], Sequence[Possible]]]:
-        labels = self.setting.bodies.labels
+        labels = self.sensor.shape_labels
         for number, one in enumerate(self.namings[:_PICTURED], 1):
-            right = "rightly" if one.named == one.truth else f"wrongly: it is {labels[one.truth]}"
+            right = "rightly" if one.is_right else f"wrongly: it is {labels[one.truth]}"
             end = f"named {labels[one.named]} with probability {one.stated:.3f}, {right}"
-            sides = [f"side {self.setting.scene.pose_labels[pose]}" for pose in one.poses]
-            yield f"Object {number}", f"After {len(one.poses)} touches {end}.", sides, one.possible
+            sides = [f"side {self.sensor.pose_labels[pose]}" for pose in one.poses]
+            evidence, after = self.sensor.model.start(), []
+            for touch in one.touches:
+                evidence = evidence.update(touch)
+                after.append(possible_after(self.sensor, evidence))
+            yield f"Object {number}", f"After {len(one.poses)} touches {end}.", sides, after
 
 
 def identify(
@@ -119,6 +80,7 @@ def identify(
     num_objects: int = 20,
     threshold: float = 0.95,
     max_touches: int = 16,
+    decider: str | Decider = "shape_information_gain",
     seed: int = 0,
     scale: float | None = None,
     jobs: int | None = None,
@@ -131,11 +93,13 @@ def identify(
         body: label of the objects' body; random bodies by default.
         num_objects: number of objects.
         threshold: probability at which to stop touching an object.
-        max_touches: of an object, at most 26.
+        max_touches: of an object.
+        decider: its name, as of :func:`activetouch.compare`, or a decider. One that stops by the probability of the
+            target chooses the poses alone; any other one is asked about the most probable body, and stops, too.
         seed: of objects and touches.
         scale: metres per unit of mesh files without a scale of their own.
         jobs: number of processes; as many as processors by default.
-        setting: further arguments of :meth:`MeshSetting.of`, such as ``sensor`` and ``plan``.
+        setting: as of :func:`activetouch.find`.
 
     Raises:
         UnknownName: there is no such body.
@@ -143,21 +107,42 @@ def identify(
     """
     solids, left_out = solids_of(bodies, scale)
     chosen = None if body is None else body_index(solids, body)
-    made = MeshSetting.of(solids, jobs=jobs, **setting)
+    sensor = replace(
+        sensor_of(solids, setting.pop("sensor", "gel"), plan_of(**setting), jobs), with_logits=_reads_logits(decider)
+    )
     truths = np.random.default_rng([seed, 5]).permutation(np.arange(num_objects) % len(solids)).tolist()
-    shared = Shared(made)
+    shared = Shared((sensor, _player(decider, sensor)))
     tasks = [
-        partial(_name_one, shared, truth if chosen is None else chosen, [seed, number], max_touches, threshold)
+        partial(_name_one, shared, truth if chosen is None else chosen, (seed, number), max_touches, threshold)
         for number, truth in enumerate(truths)
     ]
-    return Identified(made, near_twins(made), list(run_tasks(tasks, jobs, "objects")), left_out=left_out)
+    namings = list(run_tasks(tasks, jobs, "objects"))
+    return Identified(sensor, near_twins(model_of(sensor)), namings, left_out=left_out)
+
+
+def _reads_logits(decider: str | Decider) -> bool:
+    """Whether a decider may look at single touches: all but those that go by posterior and evidence."""
+    return not (isinstance(decider, str) and decider.partition("(")[0] in _BY_EVIDENCE)
+
+
+def _player(decider: str | Decider, sensor: TactileSensor) -> Decider | ProbeSelector:
+    """The decider, or the selector of its poses where posterior thresholds stop it."""
+    made = make_decider(decider, sensor.model.outcome_table(), sensor.model) if isinstance(decider, str) else decider
+    if isinstance(made, SequentialDecider) and isinstance(made.stopping, PosteriorThresholds):
+        return made.probing
+    return made
 
 
 def _name_one(
-    shared: Shared[MeshSetting], truth: int, seed: Sequence[int], max_touches: int, threshold: float
-) -> Naming:
-    obj = shared.value.scene.sample_object(truth, np.random.default_rng([*seed, 0]))
-    return name_object(shared.value, obj, seed, max_touches, threshold)
+    shared: Shared[tuple[TactileSensor, Decider | ProbeSelector]],
+    truth: int,
+    seed: tuple[int, ...],
+    max_touches: int,
+    threshold: float,
+) -> Identification:
+    sensor, player = shared.value
+    world = TouchWorld.sample(sensor, [truth], np.random.default_rng([*seed, 0]))
+    return name_first(world, player, sensor.model, sensor.pose_labels, seed, threshold, max_touches)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,7 +155,7 @@ class Identify(MeshOptions):
 
         activetouch identify scans
         activetouch identify scans --body mug --objects 5 --out runs/mug
-        activetouch identify scans --scale 0.001
+        activetouch identify scans --scale 0.001 --decider value_of_information
     """
 
     body: str | None = None
@@ -178,7 +163,9 @@ class Identify(MeshOptions):
     objects: Count = 20
     """Number of objects to name."""
     max_touches: Count = 16
-    """Touches of an object, at most 26."""
+    """Touches of an object."""
+    decider: str = "shape_information_gain"
+    """Decider, as of compare; one that stops by the target's probability chooses the sides alone."""
     out: Path = Path("runs/identify")
     """Folder for the report."""
 
@@ -189,6 +176,13 @@ class Identify(MeshOptions):
     @ends_claims
     def run(self) -> None:
         """Read, make views, name, report."""
-        (solids, left_out), told = self.read(self.body), self.common | {"max_touches": self.max_touches}
-        found = identify(solids, body=self.body, num_objects=self.objects, **told)
+        solids, left_out = self.read(self.body)
+        found = identify(
+            solids,
+            body=self.body,
+            num_objects=self.objects,
+            max_touches=self.max_touches,
+            decider=self.decider,
+            **self.common,
+        )
         self.report(replace(found, left_out=left_out))

@@ -9,10 +9,11 @@ from functools import cache
 import numpy as np
 import scipy  # whose parts load at first use
 
+from activetouch.perception.contacts.views import BodySet
 from activetouch.poses import hamilton_product
 from activetouch.rotation_cells import centres, nearest
+from belief.observation_model.nested_bodies import NestedBodyModel
 from belief.validation import Floats
-from experiments.meshes.setting import MeshSetting
 
 ALIKE = 0.8
 """Information of a touch [nats] below which two bodies are near twins. Most others tell twice as much."""
@@ -38,26 +39,27 @@ class NearTwins:
         return f"{self.first} and {self.second} feel nearly alike: a touch tells {self.nats:.2f} nats"
 
 
-def near_twins(setting: MeshSetting) -> list[NearTwins]:
+def near_twins(model: NestedBodyModel) -> list[NearTwins]:
     """Pairs that a touch hardly tells apart, most alike first, among the four nearest mean embeddings of each body."""
-    bodies, labels = setting.bodies, setting.bodies.labels
+    bodies, labels = model.bodies, model.shape_labels
+    assert isinstance(bodies, BodySet), "a sensor gives no others"
     if len(labels) < 2:
         return []
-    means = bodies.table.astype(np.float32).mean(axis=1)  # the same however a body is turned
+    means = bodies.table.mean(axis=0, dtype=np.float32)  # the same however a body is turned
     found_near = scipy.spatial.cKDTree(means).query(means, min(_PER_BODY + 1, len(labels)))
     distance, near = np.asarray(found_near[0]), np.asarray(found_near[1])
     rows = np.repeat(np.arange(len(labels)), near.shape[1])
     both = np.sort(np.stack([rows, near.ravel()], axis=1), axis=1)
     order = np.argsort(distance, axis=None, kind="stable")
     pairs = list(dict.fromkeys(map(tuple, both[order][both[order, 0] < both[order, 1]].tolist())))
-    compare = _comparison(setting)
+    compare = _comparison(model, bodies)
     found = [NearTwins(labels[i], labels[j], min(compare(i, j), compare(j, i))) for i, j in pairs[:_MOST_PAIRS]]
     return sorted([one for one in found if one.nats < ALIKE], key=lambda one: one.nats)
 
 
-def _comparison(setting: MeshSetting) -> Callable[[int, int], float]:
+def _comparison(model: NestedBodyModel, bodies: BodySet) -> Callable[[int, int], float]:
     """How much a touch of one body tells against another, in the relative orientation in which it tells least."""
-    bodies, references, constants = setting.bodies, setting.references[:_SUBSET], setting.constants[:_SUBSET]
+    references, constants = model.references[:_SUBSET], model.constants[:_SUBSET]
     orientations = bodies.plan.orientations
     sides = np.arange(0, len(orientations), max(1, len(orientations) // _SIDES))[:_SIDES]
     quarters = np.roll(scipy.spatial.transform.Rotation.create_group("O").as_quat(), 1, axis=1)  # files share axes
@@ -68,8 +70,8 @@ def _comparison(setting: MeshSetting) -> Callable[[int, int], float]:
     @cache
     def log_probs(body: int) -> Floats:
         """Log probabilities of the reference touches in every view, ``(V, M)``."""
-        scores = bodies.table[body].astype(np.float32) @ references.T - constants
-        scores *= np.float32(bodies.scale)
+        scores = bodies.views_of(body) @ references.T - constants
+        scores *= np.float32(model.scale)
         return np.asarray(scores - scipy.special.logsumexp(scores, axis=1, keepdims=True))
 
     def told(body: int, other: int) -> float:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias
 import numpy as np
 import tyro
 
+from activetouch import TactileSensor
 from activetouch.mesh_source import labelled_sources, warn_of
 from activetouch.solids.mesh import Mesh
 from activetouch.solids.mesh_file import ENDINGS
@@ -27,7 +28,6 @@ from experiments.command_line.arguments import Jobs, Positive, Seed, Share, chec
 from experiments.command_line.console import plain_console
 from experiments.meshes.near_twins import NearTwins
 from experiments.meshes.setting import (
-    MeshSetting,
     Possible,
     cost_words,
     read_folder,
@@ -50,7 +50,7 @@ _MOST_TWINS = 20  # that are printed
 class MeshResult(Tabular, Reported):
     """Touched objects of many bodies, those that feel alike, and lines on files left out; prints as its table."""
 
-    setting: MeshSetting
+    sensor: TactileSensor
     twins: Sequence[NearTwins]
     left_out: Sequence[str] = field(default=(), kw_only=True)
     _kind: ClassVar[str]  # what a row of the table is about, in the plural
@@ -94,18 +94,18 @@ class MeshResult(Tabular, Reported):
         sections = [Section(self._kind.capitalize(), [], [self.table()]), Section("Bodies that feel alike", alike)]
         sections += [Section("Files that were left out", self.left_out)] if self.left_out else []
         sections += [
-            Section(title, [end], [], _pictures(self.setting, title, touches, possible))
+            Section(title, [end], [], _pictures(self.sensor, title, touches, possible))
             for title, end, touches, possible in self._shown()
         ]
         return Report(self._question, sections)
 
 
-def _pictures(setting: MeshSetting, title: str, touches: Sequence[str], possible: Sequence[Possible]) -> list[Any]:
+def _pictures(sensor: TactileSensor, title: str, touches: Sequence[str], possible: Sequence[Possible]) -> list[Any]:
     """The bodies that are possible after each touch, as they lie most probably; none where no body stands out."""
     from activetouch.view.portrait import portraits
     from experiments.reporting.style import Picture
 
-    labels, solids = setting.bodies.labels, list(setting.scene.solids.values())
+    labels, solids = sensor.shape_labels, list(sensor.scene.solids.values())
     reach = max((solids[body].bounding_radius for each in possible for body, *_ in each), default=0.0)
 
     def draw(axes: Axes, body: int, prob: float, rest: Floats) -> None:

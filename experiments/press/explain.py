@@ -20,7 +20,7 @@ from belief.table import Table
 from experiments.command_line.arguments import Count, Jobs, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.meshes.near_twins import ALIKE, near_twins
-from experiments.meshes.setting import MeshSetting
+from experiments.meshes.setting import model_of, sensor_of
 from experiments.parallel import default_jobs
 from experiments.scene_choice import SceneChoice
 
@@ -101,7 +101,7 @@ def _alike_words(scene: Scene, name: str, jobs: int) -> list[str]:
         return [f"Shapes are not compared: the proportions of {', '.join(scene.families)} vary."]
     if not (MODELS / name / ANY_OBJECT_FILE).is_file():
         return ["Shapes are not compared: the scene has no sensor that reads any object."]
-    twins = near_twins(MeshSetting.of(scene.solids, sensor=name, jobs=jobs))
+    twins = near_twins(model_of(sensor_of(scene.solids, name, jobs=jobs)))
     return [f"{twin}." for twin in twins[:_MOST_PAIRS]] or [
         f"No two shapes feel nearly alike: from 26 directions, a touch tells {ALIKE} nats or more against any other."
     ]

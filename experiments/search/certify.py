@@ -25,7 +25,7 @@ from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, W
 from experiments.parallel import Shared, Task, default_jobs, run_tasks
 from experiments.search.comparison import prepared, setting_of
 from experiments.search.play import EPISODES_PER_BATCH, Searches, play_episodes
-from experiments.search.setting import Setting
+from experiments.search.setting import CompositionName, Setting
 from planners import Decider, Episode
 from planners.certified import NEVER, WANTED, Certificate, Certified, Fit, fit_of_search
 
@@ -119,6 +119,7 @@ def certify(
     sensor: str | Path | TactileSensor | None = None,
     out: str | Path | None = None,
     num_objects: int | None = None,
+    composition: CompositionName | None = None,
     touch_cost: float = 0.02,
     max_touches: int = 6,
     anyway: bool = False,
@@ -141,6 +142,7 @@ def certify(
         sensor: as of :func:`activetouch.compare`.
         out: file to write; none by default.
         num_objects: number of objects in a search; that of the scene by default.
+        composition: as of :func:`activetouch.compare`.
         touch_cost: cost λ of one touch, in units of a success.
         max_touches: of one object, after which it is not touched again for the certificate.
         anyway: whether to accept a sensor that was made for another scene.
@@ -159,7 +161,8 @@ def certify(
         certificate = activetouch.certify("coarse", risk=0.05, searches=1000)
         activetouch.compare("coarse", "information_gain", certificate=certificate)
     """
-    setting, named, own = setting_of(scene, sensor, num_objects=num_objects, touch_cost=touch_cost, anyway=anyway)
+    rules = {"num_objects": num_objects, "composition": composition, "touch_cost": touch_cost}
+    setting, named, own = setting_of(scene, sensor, **rules, anyway=anyway)
     asked = Certify(
         decider,
         risk,

@@ -16,6 +16,7 @@ from activetouch.named_scenes import SCENES, NamedScene, as_named
 from activetouch.sensor_files import ANY_OBJECT_FILE, NOT_SIMULATED, POLICIES
 from belief.errors import UnknownName
 from belief.files import require_writable
+from belief.observation_model.model import GivesLogits
 from belief.observation_model.rigid_body import joint_model
 from belief.problem import SearchProblem
 from belief.references import ForeignCode
@@ -26,7 +27,7 @@ from experiments.parallel import default_jobs
 from experiments.scene_choice import SceneChoice
 from experiments.search.play import Searches, identity_of, prepare
 from experiments.search.run import Cell, Run, RunFolder, read_episode
-from experiments.search.setting import Setting
+from experiments.search.setting import CompositionName, Setting
 from experiments.search.summary import ALL, Summary
 from experiments.search.tables import results_table, terminal_table
 from experiments.search.verdict import verdict_sentences
@@ -39,6 +40,8 @@ from planners.registry import DECIDERS, copyable, find_decider
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from experiments.reporting.report import Report
 
 DEFAULT_DECIDERS = ("information_gain", "point_based", "threshold", "random_confirm")
 """Deciders that are compared by default; the first is the reference."""
@@ -125,6 +128,10 @@ class Comparison(Summary, Tabular):
             BadArgument: The comparison was computed from episodes alone, so that no search can be replayed.
             CannotWrite: The disk is full, or the folder is not writable.
         """
+        return self.report(folder).save(Path(folder))
+
+    def report(self, folder: str | Path) -> Report:
+        """The report for a folder, into which the searches are written; see :meth:`save`."""
         from experiments.search.page import report_of  # loads matplotlib
 
         if self.run is None:
@@ -132,7 +139,7 @@ class Comparison(Summary, Tabular):
         written = RunFolder(Path(folder))
         if self.run.folder.path is None or self.run.folder.path.resolve() != Path(folder).resolve():
             written.finish(self.run.searches.identity, self.run.arguments, self.run.lines())
-        return report_of(written, self, self.run.searches, self.verdict()).save(Path(folder))
+        return report_of(written, self, self.run.searches, self.verdict())
 
 
 def compare(
@@ -146,6 +153,7 @@ def compare(
     out: str | Path | None = None,
     reference: str | None = None,
     num_objects: int | None = None,
+    composition: CompositionName | None = None,
     touch_cost: float = 0.02,
     abstain: float | None = None,
     certificate: str | Path | Certificate | None = None,
@@ -169,6 +177,8 @@ def compare(
             By default they are kept in memory; :meth:`Comparison.save` writes them.
         reference: decider that the others are compared with; the first by default.
         num_objects: number of objects in a search; that of the scene by default.
+        composition: "distinct", "independent", or "at_most_one", for many shapes: one object has the target's shape, or
+            none. That of the scene by default.
         touch_cost: cost λ of one touch, in units of a success.
         abstain: false-alarm rate of the conflict test, with which every decider can answer "I do not know"; not by
             default.
@@ -193,9 +203,8 @@ def compare(
         print(comparison)
         comparison.save("runs/cone")
     """
-    setting, named, own_sensor = setting_of(
-        *(scene, sensor), num_objects=num_objects, touch_cost=touch_cost, abstain=abstain, anyway=anyway
-    )
+    rules = {"num_objects": num_objects, "composition": composition, "touch_cost": touch_cost, "abstain": abstain}
+    setting, named, own_sensor = setting_of(scene, sensor, **rules, anyway=anyway)
     run = prepared(
         setting,
         deciders,
@@ -283,7 +292,8 @@ def prepared(
     for player in players.values():
         if isinstance(player, str):
             require_policies(player, chosen, setting.choice.scene, folder)
-    files = [] if own_sensor is not None else setting.sensor_files(scene.scene)
+    is_fitted_here = own_sensor is not None or isinstance(sensor.model, GivesLogits)  # to the bodies of the scene
+    files = [] if is_fitted_here else setting.sensor_files(scene.scene)
     digest = files_digest(files) if files else sensor.digest
     model = joint_model(sensor.model)
     if ANY_OBJECT_FILE not in [file.name for file in files] and model is not None:

@@ -18,6 +18,7 @@ from belief.errors import UnknownName
 from experiments.command_line.arguments import BadArgument, Count, NotNegative, Seed, check_arguments
 from experiments.scene_choice import SceneChoice
 from experiments.search.live_protocol import Conversation, as_line, converse, refusal
+from experiments.search.setting import CompositionName
 from experiments.sensor_choice import open_sensor, sensor_folder
 from planners import Session
 from planners.session_log import OtherModel
@@ -44,13 +45,16 @@ class Live:
     """The scene; for a shipped sensor its own by default."""
     objects: Count | None = None
     """Objects on the table; that of the scene by default."""
-    composition: Literal["distinct", "independent"] | None = None
-    """distinct: all objects have different shapes. independent: each object can have any shape. That of the scene by
-    default, or distinct; independent where the exact sum over different ones is too large."""
+    composition: CompositionName | None = None
+    """distinct: all objects have different shapes. independent: each object can have any shape. at_most_one: one object
+    has the target's shape, or none. That of the scene by default, or distinct; independent where the exact sum over
+    different ones is too large."""
     among: tuple[str, ...] = ()
     """Labels of the sensor that objects can have; all by default."""
     decider: str = "information_gain"
     """Decider, as of compare."""
+    observation_model: Literal["nested"] | None = None
+    """nested: orientations are weighed coarse to fine, for hundreds of meshes; the default where they are so many."""
     touch_cost: NotNegative = 0.02
     """Cost λ of one touch, in units of a success."""
     seed: Seed = 0
@@ -93,7 +97,7 @@ class Live:
                 raise UnknownName("target among --among", self.target, among)
             if isinstance(sensor, RecordedSensor):
                 sensor = sensor.among(among)
-            elif composition == "independent":
+            elif composition in ("independent", "at_most_one"):
                 raise BadArgument(
                     "--among, for a sensor of a scene, is of different objects; use --composition distinct"
                 )
@@ -125,4 +129,5 @@ class Live:
         of_scene = "" if given is None or given.exists() else str(given).removesuffix(INDEPENDENT_SUFFIX)
         if of_scene in SCENES and choice.scene == SceneChoice.scene:
             choice = replace(choice, scene=of_scene)
-        return open_sensor(given, choice, self.anyway, unknown_state=self.unknown_state)
+        nested = True if self.observation_model == "nested" else None
+        return open_sensor(given, choice, self.anyway, unknown_state=self.unknown_state, nested=nested)

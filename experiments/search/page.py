@@ -19,7 +19,7 @@ from PIL import Image
 from experiments.reporting.report import Report, Section, data_uri
 from experiments.reporting.style import Picture
 from experiments.search.play import Searches
-from experiments.search.replay_figures import action_words, replay
+from experiments.search.replay_figures import action_words, replay, shown_shapes
 from experiments.search.run import RunFolder
 from experiments.search.summary import ALL, Cell, Summary
 from experiments.search.tables import comparison_tables
@@ -209,7 +209,10 @@ def _story(searches: Searches, decider: str, episode: Episode) -> dict[str, Any]
             "heading": f"object {frame.step.object_index + 1}, a {labels[frame.shape]}",
             "action": action_words(frame.step.decision.action, problem),
             "picture": None if frame.image is None else _picture(frame.image, scale),
-            "bars": [(labels[k], float(prob), k == episode.target) for k, prob in enumerate(frame.posterior)],
+            "bars": [
+                (labels[k], float(frame.posterior[k]), k == episode.target)
+                for k in shown_shapes(frame.posterior, episode.target)
+            ],
             "scores": frame.step.decision.scores,
         }
         for frame in frames

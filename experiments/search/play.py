@@ -78,14 +78,14 @@ def identity_of(scene: Scene, problem: SearchProblem, seed: int) -> dict[str, An
 def prepare(searches: Searches, decider: Decider, target: int) -> None:
     """Let a decider with a method ``prepare`` load what it needs, or raise what keeps it from playing."""
     if callable(ready := getattr(getattr(decider, "decider", decider), "prepare", None)):
-        scene = SceneBelief(searches.problem, searches.sensor.model)
-        ready(InformationState.of(searches.problem, target, scene, 0))
+        problem = searches.problem.seeking(target)
+        ready(InformationState.of(problem, target, SceneBelief(problem, searches.sensor.model), 0))
 
 
 @lru_cache(maxsize=1)
 def _warm_up(searches: Searches) -> None:
     """Touch once and predict a next touch, so that the loading at the first touch of a process is not timed."""
-    sensor, problem, seed = searches.sensor, searches.problem, (searches.seed, 0, 0)
+    sensor, problem, seed = searches.sensor, searches.problem.seeking(0), (searches.seed, 0, 0)
     request = TouchRequest(TouchWorld.of_search(sensor, problem, seed), 0, touch_rng(seed, 0, 0, 0))
     scene = SceneBelief(problem, sensor.model)
     scene.update(0, touch_many(sensor, [request])[0])
@@ -99,7 +99,7 @@ def play_episodes(
 
     The same arguments give the same episodes, bit for bit, in any process: a copy of the decider plays.
     """
-    sensor, problem, spent = searches.sensor, searches.problem, [TouchTime()]
+    sensor, problem, spent = searches.sensor, searches.problem.seeking(target), [TouchTime()]
     seeds: list[Seed] = [(searches.seed, target, number) for number in numbers]
     worlds = [TouchWorld.of_search(sensor, problem, seed) for seed in seeds]
     waited = 0.0

@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -18,8 +19,11 @@ from numpy.typing import NDArray
 
 from activetouch import TactileSensor, TouchWorld
 from activetouch.placement import WorldObject
+from activetouch.rotation_cells import centres
 from activetouch.solids.solid import Shape
 from activetouch.view.portrait import portraits
+from belief.observation_model.evidence import ObjectEvidence
+from belief.observation_model.nested_bodies import NestedEvidence
 from belief.observation_model.rigid_body import joint_model
 from belief.observation_model.rigid_body_evidence import RigidBodyEvidence, joint_evidence
 from belief.problem import Action, Probe, Reject, SearchProblem
@@ -29,18 +33,25 @@ from planners import Episode, Outcome, Step
 from planners.episode import ACTION_NAMES
 
 Floats = NDArray[np.float64]
+BodyEvidence: TypeAlias = RigidBodyEvidence | NestedEvidence
+
+
+def _of_body(evidence: ObjectEvidence) -> BodyEvidence | None:
+    """The evidence, if it is about one rigid body."""
+    return evidence if isinstance(evidence, NestedEvidence) else joint_evidence(evidence)
 
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
     """Hypotheses of the objects' orientations and sizes, and the shapes (nominal solids) that they may have.
 
-    ``rests (N, 4)`` are orientations at rest, unit quaternions ``wxyz``, and ``sizes (N,)`` factors. A picture, of
-    ``pixels`` in width and height, is the mean of ``draws`` bodies.
+    ``rests (N, 4)`` are orientations at rest, unit quaternions ``wxyz``, of each level of cells, or of one table of
+    hypotheses; ``sizes (N,)`` are factors. A picture, of ``pixels`` in width and height, is the mean of ``draws``
+    bodies.
     """
 
     shapes: Mapping[str, Shape]
-    rests: Floats
+    rests: Sequence[Floats]
     sizes: Floats
     pixels: int = 96
     draws: int = 64
@@ -48,23 +59,33 @@ class Bodies:
     @classmethod
     def of(cls, sensor: TactileSensor, pixels: int = 96, draws: int = 64) -> Bodies | None:
         """Bodies of a sensor's joint belief; None for a sensor with any other observation model."""
-        model = joint_model(sensor.model)
-        if model is None:
-            return None
-        rests, sizes, _ = sensor.scene.hypotheses(model.num_hypotheses)
-        return cls(sensor.scene.solids, rests, sizes, pixels, draws)
+        if (model := joint_model(sensor.model)) is not None:
+            rests, sizes, _ = sensor.scene.hypotheses(model.num_hypotheses)
+            return cls(sensor.scene.solids, [rests], sizes, pixels, draws)
+        if (levels := getattr(getattr(sensor.model, "bodies", None), "levels", None)) is not None:
+            return cls(sensor.scene.solids, list(map(centres, levels)), np.ones(1), pixels, draws)
+        return None
 
-    def likeliest(self, evidence: RigidBodyEvidence, probs: Floats, number: int) -> list[tuple[str, float, Floats]]:
+    def likeliest(self, evidence: BodyEvidence, probs: Floats, number: int) -> list[tuple[str, float, Floats]]:
         """Label, probability and mean picture of likely shapes, ``(H, W, 2)``: shade times coverage, and coverage."""
         labels = list(self.shapes)
         found = []
         for shape in np.argsort(-probs, kind="stable")[:number].tolist():
-            rows, counts = _draws(evidence.log_weights[shape], self.draws)
+            rests, sizes, log_weights = self._hypotheses(evidence, shape)
+            rows, counts = _draws(log_weights, self.draws)
             solid = self.shapes[labels[shape]]
-            each = portraits(solid, self.rests[rows], self._radius, self.pixels, self.sizes[rows])
+            each = portraits(solid, rests[rows], self._radius, self.pixels, sizes[rows])
             picture = np.stack([np.nan_to_num(each), np.isfinite(each)], axis=3)
             found.append((labels[shape], float(probs[shape]), np.average(picture, axis=0, weights=counts)))
         return found
+
+    def _hypotheses(self, evidence: BodyEvidence, shape: int) -> tuple[Floats, Floats, Floats]:
+        """Orientations, sizes and log weights of the hypotheses of a shape."""
+        if isinstance(evidence, RigidBodyEvidence):
+            return self.rests[0], self.sizes, evidence.log_weights[shape]
+        level, _, cell, log_weights = evidence.belief.leaves_of(np.array([shape]))
+        rests = np.array([self.rests[at][one] for at, one in zip(level.tolist(), cell.tolist(), strict=True)])
+        return rests, np.ones(len(rests)), log_weights
 
     def outline(self, label: str, body: WorldObject) -> Floats:
         """Whether the true body, whose shape has this label, covers each pixel, ``(H, W)``."""
@@ -97,7 +118,7 @@ class Frame:
     image: NDArray[np.uint8] | None
     posterior: NDArray[np.float64]
     body: WorldObject
-    evidence: RigidBodyEvidence | None = None
+    evidence: BodyEvidence | None = None
 
 
 def action_words(action: Action, problem: SearchProblem) -> str:
@@ -107,9 +128,16 @@ def action_words(action: Action, problem: SearchProblem) -> str:
     return ACTION_NAMES[type(action)]
 
 
+def shown_shapes(posterior: Floats, target: int) -> list[int]:
+    """Indices of the shapes that a picture shows: all, or the target and the most probable ones where they are many."""
+    if len(posterior) <= _MOST_SHAPES:
+        return list(range(len(posterior)))
+    return sorted({target, *np.argsort(-posterior, kind="stable")[: _MOST_SHAPES - 1].tolist()})
+
+
 def replay(sensor: TactileSensor, problem: SearchProblem, episode: Episode) -> list[Frame]:
     """Repeat the touches of an episode of a run with its sensor."""
-    world = TouchWorld.of_search(sensor, problem, episode.seed)
+    world = TouchWorld.of_search(sensor, problem.seeking(episode.target), episode.seed)
     uses: Counter[tuple[int, int]] = Counter()
     frames, nothing = [], sensor.model.start()
     evidence = nothing
@@ -121,19 +149,18 @@ def replay(sensor: TactileSensor, problem: SearchProblem, episode: Episode) -> l
             rng = touch_rng(episode.seed, step.object_index, pose, uses[step.object_index, pose])
             image, _ = world.press(pose, rng)
             uses[step.object_index, pose] += 1
-            if joint_evidence(evidence) is not None:
+            if _of_body(evidence) is not None:
                 [touch] = replace(sensor, with_logits=False).read(image[None], [pose])  # recorded were logits alone
                 evidence = evidence.update(touch)
             posterior = episode.steps[number + 1].belief.probs  # a touch is always followed by a decision
         elif isinstance(step.decision.action, Reject) and number + 1 < len(episode.steps):
             world.advance()
-        frames.append(
-            Frame(step, episode.arrangement[step.object_index], image, posterior, body, joint_evidence(evidence))
-        )
+        frames.append(Frame(step, episode.arrangement[step.object_index], image, posterior, body, _of_body(evidence)))
         evidence = nothing if isinstance(step.decision.action, Reject) else evidence
     return frames
 
 
+_MOST_SHAPES = 12  # in a picture
 _SHOWN = 2  # shapes whose orientation is drawn
 _SURFACE = LinearSegmentedColormap.from_list("surface", ["#0b1d33", "#3f6f9f", "#dbe7f2"])
 
@@ -177,9 +204,9 @@ def draw_search(
 
 def _bars(axes: Axes, frame: Frame, episode: Episode, problem: SearchProblem) -> None:
     """Draw the belief after a step; the target has another colour."""
-    labels = problem.shape_labels
-    colours = [PALETTE[1] if k == episode.target else "#9aa5b1" for k in range(len(labels))]
-    axes.barh(labels, frame.posterior, color=colours)
+    shown = shown_shapes(frame.posterior, episode.target)
+    colours = [PALETTE[1] if k == episode.target else "#9aa5b1" for k in shown]
+    axes.barh([problem.shape_labels[k] for k in shown], frame.posterior[shown], color=colours)
     axes.set(xlim=(0, 1), xticks=(0, 0.5, 1))
     axes.invert_yaxis()
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeAlias
 
 import tyro
 
@@ -20,6 +20,9 @@ from experiments.command_line.trust import Trust
 from experiments.scene_choice import SceneChoice
 from experiments.sensor_choice import open_sensor, sensor_folder
 
+CompositionName: TypeAlias = Literal["distinct", "independent", "at_most_one"]
+"""Name of a :class:`belief.Composition`."""
+
 
 @dataclass(frozen=True)
 class Setting:
@@ -31,8 +34,12 @@ class Setting:
     """Folder of a sensor, or name of a shipped one; that of the scene by default."""
     num_objects: Count | None = None
     """Objects in a search; that of the scene by default."""
-    observation_model: Literal["independent"] | None = None
-    """independent: touches of an object are independent given its shape, not of one rigid body."""
+    composition: CompositionName | None = None
+    """distinct: all objects differ. independent: each can have any shape. at_most_one: one has the target's shape, or
+    none, each place as probable as none; for many shapes. That of the scene by default."""
+    observation_model: Literal["independent", "nested"] | None = None
+    """independent: touches of an object are independent given its shape, not of one rigid body. nested: orientations
+    are weighed coarse to fine, for hundreds of meshes; the default where a table of them all would be too large."""
     unknown_state: bool = False
     """Infer from the touches what is the matter with the sensor: forces, stiffness, noise, broken taxels, a shifted
     image. Needs a reader of any object."""
@@ -77,8 +84,8 @@ class Setting:
 
     def sensor_files(self, scene: Scene) -> list[Path]:
         """The files that determine what the sensor reads in a scene; for a reader of any object, its file alone."""
-        independent = self.observation_model == "independent"
-        reader = reader_file(self.sensor_folder, scene, independent, self.unknown_state)
+        independent, nested = (self.observation_model == name for name in ("independent", "nested"))
+        reader = reader_file(self.sensor_folder, scene, independent, self.unknown_state or nested)
         return [
             reader,
             *([] if reader.name == ANY_OBJECT_FILE else [observation_file(self.sensor_folder, independent)]),
@@ -87,8 +94,9 @@ class Setting:
     def open_sensor(self, named: NamedScene | None = None, jobs: int | None = None) -> TactileSensor:
         """The sensor, after a check that it fits the scene, or ``named`` in place of the setting's scene."""
         scene = self.choice if named is None else named
-        independent = self.observation_model == "independent"
-        return open_sensor(self.sensor, scene, self.anyway, independent, self.unknown_state, jobs)
+        model = self.observation_model
+        nested = True if model == "nested" else None
+        return open_sensor(self.sensor, scene, self.anyway, model == "independent", self.unknown_state, jobs, nested)
 
     @property
     def problem(self) -> SearchProblem:
@@ -99,17 +107,18 @@ class Setting:
         """The rules of the search in a scene."""
         number = named.num_objects if self.num_objects is None else self.num_objects
         shapes = named.scene.shape_labels
-        if self.num_objects is not None and number > len(shapes) and named.composition == Composition.DISTINCT:
+        composition = named.composition if self.composition is None else Composition(self.composition)
+        if self.num_objects is not None and number > len(shapes) and composition == Composition.DISTINCT:
             raise BadArgument(
                 f"--num-objects {number}: the scene has only {len(shapes)} shapes ({', '.join(shapes)}), and all "
-                "objects must differ; a NamedScene with the composition independent allows several of one shape"
+                "objects must differ; --composition independent allows several of one shape"
             )
         try:
             return SearchProblem(
                 shapes,
                 named.scene.pose_labels,
                 num_objects=number,
-                composition=named.composition,
+                composition=composition,
                 touch_cost=self.touch_cost,
                 touch_limit=named.touches_per_object * number,
                 unsure_reward=None if self.abstain is None else 0.0,

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from belief import (
+    AtMostOne,
     Belief,
     Counts,
     ImpossibleObservation,
@@ -20,6 +21,7 @@ from belief import (
     Touch,
     ZeroPriorTarget,
 )
+from belief.arrangement import log_at_most_one_marginals
 from belief.errors import InvalidArgument, UnknownName
 from belief.search_progress import SearchProgress
 
@@ -30,6 +32,7 @@ COMPOSITIONS = {
     "a bag": Counts({"a": 2, "b": 1, "c": 2}),
     "a bag without c": Counts({"a": 3, "b": 2}),
     "one of each and more": Counts({"a": 1, "b": 1, "c": 1}),
+    "at most one b": AtMostOne("b"),
 }
 compositions = pytest.mark.parametrize("composition", list(COMPOSITIONS.values()), ids=list(COMPOSITIONS))
 
@@ -53,6 +56,10 @@ def felt(scores):
 
 def every_table(composition, num_objects):
     """All tables, as shapes ``(tables, N)``, and the probability of each before any touch."""
+    if isinstance(composition, AtMostOne):
+        tables = np.array(list(itertools.product(range(3), repeat=num_objects)))
+        number = (tables == 1).sum(axis=1)
+        return tables, np.where(number < 2, 0.5 ** (num_objects - number) / (num_objects + 1), 0.0)
     if composition == "independent":
         tables = np.array(list(itertools.product(range(3), repeat=num_objects)))
     else:
@@ -224,3 +231,27 @@ def test_a_copy_and_what_was_copied_do_not_share_what_they_are_told(kind, copied
     tell(first, 1)
     assert (len(told(first)[1]), len(told(twin)[1])) == (2, 2)
     assert told(first)[0] != told(twin)[0]
+
+
+def test_at_most_one_target_is_known_by_name_or_asked_for():
+    problem = SearchProblem(LABELS, ("p",), 2, "at_most_one")
+    scene = SceneBelief(problem, Told(), target="c")
+    assert scene.log_marginals().tolist() == scene_of(AtMostOne("c"), 2).log_marginals().tolist()
+    with pytest.raises(InvalidArgument, match="say which, SceneBelief"):
+        SceneBelief(problem, Told())
+    with pytest.raises(ValueError, match="fixes the prior"):
+        scene_of(AtMostOne("c"), prior=Belief.uniform(LABELS))
+    with pytest.raises(UnknownName, match="d"):
+        SearchProblem(LABELS, ("p",), 2, AtMostOne("d"))
+    with pytest.raises(InvalidArgument, match="another shape"):
+        SearchProblem(("a",), ("p",), 1, "at_most_one")
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e3, 1e150, 1e307])
+def test_at_most_one_target_stands_weights_of_all_sizes(size):
+    weights = size * np.array([[3.0, -1.0, 2.0], [-1.0, 1.0, 0.5], [0.0, -1.0, -2.0]])
+    found = log_at_most_one_marginals(weights, 1)
+    np.testing.assert_allclose(np.exp(found).sum(axis=1), 1.0)
+    assert not np.isnan(found).any()
+    if size > 1:
+        assert np.exp(found[:, 1]).round(9).tolist() == [0.0, 1.0, 0.0]

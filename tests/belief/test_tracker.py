@@ -30,7 +30,7 @@ def joint_marginals(model, touches_by_object, composition, num_shapes=4):
     return totals / totals.sum(axis=1, keepdims=True)
 
 
-@pytest.mark.parametrize("composition", list(Composition))
+@pytest.mark.parametrize("composition", [Composition.DISTINCT, Composition.INDEPENDENT])
 def test_scene_belief_equals_enumeration_of_the_joint(model, rng, composition):
     scene = SceneBelief(problem(3, composition), model)
     touches = [model.sample(shape, poses, rng) for shape, poses in ((2, [0, 1, 1]), (0, [2]), (1, []))]

@@ -30,7 +30,8 @@ def problem_for(model, composition=Composition.DISTINCT, num_objects=None, touch
 
 
 def play(name, model, problem, seeds, target=0):
-    worlds = [SyntheticWorld(model, sample_arrangement(problem, np.random.default_rng([s, 99]))) for s in seeds]
+    own = problem.seeking(target)
+    worlds = [SyntheticWorld(model, sample_arrangement(own, np.random.default_rng([s, 99]))) for s in seeds]
     decider = make_decider(name, model.outcome_table(), simulations=SIMULATIONS)
     return search_lockstep(worlds, decider, problem, [target] * len(worlds), model, [(s,) for s in seeds])
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.special import logsumexp
@@ -16,11 +17,12 @@ from scipy.special import logsumexp
 from activetouch.perception.contacts.hypotheses import ContactHypotheses
 from activetouch.perception.contacts.imaging import Floats32
 from activetouch.perception.contacts.sensor_state import sensor_state
-from activetouch.perception.contacts.views import BodySet, Felt
+from activetouch.perception.contacts.views import BodySet, Felt, ViewPlan
 from activetouch.poses import turned
 from activetouch.pressing.height_maps import predicted_contacts
 from activetouch.rotation_cells import centres, nested
 from activetouch.scene import Scene
+from activetouch.scene_description import described
 from activetouch.solids.solid import Shape
 from belief.coarse_to_fine import CoarseToFine, Ints
 from belief.validation import Floats, require_count, require_number
@@ -69,22 +71,37 @@ class CloseLook:
             require_count(name, getattr(self, name))
 
 
-@dataclass(frozen=True, eq=False)
-class CloseContacts:
-    """Weighs a few bodies by exactly predicted contacts; ``code (1, STATE_SIZE)`` is the state of the sensor."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CloseContacts(BodySet):
+    """Bodies of which a few are weighed by exactly predicted contacts; ``code (1, STATE_SIZE)`` is of the sensor."""
 
-    reader: ContactHypotheses
+    hypotheses: ContactHypotheses
     code: Floats32
     solids: tuple[Shape, ...]
-    bodies: BodySet
     look: CloseLook
 
     @classmethod
-    def of(cls, reader: ContactHypotheses, scene: Scene, bodies: BodySet, look: CloseLook) -> CloseContacts:
-        """For the bodies of a scene, in the state of its sensor."""
-        return cls(reader, sensor_state(reader.imaging, scene).code(), tuple(scene.solids.values()), bodies, look)
+    def of_scene(
+        cls, reader: ContactHypotheses, scene: Scene, plan: ViewPlan, levels: tuple[int, ...], look: CloseLook
+    ) -> CloseContacts:
+        """The bodies of a scene, in the state of its sensor."""
+        code, solids = sensor_state(reader.imaging, scene).code(), scene.solids
+        own: dict[str, Any] = {"hypotheses": reader, "code": code, "solids": tuple(solids.values()), "look": look}
+        return cls.of(reader, scene, solids, plan, levels=levels, **own)
 
-    def checked(self, belief: CoarseToFine) -> CoarseToFine:
+    def fields(self) -> dict[str, Any]:
+        """See :class:`BodySet`."""
+        bodies = [described(solid) for solid in self.solids]
+        views = {"plan": vars(self.plan), "poses": self.poses.tolist(), "levels": list(self.levels)}
+        return {
+            "reader": self.hypotheses.digest,
+            "state": self.code.tolist(),
+            **views,
+            "look": vars(self.look),
+            "of": bodies,
+        }
+
+    def looked(self, belief: CoarseToFine) -> CoarseToFine:
         """The belief with recomputed evidence of the bodies that are still possible; the others keep theirs."""
         look, probs = self.look, belief.probs
         few = np.argsort(-probs)[: look.bodies]
@@ -128,7 +145,7 @@ class CloseContacts:
 
     def _proposed(self, body: int, touches: Sequence[Felt]) -> Ints:
         """The most probable cells by the views of a body: the best one of each wide cell."""
-        total = sum(self.bodies.view_scores(body, touch)[self.bodies.shown(2, touch.pose)] for touch in touches)
+        total = sum(self.view_scores(body, touch)[self.shown(2, touch.pose)] for touch in touches)
         wide = np.reshape(total, (-1, _PARTS))
         best = np.argsort(-wide.max(axis=1))[: self.look.proposed]
         return best * _PARTS + wide[best].argmax(axis=1)
@@ -141,12 +158,10 @@ class CloseContacts:
         for first in range(0, len(wanted), _AT_ONCE):
             some = wanted[first : first + _AT_ONCE]
             places = np.array([place for _, place in some])
-            turns = np.concatenate(
-                [turned(self.bodies.poses[touch.pose], rests[cells[place]][None]) for touch, place in some]
-            )
-            window = self.reader.imaging.wide_window
+            turns = np.concatenate([turned(self.poses[touch.pose], rests[cells[place]][None]) for touch, place in some])
+            window = self.hypotheses.imaging.wide_window
             maps = predicted_contacts(self.solids[body], turns, (0.0, 0.0), window, sizes[places], np.float32)
-            (embedded,) = self.reader.embed(maps, width, self.code)
+            (embedded,) = self.hypotheses.embed(maps, width, self.code)
             for (touch, place), one in zip(some, embedded, strict=True):
                 touch.exact[keys[place]] = float(one @ touch.embedding)
         return np.array([sum(touch.exact[key] for touch in touches) for key in keys])

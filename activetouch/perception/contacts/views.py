@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,11 +25,11 @@ from activetouch.rotation_cells import centres, nearest, nested, views
 from activetouch.scene import Scene
 from activetouch.scene_description import described
 from activetouch.solids.solid import Shape
-from belief.coarse_to_fine import CoarseToFine, Effort, Ints
+from belief.coarse_to_fine import CoarseToFine, Ints
+from belief.files import array_digest
 from belief.validation import Floats, require_number
 
 _AT_ONCE = 128  # contacts
-_BODIES = 50  # bodies at a time
 _DECIMALS = 7
 _IN_SINGLE = 1 << 28  # numbers; larger tables stay in half precision
 
@@ -103,10 +103,10 @@ class Felt:
 
 @dataclass(frozen=True, eq=False)
 class BodySet:
-    """K bodies, embedded in all views: the likelihood of touches for a belief from coarse to fine.
+    """K bodies, embedded in all views (:class:`belief.observation_model.nested_bodies.BodyLikelihood`).
 
-    ``table (K, V, D)`` has the embeddings, ``poses (P, 4)`` the rotations of the poses, ``levels`` the levels of the
-    cells, coarse first. ``scale`` and ``drift`` are those of :class:`belief.coarse_to_fine.CoarseToFine`.
+    ``table (V, K, D)`` has the embeddings, ``poses (P, 4)`` the rotations of the poses, ``levels`` the levels of the
+    cells, coarse first.
     """
 
     labels: tuple[str, ...]
@@ -114,43 +114,44 @@ class BodySet:
     plan: ViewPlan
     poses: Floats
     levels: tuple[int, ...] = (0, 1, 2)
-    scale: float = 1.0
-    drift: float = 0.06
-    effort: Effort = field(default_factory=Effort)
 
     @classmethod
     def of(
-        cls, reader: ContactHypotheses, scene: Scene, solids: Mapping[str, Shape], plan: ViewPlan, **others: Any
-    ) -> BodySet:
+        cls, reader: ContactHypotheses, scene: Scene, solids: Mapping[str, Shape], plan: ViewPlan, /, **others: Any
+    ) -> Self:
         """Bodies embedded for the sensor of a scene; those in the cache take no time."""
-        first = next(iter(solids.values()))
-        num_views, width = embedded_views(reader, scene, first, plan).shape
-        size = len(solids) * num_views * width
-        table = np.empty((len(solids), num_views, width), np.float32 if size <= _IN_SINGLE else np.float16)
-        for row, solid in zip(table, solids.values(), strict=True):
-            row[:] = embedded_views(reader, scene, solid, plan)
+        first = embedded_views(reader, scene, next(iter(solids.values())), plan)
+        is_large = len(solids) * first.size > _IN_SINGLE
+        table = np.empty((len(first), len(solids), first.shape[1]), np.float16 if is_large else np.float32)
+        for body, solid in enumerate(solids.values()):
+            table[:, body] = embedded_views(reader, scene, solid, plan)
         return cls(tuple(solids), table, plan, np.array(list(scene.rotations.values())), **others)
 
-    def start(self, log_prior: Floats | None = None) -> CoarseToFine:
-        """The belief before the first touch, from a log prior of the bodies, ``(K,)``; all are equal by default."""
-        prior = np.zeros(len(self.labels)) if log_prior is None else log_prior
-        return CoarseToFine.start(prior, nested(self.levels), self, self.effort, self.scale, self.drift)
+    @property
+    def num_poses(self) -> int:
+        """P."""
+        return len(self.poses)
 
-    def felt(self, pose: int, embedding: Floats32) -> Felt:
+    def looked(self, belief: CoarseToFine) -> CoarseToFine:
+        """The belief; see :class:`activetouch.perception.contacts.close_look.CloseContacts`."""
+        return belief
+
+    def fields(self) -> dict[str, Any]:
+        """See :class:`belief.observation_model.nested_bodies.BodyLikelihood`."""
+        return {"views": array_digest({"table": self.table, "poses": self.poses}), "levels": list(self.levels)}
+
+    def felt(self, pose: int, embedding: NDArray[np.floating]) -> Felt:
         """A touch for :meth:`CoarseToFine.update`."""
-        num, num_views, _ = self.table.shape
+        num_views, num, _ = self.table.shape
         return Felt(
             pose, np.asarray(embedding, np.float32), np.empty((num, num_views), np.float32), np.zeros(num, bool)
         )
 
     def coarsest(self, touch: Felt) -> Floats32:
         """See :class:`belief.coarse_to_fine.CellLikelihood`."""
-        shown = self.shown(self.levels[0], touch.pose)
-        found = np.empty((len(self.table), len(shown)), np.float32)
-        for first in range(0, len(found), _BODIES):  # whose embeddings stay in the processor's cache
-            some = slice(first, first + _BODIES)
-            found[some] = self.table[some].take(shown, axis=1).astype(np.float32, copy=False) @ touch.embedding
-        return found
+        shown, places = np.unique(self.shown(self.levels[0], touch.pose), return_inverse=True)
+        found = np.stack([self.table[view].astype(np.float32, copy=False) @ touch.embedding for view in shown.tolist()])
+        return np.ascontiguousarray(found.T[:, places])
 
     def parts(self, touches: Sequence[Felt], level: int, bodies: Ints, parents: Ints) -> Floats32:
         """See :class:`belief.coarse_to_fine.CellLikelihood`."""
@@ -165,22 +166,29 @@ class BodySet:
     def view_scores(self, body: int, touch: Felt) -> Floats32:
         """Log likelihoods of a touch given each view of a body, ``(V,)``."""
         if not touch._known[body]:
-            touch._scores[body] = self.table[body].astype(np.float32, copy=False) @ touch.embedding
+            touch._scores[body] = self.views_of(body) @ touch.embedding
             touch._known[body] = True
         return touch._scores[body]
 
-    def log_ratios(self, level: Ints, bodies: Ints, cells: Ints, references: Floats32) -> Floats32:
-        """Log ratios of reference touches in every pose for n hypotheses, ``(P, n, M)``.
+    def views_of(self, body: int) -> Floats32:
+        """The embeddings of a body in all views, ``(V, D)``."""
+        return self.table[:, body].astype(np.float32, copy=False)
+
+    def log_ratios(
+        self, level: Ints, bodies: Ints, cells: Ints, references: Floats32, poses: Sequence[int] | None = None
+    ) -> Floats32:
+        """Log ratios of reference touches in every pose, or some, for n hypotheses, ``(P, n, M)``.
 
         ``level (n,)`` is the place of each cell's level in this set; ``bodies`` and ``cells`` are ``(n,)``.
         ``references (M, D)`` are embeddings of touches that stand for all.
         """
-        shown = np.empty((len(self.poses), len(bodies)), np.int64)
+        some_poses = range(len(self.poses)) if poses is None else poses
+        shown = np.empty((len(some_poses), len(bodies)), np.int64)
         for place in np.unique(level).tolist():
             some = level == place
-            for pose in range(len(self.poses)):
-                shown[pose, some] = self.shown(self.levels[place], pose)[cells[some]]
-        found = self.table[bodies, shown].astype(np.float32, copy=False)
+            for row, pose in enumerate(some_poses):
+                shown[row, some] = self.shown(self.levels[place], pose)[cells[some]]
+        found = self.table[shown, bodies].astype(np.float32, copy=False)
         return found @ references.T
 
     def shown(self, level: int, pose: int) -> NDArray[np.int32]:

@@ -3,7 +3,6 @@
 import json
 import re
 import shutil
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,36 +10,43 @@ import scipy
 import trimesh
 from scipy.special import logsumexp
 
+from activetouch import TouchWorld
 from activetouch.errors import MeshWarning
 from activetouch.mesh_source import labelled_sources
-from activetouch.named_scenes import SCENES
+from activetouch.named_scenes import SCENES, NamedScene
 from activetouch.perception.contacts.close_look import CloseLook
 from activetouch.perception.contacts.views import BodySet, ViewPlan, are_embedded, embedded_views
+from activetouch.perception.many_bodies import NestedPlan
 from activetouch.poses import POSE_SETS, to_matrices, turned
 from activetouch.pressing.height_maps import predicted_contacts
 from activetouch.rotation_cells import centres, nearest, nested
 from activetouch.shapes import Box, Mesh
-from belief.coarse_to_fine import Effort
+from belief import Probe, Reject, SceneBelief, SearchProblem
+from belief.coarse_to_fine import CoarseToFine, Effort
 from belief.errors import InvalidArgument, UnknownName
 from belief.files import sealed_json, unsealed_json
 from experiments.cli import REGISTRY
 from experiments.meshes import setting as setting_module
-from experiments.meshes.find import Find, find
-from experiments.meshes.identify import Identify, identify, name_object
+from experiments.meshes.find import Find, find, stated
+from experiments.meshes.identify import Identify, identify
 from experiments.meshes.near_twins import near_twins
 from experiments.meshes.setting import (
-    MeshSetting,
     cost_words,
     read_folder,
     reader_of,
     reading_words,
     scene_of,
+    sensor_of,
     view_seconds,
 )
 from experiments.press.explain import Explain
 from experiments.scene_choice import SceneChoice
+from experiments.search.certify import certify
+from planners import Outcome
+from planners.certified import NotCertified
 
-PLAN = ViewPlan(12, 4)
+RULES = {"num_objects": 3, "composition": "at_most_one"}
+PLAN, FEW, EFFORT = ViewPlan(12, 4), ViewPlan(4, 4), Effort()
 POSES = np.array(list(POSE_SETS["directions26"].values()))
 
 
@@ -66,8 +72,9 @@ def test_the_evidence_of_twenty_bodies_is_that_of_all_finest_cells():
     turns = to_matrices(plan.orientations).reshape(-1, 9)
     smooth = np.concatenate([turns, turns**2, turns * np.roll(turns, 1, axis=1)], axis=1)
     table = np.einsum("vf,kfd->kvd", smooth, rng.normal(0.0, 0.5, (20, 27, 8))).astype(np.float32)
-    bodies = BodySet(tuple(map(str, range(20))), table, plan, POSES, (1, 2), 0.8, 0.05, Effort(tolerance=0.01))
-    rest, belief, whole = centres(2)[1000], bodies.start(), np.zeros((20, 6912))
+    bodies = BodySet(tuple(map(str, range(20))), np.ascontiguousarray(table.swapaxes(0, 1)), plan, POSES, (1, 2))
+    belief = CoarseToFine.start(np.zeros(20), nested((1, 2)), bodies, Effort(tolerance=0.01), 0.8, 0.05)
+    rest, whole = centres(2)[1000], np.zeros((20, 6912))
     for count, pose in enumerate((3, 9, 21, 14, 0, 7), 1):
         view = nearest(turned(POSES[pose], rest[None]), plan.orientations)[0]
         embedding = table[4, view] + rng.normal(0.0, 0.5, 8).astype(np.float32)
@@ -105,8 +112,8 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def setting(folder):
-    return MeshSetting.of(read_folder(folder)[0], plan=PLAN, levels=(0, 1), pressed=4, jobs=1)
+def sensor(folder):
+    return sensor_of(read_folder(folder)[0], plan=NestedPlan(PLAN, (0, 1), pressed=4), jobs=1)
 
 
 def test_a_folder_is_read_with_what_cannot_be_read_left_out(folder, tmp_path):
@@ -143,8 +150,8 @@ def test_every_command_says_what_a_folder_has_and_is_not_read(tmp_path, capsys):
     assert capsys.readouterr().out.splitlines()[-2:] == [f"- {line}" for line in left_out]
 
 
-def test_twins_are_named_before_the_first_touch(setting):
-    found = near_twins(setting)
+def test_twins_are_named_before_the_first_touch(sensor):
+    found = near_twins(sensor.model)
     assert {found[0].first, found[0].second} == {"bar", "same"}
     assert found[0].nats == pytest.approx(0.0, abs=1e-3)
     assert "a touch tells 0.00 nats" in str(found[0])
@@ -158,7 +165,7 @@ def test_bodies_are_named_and_the_report_shows_those_that_are_possible(folder, t
     for row, naming in zip(rows, found.namings, strict=True):
         assert 1 <= row["touches"] <= 3
         assert row["stated"] <= 0.6 or row["named"] in ("cube", "plate")  # bar and same are one body
-        assert len(set(naming.poses)) == len(naming.poses)
+        assert len(set(naming.poses)) == len(naming.poses) == len(naming.log_probs)
     page = found.save(tmp_path / "report").read_text()
     assert "broken.obj is left out: there are no triangles" in page
     assert "broken.obj is left out: there are no triangles" in str(found)
@@ -171,14 +178,13 @@ def test_bodies_are_named_and_the_report_shows_those_that_are_possible(folder, t
 def test_a_search_says_where_the_target_is_or_that_it_is_not_there(folder, tmp_path):
     found = find(folder, "cube.obj", num_objects=2, num_searches=6, jobs=1, plan=PLAN, levels=(0, 1), pressed=4)
     assert len(found.rows()) == 6
-    for one in found.searches:
-        assert ("cube" in [found.setting.bodies.labels[body] for body in one.objects]) == (one.truth < 2)
-        np.testing.assert_allclose(one.places.sum(axis=1), 1.0)
+    for row in found.rows():
+        assert ("cube" in row["objects"].split()) == (row["target"] != "not there")
     assert sum(row["right"] for row in found.rows()) >= 4
     assert "answers are right" in str(found)
     assert found.save(tmp_path).exists()
     usual = find(folder, "cube", num_searches=1, threshold=0.3, jobs=1, plan=PLAN, levels=(0, 1), pressed=4)
-    assert len(usual.searches[0].objects) == 3
+    assert len(usual.rows()[0]["objects"].split()) == 3
 
 
 @pytest.mark.filterwarnings("ignore:.*broken.obj is left out")
@@ -190,9 +196,9 @@ def test_what_cannot_be_sought_is_refused(folder):
     with pytest.raises(InvalidArgument, match="nothing to tell apart"):
         find([folder / "cube.obj"], "cube")
     with pytest.raises(InvalidArgument, match="reader of any object"):
-        MeshSetting.of({"cube": Box((0.01, 0.01, 0.01))}, sensor="paper")
+        sensor_of({"cube": Box((0.01, 0.01, 0.01))}, "paper")
     with pytest.raises(InvalidArgument, match="no bodies"):
-        MeshSetting.of({})
+        sensor_of({})
 
 
 def test_a_folder_has_a_scale_and_names_are_checked_before_files_are_read(folder, tmp_path, capsys):
@@ -229,31 +235,94 @@ DAMAGES = {
 
 def test_a_fit_that_is_damaged_or_of_another_set_is_made_again(tmp_path, monkeypatch):
     monkeypatch.setenv("ACTIVETOUCH_CACHE", str(tmp_path))
-    small = {"plan": ViewPlan(4, 4), "levels": (0,), "jobs": 1}
 
-    def fit(*sides, **others):
+    def fit(*sides, pressed=1, levels=(0,), views=FEW, effort=EFFORT):
         solids = {f"{side}": box(0.014, side / 1000, 0.018) for side in sides}
         before = set(tmp_path.glob("*.json"))
-        made = MeshSetting.of(solids, **{**small, "pressed": 1, **others})
+        made = sensor_of(solids, plan=NestedPlan(views, levels, effort, pressed=pressed), jobs=1).model
         return made, set(tmp_path.glob("*.json")) - before
 
     own, [path] = fit(7, 9)
-    _, [other] = fit(8, 9)
+    _, [other] = fit(7, 9, 11)
     content, of_another = path.read_text(), other.read_text()
     for name, damage in DAMAGES.items():
         path.write_text(damage(content, of_another))
         again, new = fit(7, 9)
         assert not new, name
-        assert (again.bodies.scale, again.bodies.drift) == (own.bodies.scale, own.bodies.drift), name
+        assert (again.scale, again.drift) == (own.scale, own.drift), name
         np.testing.assert_array_equal(again.references, own.references, name)
         assert path.read_text() == content, name
-    for others in ({"pressed": 2}, {"levels": (1,)}, {"plan": ViewPlan(4, 4, 0.3)}, {"effort": Effort(splits=8)}):
+    for others in ({"pressed": 2}, {"levels": (1,)}, {"views": ViewPlan(4, 4, 0.3)}, {"effort": Effort(splits=8)}):
         assert len(fit(7, 9, **others)[1]) == 1, others
 
 
-def test_a_given_order_is_followed(setting):
-    obj = setting.scene.sample_object("bar", np.random.default_rng(0))
-    assert list(name_object(setting, obj, [1], max_touches=3, order=[9, 2, 25, 0]).poses) == [9, 2, 25]
+def test_a_set_of_about_as_many_other_bodies_needs_no_fit(tmp_path, monkeypatch):
+    monkeypatch.setenv("ACTIVETOUCH_CACHE", str(tmp_path))
+    plan, scales = NestedPlan(ViewPlan(4, 4), (0,), pressed=1), []
+    for sides in ((7, 9, 11), (8, 10, 12, 14), (7, 9, 11, 8, 10)):
+        solids = {f"{side}": box(0.014, side / 1000, 0.018) for side in sides}
+        scales.append(sensor_of(solids, plan=plan, jobs=1).model.scale)
+        assert len(list(tmp_path.glob("*.json"))) == (2 if len(sides) > 4 else 1)
+    assert scales[0] == scales[1]
+
+
+def test_find_plays_every_decider_of_compare_and_its_run_can_be_continued(folder, tmp_path, capsys):
+    small = {"num_objects": 2, "num_searches": 2, "jobs": 1, "plan": PLAN, "levels": (0, 1), "pressed": 4}
+    players = ["information_gain", "shape_information_gain", "value_of_information", "point_based", "threshold"]
+    with pytest.warns(MeshWarning, match="broken"):
+        found = find(folder, "cube", deciders=[*players, "random_confirm", "random_poses"], out=tmp_path, **small)
+    assert set(found.comparison.deciders) == {*players, "random_confirm", "random_poses"}
+    for row in found.rows():
+        assert row["right"] == (row["answer"] == row["target"])
+        assert 0.0 < row["stated"] <= 1.0
+    kept = {path: path.read_bytes() for path in tmp_path.glob("cells/*")}
+    with pytest.warns(MeshWarning, match="broken"):
+        again = find(folder, "cube", deciders=players[:1], out=tmp_path, **small)
+    assert kept == {path: path.read_bytes() for path in tmp_path.glob("cells/*")}
+    assert again.rows() == [row for row in found.rows() if row["decider"] == players[0]]
+
+
+def test_what_is_stated_of_a_search_for_at_most_one_target_is_its_posterior(sensor):
+    problem = SearchProblem(sensor.shape_labels, sensor.pose_labels, 3, "at_most_one")
+    for seed in range(6):
+        episode = sensor.search("bar", "random_poses(confirm=0.9, reject=0.05, max_touches=2)", seed, **RULES)
+        scene = SceneBelief(problem, sensor.model, target="bar")
+        for step in episode.steps:
+            if step.touch is not None:
+                scene.update(step.object_index, [step.touch])
+        is_found = episode.outcome is Outcome.CONFIRMED
+        probs = [scene.belief(place).probs[0] for place in range(3)]
+        expected = probs[episode.steps[-1].object_index] if is_found else 1.0 - scene.prob_present("bar")
+        assert stated(episode) == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_session_among_many_meshes_continues_from_its_log(sensor, tmp_path):
+    rng, world = np.random.default_rng(0), TouchWorld.sample(sensor, ["plate", "bar"], np.random.default_rng(1))
+    rules = {"seed": 3, "log": tmp_path / "log", "abstain": False, "num_objects": 2, "composition": "at_most_one"}
+    session = sensor.session("bar", **rules)
+    session.tell(image=world.press(session.ask().pose, rng)[0])
+    belief = session.belief.probs
+    session.close()
+    session = sensor.session("bar", **rules)
+    np.testing.assert_array_equal(session.belief.probs, belief)
+    while (action := session.ask()) is not None:
+        session.tell(*([world.touch(action.pose, rng)] if isinstance(action, Probe) else []))
+        if action == Reject():
+            world.advance()
+    assert session.outcome is Outcome.CONFIRMED
+    assert session.object_index == 1
+    session.close()
+
+
+@pytest.mark.filterwarnings("ignore:.*broken.obj is left out")
+def test_searches_among_many_meshes_are_certified(folder, sensor):
+    rules = {"risk": 0.3, "searches": 40, "targets": "cube", "num_objects": 2, "composition": "at_most_one", "jobs": 1}
+    certificate = certify(NamedScene(sensor.scene), sensor=sensor, **rules)
+    small = {"num_objects": 2, "num_searches": 2, "jobs": 1, "plan": PLAN, "levels": (0, 1), "pressed": 4}
+    found = find(folder, "cube", certificate=certificate, **small)
+    assert found.comparison.deciders == ["information_gain", "certified information_gain"]
+    with pytest.raises(NotCertified, match="num_objects=3"):
+        find(folder, "cube", certificate=certificate, **{**small, "num_objects": 3})
 
 
 def test_all_that_find_and_identify_spend_is_said_before(tmp_path, monkeypatch):
@@ -300,24 +369,26 @@ def test_find_and_identify_are_commands():
 
 def test_a_closer_look_finds_how_an_object_lies_and_what_it_is_among_bodies_that_are_nearly_alike():
     solids = {f"{side}": box(0.014, side / 1000, 0.018) for side in (7, 9, 11)}
-    setting = MeshSetting.of(solids, plan=PLAN, pressed=3, jobs=1)
-    rng, look = np.random.default_rng(2), CloseLook()
-    obj, belief = setting.scene.sample_object(1, rng), setting.bodies.start()
+    sensor, never = (
+        sensor_of(solids, plan=NestedPlan(PLAN, look=look, pressed=3), jobs=1) for look in (CloseLook(), CloseLook(0))
+    )
+    rng, look, hypotheses = np.random.default_rng(2), CloseLook(), sensor.reader.hypotheses
+    world, evidence = TouchWorld.sample(sensor, [1], rng), never.model.start()
+    obj = world.current
     for pose in (0, 4, 9, 13, 17, 22):
-        belief = setting.update(belief, pose, setting.touch(obj, pose, rng))
-    found = setting._close.log_evidence(np.arange(3), belief.touches)
+        evidence = evidence.update(world.touch(pose, rng))
+    belief = evidence.belief
+    found = sensor.model.bodies.log_evidence(np.arange(3), belief.touches)
     rest, exact = np.array(obj.orientation), 0.0
     for touch in belief.touches:
-        turn, window = turned(POSES[touch.pose], rest[None]), setting.reader.hypotheses.imaging.wide_window
+        turn, window = turned(POSES[touch.pose], rest[None]), hypotheses.imaging.wide_window
         maps = predicted_contacts(list(solids.values())[1], turn, (0.0, 0.0), window, obj.scale, np.float32)
-        (embedded,) = setting.reader.hypotheses.embed(maps, look.widths[-1], np.zeros((1, 41), np.float32))
+        (embedded,) = hypotheses.embed(maps, look.widths[-1], np.zeros((1, 41), np.float32))
         exact += float(embedded[0] @ touch.embedding)
     share = look.scale / (1.0 + look.drift * 5)
     assert found[1] > share * exact - np.log(len(centres(4)) * 3) - 5.0
     assert found.argmax() == 1
-    looked = setting.looked(belief)
-    assert looked.probs[1] > belief.probs[1]
-    unchanged = replace(setting, look=CloseLook(bodies=0)).looked(belief)
-    np.testing.assert_array_equal(unchanged.probs, belief.probs)
+    assert sensor.model.bodies.looked(belief).probs[1] > belief.probs[1]
+    np.testing.assert_array_equal(never.model.bodies.looked(belief).probs, belief.probs)
     with pytest.raises(InvalidArgument, match="divided"):
         CloseLook(divided=0)

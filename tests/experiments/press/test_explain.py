@@ -82,8 +82,9 @@ def test_explain_says_what_the_belief_holds_and_what_a_press_costs(capsys):
 
 def test_explain_names_shapes_that_feel_nearly_alike(monkeypatch, capsys):
     twins = [NearTwins("cube", "cone", 0.5)]
-    monkeypatch.setattr(explain, "near_twins", lambda setting: twins)
-    monkeypatch.setattr(explain.MeshSetting, "of", lambda solids, sensor, jobs: None)
+    monkeypatch.setattr(explain, "near_twins", lambda model: twins)
+    monkeypatch.setattr(explain, "sensor_of", lambda solids, sensor, jobs: None)
+    monkeypatch.setattr(explain, "model_of", lambda sensor: None)
     Explain(SceneChoice("coarse"), presses=1).run()
     printed = capsys.readouterr().out
     text = " ".join(printed.split())

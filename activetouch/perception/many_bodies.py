@@ -1,0 +1,198 @@
+"""The observation model of many bodies for a reader of any object: embedded in views, fitted, nothing is trained.
+
+A fit is kept in the cache under the sensor and the size of the set, so that a set of nearly as many other bodies needs
+none.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+import scipy  # whose parts load at first use
+from scipy.special import logsumexp
+
+from activetouch.errors import WrongScene
+from activetouch.orientations import Inexact, Tumbled
+from activetouch.perception.cached_arrays import announced, cached, require_name
+from activetouch.perception.contacts.close_look import CloseContacts, CloseLook
+from activetouch.perception.contacts.hypotheses import CONTACTS_IN_ALL, FEWEST, ContactHypotheses
+from activetouch.perception.contacts.imaging import Floats32
+from activetouch.perception.contacts.views import BodySet, ViewPlan
+from activetouch.perception.reader import TactileReader
+from activetouch.rotation_cells import nested
+from activetouch.scene import Scene
+from activetouch.scene_description import OBJECTS, SURROUNDINGS, scene_fields
+from activetouch.solids.family import Family
+from belief.coarse_to_fine import Effort
+from belief.errors import InvalidArgument
+from belief.files import from_field, require_regular_file, sealed_json, to_field, unsealed_json, write_text
+from belief.observation_model.nested_bodies import NestedBodyModel
+from belief.validation import Floats
+
+PRESSED, TOUCHES = 48, 12
+"""Objects to which a set of bodies is fitted, and touches of each."""
+_REFERENCES = 128
+_AVERAGED = 64  # bodies that the constants of references are averaged over
+_CHECKPOINTS = (1, 2, 4, 8, 12)
+_RELEVANT, _LEFT = 1e-5, 1e-4  # posterior of a cell that counts for the fit, and of bodies without one
+_MANY = 200  # bodies above which the coarsest cells are used for all
+_SIZES = 0.95, 1.05
+_FLAT = 4 * CONTACTS_IN_ALL  # predicted contacts of all hypotheses, above which cells take the place of a table
+
+Fit: TypeAlias = tuple[float, float, Floats32]
+"""Scale and drift of a set of bodies, and references: embeddings of touches in half precision, ``(M, D)``."""
+
+
+@dataclass(frozen=True)
+class NestedPlan:
+    """How closely many bodies are examined: the accuracy against the time.
+
+    Attributes:
+        views: in which each body is embedded.
+        levels: of cells, coarse first; None chooses by the number of bodies.
+        effort: limits on the refinement of a belief.
+        look: how closely the bodies that are still possible are looked at.
+        pressed: number of simulated objects that temperature and drift are fitted to.
+    """
+
+    views: ViewPlan = field(default_factory=ViewPlan)
+    levels: tuple[int, ...] | None = None
+    effort: Effort = field(default_factory=Effort)
+    look: CloseLook = field(default_factory=CloseLook)
+    pressed: int = PRESSED
+
+    def levels_of(self, number: int) -> tuple[int, ...]:
+        """The levels of cells for a number of bodies."""
+        return self.levels or ((0, 1, 2) if number > _MANY else (1, 2))
+
+
+def are_many(scene: Scene) -> bool:
+    """Whether a table of all hypotheses of a scene would take too long, so that its belief is about nested cells."""
+    return len(scene.shapes) * len(scene.poses) * FEWEST > _FLAT and not _not_nested(scene)
+
+
+def require_nested(scene: Scene) -> None:
+    """Raise WrongScene where bodies cannot be examined in nested cells of orientations."""
+    if reason := _not_nested(scene):
+        raise WrongScene(f"a belief about nested cells is for bodies that lie anyhow, pressed by a pad: {reason}")
+
+
+def _not_nested(scene: Scene) -> str:
+    if scene.hand is not None:
+        return "the scene has a hand"
+    if not isinstance(scene.presentation, Tumbled | Inexact):
+        return f"the objects are presented by {scene.presentation!r}"
+    if scene.aim_offsets.any():
+        return "some poses have an aim beside the approach axis"
+    if not (_SIZES[0] <= min(scene.variation.size.support) and max(scene.variation.size.support) <= _SIZES[1]):
+        return f"the sizes of the objects vary by more than 5 %, as {scene.variation.size!r}"
+    families = [label for label, shape in scene.shapes.items() if isinstance(shape, Family)]
+    return f"the proportions of {families[0]} vary" if families else ""
+
+
+def nested_model(reader: TactileReader, scene: Scene, plan: NestedPlan | None = None) -> NestedBodyModel:
+    """The observation model of the bodies of a scene; bodies that are not in the cache are embedded first."""
+    require_nested(scene)
+    hypotheses, plan = reader.hypotheses, NestedPlan() if plan is None else plan
+    if not isinstance(hypotheses, ContactHypotheses):
+        raise InvalidArgument("only a reader of any object examines many bodies in nested cells of orientations")
+    levels = plan.levels_of(len(scene.shapes))
+    bodies = CloseContacts.of_scene(hypotheses, scene, plan.views, levels, plan.look)
+    blank = np.zeros((1, bodies.table.shape[2]), np.float32), np.zeros(1, np.float32)
+    model = NestedBodyModel(scene.shape_labels, nested(levels), bodies, 1.0, 0.06, *blank, plan.effort)
+    with announced(f"fitting the bodies to {plan.pressed} simulated objects, which is kept in the cache"):
+        make = partial(_fit, reader, scene, model, plan.pressed)
+        scale, drift, references = cached(_key(reader, scene, plan, levels), ".json", make, _read_fit, _write_fit)
+    model = replace(
+        model, scale=scale, drift=drift, references=references, constants=np.zeros(len(references), np.float32)
+    )
+    return replace(model, constants=_constants(model, bodies))
+
+
+def _key(reader: TactileReader, scene: Scene, plan: NestedPlan, levels: Sequence[int]) -> dict[str, Any]:
+    """What a fit follows from: all but which bodies there are, of whose number a power of two counts."""
+    others = {*SURROUNDINGS, *OBJECTS} - {"poses", "aims", "presentation"}
+    fields = {name: value for name, value in scene_fields(scene).items() if name not in others}
+    size = math.ceil(math.log2(len(scene.shapes)))
+    return {
+        "reader": reader.digest,
+        "scene": fields,
+        "plan": [asdict(plan.views), plan.pressed, *levels],
+        "effort": asdict(plan.effort),
+        "bodies": size,
+        "version": version("activetouch"),
+    }
+
+
+def _read_fit(path: Path) -> Fit:
+    fields = unsealed_json(require_regular_file(path).read_text(encoding="utf-8"))
+    require_name(path, fields.get("name"))
+    scale, drift, references = fields["scale"], fields["drift"], from_field(fields["references"], "float16")
+    if not (0.0 < scale < np.inf and 0.0 <= drift < np.inf and references.size and np.isfinite(references).all()):
+        raise ValueError(f"{path} has numbers that no fit gives")
+    return scale, drift, references.astype(np.float32)
+
+
+def _write_fit(path: Path, fit: Fit) -> None:
+    scale, drift, references = fit
+    fields = {"scale": scale, "drift": drift, "references": to_field(references.astype(float), "float16")}
+    write_text(path, sealed_json({**fields, "name": path.stem}, indent=None))
+
+
+def _constants(model: NestedBodyModel, bodies: BodySet) -> Floats32:
+    """Log mean likelihood ratio of each reference over bodies and views, ``(M,)``: a constant of each image."""
+    number = len(bodies.labels)
+    some = np.linspace(0, number - 1, min(number, _AVERAGED)).astype(int)
+    parts = [
+        logsumexp(np.float32(model.scale) * (bodies.views_of(body) @ model.references.T), axis=0)
+        for body in some.tolist()
+    ]
+    number = len(some) * len(bodies.table)
+    return np.asarray((logsumexp(parts, axis=0) - np.log(number)) / model.scale, np.float32)
+
+
+def _fit(reader: TactileReader, scene: Scene, model: NestedBodyModel, pressed: int) -> Fit:
+    """Temperature and drift with the lowest NLL of the body after 1 to 12 touches in random directions."""
+    rng, logs, number = np.random.default_rng(0xF17), model.cells.log_shares, len(model.shape_labels)
+    truths = rng.permutation(np.arange(max(number, pressed)) % number)[:pressed]
+    felt, cases = [], []
+    for truth in truths.tolist():
+        obj, belief = scene.sample_object(truth, rng), model.start().belief
+        poses = rng.permutation(model.num_poses)[:TOUCHES].tolist()
+        images = np.stack([scene.press(obj, pose, rng).image for pose in poses])
+        felt.append(reader.run(images)[0])
+        for count, (pose, embedding) in enumerate(zip(poses, felt[-1], strict=True), 1):
+            belief = belief.update(model.bodies.felt(pose, embedding))
+            if count in _CHECKPOINTS:
+                leaves = belief.leaves(_RELEVANT)
+                prior = np.zeros(len(leaves.body))
+                for level, shares in enumerate(logs):
+                    prior += np.where(leaves.level == level, shares[np.minimum(leaves.cell, len(shares) - 1)], 0.0)
+                sums = (leaves.log_weight - prior) * (1.0 + model.drift * (count - 1)) / model.scale
+                cases.append((np.full(len(prior), count), leaves.body == truth, prior, sums))
+    lengths = np.array([len(case[0]) for case in cases])
+    starts = np.cumsum(lengths) - lengths
+    touches, is_true, log_prior, likelihood = (np.concatenate(part) for part in zip(*cases, strict=True))
+    simplex = np.array([[0.0, 0.05], [0.3, 0.05], [0.0, 0.15]])
+    bounds, options = [(-1.5, 1.5), (0.0, 0.5)], {"xatol": 0.01, "fatol": 1e-4, "initial_simplex": simplex}
+    settings: Any = {"method": "Nelder-Mead", "bounds": bounds, "options": options}
+
+    def loss(parameters: Floats) -> float:
+        """Mean negative log posterior of the true body; a little is left for the bodies without a cell."""
+        log_temperature, drift = parameters.tolist()
+        posterior = log_prior + likelihood / (np.exp(log_temperature) * (1.0 + drift * (touches - 1)))
+        weights = np.exp(posterior - np.maximum.reduceat(posterior, starts).repeat(lengths))
+        right = np.add.reduceat(weights * is_true, starts) / np.add.reduceat(weights, starts)
+        return -float(np.log((1.0 - _LEFT) * right + _LEFT).mean())
+
+    best = scipy.optimize.minimize(loss, simplex[0], **settings).x
+    every = np.concatenate(felt)
+    some = every[rng.permutation(len(every))[:_REFERENCES]]
+    return float(np.exp(-best[0])), float(best[1]), some.astype(np.float16).astype(np.float32)
