@@ -13,29 +13,36 @@ import argparse
 import time
 import warnings
 from collections.abc import Sequence
-from dataclasses import fields, replace
-from functools import cached_property, partial
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from mesh_files import RADIUS, read
 
+from activetouch import TactileSensor, TouchWorld
 from activetouch.errors import BadMesh
-from activetouch.perception.contacts.close_look import CloseLook
+from activetouch.perception.contacts.close_look import CloseContacts, CloseLook
 from activetouch.perception.contacts.images import images
 from activetouch.perception.contacts.imaging import SensorState
 from activetouch.perception.contacts.views import ViewPlan
+from activetouch.perception.many_bodies import NestedPlan
 from activetouch.pressing.height_maps import predicted_contacts
 from activetouch.rotation_cells import views
 from activetouch.solids.mesh import Mesh
 from activetouch.solids.mesh_file import ENDINGS
-from belief.coarse_to_fine import CoarseToFine, Effort
+from belief import SceneBelief, SearchProblem
+from belief.coarse_to_fine import Effort
+from belief.observation_model.nested_bodies import NestedEvidence
 from belief.statistics import wilson_interval
-from experiments.meshes.identify import Naming, name_object
-from experiments.meshes.setting import MeshSetting
+from experiments.meshes.setting import sensor_of
 from experiments.parallel import Shared, run_tasks
+from planners import InformationState
+from planners.decider import ProbeSelector
+from planners.probing import GivenOrder, RandomOrder, ShapeInformationGain
+from planners.search import Identification, identify
 
 EDGE = 16  # of images that are compared
 COUNTS = (1, 2, 4, 6, 8, 12, 16)
@@ -44,68 +51,51 @@ RULES = ("information gain", "random", "fixed")
 AVERAGED = 16  # objects that the fixed order is best for
 
 
-class Timed(MeshSetting):
-    """A setting that adds up the seconds of its decisions, updates and closer looks, and keeps the beliefs."""
-
-    @cached_property
-    def seconds(self) -> np.ndarray:
-        """Seconds of decisions, updates and looks, ``(3,)``."""
-        return np.zeros(3)
-
-    @cached_property
-    def beliefs(self) -> list[CoarseToFine]:
-        """Beliefs after each touch."""
-        return []
-
-    def information(self, belief: CoarseToFine, target: int | None = None) -> np.ndarray:
-        """See :class:`MeshSetting`."""
-        started = time.perf_counter()
-        found = super().information(belief, target)
-        self.seconds[0] += time.perf_counter() - started
-        return found
-
-    def update(self, belief: CoarseToFine, pose: int, embedding: np.ndarray) -> CoarseToFine:
-        """See :class:`MeshSetting`."""
-        started = time.perf_counter()
-        found = super().update(belief, pose, embedding)
-        self.seconds[1] += time.perf_counter() - started
-        return found
-
-    def looked(self, belief: CoarseToFine) -> CoarseToFine:
-        """See :class:`MeshSetting`."""
-        started = time.perf_counter()
-        found = super().looked(belief)
-        found.log_probs  # noqa: B018
-        self.seconds[2] += time.perf_counter() - started
-        self.beliefs.append(found)
-        return found
-
-
 class Touched(NamedTuple):
     """How an object was named, seconds per touch for decisions, updates and looks, and the unresolved share."""
 
-    naming: Naming
+    naming: Identification
     seconds: np.ndarray
     unresolved: float
 
 
-def best_order(setting: MeshSetting) -> list[int]:
+SPENT = {"decision": 0.0, "update": 0.0, "looks": 0.0}  # seconds of this process
+
+
+def time_into(name: str, owner: type, method: str) -> None:
+    """Add up the seconds that a method of a class takes."""
+    plain = getattr(owner, method)
+
+    def timed(*arguments: Any, **others: Any) -> Any:
+        started = time.perf_counter()
+        found = plain(*arguments, **others)
+        SPENT[name] += time.perf_counter() - started
+        return found
+
+    setattr(owner, method, timed)
+
+
+def best_order(sensor: TactileSensor) -> tuple[str, ...]:
     """A fixed order of poses, greedy by the expected information, averaged over simulated objects."""
     rng, order = np.random.default_rng(0x0BD), list[int]()
-    shapes = rng.integers(len(setting.bodies.labels), size=AVERAGED).tolist()
-    objects = [setting.scene.sample_object(shape, rng) for shape in shapes]
-    beliefs = [setting.bodies.start()] * len(objects)
-    while len(order) < len(setting.scene.poses):
-        gains = np.sum([setting.information(belief) for belief in beliefs], axis=0)
+    shapes = rng.integers(len(sensor.shape_labels), size=AVERAGED).tolist()
+    worlds = [TouchWorld.sample(sensor, [shape], rng) for shape in shapes]
+    problem = SearchProblem(sensor.shape_labels, sensor.pose_labels, 1, "independent")
+    scenes, selector = (
+        [SceneBelief(problem, sensor.model) for _ in worlds],
+        ShapeInformationGain(sensor.model.outcome_table()),
+    )
+    while len(order) < len(sensor.pose_labels):
+        told = [selector.choose(InformationState.of(problem, 0, scene, 0), rng).scores for scene in scenes]
+        gains = np.array([sum(one.get(f"gain_{pose}", 0.0) for one in told) for pose in sensor.pose_labels])
         gains[order] = -np.inf
-        pose = int(gains.argmax())
-        order.append(pose)
-        felt = [setting.touch(obj, pose, rng) for obj in objects]
-        beliefs = [setting.update(belief, pose, touch) for belief, touch in zip(beliefs, felt, strict=True)]
-    return order
+        order.append(int(gains.argmax()))
+        for scene, world in zip(scenes, worlds, strict=True):
+            scene.update(0, [world.touch(order[-1], rng)])
+    return tuple(sensor.pose_labels[pose] for pose in order)
 
 
-def touches_to(naming: Naming, threshold: float) -> int | None:
+def touches_to(naming: Identification, threshold: float) -> int | None:
     """Touches until a body is as probable as the threshold; None if that was not reached."""
     reached = np.flatnonzero(naming.log_probs.max(axis=1) >= np.log(threshold))
     return int(reached[0]) + 1 if len(reached) else None
@@ -139,18 +129,18 @@ class Pictures(NamedTuple):
     recorded: np.ndarray
 
 
-def pictures(setting: MeshSetting, views: np.ndarray, recorded: int) -> Pictures:
+def pictures(sensor: TactileSensor, views: np.ndarray, recorded: int) -> Pictures:
     """Images without noise in some views, and of simulated touches in random orientations and poses."""
-    imaging, rng = setting.reader.hypotheses.imaging, np.random.default_rng(11)
+    imaging, rng = sensor.reader.hypotheses.imaging, np.random.default_rng(11)
     noiseless, random = replace(imaging, noise=1e-6), torch.Generator().manual_seed(11)
     made: list[list[np.ndarray]] = [[], []]
-    for body, solid in enumerate(setting.scene.solids.values()):
+    for body, solid in enumerate(sensor.scene.solids.values()):
         maps = predicted_contacts(solid, views, (0.0, 0.0), imaging.window, 1.0, np.float32)
         world = np.zeros(len(maps), int)
         shown, _ = images(noiseless, torch.from_numpy(maps), SensorState.nominal(1), world, random)
         made[0].append(small(shown.numpy()))
-        objects = [setting.scene.sample_object(body, rng) for _ in range(recorded)]
-        made[1].append(small(np.stack([setting.scene.press(obj, 0, rng).image / 255 for obj in objects])))
+        objects = [sensor.scene.sample_object(body, rng) for _ in range(recorded)]
+        made[1].append(small(np.stack([sensor.scene.press(obj, 0, rng).image / 255 for obj in objects])))
     return Pictures(*(np.stack(each).astype(np.float32) for each in made))
 
 
@@ -160,12 +150,12 @@ def small(images: np.ndarray) -> np.ndarray:
     return images.reshape(len(images), EDGE, edge, EDGE, edge).mean(axis=(2, 4)).reshape(len(images), -1)
 
 
-def compared(shared: Shared[tuple[MeshSetting, Pictures]], number: int, truth: int, poses: Sequence[int]) -> list:
+def compared(shared: Shared[tuple[TactileSensor, Pictures]], number: int, truth: int, poses: Sequence[int]) -> list:
     """Ranks of the true body by the sum of smallest distances of the touches so far, for both kinds of image."""
-    setting, known = shared.value
-    obj = setting.scene.sample_object(truth, np.random.default_rng([7, number]))
+    sensor, known = shared.value
+    obj = sensor.scene.sample_object(truth, np.random.default_rng([7, number]))
     rngs = [np.random.default_rng([7, number, 2, pose]) for pose in poses]
-    felt = small(np.stack([setting.scene.press(obj, p, rng).image / 255 for p, rng in zip(poses, rngs, strict=True)]))
+    felt = small(np.stack([sensor.scene.press(obj, p, rng).image / 255 for p, rng in zip(poses, rngs, strict=True)]))
     ranks = []
     for bank in known:
         squares = (bank**2).sum(axis=2)
@@ -178,17 +168,19 @@ def compared(shared: Shared[tuple[MeshSetting, Pictures]], number: int, truth: i
 
 
 def searched(
-    shared: Shared[MeshSetting], orders: dict[str, list[int] | None], number: int, truth: int, touches: int
+    shared: Shared[tuple[TactileSensor, dict[str, ProbeSelector]]], number: int, truth: int, touches: int
 ) -> list[Touched]:
-    """One object, touched by every rule, in a given order of poses or by information gain."""
-    setting, made = shared.value, []
-    obj = setting.scene.sample_object(truth, np.random.default_rng([7, number]))
-    for rule, order in orders.items():
-        timed = Timed(**{one.name: getattr(setting, one.name) for one in fields(setting)})
-        if rule == "random":
-            order = np.random.default_rng([7, number, 1]).permutation(len(setting.scene.poses)).tolist()
-        naming = name_object(timed, obj, [7, number], touches, order=order)
-        made.append(Touched(naming, timed.seconds / len(naming.poses), timed.beliefs[-1].unresolved))
+    """One object, touched by every rule."""
+    (sensor, rules), made = shared.value, []
+    for rule in rules.values():
+        world = TouchWorld.sample(sensor, [truth], np.random.default_rng([7, number]))
+        SPENT.update(dict.fromkeys(SPENT, 0.0))
+        naming = identify(world, rule, sensor.model, sensor.pose_labels, [7, number], 1.0, touches)
+        spent = np.array(list(SPENT.values())) - [0.0, SPENT["looks"], 0.0]
+        evidence = sensor.model.start()
+        for touch in naming.touches:
+            evidence = evidence.update(touch)
+        made.append(Touched(naming, spent / len(naming.poses), evidence.belief.unresolved))
     return made
 
 
@@ -254,28 +246,35 @@ def main() -> None:
     started, plan = time.perf_counter(), ViewPlan(args.directions, args.rolls, args.width)
     effort = Effort(splits=args.splits, kept=4 * args.splits)
     look = CloseLook(args.looked)
-    setting = MeshSetting.of(solids, plan=plan, levels=args.levels, effort=effort, look=look, jobs=args.jobs)
-    model = setting.bodies
+    levels = None if args.levels is None else tuple(args.levels)
+    sensor = sensor_of(solids, plan=NestedPlan(plan, levels, effort, look), jobs=args.jobs)
+    sensor, model = replace(sensor, with_logits=False), sensor.model
     print(
-        f"embedded and fitted in {time.perf_counter() - started:.0f} s: {model.table.nbytes / 1e6:.0f} MB in memory, "
-        f"cells of levels {model.levels}, temperature {1 / model.scale:.2f}, drift {model.drift:.3f}"
+        f"embedded and fitted in {time.perf_counter() - started:.0f} s: {model.bodies.table.nbytes / 1e6:.0f} MB in "
+        f"memory, cells of levels {model.bodies.levels}, temperature {1 / model.scale:.2f}, drift {model.drift:.3f}"
     )
+    time_into("decision", ShapeInformationGain, "choose")
+    time_into("update", NestedEvidence, "update")
+    time_into("looks", CloseContacts, "looked")
     truths = np.random.default_rng(3).permutation(np.arange(args.searches) % len(solids))
-    orders: dict[str, list[int] | None] = dict.fromkeys(args.rules)
-    if "fixed" in orders:
+    rules: dict[str, ProbeSelector] = {}
+    for rule in args.rules:
         started = time.perf_counter()
-        orders["fixed"] = best_order(setting)
-        print(f"best fixed order {orders['fixed'][:8]} in {time.perf_counter() - started:.0f} s")
-    shared = Shared(setting)
-    tasks = [partial(searched, shared, orders, n, int(truth), args.touches) for n, truth in enumerate(truths)]
+        if rule == "fixed":
+            rules[rule] = GivenOrder(best_order(sensor))
+            print(f"best fixed order {rules[rule].order[:8]} in {time.perf_counter() - started:.0f} s")
+        else:
+            rules[rule] = RandomOrder() if rule == "random" else ShapeInformationGain(model.outcome_table())
+    shared = Shared((sensor, rules))
+    tasks = [partial(searched, shared, n, int(truth), args.touches) for n, truth in enumerate(truths)]
     found = list(run_tasks(tasks, args.jobs, "searches"))
-    for place, rule in enumerate(orders):
+    for place, rule in enumerate(rules):
         report(rule, [one[place] for one in found])
     if args.compared:
         started = time.perf_counter()
-        known = pictures(setting, views(44, 8), 26)
+        known = pictures(sensor, views(44, 8), 26)
         print(f"\nimages of {len(solids)} bodies in {time.perf_counter() - started:.0f} s")
-        both, poses = Shared((setting, known)), np.random.default_rng(5)
+        both, poses = Shared((sensor, known)), np.random.default_rng(5)
         tasks = [
             partial(compared, both, n, int(truth), poses.permutation(26)[: args.touches].tolist())
             for n, truth in enumerate(truths[: args.compared])

@@ -40,8 +40,8 @@ from planners.ppo import BadPolicy, MissingPolicy, load_ppo_policy, policy_file
 from planners.registry import trained_state
 
 if TYPE_CHECKING:
-    from activetouch.perception.contacts.hypotheses import ContactHypotheses
     from activetouch.perception.contacts.views import ViewPlan
+    from activetouch.perception.many_bodies import NestedPlan
 
 _VIEWS, _VIEW = 1056, 0.0004  # of a body of few triangles, and the seconds of one
 _TRIANGLE = 1.7e-5  # seconds of all views of a body, for each of its triangles
@@ -112,7 +112,7 @@ def open_sensor(
         if jobs is not None and fitted is None:
             reader = TactileReader.load(path).bound_to(scene)
             if (plan := TactileSensor.nested_plan(scene, independent, nested)) is not None:
-                embed_all(reader, scene, plan.views, jobs)
+                embed_all(reader, scene, plan, jobs)
             else:
                 predict_contacts(reader, scene, hypotheses_of(reader, scene), jobs)
         with warnings.catch_warnings():
@@ -125,20 +125,18 @@ def open_sensor(
     return sensor
 
 
-def embed_all(reader: TactileReader, scene: Scene, views: ViewPlan, jobs: int | None = None) -> None:
-    """Make the embeddings of bodies that are not in the cache, with a progress bar."""
-    from activetouch.perception.contacts.views import are_embedded  # few scenes need it
+def embed_all(reader: TactileReader, scene: Scene, plan: NestedPlan, jobs: int | None = None) -> None:
+    """Make the embeddings that a model of many bodies needs and that are not in the cache, with a progress bar."""
+    from activetouch.perception.many_bodies import to_embed  # few scenes need it
 
-    hypotheses: Any = reader.hypotheses
     plain = replace(scene, shapes=SCENES["gel"].scene.shapes)  # a task needs the state of the sensor, not all bodies
-    missing = [solid for solid in scene.solids.values() if not are_embedded(hypotheses, scene, solid, views)]
-    if missing:
-        tasks = [partial(_embed, hypotheses, plain, solid, views) for solid in missing]
+    if missing := to_embed(reader, scene, plan):
+        tasks = [partial(_embed, reader.hypotheses, plain, solid, plan.views) for solid in missing]
         costs = list(map(view_seconds, missing))
         list(run_tasks(tasks, 1 if len(tasks) == 1 else jobs, f"views of {len(tasks)} bodies", costs))
 
 
-def _embed(hypotheses: ContactHypotheses, scene: Scene, solid: Shape, views: ViewPlan) -> None:
+def _embed(hypotheses: Any, scene: Scene, solid: Shape, views: ViewPlan) -> None:
     from activetouch.perception.contacts.views import embedded_views
 
     embedded_views(hypotheses, scene, solid, views)  # which stay in the cache

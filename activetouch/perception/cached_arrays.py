@@ -92,9 +92,9 @@ def _place(key: Mapping[str, Any], suffix: str) -> Path:
     return cache_folder() / f"{digest}{suffix}"
 
 
-def has_array(key: Mapping[str, Any]) -> bool:
-    """Whether the cache has a file for :func:`cached_array`."""
-    return _place(key, _ARRAY).is_file()
+def is_cached(key: Mapping[str, Any], suffix: str = _ARRAY) -> bool:
+    """Whether the cache has a file for :func:`cached`, or for :func:`cached_array`."""
+    return _place(key, suffix).is_file()
 
 
 def cached_array(key: Mapping[str, Any], make: Callable[[], NDArray[np.float32]]) -> NDArray[np.float32]:

@@ -16,8 +16,8 @@ from activetouch.errors import MeshWarning
 from activetouch.mesh_source import MeshSource, read_files
 from activetouch.named_scenes import SCENES
 from activetouch.perception.contacts.hypotheses import ContactHypotheses
-from activetouch.perception.contacts.views import BodySet, ViewPlan, are_embedded
-from activetouch.perception.many_bodies import PRESSED, TOUCHES, NestedPlan
+from activetouch.perception.contacts.views import BodySet, ViewPlan
+from activetouch.perception.many_bodies import PRESSED, TOUCHES, NestedPlan, is_fitted, to_embed
 from activetouch.perception.reader import TactileReader
 from activetouch.rotation_cells import centres
 from activetouch.scene import Scene
@@ -59,7 +59,7 @@ def sensor_of(
     if not solids:
         raise InvalidArgument("there are no bodies: give at least one mesh")
     scene, plan = scene_of(solids, sensor), NestedPlan() if plan is None else plan
-    embed_all(reader_of(sensor), scene, plan.views, jobs)
+    embed_all(reader_of(sensor), scene, plan, jobs)
     return TactileSensor.load(folder_of(sensor), scene, nested=plan)
 
 
@@ -141,18 +141,24 @@ def reading_words(sources: Mapping[str, MeshSource]) -> str:
 
 def cost_words(solids: Mapping[str, Shape], sensor: str | Path, touches: float, pictured: float, jobs: int) -> str:
     """Words on the cost of bodies that are not in the cache, and of the touches, of which the report shows some."""
-    reader, scene, plan, number = reader_of(sensor), scene_of(solids, sensor), ViewPlan(), len(solids)
-    missing = [one for one in solids.values() if not are_embedded(reader.hypotheses, scene, one, plan)]
+    reader, plan, number = reader_of(sensor), NestedPlan(), len(solids)
+    scene = scene_of(solids, sensor)
+    missing = to_embed(reader, scene, plan)
     triangles = float(np.mean([num_triangles(one) for one in solids.values()]))
     views = sum(map(view_seconds, missing)) / jobs
-    fit = PRESSED * TOUCHES * (_TOUCH + 2.5e-4 * min(number, _MANY) + 2.5e-7 * triangles)
+    fit = (
+        (not is_fitted(reader, scene, plan))
+        * PRESSED
+        * TOUCHES
+        * (_TOUCH + 2.5e-4 * min(number, _MANY) + 2.5e-7 * triangles)
+    )
     play = touches * (_SEARCHED + 2.2e-3 * min(number, _MANY) + 5e-6 * triangles) / jobs
-    report, size = 1.0 + _REPORT * pictured, number * len(plan.orientations) * reader.card.embedding / 1e6
+    report, size = 1.0 + _REPORT * pictured, number * len(plan.views.orientations) * reader.card.embedding / 1e6
     return (
         f"{number} bodies: about {_in_words(views + fit + play + report)}, of which {_in_words(views)} for "
-        f"{len(plan.orientations)} views of each of {len(missing)} new bodies and {_in_words(fit)} for the fit of the "
-        f"set, once, {_in_words(play)} for about {touches:.0f} touches and {_in_words(report)} for the report; "
-        f"{2 * size:.0f} MB on disk, {4 * size:.0f} MB in memory"
+        f"{len(plan.views.orientations)} views of each of {len(missing)} new bodies and {_in_words(fit)} for the "
+        f"fit of so many bodies, once, {_in_words(play)} for about {touches:.0f} touches and {_in_words(report)} for "
+        f"the report; {2 * size:.0f} MB on disk, {4 * size:.0f} MB in memory"
     )
 
 

@@ -15,7 +15,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.perception.cached_arrays import cached_array, has_array
+from activetouch.perception.cached_arrays import cached_array, is_cached
 from activetouch.perception.contacts.hypotheses import ContactHypotheses
 from activetouch.perception.contacts.imaging import Floats32
 from activetouch.perception.contacts.sensor_state import sensor_state
@@ -78,7 +78,7 @@ def embedded_views(reader: ContactHypotheses, scene: Scene, solid: Shape, plan: 
 
 def are_embedded(reader: ContactHypotheses, scene: Scene, solid: Shape, plan: ViewPlan) -> bool:
     """Whether :func:`embedded_views` finds a body in the cache."""
-    return has_array(_key(reader, scene, solid, plan))
+    return is_cached(_key(reader, scene, solid, plan))
 
 
 def _key(reader: ContactHypotheses, scene: Scene, solid: Shape, plan: ViewPlan) -> dict[str, Any]:

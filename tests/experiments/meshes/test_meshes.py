@@ -333,7 +333,7 @@ def test_all_that_find_and_identify_spend_is_said_before(tmp_path, monkeypatch):
         words = cost_words(some, "gel", touches, pictured, jobs)
         found = re.search(
             r"bodies: about (\d+) s, of which (\d+) s for 1056 views of each of (\d+) new bodies and (\d+) s for the "
-            r"fit of the set, once, (\d+) s for about 300 touches and (\d+) s for the report; \d+ MB on disk",
+            r"fit of so many bodies, once, (\d+) s for about 300 touches and (\d+) s for the report; \d+ MB on disk",
             words,
         )
         assert found, words
@@ -341,17 +341,16 @@ def test_all_that_find_and_identify_spend_is_said_before(tmp_path, monkeypatch):
 
     whole, views, new, fit, touches, report = costs(solids)
     assert whole == pytest.approx(views + fit + touches + report, abs=2)
-    assert new == 2
+    assert new == 2 + 2  # random ones, for the fit
     assert min(fit, touches, report) > views  # which alone were said
     corners = np.random.default_rng(0).normal(size=(20_000, 3))
     corners /= np.linalg.norm(corners, axis=1)[:, None] * 80
     fine = Mesh("fine", corners, scipy.spatial.ConvexHull(corners).simplices)
-    assert all(
-        more > less for more, less in zip(costs({**solids, "fine": fine})[:4], (whole, views, new, fit), strict=True)
-    )
+    assert all(more > less for more, less in zip(costs({**solids, "fine": fine})[:3], (whole, views, new), strict=True))
     assert costs(solids, jobs=4)[4] < touches
-    monkeypatch.setattr(setting_module, "are_embedded", lambda reader, scene, solid, plan: solid is solids["7"])
-    assert costs(solids)[2] == 1
+    monkeypatch.setattr(setting_module, "to_embed", lambda reader, scene, plan: [solids["7"]])
+    monkeypatch.setattr(setting_module, "is_fitted", lambda reader, scene, plan: True)
+    assert costs(solids)[2:4] == [1, 0]
     assert view_seconds(fine) > 1.5 * view_seconds(solids["7"])
     (tmp_path / "a.stl").write_bytes(bytes(20_000_000))
     assert reading_words(labelled_sources(tmp_path / "a.stl")[0]) == "reading 1 files of 20.0 MB: about 3 s"
