@@ -146,12 +146,8 @@ def cost_words(solids: Mapping[str, Shape], sensor: str | Path, touches: float, 
     missing = to_embed(reader, scene, plan)
     triangles = float(np.mean([num_triangles(one) for one in solids.values()]))
     views = sum(map(view_seconds, missing)) / jobs
-    fit = (
-        (not is_fitted(reader, scene, plan))
-        * PRESSED
-        * TOUCHES
-        * (_TOUCH + 2.5e-4 * min(number, _MANY) + 2.5e-7 * triangles)
-    )
+    is_new = not is_fitted(reader, scene, plan)
+    fit = is_new * PRESSED * TOUCHES * (_TOUCH + 2.5e-4 * min(number, _MANY))
     play = touches * (_SEARCHED + 2.2e-3 * min(number, _MANY) + 5e-6 * triangles) / jobs
     report, size = 1.0 + _REPORT * pictured, number * len(plan.views.orientations) * reader.card.embedding / 1e6
     return (
