@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -39,6 +38,8 @@ class AffineCalibration(FrozenArrays, Calibration):
         >>> fitted.coefficients.shape, fitted.status
         ((2, 3), 'ok')
     """
+
+    last_in_file: ClassVar = ("temperature", "coefficients")
 
     temperature: TemperatureScaling = field(default=TemperatureScaling())
     coefficients: Floats | None = None
@@ -122,19 +123,6 @@ class AffineCalibration(FrozenArrays, Calibration):
         coefficients = self._fitted()
         self._check_shapes(z.shape[1])
         return self._problem(z, y).value_and_gradient(coefficients)
-
-    def to_fields(self) -> dict[str, Any]:
-        """See :meth:`Calibration.to_fields`."""
-        strengths = {name: getattr(self, name) for name in self.penalty_names()}
-        matrix = None if self.coefficients is None else self.coefficients.tolist()
-        return {**strengths, "temperature": self.temperature.to_fields(), "coefficients": matrix}
-
-    @classmethod
-    def from_fields(cls, fields: Mapping[str, Any]) -> Self:
-        """See :meth:`Calibration.from_fields`."""
-        strengths = {name: float(fields[name]) for name in cls.penalty_names()}
-        temperature = TemperatureScaling.from_fields(fields["temperature"])
-        return cls(temperature=temperature, coefficients=fields["coefficients"], **strengths)
 
     def _fitted(self) -> Floats:
         if self.coefficients is None:

@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Literal, Self, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+from belief.codec import from_fields, to_fields
 from belief.validation import (
     Floats,
     as_real,
@@ -120,14 +121,14 @@ class Calibration(ABC):
         After a fit no entry of the gradient exceeds 1e-8, unless the status states that there is no optimum.
         """
 
-    @abstractmethod
     def to_fields(self) -> dict[str, Any]:
-        """All parameters, as JSON types."""
+        """All parameters, as JSON types: the fields of the dataclass (:mod:`belief.codec`)."""
+        return to_fields(self)
 
     @classmethod
-    @abstractmethod
     def from_fields(cls, fields: Mapping[str, Any]) -> Self:
         """The calibration of fields from :meth:`to_fields`."""
+        return from_fields(cls, fields)
 
 
 def no_probs(logits: ArrayLike) -> Floats:

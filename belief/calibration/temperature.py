@@ -16,9 +16,8 @@ which increases with β. Its signs at β = 0 and β → ∞ show whether an opti
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any, ClassVar, get_args
+from dataclasses import dataclass
+from typing import ClassVar, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -117,15 +116,6 @@ class TemperatureScaling(Calibration):
             excess = log_probs - at_label  # β (z - z_label)
             slope = (np.exp(log_probs) * np.maximum(excess, -_LARGEST)).sum(axis=1)
             return 0.0 - float(at_label.mean()), np.array([-slope.mean()])
-
-    def to_fields(self) -> dict[str, Any]:
-        """See :meth:`Calibration.to_fields`."""
-        return asdict(self)
-
-    @classmethod
-    def from_fields(cls, fields: Mapping[str, Any]) -> TemperatureScaling:
-        """See :meth:`Calibration.from_fields`."""
-        return cls(float(fields["temperature"]), fields["status"], float(fields["floor"]))
 
 
 def _fit(gaps: Floats, labels: NDArray[np.intp], weights: Floats, unit: float) -> TemperatureScaling:

@@ -9,15 +9,15 @@ objects that were touched repeatedly (decision 0021).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias, get_args
+from typing import Annotated, ClassVar, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from belief.calibration import CALIBRATIONS, Calibration, StructuredMatrixScaling
+from belief.codec import OneOf, Stored
 from belief.observation_model.calibration_data import LabelledTouches, object_folds
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
@@ -65,12 +65,13 @@ class RatioModel(ArrayModel):
     """
 
     name: ClassVar[str] = "ratio"
+    last_in_file: ClassVar = ("references",)
 
     shape_labels: tuple[str, ...]
-    calibration: Calibration
+    calibration: Annotated[Calibration, OneOf(CALIBRATIONS)]
     training_prior: Floats
     correlation: float
-    references: Floats
+    references: Annotated[Floats, Stored("float32", is_decimal=True)]
     status: Status = "ok"
 
     def __post_init__(self) -> None:
@@ -169,34 +170,6 @@ class RatioModel(ArrayModel):
         number = self.references.shape[1] * self.training_prior[:, None]  # touches of each shape in a pose
         pooled = smoothed(table.mean(axis=0), self.num_poses * number)
         return OutcomeTable((number * table + _POOLING * pooled) / (number + _POOLING))
-
-    def to_fields(self) -> dict[str, Any]:
-        """See :class:`ArrayModel`."""
-        return {
-            "calibration": {"name": self.calibration.name, **self.calibration.to_fields()},
-            "training_prior": self.training_prior.tolist(),
-            "correlation": self.correlation,
-            "status": self.status,
-            # The shortest decimals of the single-precision numbers.
-            "references": [
-                [[float(str(z)) for z in row] for row in pose] for pose in self.references.astype(np.float32)
-            ],
-        }
-
-    @classmethod
-    def from_fields(cls, shape_labels: tuple[str, ...], fields: Mapping[str, Any]) -> RatioModel:
-        """See :class:`ArrayModel`."""
-        kind = fields["calibration"]["name"]
-        if kind not in CALIBRATIONS:
-            raise ValueError(f"unknown calibration {kind!r}")
-        return cls(
-            shape_labels,
-            CALIBRATIONS[kind].from_fields(fields["calibration"]),
-            np.array(fields["training_prior"], np.float64),
-            float(fields["correlation"]),
-            np.array(fields["references"], np.float32).astype(np.float64),
-            fields["status"],
-        )
 
     @cached_property
     def _log_prior(self) -> Floats:

@@ -31,8 +31,10 @@ from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
 from activetouch.solids.mesh import Mesh
 from activetouch.solids.solid import Shape
 from belief.coarse_to_fine import CoarseToFine, Effort
+from belief.codec import array_field as to_field
+from belief.codec import array_from as from_field
 from belief.errors import InvalidArgument
-from belief.files import from_field, require_regular_file, sealed_json, to_field, unsealed_json, write_text
+from belief.files import require_regular_file, sealed_json, unsealed_json, write_text
 from belief.validation import Floats
 from experiments.parallel import run_tasks
 from planners.body_information import body_information, sampled_leaves
