@@ -18,7 +18,7 @@ by its type, it says by a mark:
 >>> from_fields(Reading, fields | {"poses": [0, "z90"]})
 Traceback (most recent call last):
 ...
-ValueError: poses[1] must be int, got 'z90'
+belief.errors.InvalidArgument: poses[1] must be int, got 'z90'
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeAlias, TypeVar, Unio
 import numpy as np
 from numpy.typing import NDArray
 
+from belief.errors import InvalidArgument
 from belief.naming import shown
 from belief.validation import are_finite
 
@@ -66,8 +67,8 @@ class OneOf:
     classes: Mapping[str, type]
 
 
-OPTIONAL = "optional"
-"""Mark of a field that is left out where it has its default."""
+OPTIONAL, INFINITE = "optional", "infinite"
+"""Marks of a field that is left out where it has its default, and of numbers that may be infinite: null in a file."""
 
 
 class _Field(NamedTuple):
@@ -97,7 +98,7 @@ def _fields_of(kind: type) -> tuple[_Field, ...]:
 
 
 def to_fields(value: Any, kind: type | None = None) -> dict[str, Any]:
-    """The fields of a dataclass or named tuple as JSON types, tuples as such; of ``kind`` alone, if it is a base class.
+    """The fields of a dataclass or named tuple as JSON types; of ``kind`` alone, if it is a base class.
 
     >>> to_fields(Stored("float16"))
     {'precision': 'float16', 'is_decimal': False}
@@ -110,6 +111,12 @@ def to_fields(value: Any, kind: type | None = None) -> dict[str, Any]:
         elif not (OPTIONAL in field.marks and part == field.default):
             found[field.name] = _written(part, field)
     return found
+
+
+def _names(field: _Field) -> list[str]:
+    """The names that a field has in files."""
+    merged = field.mark(Merged)
+    return [merged.prefix + one.name for one in _fields_of(get_args(field.kind)[0])] if merged else [field.name]
 
 
 def _written(value: Any, field: _Field) -> Any:
@@ -126,37 +133,37 @@ def _written(value: Any, field: _Field) -> Any:
         return ({"name": getattr(value, "name")} if field.mark(OneOf) else {}) | to_fields(value)  # noqa: B009
     if isinstance(value, Mapping):
         return {name: _written(part, field) for name, part in value.items()}
+    if value == math.inf and INFINITE in field.marks:
+        return None
     if isinstance(value, tuple | list):
-        return type(value)(_written(part, field) for part in value)
+        return [_written(part, field) for part in value]
     return value
 
 
-def from_fields(kind: type[T], fields: Mapping[str, Any], *, is_strict: bool = False) -> T:
+def from_fields(kind: type[T], fields: Mapping[str, Any], *, is_whole: bool = True) -> T:
     """The object of fields from :func:`to_fields`; a field that is absent has its default.
 
     Args:
         kind: a dataclass or named tuple.
         fields: as from a file, or objects that are ready.
-        is_strict: whether a field that the class does not have is an error; it is ignored by default.
+        is_whole: whether there may be no other fields than those of the class; in parts of it, there never are.
 
     Raises:
-        ValueError: a field is missing or of another type, or the constructor refuses it.
+        InvalidArgument: a field is missing or of another type, or the constructor refuses it.
     """
     if not isinstance(fields, Mapping):
-        raise ValueError(f"{kind.__name__} must be a JSON object, got {shown(fields)}")
+        raise InvalidArgument(f"{kind.__name__} must be a JSON object, got {shown(fields)}")
     values, known = {}, _fields_of(kind)
-    if is_strict and (unknown := fields.keys() - {field.name for field in known}):
-        raise ValueError(f"{kind.__name__} has no field {min(unknown)!r}")
+    if is_whole and (unknown := fields.keys() - {name for field in known for name in _names(field)}):
+        raise InvalidArgument(f"{kind.__name__} has no field {min(unknown)!r}")
     for field in known:
         if merged := field.mark(Merged):
-            values[field.name] = from_fields(
-                get_args(field.kind)[0],
-                {n.removeprefix(merged.prefix): part for n, part in fields.items() if n.startswith(merged.prefix)},
-            )
+            own = {name.removeprefix(merged.prefix): fields[name] for name in _names(field) if name in fields}
+            values[field.name] = from_fields(get_args(field.kind)[0], own)
         elif field.name in fields:
             values[field.name] = _read(field.name, fields[field.name], field.kind)
         elif field.default is MISSING:
-            raise ValueError(f"the field {field.name!r} of {kind.__name__} is missing")
+            raise InvalidArgument(f"the field {field.name!r} of {kind.__name__} is missing")
     return kind(**values)
 
 
@@ -167,13 +174,15 @@ def _read(name: str, value: Any, kind: Any, marks: tuple[Any, ...] = ()) -> Any:
         return _read(name, value, parts[0], kind.__metadata__)
     if origin in (Union, UnionType):
         return _read_one(name, value, parts, marks)
+    if value is None and kind is float and INFINITE in marks:
+        return math.inf
     if kind in (int, float):  # a bool is neither; other numbers than floats are exact
         if isinstance(value, int | kind) and not isinstance(value, bool) and are_finite(value):
             return value
     elif origin is Literal:
         if any(value == part and type(value) is type(part) for part in parts):
             return value
-        raise ValueError(f"{name} must be one of {', '.join(map(str, parts))}; got {shown(value)}")
+        raise InvalidArgument(f"{name} must be one of {', '.join(map(str, parts))}; got {shown(value)}")
     elif origin is tuple and isinstance(value, list | tuple):
         kinds = [parts[0]] * len(value) if parts[-1] is Ellipsis else parts
         if len(kinds) == len(value):
@@ -187,13 +196,13 @@ def _read(name: str, value: Any, kind: Any, marks: tuple[Any, ...] = ()) -> Any:
     elif choice := next((mark for mark in marks if isinstance(mark, OneOf)), None):
         if not isinstance(value, Mapping) or value.get("name") not in choice.classes:
             given = value.get("name") if isinstance(value, Mapping) else value
-            raise ValueError(f"unknown {name} {shown(given)}, known are {', '.join(choice.classes)}")
-        return from_fields(choice.classes[value["name"]], value)
+            raise InvalidArgument(f"unknown {name} {shown(given)}, known are {', '.join(choice.classes)}")
+        return from_fields(choice.classes[value["name"]], {key: value[key] for key in value if key != "name"})
     elif is_dataclass(kind) or hasattr(kind, "_fields"):
         return from_fields(kind, value)  # type: ignore[type-var]
     elif isinstance(kind, type) and (issubclass(kind, Enum) or (issubclass(kind, Path) and isinstance(value, str))):
         return kind(value)
-    raise ValueError(f"{name} must be {getattr(kind, '__name__', kind)}, got {shown(value)}")
+    raise InvalidArgument(f"{name} must be {getattr(kind, '__name__', kind)}, got {shown(value)}")
 
 
 def _read_one(name: str, value: Any, kinds: tuple[Any, ...], marks: tuple[Any, ...]) -> Any:
@@ -206,7 +215,7 @@ def _read_one(name: str, value: Any, kinds: tuple[Any, ...], marks: tuple[Any, .
             return _read(name, value, kind, marks)
         except ValueError as error:
             errors.append(error)
-    raise errors[0] if len(errors) == 1 else ValueError(f"{'; or '.join(map(str, errors))}")
+    raise errors[0] if len(errors) == 1 else InvalidArgument(f"{'; or '.join(map(str, errors))}")
 
 
 def _read_array(name: str, value: Any, dtype: np.dtype[Any], marks: tuple[Any, ...]) -> NDArray[Any]:
@@ -218,13 +227,13 @@ def _read_array(name: str, value: Any, dtype: np.dtype[Any], marks: tuple[Any, .
         else:
             array = np.asarray(value)
             if array.dtype.kind not in "iufb" and array.size:
-                raise ValueError(f"{shown(value)} is no array of numbers")
+                raise InvalidArgument(f"{shown(value)} is no array of numbers")
             with np.errstate(over="ignore"):
                 array = array.astype(stored.precision if stored else dtype)
     except (TypeError, OverflowError, ValueError) as error:
-        raise ValueError(f"{name}: {error}") from error
+        raise InvalidArgument(f"{name}: {error}") from error
     if not np.isfinite(array).all():
-        raise ValueError(f"{name} holds a number that is not finite")
+        raise InvalidArgument(f"{name} holds a number that is not finite")
     return array.astype(dtype)
 
 
@@ -242,24 +251,24 @@ def array_field(array: NDArray[Any], precision: Precision | None = None) -> dict
 
 
 def array_from(field: Any, precision: Precision | None = None) -> NDArray[Any]:
-    """The array of :func:`array_field`, in double precision if it was rounded; raises ValueError if there is none."""
+    """The array of :func:`array_field`, in double precision if it was rounded; raises InvalidArgument for another."""
     try:
         dtype = np.dtype(precision or str(field["dtype"]))
         shape, text = tuple(int(n) for n in field["shape"]), field[precision or "base64"]
         content = base64.b64decode(text, validate=True)
     except (KeyError, TypeError, ValueError) as error:
         needed = f"shape and {precision}" if precision else "dtype, shape and base64"
-        raise ValueError(f"an array needs {needed}: {error}") from error
+        raise InvalidArgument(f"an array needs {needed}: {error}") from error
     if dtype.kind not in "fiu" or len(shape) > _MOST_AXES or math.prod(shape) > _MOST_NUMBERS:
-        raise ValueError(f"{dtype} {shape} is no array of numbers, or a larger one than is read")
+        raise InvalidArgument(f"{dtype} {shape} is no array of numbers, or a larger one than is read")
     array = array_of(content, dtype if precision is None else dtype.newbyteorder("<"), shape)
     return array.astype(np.float64 if precision else dtype.newbyteorder("="))
 
 
 def array_of(content: bytes | memoryview, dtype: np.dtype[Any], shape: tuple[int, ...]) -> NDArray[Any]:
-    """The array, read-only, that bytes hold; raises ValueError for objects, and for another number of bytes."""
+    """The array, read-only, that bytes hold; raises InvalidArgument for objects, and for another number of bytes."""
     if dtype.hasobject:
-        raise ValueError("Object arrays cannot be read, because that would run code from the file")
+        raise InvalidArgument("Object arrays cannot be read, because that would run code from the file")
     if min(shape, default=0) < 0 or math.prod(shape) * dtype.itemsize != len(content):
-        raise ValueError(f"an array of {len(content)} bytes is said to be {shape} {dtype}")
+        raise InvalidArgument(f"an array of {len(content)} bytes is said to be {shape} {dtype}")
     return np.frombuffer(content, dtype).reshape(shape)

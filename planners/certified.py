@@ -8,14 +8,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from belief.codec import INFINITE, from_fields, to_fields
 from belief.errors import ActiveTouchError, CorruptFile, InvalidArgument
 from belief.files import require_regular_file, sealed_json, unsealed_json, write_text
 from belief.observation_model.model import ObservationModel
@@ -151,7 +152,7 @@ class Certificate(Tabular):
     risk: float
     confidence: float
     num_searches: int
-    thresholds: tuple[float, ...]
+    thresholds: Annotated[tuple[float, ...], INFINITE]
     stops: tuple[int, ...]
     wrong: tuple[int, ...]
     max_touches: int
@@ -263,8 +264,7 @@ class Certificate(Tabular):
 
     def save(self, path: str | Path) -> None:
         """Write the certificate as JSON with a digest; raises CannotWrite."""
-        limits = [limit if math.isfinite(limit) else None for limit in self.thresholds]
-        write_text(Path(path), sealed_json({"schema": SCHEMA, **asdict(self), "thresholds": limits}) + "\n")
+        write_text(Path(path), sealed_json({"schema": SCHEMA, **to_fields(self)}) + "\n")
 
     @classmethod
     def opened(cls, certificate: str | Path | Certificate) -> Certificate:
@@ -284,13 +284,7 @@ class Certificate(Tabular):
             given = unsealed_json(file.read_text(encoding="utf-8"))
             if (schema := given.pop("schema", None)) != SCHEMA:
                 raise ValueError(f"its schema is {schema!r}, not {SCHEMA!r}")
-            limits = tuple(math.inf if limit is None else float(limit) for limit in given["thresholds"])
-            lists = {name: tuple(given.get(name, ())) for name in ("stops", "wrong", "counted")}
-            fits = {
-                name: tuple((target, float(misfit), float(strange)) for target, misfit, strange in given[name])
-                for name in ("usual", "since")
-            }
-            return cls(**{**given, "thresholds": limits, **lists, **fits})
+            return from_fields(cls, given)
         except FileNotFoundError:
             raise FileNotFoundError(f"there is no certificate {file}; make it with activetouch certify") from None
         except (OSError, ValueError, TypeError, LookupError) as error:

@@ -9,7 +9,7 @@ import hashlib
 import json
 import platform
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ import numpy as np
 from activetouch.errors import LabelMismatch
 from activetouch.scene import Scene, Symmetry
 from activetouch.scene_description import in_words, scene_differences, scene_fields
+from belief.codec import from_fields, to_fields
 from belief.errors import CorruptFile
 from belief.files import create_text, require_regular_file, sealed_json, unsealed_json
 
@@ -113,7 +114,7 @@ class Manifest:
 
     def to_json(self) -> str:
         """The content of ``manifest.json``, with a digest of its own."""
-        return sealed_json({"format": FORMAT, **asdict(self)}, 2) + "\n"
+        return sealed_json({"format": FORMAT, **to_fields(self)}, 2) + "\n"
 
 
 class NoCollection(CorruptFile):
@@ -166,21 +167,11 @@ def _parse(found: Mapping[str, Any], path: Path) -> Manifest:
             f"{path} has format {number}, this version reads {FORMAT}; record the touches anew, not in {path.parent}"
         )
     try:
-        values = {field.name: found[field.name] for field in fields(Manifest)}  # files of earlier versions have more
-        for name in ("shape_labels", "pose_labels", "image_shape"):
-            values[name] = tuple(values[name])
-        values["plan"], values["symmetry"] = CollectionPlan(**values["plan"]), Symmetry(values["symmetry"])
-        manifest = Manifest(**values)
-        labels = (*manifest.shape_labels, *manifest.pose_labels)
-        if not (
-            type(found["format"]) is int
-            and isinstance(manifest.scene, Mapping)
-            and isinstance(manifest.versions["mujoco"], str)
-            and all(isinstance(label, str) for label in labels)
-        ):
-            raise TypeError("a field is of another type")
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise _damaged(path, f"{type(error).__name__}: {error}") from error
+        manifest = from_fields(Manifest, found, is_whole=False)  # files of earlier versions have more
+        if type(number) is not int or "mujoco" not in manifest.versions:
+            raise ValueError("it states no format, or no version of mujoco")
+    except ValueError as error:
+        raise _damaged(path, error) from error
     return manifest
 
 

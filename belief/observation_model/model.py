@@ -137,7 +137,7 @@ class ArrayModel(FrozenArrays, ABC):
     @classmethod
     def from_fields(cls, fields: Mapping[str, Any]) -> ArrayModel:
         """The model of fields from :meth:`to_fields`; :meth:`with_hypotheses` completes it."""
-        return from_fields(cls, fields)
+        return from_fields(cls, fields, is_whole=False)
 
     def to_json(self, origin: Mapping[str, Any] | None = None) -> str:
         """The model as JSON text, exact to the last bit, with a SHA-256; :func:`read_observation_model` reads it.

@@ -155,7 +155,7 @@ class FittedRigidBody(ArrayModel):
     @classmethod
     def from_fields(cls, fields: Mapping[str, Any]) -> FittedRigidBody:
         """See :class:`ArrayModel`; :meth:`with_hypotheses` completes it."""
-        return from_fields(FittedRigidBody, fields)
+        return from_fields(FittedRigidBody, fields, is_whole=False)
 
 
 @dataclass(frozen=True, eq=False)

@@ -152,11 +152,11 @@ def test_a_value_of_another_type_is_refused_by_name(name, value, message):
         from_fields(Everything, {**to_fields(WHOLE), name: value})
 
 
-def test_unknown_fields_are_ignored_unless_the_class_is_all_that_there_is():
+def test_unknown_fields_are_refused_unless_a_file_has_more_than_the_class():
     fields = {**to_fields(Pair(0.0)), "later": 1}
-    assert from_fields(Pair, fields) == Pair(0.0)
+    assert from_fields(Pair, fields, is_whole=False) == Pair(0.0)
     with pytest.raises(ValueError, match="Pair has no field 'later'"):
-        from_fields(Pair, fields, is_strict=True)
+        from_fields(Pair, fields)
     with pytest.raises(ValueError, match="the field 'low' of Pair is missing"):
         from_fields(Pair, {"high": 1.0})
 

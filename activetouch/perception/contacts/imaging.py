@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from activetouch.pressing.height_maps import Window
 from activetouch.pressing.pad import Pad
+from belief.codec import from_fields
 
 Floats32 = NDArray[np.float32]
 
@@ -151,9 +152,7 @@ class Imaging:
     @classmethod
     def from_fields(cls, fields: Mapping[str, Any]) -> Imaging:
         """The description from :meth:`fields`."""
-        ranges = {name: tuple(map(float, fields[name])) for name in ("force", "sizes", "displaced") if name in fields}
-        dead = None if fields["dead"] is None else np.array(fields["dead"], bool)
-        return cls(**{**fields, **ranges, "pad": Pad(**fields["pad"]), "dead": dead})
+        return from_fields(cls, fields)
 
 
 def encoded(reached: Floats32, inner: int) -> Floats32:
