@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import tyro
 
@@ -14,9 +14,10 @@ from activetouch.named_scenes import NamedScene
 from activetouch.sensor_files import ANY_OBJECT_FILE, observation_file, reader_file
 from belief.codec import from_fields, to_fields
 from belief.composition import Composition
+from belief.constraints import Fraction, NotNegative
 from belief.errors import CorruptFile, InvalidArgument
 from belief.problem import SearchProblem
-from experiments.command_line.arguments import BadArgument, Count, NotNegative, Within, check_arguments
+from experiments.command_line.arguments import BadArgument, Count, check_arguments
 from experiments.command_line.trust import Trust
 from experiments.scene_choice import SceneChoice
 from experiments.sensor_choice import open_sensor, sensor_folder
@@ -39,7 +40,7 @@ class Setting:
     image. Needs a reader of any object."""
     touch_cost: NotNegative = 0.02
     """Cost λ of one touch, in units of a success."""
-    abstain: Annotated[float, Within(0.0, 1.0, open_low=True, open_high=True)] | None = None
+    abstain: Fraction | None = None
     """False-alarm rate of the conflict test, such as 0.02: deciders can answer "I do not know"."""
     anyway: bool = False
     """Accept a sensor that was made for another scene; the report lists the differences."""
