@@ -40,8 +40,9 @@ import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
 
 from belief.codec import Merged, Stored
+from belief.constraints import MOST_COUNT, Within, check
 from belief.frozen import FrozenArrays, frozen
-from belief.validation import Floats, require_count, require_number
+from belief.validation import Floats, require_number
 
 Singles: TypeAlias = Annotated[Floats, Stored("float32")]  # as the fits have rounded them
 NOVELTY, MISFIT = 0, 1
@@ -186,7 +187,7 @@ class ConflictTest(FrozenArrays):
     medians: Singles
     correlations: Floats
     quantiles: Singles
-    num_objects: int
+    num_objects: Annotated[int, Within(_FEWEST_OBJECTS, MOST_COUNT)]
 
     @classmethod
     def fit(
@@ -254,7 +255,7 @@ class ConflictTest(FrozenArrays):
         return float(high) / (number + 1), float(low) / (number + 1)
 
     def __post_init__(self) -> None:
-        require_count("num_objects", self.num_objects, _FEWEST_OBJECTS)
+        check(self)
         for correlation in self.correlations:
             require_number("a correlation", correlation, 0.0, 1.0)
         self.freeze()

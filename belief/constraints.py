@@ -20,7 +20,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from functools import cache
-from numbers import Integral, Real
+from numbers import Integral, Rational, Real
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, NamedTuple, TypeAlias, Union, get_args, get_origin, get_type_hints
@@ -45,12 +45,14 @@ class Within:
         """See :data:`Rule`."""
         is_whole = isinstance(self.low, int)
         is_number = isinstance(value, Integral if is_whole else Real) and not isinstance(value, bool)
-        is_number = is_number and (is_whole or isinstance(value, float) or abs(value) <= sys.float_info.max)
+        is_number = is_number and (is_whole or not isinstance(value, Rational) or abs(value) <= sys.float_info.max)
         above = is_number and (self.low < value if self.open_low else self.low <= value)  # never true of NaN
         if above and (value < self.high if self.open_high else value <= self.high):
             return None
         if is_whole:
             return f"be an integer, at least {self.low}" + f" and at most {self.high}" * bool(above)
+        if self.low == -math.inf:
+            return "be a finite number"
         if self.high == math.inf:
             return f"be a {'finite ' * self.open_high}number {'>' if self.open_low else '≥'} {self.low:g}"
         ends = "(" if self.open_low else "[", ")" if self.open_high else "]"
@@ -93,6 +95,8 @@ Rule: TypeAlias = Within | NotEmpty | Ending | Choice
 the requirement, as the words after "must"."""
 Count: TypeAlias = Annotated[int, Within(1, MOST_COUNT)]
 """Positive number of things."""
+CountOrNone: TypeAlias = Annotated[int, Within(0, MOST_COUNT)]
+"""Number of things, possibly zero."""
 ABOVE_ZERO = Within(0.0, math.inf, open_low=True, open_high=True)
 """Rule of positive finite numbers."""
 Positive: TypeAlias = Annotated[float, ABOVE_ZERO]
@@ -107,6 +111,8 @@ Fraction: TypeAlias = Annotated[float, FRACTION]
 """Number in (0, 1)."""
 Probability: TypeAlias = Annotated[float, Within(0.0, 1.0)]
 """Number in [0, 1]."""
+Finite: TypeAlias = Annotated[float, Within(-math.inf, math.inf, open_low=True, open_high=True)]
+"""Finite number."""
 
 
 def require_rule(name: str, value: Any, rule: Rule, error: type[Exception] = InvalidArgument) -> None:
@@ -150,6 +156,13 @@ def check(value: Any, error: type[Exception] = InvalidArgument) -> None:
     """Raise the error for the first field of a dataclass that breaks a rule of its annotation."""
     for name, constraint in _constraints(type(value)):
         constraint.require(name, getattr(value, name), error)
+
+
+class Checked:
+    """Base of dataclasses whose constructor checks the rules of their annotations and nothing else."""
+
+    def __post_init__(self) -> None:
+        check(self)
 
 
 @cache

@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from belief.bayes import target_information_gain
+from belief.constraints import Checked, Count
 from belief.errors import ActiveTouchError, CorruptFile, InvalidArgument, UnknownName
 from belief.files import sealed_json, unsealed_json, write_text
 from belief.observation_model.outcome_mixture import information, target_shares
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Probe
-from belief.validation import Floats, require_count
+from belief.validation import Floats
 from planners.decider import Decision, InformationState, pose_scores, require_fit
 from planners.repeats import LEAST_USED, RepeatDiscount
 
@@ -108,7 +109,7 @@ class RandomOrder:
 
 
 @dataclass(frozen=True, eq=False)
-class TargetInformationGain:
+class TargetInformationGain(Checked):
     """The pose with the largest expected information gain about whether this object is the target.
 
     Where the evidence has an outcome mixture, the gain is that after the touches so far. Otherwise the gain is that of
@@ -129,15 +130,9 @@ class TargetInformationGain:
 
     table: OutcomeTable
     repeats: RepeatDiscount = LEAST_USED
-    outcomes: int = OUTCOMES
-    hypotheses: int = HYPOTHESES
+    outcomes: Count = OUTCOMES
+    hypotheses: Count = HYPOTHESES
     given: Literal["body", "shape"] = "body"
-
-    def __post_init__(self) -> None:
-        for name in ("outcomes", "hypotheses"):
-            require_count(name, getattr(self, name))
-        if self.given not in ("body", "shape"):
-            raise InvalidArgument(f"given must be 'body' or 'shape', got {self.given!r}")
 
     def choose(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.ProbeSelector`."""

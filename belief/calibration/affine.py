@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from belief.calibration.base import Calibration, Status
 from belief.calibration.softmax_regression import SoftmaxRegression
 from belief.calibration.temperature import TemperatureScaling
+from belief.constraints import Positive, check
 from belief.frozen import FrozenArrays
 from belief.validation import Floats, as_real, labelled_logits
 
@@ -45,9 +46,7 @@ class AffineCalibration(FrozenArrays, Calibration):
     coefficients: Floats | None = None
 
     def __post_init__(self) -> None:
-        for name in self.penalty_names():
-            if not 0.0 < getattr(self, name) < np.inf:
-                raise ValueError(f"{name} must be above zero and finite, got {getattr(self, name)}")
+        check(self)
         if self.coefficients is None:
             return
         matrix = np.asarray(as_real(self.coefficients, "coefficients"), np.float64)
@@ -164,8 +163,8 @@ class VectorScaling(AffineCalibration):
 
     name: ClassVar[str] = "vector"
 
-    diagonal_strength: float = 0.25
-    bias_strength: float = 0.25
+    diagonal_strength: Positive = 0.25
+    bias_strength: Positive = 0.25
 
     def spread(self, num_rows: float) -> float:
         """See :meth:`AffineCalibration.spread`."""
@@ -205,9 +204,9 @@ class DirichletCalibration(AffineCalibration):
 
     name: ClassVar[str] = "dirichlet"
 
-    diagonal_strength: float = 0.1
-    off_diagonal_strength: float = 0.1
-    bias_strength: float = 0.1
+    diagonal_strength: Positive = 0.1
+    off_diagonal_strength: Positive = 0.1
+    bias_strength: Positive = 0.1
 
     def penalties(self, num_rows: float, num_shapes: int) -> tuple[float, float, float]:
         """See :meth:`AffineCalibration.penalties`."""
@@ -243,9 +242,9 @@ class StructuredMatrixScaling(AffineCalibration):
 
     name: ClassVar[str] = "structured_matrix"
 
-    diagonal_strength: float = 1.0
-    off_diagonal_strength: float = 1.0
-    bias_strength: float = 1.0
+    diagonal_strength: Positive = 1.0
+    off_diagonal_strength: Positive = 1.0
+    bias_strength: Positive = 1.0
 
     def penalties(self, num_rows: float, num_shapes: int) -> tuple[float, float, float]:
         """See :meth:`AffineCalibration.penalties`."""

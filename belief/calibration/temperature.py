@@ -17,13 +17,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, get_args
+from typing import Annotated, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.calibration.base import Calibration, Status
-from belief.validation import Floats, are_finite, finite_logits, labelled_logits, require_choice
+from belief.constraints import Positive, Within, check
+from belief.validation import Floats, finite_logits, labelled_logits
 
 _ROUNDING = 1e-12  # of a slope, in units of the largest logit
 _EXTREME = 1e6  # ratio of the fallback temperatures to the scale of the logits
@@ -56,16 +57,12 @@ class TemperatureScaling(Calibration):
 
     name: ClassVar[str] = "temperature"
 
-    temperature: float = 1.0
+    temperature: Positive = 1.0
     status: Status = "unfitted"
-    floor: float = 0.0
+    floor: Annotated[float, Within(0.0, 1.0, open_high=True)] = 0.0
 
     def __post_init__(self) -> None:
-        if not (self.temperature > 0.0 and are_finite(self.temperature)) or not 0.0 <= self.floor < 1.0:
-            raise ValueError(
-                f"need a finite temperature > 0 and a floor in [0, 1), got {self.temperature} and {self.floor}"
-            )
-        require_choice("status", self.status, get_args(Status))
+        check(self)
 
     @property
     def num_shapes(self) -> None:

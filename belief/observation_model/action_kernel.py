@@ -24,6 +24,7 @@ from scipy.special import log_softmax, softmax
 
 from belief.codec import OPTIONAL
 from belief.conflict import MOST_TOUCHES, ConflictTest, ObjectConflict
+from belief.constraints import Count, check
 from belief.errors import InvalidArgument
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.evidence import SummarisedEvidence
@@ -35,7 +36,7 @@ from belief.observation_model.quantisation import drawn, smoothed, tabulate
 from belief.observation_model.repeat_discount import ASSUMED_CORRELATION
 from belief.problem import Touch
 from belief.touch_batch import TouchBatch
-from belief.validation import Floats, require_count, unmasked
+from belief.validation import Floats, unmasked
 
 Integers: TypeAlias = NDArray[np.int64]
 
@@ -76,7 +77,7 @@ class ActionKernelModel(ArrayModel):
     shape_labels: tuple[str, ...]
     kernel: Floats
     references: Floats
-    repeats: int | None = None
+    repeats: Count | None = None
     conflict: Annotated[ConflictTest | None, OPTIONAL] = None
 
     def __post_init__(self) -> None:
@@ -95,8 +96,7 @@ class ActionKernelModel(ArrayModel):
             )
         if references.ndim != 3 or references.shape[::2] != (len(kernel), num_shapes) or references.size == 0:
             raise ValueError(f"references must be ({len(kernel)}, N, {num_shapes}), N ≥ 1, got {references.shape}")
-        if self.repeats is not None:
-            require_count("repeats", self.repeats)
+        check(self)
         self.freeze()
 
     @classmethod

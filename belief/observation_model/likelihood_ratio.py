@@ -11,13 +11,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, ClassVar, Literal, NamedTuple, TypeAlias, get_args
+from typing import Annotated, ClassVar, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from belief.calibration import CALIBRATIONS, Calibration, StructuredMatrixScaling
 from belief.codec import OneOf, Stored
+from belief.constraints import Within, check
 from belief.observation_model.calibration_data import LabelledTouches, object_folds
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
@@ -31,7 +32,7 @@ from belief.observation_model.repeat_discount import (
 )
 from belief.problem import Touch
 from belief.touch_batch import TouchBatch
-from belief.validation import SUM_TOLERANCE, Floats, as_real, renormalised, require_choice
+from belief.validation import SUM_TOLERANCE, Floats, as_real, renormalised
 
 Status: TypeAlias = Literal["ok", "no_repeats", "one_shape"]
 _REFERENCES = 500  # touches stored per pose
@@ -70,7 +71,7 @@ class RatioModel(ArrayModel):
     shape_labels: tuple[str, ...]
     calibration: Annotated[Calibration, OneOf(CALIBRATIONS)]
     training_prior: Floats
-    correlation: float
+    correlation: Annotated[float, Within(0.0, 1.0, open_high=True)]
     references: Annotated[Floats, Stored("float32", is_decimal=True)]
     status: Status = "ok"
 
@@ -80,13 +81,11 @@ class RatioModel(ArrayModel):
         num_shapes = len(self.shape_labels)
         if prior.shape != (num_shapes,) or not (prior > 0.0).all() or abs(prior.sum() - 1.0) > SUM_TOLERANCE:
             raise ValueError(f"training_prior must be {num_shapes} positive shares that sum to one, got {prior}")
-        if not 0.0 <= self.correlation < 1.0:
-            raise ValueError(f"correlation must be in [0, 1), got {self.correlation}")
+        check(self)
         if references.ndim != 3 or references.shape[2] != num_shapes or references.size == 0:
             raise ValueError(f"references must be (P, N, {num_shapes}), none of them empty, got {references.shape}")
         if self.calibration.num_shapes not in (None, num_shapes):
             raise ValueError(f"the calibration is for {self.calibration.num_shapes} shapes, not for {num_shapes}")
-        require_choice("status", self.status, get_args(Status))
         object.__setattr__(self, "training_prior", renormalised(prior))
         self.freeze()
 

@@ -20,6 +20,7 @@ import scipy  # whose parts load at first use
 from numpy.typing import NDArray
 
 from belief.codec import Merged
+from belief.constraints import Positive, check
 from belief.frozen import FrozenArrays
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.model import ArrayModel
@@ -42,14 +43,13 @@ class LogitEmbedding(FrozenArrays):
 
     lowest: Floats
     highest: Floats
-    unit: float = 1.0
+    unit: Positive = 1.0
 
     def __post_init__(self) -> None:
         self.to_floats("lowest", "highest", finite=False)
         if self.lowest.ndim != 1 or self.lowest.shape != self.highest.shape or not (self.lowest <= self.highest).all():
             raise ValueError(f"need lowest ≤ highest for every component, got {self.lowest} and {self.highest}")
-        if not 0.0 < self.unit < np.inf:
-            raise ValueError(f"unit must be finite and > 0, got {self.unit}")
+        check(self)
         if len(self.lowest) < 2:
             raise ValueError("an embedding of logits needs at least two shapes, got one")
         self.freeze()
