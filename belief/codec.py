@@ -82,13 +82,13 @@ class _Field(NamedTuple):
 
 
 @cache
-def _fields_of(kind: type) -> tuple[_Field, ...]:
+def _fields_of(kind: Any) -> tuple[_Field, ...]:
     """The fields of a dataclass or named tuple, in the order of its files: ``last_in_file`` names those at the end."""
     hints = get_type_hints(kind, include_extras=True)
     if is_dataclass(kind):
         defaults = {f.name: f.default if f.default_factory is MISSING else None for f in fields(kind) if f.init}
     else:
-        defaults = {name: kind._field_defaults.get(name, MISSING) for name in kind._fields}  # type: ignore[attr-defined]
+        defaults = {name: kind._field_defaults.get(name, MISSING) for name in kind._fields}
     last = getattr(kind, "last_in_file", ())
     names = sorted(defaults, key=lambda name: last.index(name) if name in last else -1)
     return tuple(
@@ -153,7 +153,7 @@ def from_fields(kind: type[T], fields: Mapping[str, Any], *, is_whole: bool = Tr
     """
     if not isinstance(fields, Mapping):
         raise InvalidArgument(f"{kind.__name__} must be a JSON object, got {shown(fields)}")
-    values, known = {}, _fields_of(kind)
+    values, known = {}, _fields_of(kind)  # type: ignore[arg-type]
     if is_whole and (unknown := fields.keys() - {name for field in known for name in _names(field)}):
         raise InvalidArgument(f"{kind.__name__} has no field {min(unknown)!r}")
     for field in known:
@@ -199,7 +199,7 @@ def _read(name: str, value: Any, kind: Any, marks: tuple[Any, ...] = ()) -> Any:
             raise InvalidArgument(f"unknown {name} {shown(given)}, known are {', '.join(choice.classes)}")
         return from_fields(choice.classes[value["name"]], {key: value[key] for key in value if key != "name"})
     elif is_dataclass(kind) or hasattr(kind, "_fields"):
-        return from_fields(kind, value)  # type: ignore[type-var]
+        return from_fields(kind, value)
     elif isinstance(kind, type) and (issubclass(kind, Enum) or (issubclass(kind, Path) and isinstance(value, str))):
         return kind(value)
     raise InvalidArgument(f"{name} must be {getattr(kind, '__name__', kind)}, got {shown(value)}")

@@ -29,17 +29,17 @@ Scores of four touches of each of 200 objects, then an object that fits, and one
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from math import log
-from typing import Annotated, ClassVar, TypeAlias
+from typing import Annotated, Any, ClassVar, TypeAlias
 
 import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
 
-from belief.codec import Merged, Stored
+from belief.codec import Merged, Stored, from_fields, to_fields
 from belief.constraints import MOST_COUNT, Within, check
 from belief.frozen import FrozenArrays, frozen
 from belief.validation import Floats, require_number
@@ -189,6 +189,12 @@ class ConflictTest(FrozenArrays):
     quantiles: Singles
     num_objects: Annotated[int, Within(_FEWEST_OBJECTS, MOST_COUNT)]
 
+    def __post_init__(self) -> None:
+        check(self)
+        for correlation in self.correlations:
+            require_number("a correlation", correlation, 0.0, 1.0)
+        self.freeze()
+
     @classmethod
     def fit(
         cls, embeddings: Floats, misfits: Floats, shapes: ArrayLike, certainties: Floats | None = None
@@ -254,11 +260,14 @@ class ConflictTest(FrozenArrays):
         low = ranks[above] if above < len(values) else number + 1
         return float(high) / (number + 1), float(low) / (number + 1)
 
-    def __post_init__(self) -> None:
-        check(self)
-        for correlation in self.correlations:
-            require_number("a correlation", correlation, 0.0, 1.0)
-        self.freeze()
+    def to_fields(self) -> dict[str, Any]:
+        """All parameters, as JSON types."""
+        return to_fields(self)
+
+    @classmethod
+    def from_fields(cls, fields: Mapping[str, Any]) -> ConflictTest:
+        """The test of fields from :meth:`to_fields`."""
+        return from_fields(cls, fields)
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,6 +30,7 @@ from belief.naming import shown
 
 MOST_COUNT = 2**53
 """Largest count: integers up to here are exact floats."""
+_MOST_FLOAT = int(sys.float_info.max)
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,8 @@ class Within:
         """See :data:`Rule`."""
         is_whole = isinstance(self.low, int)
         is_number = isinstance(value, Integral if is_whole else Real) and not isinstance(value, bool)
-        is_number = is_number and (is_whole or not isinstance(value, Rational) or abs(value) <= sys.float_info.max)
+        if not is_whole and isinstance(value, Rational) and not -_MOST_FLOAT <= value <= _MOST_FLOAT:
+            is_number = False
         above = is_number and (self.low < value if self.open_low else self.low <= value)  # never true of NaN
         if above and (value < self.high if self.open_high else value <= self.high):
             return None
@@ -154,7 +156,7 @@ class Constraint(NamedTuple):
 
 def check(value: Any, error: type[Exception] = InvalidArgument) -> None:
     """Raise the error for the first field of a dataclass that breaks a rule of its annotation."""
-    for name, constraint in _constraints(type(value)):
+    for name, constraint in _constraints(type(value)):  # type: ignore[arg-type]
         constraint.require(name, getattr(value, name), error)
 
 
@@ -166,7 +168,7 @@ class Checked:
 
 
 @cache
-def _constraints(kind: type) -> tuple[tuple[str, Constraint], ...]:
+def _constraints(kind: Any) -> tuple[tuple[str, Constraint], ...]:
     """The fields of a class that have rules."""
     hints = get_type_hints(kind, include_extras=True)
     found = ((field.name, Constraint.of(hints[field.name])) for field in fields(kind))

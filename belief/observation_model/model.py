@@ -131,13 +131,13 @@ class ArrayModel(FrozenArrays, ABC):
         """See :meth:`outcome_table`."""
 
     def to_fields(self) -> dict[str, Any]:
-        """All parameters of the model, as JSON types."""
-        return to_fields(self)
+        """All parameters of the model except the shape labels, as JSON types."""
+        return {name: value for name, value in to_fields(self).items() if name != "shape_labels"}
 
     @classmethod
-    def from_fields(cls, fields: Mapping[str, Any]) -> ArrayModel:
+    def from_fields(cls, shape_labels: tuple[str, ...], fields: Mapping[str, Any]) -> ArrayModel:
         """The model of fields from :meth:`to_fields`; :meth:`with_hypotheses` completes it."""
-        return from_fields(cls, fields, is_whole=False)
+        return from_fields(cls, {**fields, "shape_labels": shape_labels}, is_whole=False)
 
     def to_json(self, origin: Mapping[str, Any] | None = None) -> str:
         """The model as JSON text, exact to the last bit, with a SHA-256; :func:`read_observation_model` reads it.
@@ -145,7 +145,7 @@ class ArrayModel(FrozenArrays, ABC):
         Args:
             origin: source of the calibration touches, as JSON types; :func:`read_origin` reads it.
         """
-        fields = {"model": self.name, **self.to_fields()}
+        fields = {"model": self.name, "shape_labels": list(self.shape_labels), **self.to_fields()}
         return sealed_json(fields if origin is None else {**fields, "origin": dict(origin)}, indent=None)
 
     def freeze(self) -> None:
