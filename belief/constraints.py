@@ -16,11 +16,10 @@ belief.errors.InvalidArgument: confirm must be a number in [0, 1], got 1.5
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from functools import cache
-from numbers import Integral, Rational, Real
+from numbers import Integral, Real
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, NamedTuple, TypeAlias, Union, get_args, get_origin, get_type_hints
@@ -30,7 +29,6 @@ from belief.naming import shown
 
 MOST_COUNT = 2**53
 """Largest count: integers up to here are exact floats."""
-_MOST_FLOAT = int(sys.float_info.max)
 
 
 @dataclass(frozen=True)
@@ -44,10 +42,8 @@ class Within:
 
     def broken(self, value: Any) -> str | None:
         """See :data:`Rule`."""
-        is_whole = isinstance(self.low, int)
-        is_number = isinstance(value, Integral if is_whole else Real) and not isinstance(value, bool)
-        if not is_whole and isinstance(value, Rational) and not -_MOST_FLOAT <= value <= _MOST_FLOAT:
-            is_number = False
+        is_whole = type(self.low) is int
+        is_number = type(value) is (int if is_whole else float) or _is_number(value, is_whole)
         above = is_number and (self.low < value if self.open_low else self.low <= value)  # never true of NaN
         if above and (value < self.high if self.open_high else value <= self.high):
             return None
@@ -59,6 +55,16 @@ class Within:
             return f"be a {'finite ' * self.open_high}number {'>' if self.open_low else '≥'} {self.low:g}"
         ends = "(" if self.open_low else "[", ")" if self.open_high else "]"
         return f"be a number in {ends[0]}{self.low:g}, {self.high:g}{ends[1]}"
+
+
+def _is_number(value: Any, is_whole: bool) -> bool:
+    """Whether a value is an integer, or a real number that floats reach."""
+    if isinstance(value, bool) or not isinstance(value, Integral if is_whole else Real):
+        return False
+    try:
+        return is_whole or not math.isnan(value)
+    except OverflowError:
+        return False
 
 
 @dataclass(frozen=True)
