@@ -98,11 +98,7 @@ def _fields_of(kind: Any) -> tuple[_Field, ...]:
 
 
 def to_fields(value: Any, kind: type | None = None) -> dict[str, Any]:
-    """The fields of a dataclass or named tuple as JSON types; of ``kind`` alone, if it is a base class.
-
-    >>> to_fields(Stored("float16"))
-    {'precision': 'float16', 'is_decimal': False}
-    """
+    """The fields of a dataclass or named tuple as JSON types; of ``kind`` alone, if it is a base class."""
     found: dict[str, Any] = {}
     for field in _fields_of(kind or type(value)):
         part = getattr(value, field.name)
@@ -143,13 +139,8 @@ def _written(value: Any, field: _Field) -> Any:
 def from_fields(kind: type[T], fields: Mapping[str, Any], *, is_whole: bool = True) -> T:
     """The object of fields from :func:`to_fields`; a field that is absent has its default.
 
-    Args:
-        kind: a dataclass or named tuple.
-        fields: as from a file, or objects that are ready.
-        is_whole: whether there may be no other fields than those of the class; in parts of it, there never are.
-
-    Raises:
-        InvalidArgument: a field is missing or of another type, or the constructor refuses it.
+    Raises InvalidArgument for a field that is missing or of another type, and, if the object ``is_whole``, for another
+    field; its parts always are.
     """
     if not isinstance(fields, Mapping):
         raise InvalidArgument(f"{kind.__name__} must be a JSON object, got {shown(fields)}")
@@ -176,7 +167,7 @@ def _read(name: str, value: Any, kind: Any, marks: tuple[Any, ...] = ()) -> Any:
         return _read_one(name, value, parts, marks)
     if value is None and kind is float and INFINITE in marks:
         return math.inf
-    if kind in (int, float):  # a bool is neither; other numbers than floats are exact
+    if kind in (int, float):  # not a bool, nor a number that is not finite
         if isinstance(value, int | kind) and not isinstance(value, bool) and are_finite(value):
             return value
     elif origin is Literal:
@@ -194,10 +185,10 @@ def _read(name: str, value: Any, kind: Any, marks: tuple[Any, ...] = ()) -> Any:
     elif kind is Any or (origin is None and isinstance(value, kind)):
         return value
     elif choice := next((mark for mark in marks if isinstance(mark, OneOf)), None):
-        if not isinstance(value, Mapping) or value.get("name") not in choice.classes:
-            given = value.get("name") if isinstance(value, Mapping) else value
+        given = value.get("name") if isinstance(value, Mapping) else value
+        if not isinstance(given, str) or given not in choice.classes:
             raise InvalidArgument(f"unknown {name} {shown(given)}, known are {', '.join(choice.classes)}")
-        return from_fields(choice.classes[value["name"]], {key: value[key] for key in value if key != "name"})
+        return from_fields(choice.classes[given], {key: value[key] for key in value if key != "name"})
     elif is_dataclass(kind) or hasattr(kind, "_fields"):
         return from_fields(kind, value)
     elif isinstance(kind, type) and (issubclass(kind, Enum) or (issubclass(kind, Path) and isinstance(value, str))):
@@ -238,11 +229,7 @@ def _read_array(name: str, value: Any, dtype: np.dtype[Any], marks: tuple[Any, .
 
 
 def array_field(array: NDArray[Any], precision: Precision | None = None) -> dict[str, Any]:
-    """An array of numbers as JSON types, exact to the last bit by default, or rounded to a precision.
-
-    >>> array_field(np.ones(2, np.uint8))
-    {'dtype': '|u1', 'shape': [2], 'base64': 'AQE='}
-    """
+    """An array of numbers as JSON types, exact to the last bit by default, or rounded to a precision."""
     little = np.ascontiguousarray(array, np.dtype(precision or array.dtype).newbyteorder("<"))
     text = base64.b64encode(little.tobytes()).decode("ascii")
     if precision is not None:

@@ -109,7 +109,9 @@ ABOVE_ZERO = Within(0.0, math.inf, open_low=True, open_high=True)
 """Rule of positive finite numbers."""
 Positive: TypeAlias = Annotated[float, ABOVE_ZERO]
 """Positive finite number."""
-NotNegative: TypeAlias = Annotated[float, Within(0.0, math.inf, open_high=True)]
+NOT_NEGATIVE = Within(0.0, math.inf, open_high=True)
+"""Rule of non-negative finite numbers."""
+NotNegative: TypeAlias = Annotated[float, NOT_NEGATIVE]
 """Non-negative finite number."""
 Share: TypeAlias = Annotated[float, Within(0.0, 1.0, open_low=True)]
 """Fraction in (0, 1]."""
@@ -119,7 +121,9 @@ Fraction: TypeAlias = Annotated[float, FRACTION]
 """Number in (0, 1)."""
 Probability: TypeAlias = Annotated[float, Within(0.0, 1.0)]
 """Number in [0, 1]."""
-Finite: TypeAlias = Annotated[float, Within(-math.inf, math.inf, open_low=True, open_high=True)]
+FINITE = Within(-math.inf, math.inf, open_low=True, open_high=True)
+"""Rule of finite numbers."""
+Finite: TypeAlias = Annotated[float, FINITE]
 """Finite number."""
 
 

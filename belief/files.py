@@ -187,15 +187,9 @@ _LONGEST_END, _LONGEST_LIST = (
 def read_npz(
     source: Path | bytes, most: int, names: Collection[str] | None = None
 ) -> tuple[dict[str, NDArray[Any]], list[str]]:
-    """The arrays of an npz file, and the names of others; at most ``most`` bytes are decompressed.
+    """The arrays of an npz file, those in ``names`` or all, and the names of others; raises many kinds of Exception.
 
-    Args:
-        source: the file, or its bytes.
-        most: largest size of all of them together, with some hundred bytes for the header of each [bytes].
-        names: of the arrays that are read where they are there; all by default.
-
-    Raises:
-        Exception: the file is larger, damaged or something else; zipfile and numpy raise many kinds.
+    At most ``most`` bytes are decompressed, the headers of arrays included, of some hundred bytes each.
     """
     arrays: dict[str, NDArray[Any]] = {}
     with opened_zip(source) as archive:

@@ -207,8 +207,8 @@ def normalise_probs(probs: ArrayLike, name: str = "probs", axis: int = -1, row: 
 def pose_count(poses: NDArray[np.integer], num_poses: int | None) -> int:
     """P: as given, or one more than the largest of one or more poses."""
     largest, most = int(poses.max()), max(_MOST_POSES, poses.size)
-    if num_poses is not None and not (isinstance(num_poses, int | np.integer) and 1 <= num_poses <= most):
-        raise InvalidArgument(f"num_poses must be a whole number from 1 to {most}, got {num_poses!r}")
+    if num_poses is not None:
+        require_count("num_poses", num_poses, most=most)
     if poses.min() < 0 or largest >= (most if num_poses is None else num_poses):
         touch = int(poses.argmin() if poses.min() < 0 else poses.argmax())
         known = f"{poses.size} touches are fitted in at most {most} poses"

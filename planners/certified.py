@@ -139,9 +139,6 @@ class Certificate(Tabular):
         usual: fit of each calibration search.
         since: fit of each search of the set-up, in their order.
         counted: digests of the sessions of these searches.
-
-    Raises:
-        InvalidArgument: a number is out of its range, or fields do not fit each other.
     """
 
     decider: str

@@ -123,9 +123,6 @@ class TargetInformationGain(Checked):
         hypotheses: about the object that a mixture works with, of each shape, at most.
         given: "body", or "shape" for the table even where there is a mixture; poses that are alike to it are then
             drawn at random. It is the baseline for what orientation and size are worth.
-
-    Raises:
-        InvalidArgument: a setting is out of its range.
     """
 
     table: OutcomeTable

@@ -114,9 +114,6 @@ class ThresholdRule:
         high, low: thresholds on the classifier's softmax, without calibration; 0 ≤ low ≤ high ≤ 1.
         num_consecutive: number of frames in a row that must exceed ``high``; at least 1.
         max_touches: maximum number of contacts with one object; at least 1.
-
-    Raises:
-        InvalidArgument: A threshold or a count is out of its range.
     """
 
     high: float = 0.9

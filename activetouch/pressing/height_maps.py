@@ -26,9 +26,6 @@ class Window:
     Attributes:
         edge: of the square [m].
         num_pixels: along an edge.
-
-    Raises:
-        InvalidArgument: the edge is not above zero and finite, or there is no pixel.
     """
 
     edge: Positive

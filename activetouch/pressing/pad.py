@@ -13,9 +13,8 @@ from typing import Annotated
 
 import numpy as np
 
-from activetouch.solids.solid import FINITE, Floats
-from belief.constraints import Checked, NotNegative, Positive, Within
-from belief.validation import require_number
+from activetouch.solids.solid import Floats
+from belief.constraints import NOT_NEGATIVE, Checked, NotNegative, Positive, Within, require_rule
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,7 @@ class Pad(Checked):
         Raises:
             InvalidArgument: the force is negative or not finite.
         """
-        require_number("force", force, 0.0, FINITE)
+        require_rule("force", force, NOT_NEGATIVE)
         reached = gap.compress((gap < self.max_depth).ravel())  # in two thirds of the time of a mask
         if force == 0.0 or reached.size == 0:
             return 0.0

@@ -30,9 +30,6 @@ class AffineCalibration(FrozenArrays, Calibration):
         temperature: the first step, with the spread probability as its floor.
         coefficients: (W | b), ``(K, K + 1)``; None before the fit.
 
-    Raises:
-        ValueError: a penalty that is not positive, or coefficients of the wrong shape or not finite.
-
     Example:
         >>> from belief.calibration import VectorScaling
         >>> fitted = VectorScaling().fit([[2.0, 0.0], [2.0, 0.0], [0.0, 2.0], [2.0, 0.0]], [0, 1, 1, 0])

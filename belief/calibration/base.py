@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from belief.codec import from_fields, to_fields
+from belief.constraints import Within, require_rule
 from belief.validation import (
     Floats,
     as_real,
@@ -158,8 +159,7 @@ def logits_from_probs(probs: ArrayLike, floor: float = 1e-12) -> Floats:
     >>> logits_from_probs([0.9]).round(2).tolist()
     [[-2.3, -0.11]]
     """
-    if not 0.0 < floor < 0.5:
-        raise ValueError(f"floor must be in (0, 0.5), got {floor}")
+    require_rule("floor", floor, Within(0.0, 0.5, open_low=True, open_high=True))
     p = np.asarray(as_real(probs, "probs"), np.float64)
     if p.ndim == 1 or (p.ndim == 2 and p.shape[1] == 1):
         p = np.stack([1.0 - p.reshape(-1), p.reshape(-1)], axis=1)

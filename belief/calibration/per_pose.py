@@ -28,9 +28,6 @@ class PerPose:
         fitted: calibrations of all touches together, and of those of each pose; none before the fit.
         num_touches: number of touches in each of P poses.
 
-    Raises:
-        ValueError: ``pooling`` is negative or not finite, or the calibrations do not fit each other.
-
     Example:
         >>> rng = np.random.default_rng(0)
         >>> labels, poses = rng.integers(2, size=8000), rng.integers(2, size=8000)

@@ -48,9 +48,6 @@ class TemperatureScaling(Calibration):
             logits, T → ∞.
         floor: probability spread evenly over all shapes; 1/(n + 2) if the status is ``separable``, else 0.
 
-    Raises:
-        ValueError: a temperature that is not positive and finite, a floor outside [0, 1), an unknown status.
-
     >>> TemperatureScaling(temperature=2.0, status="ok").predict_proba([2.0, 0.0]).round(3).tolist()
     [0.731, 0.269]
     """

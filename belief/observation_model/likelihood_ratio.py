@@ -53,9 +53,6 @@ class RatioModel(ArrayModel):
             ``one_shape``: all touches were of one shape, from which no ratio of two shapes can be learned. The
             calibration then fits the frequencies of this shape only; its own status may be any.
 
-    Raises:
-        ValueError: an invalid prior, correlation, references or status.
-
     Example:
         >>> rng = np.random.default_rng(0)
         >>> shapes, ids = np.arange(900) // 3 % 2, np.arange(900) // 3       # three equal touches of each object

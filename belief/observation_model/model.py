@@ -20,7 +20,7 @@ from belief.observation_model.evidence import ObjectEvidence, RecomputedEvidence
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Touch
 from belief.touch_batch import TouchBatch
-from belief.validation import Floats, require_count
+from belief.validation import Floats, require_count, require_index
 
 Reads: TypeAlias = Literal["logits", "embeddings", "log ratios"]
 """What a model reads of a touch: its logits, its embedding, or logits that are calibrated log likelihood ratios."""
@@ -192,8 +192,7 @@ class ArrayModel(FrozenArrays, ABC):
 
     def sample_batch(self, shape: int, poses: NDArray[np.integer], rng: np.random.Generator) -> TouchBatch:
         """:meth:`sample` of S objects of a shape, one for each row of ``poses (S, n)``."""
-        if not 0 <= shape < len(self.shape_labels):
-            raise ValueError(f"shape must be in [0, {len(self.shape_labels)}), got {shape}")
+        require_index("shape", shape, len(self.shape_labels))
         rows = np.asarray(poses)
         if rows.ndim != 2 or not np.issubdtype(rows.dtype, np.integer):
             raise ValueError(f"poses must be integers (S, n), got {rows.dtype} {rows.shape}")

@@ -112,9 +112,6 @@ class PLDAModel(ArrayModel):
         means: ``(P, K, D)``.
         components: the covariances B, V and W.
 
-    Raises:
-        ValueError: arrays that do not fit each other, invalid covariances.
-
     Example:
         Five equal touches of one object in one pose are little more evidence than one:
 

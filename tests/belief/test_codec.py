@@ -138,6 +138,8 @@ def half_of(number):
         ("ends", {"high": 1.0}, "the field 'low' of Pair is missing"),
         ("chosen", {"name": "os.system"}, "unknown chosen 'os.system', known are one, two"),
         ("chosen", [], "unknown chosen"),
+        ("chosen", {"name": ["one"]}, "unknown chosen"),
+        ("chosen", {"name": "one", "size": "1"}, "size must be int, got '1'"),
         ("exact", [[1.0], [1.0, 2.0]], "exact: "),
         ("exact", ["1.0"], "exact: .* is no array of numbers"),
         ("exact", [None], "exact: .* is no array of numbers"),
