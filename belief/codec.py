@@ -91,10 +91,7 @@ def _fields_of(kind: Any) -> tuple[_Field, ...]:
         defaults = {name: kind._field_defaults.get(name, MISSING) for name in kind._fields}
     last = getattr(kind, "last_in_file", ())
     names = sorted(defaults, key=lambda name: last.index(name) if name in last else -1)
-    return tuple(
-        _Field(name, hints[name], getattr(hints[name], "__metadata__", ()), defaults[name])  # of Annotated
-        for name in names
-    )
+    return tuple(_Field(name, hints[name], getattr(hints[name], "__metadata__", ()), defaults[name]) for name in names)
 
 
 def to_fields(value: Any, kind: type | None = None) -> dict[str, Any]:
@@ -137,11 +134,7 @@ def _written(value: Any, field: _Field) -> Any:
 
 
 def from_fields(kind: type[T], fields: Mapping[str, Any], *, is_whole: bool = True) -> T:
-    """The object of fields from :func:`to_fields`; a field that is absent has its default.
-
-    Raises InvalidArgument for a field that is missing or of another type, and, if the object ``is_whole``, for another
-    field; its parts always are.
-    """
+    """The object of fields from :func:`to_fields`, without others if it ``is_whole``; absent ones have defaults."""
     if not isinstance(fields, Mapping):
         raise InvalidArgument(f"{kind.__name__} must be a JSON object, got {shown(fields)}")
     values, known = {}, _fields_of(kind)  # type: ignore[arg-type]
@@ -205,8 +198,8 @@ def _read_one(name: str, value: Any, kinds: tuple[Any, ...], marks: tuple[Any, .
         try:
             return _read(name, value, kind, marks)
         except ValueError as error:
-            errors.append(error)
-    raise errors[0] if len(errors) == 1 else InvalidArgument(f"{'; or '.join(map(str, errors))}")
+            errors.append(str(error))
+    raise InvalidArgument("; or ".join(errors))
 
 
 def _read_array(name: str, value: Any, dtype: np.dtype[Any], marks: tuple[Any, ...]) -> NDArray[Any]:

@@ -33,12 +33,16 @@ MOST_COUNT = 2**53
 
 @dataclass(frozen=True)
 class Within:
-    """Range of a number, of an integer if ``low`` is one; ``open_low`` and ``open_high`` exclude the ends."""
+    """Range of a number, of an integer if ``low`` is one; ``open_low`` and ``open_high`` exclude the ends.
+
+    ``unit``, as in " rad", is for the message.
+    """
 
     low: float
     high: float
     open_low: bool = False
     open_high: bool = False
+    unit: str = ""
 
     def broken(self, value: Any) -> str | None:
         """See :data:`Rule`."""
@@ -48,13 +52,14 @@ class Within:
         if above and (value < self.high if self.open_high else value <= self.high):
             return None
         if is_whole:
-            return f"be an integer, at least {self.low}" + f" and at most {self.high}" * bool(above)
+            least = f", at least {self.low}" * (self.low > -MOST_COUNT)
+            return f"be an integer{least}" + f" and at most {self.high}" * bool(above)
         if self.low == -math.inf:
             return "be a finite number"
         if self.high == math.inf:
             return f"be a {'finite ' * self.open_high}number {'>' if self.open_low else '≥'} {self.low:g}"
         ends = "(" if self.open_low else "[", ")" if self.open_high else "]"
-        return f"be a number in {ends[0]}{self.low:g}, {self.high:g}{ends[1]}"
+        return f"be a number in {ends[0]}{self.low:g}, {self.high:g}{ends[1]}{self.unit}"
 
 
 def _is_number(value: Any, is_whole: bool) -> bool:
@@ -101,30 +106,20 @@ class Choice:
 Rule: TypeAlias = Within | NotEmpty | Ending | Choice
 """Constraint on a value, as metadata of its annotation: its method ``broken`` returns None for a valid value, otherwise
 the requirement, as the words after "must"."""
-Count: TypeAlias = Annotated[int, Within(1, MOST_COUNT)]
-"""Positive number of things."""
-CountOrNone: TypeAlias = Annotated[int, Within(0, MOST_COUNT)]
-"""Number of things, possibly zero."""
 ABOVE_ZERO = Within(0.0, math.inf, open_low=True, open_high=True)
-"""Rule of positive finite numbers."""
-Positive: TypeAlias = Annotated[float, ABOVE_ZERO]
-"""Positive finite number."""
 NOT_NEGATIVE = Within(0.0, math.inf, open_high=True)
-"""Rule of non-negative finite numbers."""
-NotNegative: TypeAlias = Annotated[float, NOT_NEGATIVE]
-"""Non-negative finite number."""
-Share: TypeAlias = Annotated[float, Within(0.0, 1.0, open_low=True)]
-"""Fraction in (0, 1]."""
-FRACTION = Within(0.0, 1.0, open_low=True, open_high=True)
-"""Rule of numbers in (0, 1)."""
-Fraction: TypeAlias = Annotated[float, FRACTION]
-"""Number in (0, 1)."""
-Probability: TypeAlias = Annotated[float, Within(0.0, 1.0)]
-"""Number in [0, 1]."""
 FINITE = Within(-math.inf, math.inf, open_low=True, open_high=True)
-"""Rule of finite numbers."""
+FRACTION = Within(0.0, 1.0, open_low=True, open_high=True)
+# Types with a rule; a count of none is zero, a fraction is in (0, 1), a share in (0, 1], a probability in [0, 1].
+Count: TypeAlias = Annotated[int, Within(1, MOST_COUNT)]
+CountOrNone: TypeAlias = Annotated[int, Within(0, MOST_COUNT)]
+Integer: TypeAlias = Annotated[int, Within(-MOST_COUNT, MOST_COUNT)]
+Positive: TypeAlias = Annotated[float, ABOVE_ZERO]
+NotNegative: TypeAlias = Annotated[float, NOT_NEGATIVE]
 Finite: TypeAlias = Annotated[float, FINITE]
-"""Finite number."""
+Fraction: TypeAlias = Annotated[float, FRACTION]
+Share: TypeAlias = Annotated[float, Within(0.0, 1.0, open_low=True)]
+Probability: TypeAlias = Annotated[float, Within(0.0, 1.0)]
 
 
 def require_rule(name: str, value: Any, rule: Rule, error: type[Exception] = InvalidArgument) -> None:
