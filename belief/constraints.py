@@ -52,8 +52,7 @@ class Within:
         if above and (value < self.high if self.open_high else value <= self.high):
             return None
         if is_whole:
-            least = f", at least {self.low}" * (self.low > -MOST_COUNT)
-            return f"be an integer{least}" + f" and at most {self.high}" * bool(above)
+            return f"be an integer, at least {self.low}" + f" and at most {self.high}" * bool(above)
         if self.low == -math.inf:
             return "be a finite number"
         if self.high == math.inf:
@@ -113,7 +112,6 @@ FRACTION = Within(0.0, 1.0, open_low=True, open_high=True)
 # Types with a rule; a count of none is zero, a fraction is in (0, 1), a share in (0, 1], a probability in [0, 1].
 Count: TypeAlias = Annotated[int, Within(1, MOST_COUNT)]
 CountOrNone: TypeAlias = Annotated[int, Within(0, MOST_COUNT)]
-Integer: TypeAlias = Annotated[int, Within(-MOST_COUNT, MOST_COUNT)]
 Positive: TypeAlias = Annotated[float, ABOVE_ZERO]
 NotNegative: TypeAlias = Annotated[float, NOT_NEGATIVE]
 Finite: TypeAlias = Annotated[float, FINITE]

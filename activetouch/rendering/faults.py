@@ -10,12 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from numbers import Integral
 from typing import Annotated, ClassVar, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from belief.constraints import Checked, Integer, NotNegative, Probability, Within
+from belief.constraints import Checked, NotNegative, Probability, Within
 from belief.errors import InvalidArgument
 
 Image = NDArray[np.floating]
@@ -146,7 +147,7 @@ class Hysteresis(Checked):
 
 
 @dataclass(frozen=True)
-class Shift(Checked):
+class Shift:
     """A sensor that is mounted beside its place: the image is displaced, and reads zero where it shows nothing.
 
     Attributes:
@@ -155,8 +156,13 @@ class Shift(Checked):
 
     isotropic: ClassVar[bool] = False
 
-    rows: Integer = 0
-    columns: Integer = 0
+    rows: int = 0
+    columns: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("rows", "columns"):
+            if not isinstance(getattr(self, name), Integral):
+                raise ValueError(f"{name} must be a whole number of taxels, got {getattr(self, name)!r}")
 
     def __call__(self, image: Image, rng: np.random.Generator) -> Image:
         """See :class:`Fault`."""
