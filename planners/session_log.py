@@ -13,7 +13,7 @@ from typing import Any, Protocol
 from numpy.typing import NDArray
 
 from belief.composition import Counts
-from belief.constraints import Constraint, NotNegative, check
+from belief.constraints import NOT_NEGATIVE, NotNegative, check, require_rule
 from belief.errors import InvalidArgument
 from belief.journal import array_field, array_from
 from belief.naming import index_of
@@ -161,7 +161,7 @@ def _is_within(number: float | None, limit: float | None) -> bool:
 def _not_negative(name: str, value: float | None) -> float | None:
     if value is None:
         return None
-    Constraint.of(NotNegative).require(name, value)
+    require_rule(name, value, NOT_NEGATIVE)
     return float(value)
 
 
