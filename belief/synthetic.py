@@ -39,9 +39,6 @@ def random_model(
 ) -> ConfusionModel:
     """A per-pose confusion model with random positive entries; a larger ``sharpness`` gives a better sensor.
 
-    Raises:
-        ValueError: ``sharpness`` is not finite.
-
     >>> for sharpness in (0.0, 4.0):
     ...     table = random_model(np.random.default_rng(0), sharpness=sharpness).outcome_table()
     ...     print(table.probs.shape, float(table.information().mean().round(1)))

@@ -22,12 +22,12 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from belief.constraints import Checked, Count
+from belief.constraints import Checked, Choice, Count
 from belief.errors import BrokenContract, MissingPackage, install_command
 from belief.files import opened_zip, require_regular_file
 from belief.policy_state import TOUCH_LIMIT, state_size
@@ -154,7 +154,7 @@ class SB3Policy(Checked):
     path: str
     touch_limit: Count = TOUCH_LIMIT
     normalize: str = ""
-    state: Literal["", "paper", "posterior", "gains"] = ""
+    state: Annotated[str, Choice(("", *_LEAST))] = ""
 
     def prepare(self, info: InformationState) -> None:
         """Load the policy and let it decide once; raises BadPolicy if it does not fit the search."""

@@ -73,9 +73,6 @@ class GivenOrder:
 
     Attributes:
         order: labels of poses; those that are missing come last, as the problem has them.
-
-    Raises:
-        InvalidArgument: the order has no pose, or one twice.
     """
 
     order: tuple[str, ...]

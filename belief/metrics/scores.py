@@ -142,11 +142,7 @@ def bin_index(values: Floats, num_bins: int, binning: Binning) -> NDArray[np.int
 
 
 def bin_edges(values: Floats, num_bins: int, binning: Binning) -> Floats:
-    """Edges of the bins of :func:`bin_index`, ``(num_bins + 1,)``, non-decreasing.
-
-    Raises:
-        ValueError: an unknown binning; fewer than one or more than a million bins.
-    """
+    """Edges of the bins of :func:`bin_index`, ``(num_bins + 1,)``, non-decreasing."""
     require_count("num_bins", num_bins, most=_MOST_BINS)
     if binning == "width":
         return np.arange(num_bins + 1) / num_bins

@@ -61,9 +61,6 @@ class TouchProblem(_Tabular, FrozenArrays):
         touch_cost: λ, price of a probe, ≥ 0.
         discount: γ, per probe, in (0, 1].
 
-    Raises:
-        InvalidArgument: an argument is out of its range; the message names it.
-
     Example:
         >>> problem = TouchProblem(np.array([[[0.9, 0.1], [0.1, 0.9]]]), prior=[0.5, 0.5], target=0, touch_cost=0.05)
         >>> problem.num_poses, problem.num_shapes
@@ -98,9 +95,6 @@ class SearchTouchProblem(_Tabular, FrozenArrays):
         touch_cost: λ, price of a probe, ≥ 0.
         prior: probabilities of the shape of an ``independent`` object, ``(K,)``; uniform by default.
         discount: γ, per probe or REJECT, in (0, 1].
-
-    Raises:
-        InvalidArgument: an argument is out of its range; the message names it.
     """
 
     outcome_probs: Floats
