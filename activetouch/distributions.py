@@ -15,8 +15,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from belief.constraints import Checked, Finite, Positive, check
 from belief.errors import InvalidArgument
-from belief.validation import are_finite
 
 
 class Distribution(Protocol):
@@ -31,13 +31,10 @@ class Distribution(Protocol):
 
 
 @dataclass(frozen=True)
-class Constant:
+class Constant(Checked):
     """The distribution of a constant; it does not use the generator."""
 
-    value: float
-
-    def __post_init__(self) -> None:
-        _require_finite(self, self.value)
+    value: Finite
 
     @property
     def support(self) -> tuple[float, float]:
@@ -51,11 +48,11 @@ class Constant:
 
 @dataclass(frozen=True)
 class _Range:
-    low: float
-    high: float
+    low: Finite
+    high: Finite
 
     def __post_init__(self) -> None:
-        _require_finite(self, self.low, self.high)
+        check(self)
         if self.low > self.high:
             raise ValueError(f"low must not exceed high, got {self}")
 
@@ -78,10 +75,7 @@ class Uniform(_Range):
 class LogUniform(_Range):
     """The log-uniform distribution between ``low`` and ``high``, both positive."""
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.low <= 0.0:
-            raise ValueError(f"0 < low ≤ high must hold, got {self}")
+    low: Positive
 
     def sample(self, rng: np.random.Generator) -> float:
         """See :class:`Distribution`."""
@@ -94,11 +88,6 @@ def require_distribution(name: str, given: object) -> None:
         raise InvalidArgument(
             f"{name} must be a distribution such as Uniform(0.9, 1.1) or Constant(1.0), got {given!r}"
         )
-
-
-def _require_finite(distribution: object, *values: float) -> None:
-    if not are_finite(*values):
-        raise ValueError(f"the parameters of a distribution must be finite, got {distribution}")
 
 
 @dataclass(frozen=True)

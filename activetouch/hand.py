@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
 from types import MappingProxyType
-from typing import Literal, get_args
+from typing import Annotated, Literal
 
 import numpy as np
 import scipy  # whose parts load at first use
@@ -32,10 +32,11 @@ from activetouch.errors import WrongScene
 from activetouch.hypotheses import quantiles
 from activetouch.placement import Placement
 from activetouch.poses import Quaternion, multiply, require_unit, to_matrix, turn
+from belief.constraints import Within, check
 from belief.errors import InvalidArgument, UnknownName
 from belief.frozen import frozen
 from belief.naming import few
-from belief.validation import require_choice, require_count, require_number
+from belief.validation import require_count
 
 _UNBALANCED = 0.02  # largest net force, relative to the sum of all forces
 _SAME_PLACE = 1e-3  # rad
@@ -78,12 +79,10 @@ class Hand:
 
     fingers: Quaternions
     offset: PalmOffset = "averaged"
-    travel: float | None = None
+    travel: Annotated[float, Within(1e-5, _OPEN)] | None = None
 
     def __post_init__(self) -> None:
-        require_choice("offset", self.offset, get_args(PalmOffset))
-        if self.travel is not None:
-            require_number("travel", self.travel, 1e-5, _OPEN)
+        check(self)
         given = list(self.fingers) if isinstance(self.fingers, Sequence | np.ndarray) else []
         if not given or isinstance(self.fingers, str):
             raise InvalidArgument(f"a hand needs one rotation for each finger, got {self.fingers!r:.80}")

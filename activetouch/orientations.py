@@ -7,13 +7,16 @@ when a pose is asked for. ``Tumbled`` is the default; ``Resampled`` is how the p
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import Annotated, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.hypotheses import quaternions
 from activetouch.poses import Quaternion, multiply, random_orientation, turn
+from belief.constraints import Checked, Within
+
+_ANGLE = Within(0.0, np.pi, unit=" rad")
 
 
 class Presentation(Protocol):
@@ -55,7 +58,7 @@ class Tumbled(LyingAnyhow):
 
 
 @dataclass(frozen=True)
-class Inexact(LyingAnyhow):
+class Inexact(Checked, LyingAnyhow):
     """Tumbled, in poses that are not reached exactly: every touch turns the object by another small rotation.
 
     A reader that was trained with cells of this size (``TrainingRecipe.cell``) expects such touches.
@@ -64,11 +67,7 @@ class Inexact(LyingAnyhow):
         error: standard deviation of these rotations about each axis [rad].
     """
 
-    error: float = np.deg2rad(5.6)
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.error <= np.pi:
-            raise ValueError(f"error must be in [0, π] rad, got {self.error}")
+    error: Annotated[float, _ANGLE] = np.deg2rad(5.6)
 
     def shown(self, rest: Quaternion, pose: Quaternion, rng: np.random.Generator) -> Quaternion:
         """See :class:`Presentation`."""
@@ -77,7 +76,7 @@ class Inexact(LyingAnyhow):
 
 
 @dataclass(frozen=True)
-class Upright:
+class Upright(Checked):
     """Standing on its base at an unknown heading, tilted a little about a random horizontal axis.
 
     Attributes:
@@ -86,11 +85,7 @@ class Upright:
 
     isotropic: ClassVar[bool] = False
 
-    tilt: float = np.deg2rad(5.0)
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.tilt <= np.pi:
-            raise ValueError(f"tilt must be in [0, π] rad, got {self.tilt}")
+    tilt: Annotated[float, _ANGLE] = np.deg2rad(5.0)
 
     def rest(self, rng: np.random.Generator) -> Quaternion:
         """See :class:`Presentation`."""

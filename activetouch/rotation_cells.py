@@ -21,7 +21,7 @@ from activetouch.hypotheses import Floats
 from activetouch.poses import facing, hamilton_product, turn
 from activetouch.solids.solid import on_spiral
 from belief.coarse_to_fine import NestedCells
-from belief.validation import MOST_REPEATED, require_count
+from belief.validation import MOST_REPEATED, require_count, require_index
 
 LEVELS = 5
 """Levels of cells."""
@@ -31,8 +31,7 @@ _COARSEST = 3  # cells along the edge of a cube
 @lru_cache(maxsize=LEVELS)
 def _grid(level: int) -> tuple[Floats, Floats]:
     """Centres of the cells of a level, ``(N, 4)``, and their density, which is the same in all four cubes."""
-    if not 0 <= level < LEVELS:
-        raise ValueError(f"level must be 0 to {LEVELS - 1}, got {level}")
+    require_index("level", level, LEVELS)
     corners = np.stack(np.meshgrid(*[np.arange(_COARSEST)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     halves = np.stack(np.meshgrid(*[np.arange(2)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     for _ in range(level):

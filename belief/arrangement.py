@@ -36,9 +36,10 @@ import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
 
 from belief.bayes import update
+from belief.constraints import MOST_COUNT
 from belief.errors import ImpossibleObservation, InvalidArgument
 from belief.naming import shown
-from belief.validation import MOST_COUNT, Floats, as_real, require_index
+from belief.validation import Floats, as_real, require_index
 
 MAX_STATES = 2**20
 """Largest number of multisets in an exact sum, reached by 20 distinct shapes."""

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
+from belief.constraints import MOST_COUNT
 from belief.errors import InvalidArgument, UnknownName
 from belief.naming import shown
-from belief.validation import MOST_COUNT
 
 
 class Composition(StrEnum):

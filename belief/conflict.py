@@ -29,20 +29,22 @@ Scores of four touches of each of 200 objects, then an object that fits, and one
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from math import log
-from typing import Any
+from typing import Annotated, ClassVar, TypeAlias
 
 import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
 
-from belief.files import from_field, to_field
+from belief.codec import Merged, Stored
+from belief.constraints import MOST_COUNT, Within, check
 from belief.frozen import FrozenArrays, frozen
-from belief.validation import Floats, require_count, require_number
+from belief.validation import Floats, require_number
 
+Singles: TypeAlias = Annotated[Floats, Stored("float32")]  # as the fits have rounded them
 NOVELTY, MISFIT = 0, 1
 """Index of the two scores."""
 MOST_TOUCHES = 12
@@ -75,10 +77,10 @@ class Novelty(FrozenArrays):
     shapes; ``levels (C,)`` and ``widths (C,)`` are means and standard deviations of the log distances.
     """
 
-    means: Floats
-    whitening: Floats
-    levels: Floats
-    widths: Floats
+    means: Singles
+    whitening: Singles
+    levels: Singles
+    widths: Singles
 
     @classmethod
     def fit(cls, embeddings: Floats, shapes: ArrayLike) -> Novelty:
@@ -143,9 +145,9 @@ class UsualMisfit(FrozenArrays):
     ``medians (T, G)``; ``widths (T, G)`` are from the median to the 80 % quantile.
     """
 
-    edges: Floats
-    medians: Floats
-    widths: Floats
+    edges: Singles
+    medians: Singles
+    widths: Singles
 
     @classmethod
     def fit(cls, misfits: Floats, certainties: Floats) -> UsualMisfit:
@@ -178,12 +180,20 @@ class ConflictTest(FrozenArrays):
     of two touches of one object, ``quantiles (2, T, Q)`` of both scores less their prediction, increasing.
     """
 
-    novelty: Novelty
-    usual_misfit: UsualMisfit
-    medians: Floats
+    last_in_file: ClassVar = ("num_objects", "correlations", "novelty", "usual_misfit", "medians", "quantiles")
+
+    novelty: Annotated[Novelty, Merged()]
+    usual_misfit: Annotated[UsualMisfit, Merged("misfit_")]
+    medians: Singles
     correlations: Floats
-    quantiles: Floats
-    num_objects: int
+    quantiles: Singles
+    num_objects: Annotated[int, Within(_FEWEST_OBJECTS, MOST_COUNT)]
+
+    def __post_init__(self) -> None:
+        check(self)
+        for correlation in self.correlations:
+            require_number("a correlation", correlation, 0.0, 1.0)
+        self.freeze()
 
     @classmethod
     def fit(
@@ -249,29 +259,6 @@ class ConflictTest(FrozenArrays):
         high = number + 1 - (ranks[below - 1] if below else 0)
         low = ranks[above] if above < len(values) else number + 1
         return float(high) / (number + 1), float(low) / (number + 1)
-
-    def to_fields(self) -> dict[str, Any]:
-        """All parameters, as JSON types; arrays in single precision, as :meth:`fit` has rounded them."""
-        found = asdict(self)
-        arrays = found["novelty"] | {f"misfit_{name}": array for name, array in found["usual_misfit"].items()}
-        arrays |= {"medians": self.medians, "quantiles": self.quantiles}
-        numbers = {"num_objects": self.num_objects, "correlations": self.correlations.tolist()}
-        return numbers | {name: to_field(array, "float32") for name, array in arrays.items()}
-
-    @classmethod
-    def from_fields(cls, fields: Mapping[str, Any]) -> ConflictTest:
-        """The test of fields from :meth:`to_fields`."""
-
-        def read(*names: str) -> Iterator[Floats]:
-            return (from_field(fields[name], "float32") for name in names)
-
-        novelty = Novelty(*read("means", "whitening", "levels", "widths"))
-        usual = UsualMisfit(*read("misfit_edges", "misfit_medians", "misfit_widths"))
-        medians, quantiles = read("medians", "quantiles")
-        require_count("num_objects", number := fields["num_objects"], _FEWEST_OBJECTS)
-        for correlation in fields["correlations"]:
-            require_number("a correlation", correlation, 0.0, 1.0)
-        return cls(novelty, usual, medians, np.array(fields["correlations"]), quantiles, number)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,14 +1,12 @@
-"""Atomic writing of files, bounded reading of regular ones, arrays as JSON, and digests: of JSON, arrays and source."""
+"""Atomic writing of files, bounded reading of regular ones, and digests: of JSON, arrays and source."""
 
 from __future__ import annotations
 
-import base64
 import errno
 import hashlib
 import inspect
 import io
 import json
-import math
 import os
 import re
 import stat
@@ -19,15 +17,14 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FunctionType
-from typing import Any, Literal, TypeAlias
+from typing import Any
 from urllib.parse import quote
 
 import numpy as np
 from numpy.typing import NDArray
 
+from belief.codec import array_of
 from belief.errors import ActiveTouchError, CannotWrite, CorruptFile
-
-Precision: TypeAlias = Literal["float16", "float32"]
 
 
 @contextmanager
@@ -190,15 +187,9 @@ _LONGEST_END, _LONGEST_LIST = (
 def read_npz(
     source: Path | bytes, most: int, names: Collection[str] | None = None
 ) -> tuple[dict[str, NDArray[Any]], list[str]]:
-    """The arrays of an npz file, and the names of others; at most ``most`` bytes are decompressed.
+    """The arrays of an npz file, those in ``names`` or all, and the names of others; raises many kinds of Exception.
 
-    Args:
-        source: the file, or its bytes.
-        most: largest size of all of them together, with some hundred bytes for the header of each [bytes].
-        names: of the arrays that are read where they are there; all by default.
-
-    Raises:
-        Exception: the file is larger, damaged or something else; zipfile and numpy raise many kinds.
+    At most ``most`` bytes are decompressed, the headers of arrays included, of some hundred bytes each.
     """
     arrays: dict[str, NDArray[Any]] = {}
     with opened_zip(source) as archive:
@@ -222,14 +213,9 @@ def _array(data: bytes) -> NDArray[Any]:
     stream = io.BytesIO(data)
     version = np.lib.format.read_magic(stream)
     read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    shape, _, dtype = read_header(stream)
-    if dtype.hasobject:
-        raise ValueError("Object arrays cannot be read, because that would run code from the file")
-    if math.prod(shape) * dtype.itemsize != len(data) - stream.tell():
-        raise ValueError(f"an array of {len(data)} bytes is said to be {shape} {dtype}")
-    stream.seek(0)
-    array: NDArray[Any] = np.lib.format.read_array(stream, allow_pickle=False)
-    return array
+    shape, is_fortran, dtype = read_header(stream)
+    array = array_of(data[stream.tell() :], dtype, shape[::-1] if is_fortran else shape)
+    return array.T if is_fortran else array
 
 
 def write_text(path: Path, text: str) -> None:
@@ -315,19 +301,6 @@ def plain_number(text: str) -> float:
     except ValueError:
         pass
     raise ValueError(f"{text[:40]!r} is not a decimal number")
-
-
-def to_field(array: NDArray[np.float64], precision: Precision) -> dict[str, Any]:
-    """An array as JSON types: its shape, and its numbers in base64, little-endian, under the name of the precision."""
-    numbers = np.asarray(array, np.dtype(precision).newbyteorder("<"))
-    return {"shape": array.shape, precision: base64.b64encode(numbers.tobytes()).decode("ascii")}
-
-
-def from_field(field: Mapping[str, Any], precision: Precision) -> NDArray[np.float64]:
-    """The array of :func:`to_field`, in double precision."""
-    shape = tuple(int(n) for n in field["shape"])
-    numbers = np.frombuffer(base64.b64decode(field[precision]), np.dtype(precision).newbyteorder("<"))
-    return numbers.reshape(shape).astype(np.float64)
 
 
 def source_digest(thing: object) -> str:

@@ -19,8 +19,6 @@ A process that is killed, and a power failure, lose at most the line that was be
 
 from __future__ import annotations
 
-import base64
-import math
 import os
 import weakref
 from collections.abc import Mapping, Sequence
@@ -28,17 +26,15 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from belief.claims import lock
+from belief.codec import array_field as array_field  # documented here
+from belief.codec import array_from as array_from
 from belief.errors import CannotWrite, CorruptFile
 from belief.files import atomic_path, cannot_write, require_regular_file, sealed_json, unsealed_json
 
 MOST_BYTES = 1 << 30
 """Largest journal that is read."""
 _NUMBER = "line"
-_MOST_NUMBERS = 1 << 24
 
 
 class Journal:
@@ -101,29 +97,6 @@ class Journal:
 def read_journal(path: str | Path) -> list[dict[str, Any]]:
     """The finished lines of a journal, which may be open; raises CorruptFile for a changed, missing or foreign line."""
     return _parsed(require_regular_file(Path(path)))[0]
-
-
-def array_field(array: NDArray[Any]) -> dict[str, Any]:
-    """An array of numbers as JSON types, exact to the last bit."""
-    little = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
-    return {
-        "dtype": little.dtype.str,
-        "shape": list(array.shape),
-        "base64": base64.b64encode(little.tobytes()).decode("ascii"),
-    }
-
-
-def array_from(field: Any) -> NDArray[Any]:
-    """The array of :func:`array_field`; raises ValueError if there is none, or its numbers do not fit its shape."""
-    try:
-        dtype, shape, text = np.dtype(field["dtype"]), tuple(int(n) for n in field["shape"]), field["base64"]
-        content = base64.b64decode(text, validate=True)
-    except (KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"an array needs dtype, shape and base64: {error}") from error
-    is_odd = dtype.kind not in "fiu" or len(shape) > 4 or min(shape, default=0) < 0
-    if is_odd or math.prod(shape) > _MOST_NUMBERS or math.prod(shape) * dtype.itemsize != len(content):
-        raise ValueError(f"{len(content)} bytes are no {dtype} {shape}")
-    return np.frombuffer(content, dtype).reshape(shape).astype(dtype.newbyteorder("="))
 
 
 def _sealed(number: int, line: Mapping[str, Any]) -> bytes:

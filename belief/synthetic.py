@@ -9,12 +9,13 @@ from scipy.special import softmax
 
 from belief.calibration import TemperatureScaling
 from belief.composition import AtMostOne, Composition
+from belief.constraints import FINITE, require_rule
 from belief.errors import InvalidArgument
 from belief.naming import Name, index_of
 from belief.observation_model.confusion import ConfusionModel
 from belief.observation_model.model import ObservationModel
 from belief.problem import SearchProblem, Touch
-from belief.validation import are_finite, require_count
+from belief.validation import require_count
 
 
 def sample_arrangement(problem: SearchProblem, rng: np.random.Generator) -> tuple[int, ...]:
@@ -47,9 +48,6 @@ def random_model(
 ) -> ConfusionModel:
     """A per-pose confusion model with random positive entries; a larger ``sharpness`` gives a better sensor.
 
-    Raises:
-        ValueError: ``sharpness`` is not finite.
-
     >>> for sharpness in (0.0, 4.0):
     ...     table = random_model(np.random.default_rng(0), sharpness=sharpness).outcome_table()
     ...     print(table.probs.shape, float(table.information().mean().round(1)))
@@ -58,8 +56,7 @@ def random_model(
     """
     for name, number in (("num_shapes", num_shapes), ("num_poses", num_poses)):
         require_count(name, number, most=1000)
-    if not are_finite(sharpness):
-        raise ValueError(f"sharpness must be finite, got {sharpness}")
+    require_rule("sharpness", sharpness, FINITE)
     scores = rng.normal(size=(num_poses, num_shapes, num_shapes)) + sharpness * np.eye(num_shapes)
     labels = tuple(f"shape_{k}" for k in range(num_shapes))
     return ConfusionModel(labels, softmax(scores, axis=2), TemperatureScaling(1.0, "ok"))

@@ -5,20 +5,19 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Sequence
-from numbers import Integral, Real
+from numbers import Integral
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from belief.constraints import FRACTION, MOST_COUNT, Choice, Within, require_rule
 from belief.errors import InvalidArgument
 from belief.naming import shown
 
 Floats: TypeAlias = NDArray[np.float64]
 SUM_TOLERANCE = 2e-3
 """Tolerance for sums of probabilities: twice the rounding error of a dozen probabilities in float16."""
-MOST_COUNT = 2**53
-"""Largest count: integers up to here are exact floats."""
 MOST_REPEATED = 10**7
 """Largest count of what takes time or memory for each one, such as resamples, simulations or the objects of a scene."""
 LARGEST_VALUE = 1e150  # sums of a million larger ones, or their squares, overflow
@@ -118,9 +117,7 @@ def checked_indices(name: str, values: ArrayLike, size: int) -> NDArray[np.int64
 
 def require_count(name: str, value: Any, least: int = 1, most: int = MOST_COUNT) -> None:
     """Raise InvalidArgument unless an argument is an integer in [least, most]."""
-    if isinstance(value, bool) or not isinstance(value, Integral) or not least <= int(value) <= most:
-        limit = f" and at most {most}" if isinstance(value, Integral) and int(value) > most else ""
-        raise InvalidArgument(f"{name} must be an integer, at least {least}{limit}, got {shown(value)}")
+    require_rule(name, value, Within(least, most))
 
 
 def are_finite(*values: Any) -> bool:
@@ -139,15 +136,12 @@ def require_index(name: str, value: object, size: int) -> None:
 
 def require_number(name: str, value: Any, least: float, most: float) -> None:
     """Raise InvalidArgument unless an argument is a real number in [least, most]."""
-    is_number = isinstance(value, Real) and not isinstance(value, bool) and are_finite(value)
-    if not is_number or not least <= float(value) <= most:
-        raise InvalidArgument(f"{name} must be a number in [{least:g}, {most:g}], got {shown(value)}")
+    require_rule(name, value, Within(float(least), float(most)))
 
 
 def require_choice(name: str, value: object, choices: Sequence[str]) -> None:
     """Raise InvalidArgument unless an argument is one of several strings."""
-    if value not in choices:
-        raise InvalidArgument(f"{name} must be one of {', '.join(choices)}; got {value!r}")
+    require_rule(name, value, Choice(tuple(choices)))
 
 
 def require(
@@ -213,8 +207,8 @@ def normalise_probs(probs: ArrayLike, name: str = "probs", axis: int = -1, row: 
 def pose_count(poses: NDArray[np.integer], num_poses: int | None) -> int:
     """P: as given, or one more than the largest of one or more poses."""
     largest, most = int(poses.max()), max(_MOST_POSES, poses.size)
-    if num_poses is not None and not (isinstance(num_poses, int | np.integer) and 1 <= num_poses <= most):
-        raise InvalidArgument(f"num_poses must be a whole number from 1 to {most}, got {num_poses!r}")
+    if num_poses is not None:
+        require_count("num_poses", num_poses, most=most)
     if poses.min() < 0 or largest >= (most if num_poses is None else num_poses):
         touch = int(poses.argmin() if poses.min() < 0 else poses.argmax())
         known = f"{poses.size} touches are fitted in at most {most} poses"
@@ -293,5 +287,4 @@ def checked_outcomes(name: str, outcomes: ArrayLike) -> NDArray[np.bool_]:
 
 def require_fraction(name: str, value: float) -> None:
     """Check that an argument lies strictly between 0 and 1."""
-    if not isinstance(value, int | float | np.number) or not 0.0 < value < 1.0:
-        raise InvalidArgument(f"{name} must lie in (0, 1), got {value!r}")
+    require_rule(name, value, FRACTION)

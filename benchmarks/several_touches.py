@@ -28,6 +28,7 @@ from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
 from activetouch.sensor_files import READER_FILE
 from belief.claims import claim_folder, ends_claims
+from belief.constraints import NotEmpty
 from belief.files import write_text
 from belief.observation_model import ArrayModel
 from belief.observation_model.likelihood_ratio import RatioModel
@@ -39,7 +40,7 @@ from belief.table import Table
 from belief.touch_batch import TouchBatch
 from benchmarks.belief_cost import belief_cost
 from benchmarks.precision import PRECISIONS, in_precision
-from experiments.command_line.arguments import BadArgument, Count, NotEmpty, Seed, check_arguments
+from experiments.command_line.arguments import BadArgument, Count, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.scene_choice import named_scene, repeats_folder
 from experiments.sensor.scores import read_touches

@@ -11,7 +11,7 @@ import hashlib
 import re
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
@@ -32,10 +32,11 @@ from activetouch.rendering.renderer import require_renderer
 from activetouch.shapes import Family
 from activetouch.solids.family import numbers_of
 from activetouch.solids.mesh import Mesh
+from belief.codec import from_fields, to_fields
 from belief.errors import InvalidArgument
 from belief.naming import index_of
 from belief.references import BadReference, build, find
-from experiments.command_line.arguments import one_of, require_types
+from experiments.command_line.arguments import one_of
 from experiments.command_line.trust import Trust
 
 FIDELITIES: Mapping[str, Press] = {
@@ -237,7 +238,7 @@ class SceneChoice:
 
     def to_dict(self) -> dict[str, Any]:
         """The choice as plain values."""
-        return {**asdict(self), "meshes": [str(path) for path in self.meshes], "family": list(self.family)}
+        return to_fields(self)
 
     @classmethod
     def from_dict(cls, fields: Mapping[str, Any], trust: Trust) -> SceneChoice:
@@ -246,7 +247,4 @@ class SceneChoice:
         names = {field.name for field in dataclasses.fields(cls)}
         without_effect = (None, False, 1.0)  # options of earlier versions
         known = {name: value for name, value in fields.items() if name in names or value not in without_effect}
-        lists = {"meshes": tuple(map(Path, fields["meshes"])), "family": tuple(fields.get("family", ()))}
-        choice = cls(**{**known, **lists})
-        require_types(choice)
-        return choice
+        return from_fields(cls, known)

@@ -17,11 +17,12 @@ There are four reasons. The scores of the decision name the one that applied:
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import isnan, log
-from typing import Any
+from math import inf, isnan, log
+from typing import Annotated, Any
 
 import numpy as np
 
+from belief.constraints import Checked, Fraction, Probability, Within
 from belief.errors import BrokenContract, InvalidArgument
 from belief.problem import Confirm, Probe, Reject, Unsure
 from planners.decider import Decider, Decision, InformationState, are_touches_used, checked_decision
@@ -34,7 +35,7 @@ _LARGEST = 1e150  # a statistic of infinite size is recorded as this: scores are
 
 
 @dataclass(frozen=True)
-class Abstaining:
+class Abstaining(Checked):
     """Follows any decider, but answers "I do not know" on conflict, and where the promise cannot be kept.
 
     Rejecting an object is an answer only if it is the last one: it says that there is no target. Rejecting an earlier
@@ -67,17 +68,9 @@ class Abstaining:
     """
 
     decider: Decider
-    false_alarm: float = 0.02
-    promise: float = 0.95
-    suspicion: float = 3.5
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.false_alarm < 1.0:
-            raise InvalidArgument(f"false_alarm must be a probability in (0, 1), got {self.false_alarm!r}")
-        if not 0.0 <= self.promise <= 1.0:
-            raise InvalidArgument(f"promise must be a probability in [0, 1], got {self.promise!r}")
-        if not self.suspicion > 1.0:
-            raise InvalidArgument(f"suspicion must be an e-value above 1, got {self.suspicion!r}")
+    false_alarm: Fraction = 0.02
+    promise: Probability = 0.95
+    suspicion: Annotated[float, Within(1.0, inf, open_low=True)] = 3.5
 
     @property
     def stop_rule(self) -> Any:

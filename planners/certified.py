@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from belief.codec import INFINITE, from_fields, to_fields
+from belief.constraints import Checked, Count, CountOrNone, Fraction, NotEmpty, Within, check
 from belief.errors import ActiveTouchError, CorruptFile, InvalidArgument
 from belief.files import require_regular_file, sealed_json, unsealed_json, write_text
 from belief.observation_model.model import ObservationModel
@@ -24,7 +26,7 @@ from belief.statistics.exchangeability import log_e_values
 from belief.statistics.stop_thresholds import CertifiedThresholds
 from belief.table import Table, Tabular
 from belief.touch_fit import touch_fit
-from belief.validation import require_count, require_fraction, require_index, require_number
+from belief.validation import require_count, require_index, require_number
 from planners.abstaining import Abstaining
 from planners.decider import Decider, Decision, InformationState, are_touches_used, checked_decision
 from planners.episode import Step
@@ -46,7 +48,7 @@ class NotCertified(ActiveTouchError, ValueError):
 
 
 @dataclass(frozen=True)
-class Certified:
+class Certified(Checked):
     """Follows any decider, but confirms only at a threshold that depends on the touches of the object.
 
     Where the decider would confirm below the threshold, the object is touched again, in the pose that was used least.
@@ -61,14 +63,9 @@ class Certified:
     """
 
     decider: Decider
-    thresholds: tuple[float, ...]
-    max_touches: int = 6
+    thresholds: Annotated[tuple[float, ...], NotEmpty(), Within(0.0, math.inf)]
+    max_touches: Count = 6
     made_for: Mapping[str, Any] | None = field(default=None, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        if not self.thresholds or not all(threshold >= 0.0 for threshold in self.thresholds):
-            raise InvalidArgument(f"thresholds must be one or more numbers ≥ 0, got {self.thresholds!r}")
-        require_count("max_touches", self.max_touches)
 
     @property
     def stop_rule(self) -> dict[str, Any]:
@@ -142,33 +139,26 @@ class Certificate(Tabular):
         usual: fit of each calibration search.
         since: fit of each search of the set-up, in their order.
         counted: digests of the sessions of these searches.
-
-    Raises:
-        InvalidArgument: a number is out of its range, or fields do not fit each other.
     """
 
     decider: str
-    risk: float
-    confidence: float
-    num_searches: int
-    thresholds: tuple[float, ...]
-    stops: tuple[int, ...]
+    risk: Fraction
+    confidence: Fraction
+    num_searches: Count
+    thresholds: Annotated[tuple[float, ...], INFINITE]
+    stops: tuple[CountOrNone, ...]
     wrong: tuple[int, ...]
-    max_touches: int
+    max_touches: Count
     made_for: Mapping[str, Any] = field(repr=False)
     usual: tuple[Fit, ...] = field(default=(), repr=False)
     since: tuple[Fit, ...] = field(default=(), repr=False)
     counted: tuple[str, ...] = field(default=(), repr=False)
 
     def __post_init__(self) -> None:
-        for name in ("risk", "confidence"):
-            require_fraction(name, getattr(self, name))
-        for name in ("num_searches", "max_touches"):
-            require_count(name, getattr(self, name))
+        check(self)
         for limit in self.thresholds:
             require_number("a threshold below infinity", 0.0 if limit == math.inf else limit, 0.0, 1.0)
         for stops, wrong in zip(self.stops, self.wrong, strict=True):
-            require_count("stops", stops, 0)
             require_index("wrong", wrong, stops + 1)
         for target, *fit in (*self.usual, *self.since):
             require_count("the target of a search", target, 0)
@@ -263,8 +253,7 @@ class Certificate(Tabular):
 
     def save(self, path: str | Path) -> None:
         """Write the certificate as JSON with a digest; raises CannotWrite."""
-        limits = [limit if math.isfinite(limit) else None for limit in self.thresholds]
-        write_text(Path(path), sealed_json({"schema": SCHEMA, **asdict(self), "thresholds": limits}) + "\n")
+        write_text(Path(path), sealed_json({"schema": SCHEMA, **to_fields(self)}) + "\n")
 
     @classmethod
     def opened(cls, certificate: str | Path | Certificate) -> Certificate:
@@ -284,13 +273,7 @@ class Certificate(Tabular):
             given = unsealed_json(file.read_text(encoding="utf-8"))
             if (schema := given.pop("schema", None)) != SCHEMA:
                 raise ValueError(f"its schema is {schema!r}, not {SCHEMA!r}")
-            limits = tuple(math.inf if limit is None else float(limit) for limit in given["thresholds"])
-            lists = {name: tuple(given.get(name, ())) for name in ("stops", "wrong", "counted")}
-            fits = {
-                name: tuple((target, float(misfit), float(strange)) for target, misfit, strange in given[name])
-                for name in ("usual", "since")
-            }
-            return cls(**{**given, "thresholds": limits, **lists, **fits})
+            return from_fields(cls, given)
         except FileNotFoundError:
             raise FileNotFoundError(f"there is no certificate {file}; make it with activetouch certify") from None
         except (OSError, ValueError, TypeError, LookupError) as error:

@@ -22,11 +22,12 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from belief.constraints import Checked, Choice, Count
 from belief.errors import BrokenContract, MissingPackage, install_command
 from belief.files import opened_zip, require_regular_file
 from belief.policy_state import TOUCH_LIMIT, state_size
@@ -135,7 +136,7 @@ class FunctionPolicy:
 
 
 @dataclass(frozen=True)
-class SB3Policy:
+class SB3Policy(Checked):
     """Takes the best action of a saved policy, object by object.
 
     After ``touch_limit`` touches of one object it takes the more probable answer.
@@ -151,13 +152,9 @@ class SB3Policy:
     """
 
     path: str
-    touch_limit: int = TOUCH_LIMIT
+    touch_limit: Count = TOUCH_LIMIT
     normalize: str = ""
-    state: str = ""
-
-    def __post_init__(self) -> None:
-        require_count("touch_limit", self.touch_limit)
-        require_choice("state", self.state, ("", *_LEAST))
+    state: Annotated[str, Choice(("", *_LEAST))] = ""
 
     def prepare(self, info: InformationState) -> None:
         """Load the policy and let it decide once; raises BadPolicy if it does not fit the search."""

@@ -26,7 +26,7 @@ from typing import Literal
 import numpy as np
 
 from belief.composition import Composition
-from belief.errors import InvalidArgument
+from belief.constraints import check
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Confirm, Probe, Reject, SearchProblem
 from belief.validation import Floats
@@ -60,8 +60,7 @@ class PointBased:
     given: Literal["body", "shape"] = "shape"
 
     def __post_init__(self) -> None:
-        if self.given not in ("body", "shape"):
-            raise InvalidArgument(f"given must be 'body' or 'shape', got {self.given!r}")
+        check(self)
         object.__setattr__(self, "rounds", require_rounds(self.rounds))
 
     def policy(self, problem: SearchProblem, target: int) -> SearchPolicy:

@@ -11,13 +11,14 @@ SHA-256 of it all. Loading runs no code from the file.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from belief.codec import from_fields, to_fields
 from belief.errors import ActiveTouchError, CorruptFile
 from belief.files import in_file_name
 from belief.policy_state import ENCODINGS, GOAL, WITH_GAINS, expected_gains, frame_probs, situation_of, state_size
@@ -91,7 +92,7 @@ class Policy:
         """Write the policy; raises CannotWrite."""
         layers = enumerate(zip(self.weights, self.biases, strict=True))
         tensors = {f"{name}_{i}": array for i, pair in layers for name, array in zip(_PARTS, pair, strict=True)}
-        write_tensors(path, tensors, asdict(self.card), _FORMAT)
+        write_tensors(path, tensors, to_fields(self.card), _FORMAT)
 
     @classmethod
     def load(cls, path: Path) -> Policy:
@@ -99,9 +100,8 @@ class Policy:
         try:
             tensors, fields = read_tensors(path, _FORMAT)
             weights, biases = (tuple(tensors[f"{name}_{i}"] for i in range(len(tensors) // 2)) for name in _PARTS)
-            labels = {name: tuple(fields[name]) for name in ("shape_labels", "pose_labels")}
-            return cls(PolicyCard(**{**fields, **labels}), weights, biases)
-        except (KeyError, TypeError, ValueError, AttributeError) as error:  # of CorruptFile, too
+            return cls(from_fields(PolicyCard, fields), weights, biases)
+        except (KeyError, TypeError, ValueError) as error:  # of CorruptFile, too
             raise BadPolicy(f"{path} is no policy file: {error}") from error
 
 

@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from belief.bayes import target_information_gain
+from belief.constraints import Checked, Count
 from belief.errors import ActiveTouchError, CorruptFile, InvalidArgument, UnknownName
 from belief.files import sealed_json, unsealed_json, write_text
 from belief.observation_model.outcome_mixture import information, target_shares
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Probe
-from belief.validation import Floats, require_count
+from belief.validation import Floats
 from planners.decider import Decision, InformationState, pose_scores, require_fit
 from planners.repeats import LEAST_USED, RepeatDiscount
 
@@ -73,9 +74,6 @@ class GivenOrder:
 
     Attributes:
         order: labels of poses; those that are missing come last, as the problem has them.
-
-    Raises:
-        InvalidArgument: the order has no pose, or one twice.
     """
 
     order: tuple[str, ...]
@@ -109,7 +107,7 @@ class RandomOrder:
 
 
 @dataclass(frozen=True, eq=False)
-class TargetInformationGain:
+class TargetInformationGain(Checked):
     """The pose with the largest expected information gain about whether this object is the target.
 
     Where the evidence has an outcome mixture, the gain is that after the touches so far. Otherwise the gain is that of
@@ -123,22 +121,13 @@ class TargetInformationGain:
         hypotheses: about the object that a mixture works with, of each shape, at most.
         given: "body", or "shape" for the table even where there is a mixture; poses that are alike to it are then
             drawn at random. It is the baseline for what orientation and size are worth.
-
-    Raises:
-        InvalidArgument: a setting is out of its range.
     """
 
     table: OutcomeTable
     repeats: RepeatDiscount = LEAST_USED
-    outcomes: int = OUTCOMES
-    hypotheses: int = HYPOTHESES
+    outcomes: Count = OUTCOMES
+    hypotheses: Count = HYPOTHESES
     given: Literal["body", "shape"] = "body"
-
-    def __post_init__(self) -> None:
-        for name in ("outcomes", "hypotheses"):
-            require_count(name, getattr(self, name))
-        if self.given not in ("body", "shape"):
-            raise InvalidArgument(f"given must be 'body' or 'shape', got {self.given!r}")
 
     def choose(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.ProbeSelector`."""

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from belief.constraints import Probability, check
 from belief.observation_model.model import ObservationModel
 from belief.validation import Floats
 
@@ -24,11 +25,10 @@ class RepeatDiscount:
     only the least used poses are allowed (decision 0006).
     """
 
-    correlation: float | None = None
+    correlation: Probability | None = None
 
     def __post_init__(self) -> None:
-        if self.correlation is not None and not 0.0 <= self.correlation <= 1.0:
-            raise ValueError(f"correlation must be in [0, 1], got {self.correlation}")
+        check(self)
 
     def weights(self, uses: ArrayLike) -> Floats:
         """Value of the next touch in each pose relative to a new touch's, for ``uses (..., P)``; 0 forbids a pose."""

@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 from numbers import Real
 from typing import Any, Protocol
 
-import numpy as np
 from numpy.typing import NDArray
 
 from belief.composition import AtMostOne, Composition, Counts
+from belief.constraints import NOT_NEGATIVE, NotNegative, check, require_rule
 from belief.errors import InvalidArgument
 from belief.journal import array_field, array_from
-from belief.naming import index_of, shown
+from belief.naming import index_of
 from belief.observation_model.model import ObservationModel
 from belief.problem import Action, Elsewhere, Probe, SearchProblem, Touch
 from belief.validation import are_finite, require_index
@@ -81,12 +81,11 @@ class Listener:
     problem: SearchProblem
     model: ObservationModel
     reader: ImageReader | None
-    least_force: float | None
-    least_area: float | None
+    least_force: NotNegative | None
+    least_area: NotNegative | None
 
     def __post_init__(self) -> None:
-        _not_negative("least_force", self.least_force)
-        _not_negative("least_area", self.least_area)
+        check(self)
 
     def told(
         self,
@@ -162,8 +161,7 @@ def _is_within(number: float | None, limit: float | None) -> bool:
 def _not_negative(name: str, value: float | None) -> float | None:
     if value is None:
         return None
-    if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not are_finite(value) or value < 0:
-        raise InvalidArgument(f"{name} must be a finite number ≥ 0, got {shown(value)}")
+    require_rule(name, value, NOT_NEGATIVE)
     return float(value)
 
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from belief.calibration import TemperatureScaling
+from belief.constraints import Count, check
 from belief.errors import InvalidArgument
 from belief.problem import Confirm, Probe, Reject
-from belief.validation import require_count
 from planners.decider import Decider, Decision, InformationState, ProbeSelector, StoppingRule, checked_decision
 
 _LOW_PRIOR = 1.0 / 12.0  # below it thresholds of rejection fall with the prior; the lowest prior of the named scenes
@@ -38,12 +38,12 @@ class PosteriorThresholds:
 
     confirm: float = 0.99
     reject: float = 0.01
-    max_touches: int = 12
+    max_touches: Count = 12
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.reject < self.confirm <= 1.0:
             raise InvalidArgument(f"need 0 ≤ reject < confirm ≤ 1, got {self.reject} and {self.confirm}")
-        require_count("max_touches", self.max_touches)
+        check(self)
 
     def reject_at(self, prior_prob: float) -> float:
         """Posterior of the target at or below which an object is rejected, for a prior of the problem.
@@ -114,21 +114,17 @@ class ThresholdRule:
         high, low: thresholds on the classifier's softmax, without calibration; 0 ≤ low ≤ high ≤ 1.
         num_consecutive: number of frames in a row that must exceed ``high``; at least 1.
         max_touches: maximum number of contacts with one object; at least 1.
-
-    Raises:
-        InvalidArgument: A threshold or a count is out of its range.
     """
 
     high: float = 0.9
     low: float = 0.1
-    num_consecutive: int = 2
-    max_touches: int = 12
+    num_consecutive: Count = 2
+    max_touches: Count = 12
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.low <= self.high <= 1.0:
             raise InvalidArgument(f"need 0 ≤ low ≤ high ≤ 1, got {self.low} and {self.high}")
-        require_count("num_consecutive", self.num_consecutive)
-        require_count("max_touches", self.max_touches)
+        check(self)
 
     def stop(self, info: InformationState) -> Decision | None:
         """See :class:`planners.decider.StoppingRule`."""

@@ -21,15 +21,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TypeAlias
+from typing import Annotated, TypeAlias
 
 import numpy as np
 
-from belief.errors import InvalidArgument
+from belief.constraints import Count, Within, check
 from belief.observation_model.outcome_mixture import Outcomes
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Confirm, Probe, Reject, SearchProblem
-from belief.validation import Floats, require_count
+from belief.validation import Floats
 from planners.continuation_value import ContinuationValue
 from planners.decider import Decision, InformationState, are_touches_used, pose_scores, require_fit, touch_share
 from planners.repeats import LEAST_USED, RepeatDiscount
@@ -53,22 +53,16 @@ class ValueOfInformation:
         repeats: discounts the value of repeated poses; by default only the poses used least are candidates.
         max_touches: of one object; by default an equal share of the problem's touch limit. No search is truncated,
             because an object is confirmed or rejected where the touches of the search are used.
-
-    Raises:
-        InvalidArgument: ``depth`` or ``max_touches`` is out of range.
     """
 
     table: OutcomeTable
-    depth: int = 2
+    depth: Annotated[int, Within(1, 2)] = 2
     repeats: RepeatDiscount = LEAST_USED
-    max_touches: int | None = None
+    max_touches: Count | None = None
     _continuations: dict[_Key, ContinuationValue] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        if self.depth not in (1, 2):
-            raise InvalidArgument(f"depth must be 1 or 2, got {self.depth!r}")
-        if self.max_touches is not None:
-            require_count("max_touches", self.max_touches)
+        check(self)
 
     def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.Decider`; of equally good actions stopping comes first, then the lowest pose."""

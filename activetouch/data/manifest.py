@@ -9,27 +9,31 @@ import hashlib
 import json
 import platform
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 
 from activetouch.errors import LabelMismatch
 from activetouch.scene import Scene, Symmetry
 from activetouch.scene_description import in_words, scene_differences, scene_fields
+from belief.codec import from_fields, to_fields
+from belief.constraints import Checked, Within
 from belief.errors import CorruptFile
 from belief.files import create_text, require_regular_file, sealed_json, unsealed_json
 
 SPLITS = ("train", "calibration", "test")
 FORMAT = 4
+# A number of two words would make the key of one object that of another object under another seed.
+Word: TypeAlias = Annotated[int, Within(0, 2**32 - 1)]
 _OBJECTS_PER_SHARD = 48
 _DECISIVE = ("plan", "shape_labels", "pose_labels", "symmetry", "image_shape", "MuJoCo", "scene")
 
 
 @dataclass(frozen=True)
-class CollectionPlan:
+class CollectionPlan(Checked):
     """Numbers of objects *per shape* in each split, each touched in every pose.
 
     ``repeats`` is the number of rounds of all poses for each object. One round teaches a classifier most for the time;
@@ -37,18 +41,11 @@ class CollectionPlan:
     how many follow, unless a press of a later one does not settle (decision 0020). ``seed`` is in ``[0, 2³²)``.
     """
 
-    train: int = 2700
-    calibration: int = 300
-    test: int = 500
-    seed: int = 0
-    repeats: int = 1
-
-    def __post_init__(self) -> None:
-        # A number of two words would make the key of one object that of another object under another seed.
-        if not all(isinstance(number, int) and 0 <= number < 2**32 for number in asdict(self).values()):
-            raise ValueError(f"a plan's numbers of objects and its seed must be whole and in [0, 2³²), got {self}")
-        if self.repeats < 1:
-            raise ValueError(f"a plan needs at least one round of touches, got repeats = {self.repeats}")
+    train: Word = 2700
+    calibration: Word = 300
+    test: Word = 500
+    seed: Word = 0
+    repeats: Annotated[int, Within(1, 2**32 - 1)] = 1
 
     def shards(self, num_shapes: int) -> Iterator[tuple[str, int, range]]:
         """The shards to record: (split, shard number, object numbers)."""
@@ -113,7 +110,7 @@ class Manifest:
 
     def to_json(self) -> str:
         """The content of ``manifest.json``, with a digest of its own."""
-        return sealed_json({"format": FORMAT, **asdict(self)}, 2) + "\n"
+        return sealed_json({"format": FORMAT, **to_fields(self)}, 2) + "\n"
 
 
 class NoCollection(CorruptFile):
@@ -166,21 +163,11 @@ def _parse(found: Mapping[str, Any], path: Path) -> Manifest:
             f"{path} has format {number}, this version reads {FORMAT}; record the touches anew, not in {path.parent}"
         )
     try:
-        values = {field.name: found[field.name] for field in fields(Manifest)}  # files of earlier versions have more
-        for name in ("shape_labels", "pose_labels", "image_shape"):
-            values[name] = tuple(values[name])
-        values["plan"], values["symmetry"] = CollectionPlan(**values["plan"]), Symmetry(values["symmetry"])
-        manifest = Manifest(**values)
-        labels = (*manifest.shape_labels, *manifest.pose_labels)
-        if not (
-            type(found["format"]) is int
-            and isinstance(manifest.scene, Mapping)
-            and isinstance(manifest.versions["mujoco"], str)
-            and all(isinstance(label, str) for label in labels)
-        ):
-            raise TypeError("a field is of another type")
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise _damaged(path, f"{type(error).__name__}: {error}") from error
+        manifest = from_fields(Manifest, found, is_whole=False)  # files of earlier versions have more
+        if type(number) is not int or "mujoco" not in manifest.versions:
+            raise ValueError("it states no format, or no version of mujoco")
+    except ValueError as error:
+        raise _damaged(path, error) from error
     return manifest
 
 

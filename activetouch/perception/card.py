@@ -12,8 +12,10 @@ import numpy as np
 from activetouch.errors import LabelMismatch, WrongScene
 from activetouch.perception.contacts.imaging import Imaging
 from activetouch.scene_description import OBJECTS
+from belief.codec import from_fields
 from belief.errors import CorruptFile
 from belief.sealed_tensors import read_fields
+from belief.validation import require_count
 
 READER = "activetouch-reader-1"
 """The kind of file that a sensor has, with a network for ONNX Runtime."""
@@ -116,18 +118,14 @@ class ClassifierCard:
 def card_from(fields: Mapping[str, Any], path: Path) -> ClassifierCard:
     """The card from the fields of a file."""
     try:
-        lists = {name: tuple(fields[name]) for name in ("shape_labels", "pose_labels", "image_shape")}
-        others = {name: value for name, value in fields.items() if name != "hypothesis_network"}
-        card = ClassifierCard(**{**others, **lists})
+        own = {name: value for name, value in fields.items() if name != "hypothesis_network"}
+        card = from_fields(ClassifierCard, own)
         if card.imaging is not None:
             Imaging.from_fields(card.imaging)
-        if not (card.scene is None or isinstance(card.scene, dict)):
-            raise TypeError(f"scene is {card.scene!r}")
         for name, least in (("input_size", 1), ("channels", 1), ("embedding", 0)):
-            if not (isinstance(value := getattr(card, name), int) and value >= least):
-                raise TypeError(f"{name} is {value!r}")
-    except (KeyError, TypeError, ValueError) as error:
-        raise CorruptFile(f"{path} does not describe a classifier: {error!r}") from error
+            require_count(name, getattr(card, name), least)
+    except ValueError as error:
+        raise CorruptFile(f"{path} does not describe a classifier: {error}") from error
     network, wanted = fields.get("hypothesis_network"), card._hypothesis_network
     if card.knows_orientations and network != wanted:
         raise CorruptFile(

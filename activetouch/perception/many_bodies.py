@@ -35,8 +35,9 @@ from activetouch.solids.family import Family
 from activetouch.solids.mesh import Mesh
 from activetouch.solids.solid import Shape
 from belief.coarse_to_fine import Effort
+from belief.codec import array_field, array_from
 from belief.errors import InvalidArgument
-from belief.files import from_field, require_regular_file, sealed_json, to_field, unsealed_json, write_text
+from belief.files import require_regular_file, sealed_json, unsealed_json, write_text
 from belief.observation_model.nested_bodies import NestedBodyModel
 from belief.validation import Floats
 
@@ -165,7 +166,7 @@ def _key(reader: TactileReader, scene: Scene, plan: NestedPlan) -> dict[str, Any
 def _read_fit(path: Path) -> Fit:
     fields = unsealed_json(require_regular_file(path).read_text(encoding="utf-8"))
     require_name(path, fields.get("name"))
-    scale, drift, references = fields["scale"], fields["drift"], from_field(fields["references"], "float16")
+    scale, drift, references = fields["scale"], fields["drift"], array_from(fields["references"], "float16")
     if not (0.0 < scale < np.inf and 0.0 <= drift < np.inf and references.size and np.isfinite(references).all()):
         raise ValueError(f"{path} has numbers that no fit gives")
     return scale, drift, references.astype(np.float32)
@@ -173,7 +174,7 @@ def _read_fit(path: Path) -> Fit:
 
 def _write_fit(path: Path, fit: Fit) -> None:
     scale, drift, references = fit
-    fields = {"scale": scale, "drift": drift, "references": to_field(references.astype(float), "float16")}
+    fields = {"scale": scale, "drift": drift, "references": array_field(references.astype(float), "float16")}
     write_text(path, sealed_json({**fields, "name": path.stem}, indent=None))
 
 

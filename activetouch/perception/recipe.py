@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from math import inf
 from types import MappingProxyType
-from typing import Literal
+from typing import Annotated, Literal, TypeAlias
 
 from activetouch.errors import ImpossibleRecipe
+from belief.constraints import Count, CountOrNone, NotNegative, Positive, Probability, Within, check
+
+Degrees: TypeAlias = Annotated[float, Within(0.0, 180.0)]
 
 
 @dataclass(frozen=True)
@@ -35,40 +37,31 @@ class TrainingRecipe:
         gain, noise, dead: wear of half of the images, see :func:`activetouch.perception.augmentation.worn`.
     """
 
-    epochs: int = 30
+    epochs: Count = 30
     optimizer: Literal["adamw", "muon"] = "adamw"
-    batch_size: int = 32
-    learning_rate: float = 1e-4
-    weight_decay: float = 1e-4
+    batch_size: Count = 32
+    learning_rate: Positive = 1e-4
+    weight_decay: NotNegative = 1e-4
     warmup: float = 0.0
     class_weights: bool = True
-    rotation: float = 10.0
-    patience: int | None = None
-    embedding: int = 0
-    negatives: int = 1536
-    cell: float = 0.0
+    rotation: Degrees = 10.0
+    patience: Count | None = None
+    embedding: CountOrNone = 0
+    negatives: Count = 1536
+    cell: Degrees = 0.0
     focus: tuple[str, ...] = ()
-    gain: float = 0.0
-    noise: float = 0.0
-    dead: float = 0.0
+    gain: Probability = 0.0
+    noise: NotNegative = 0.0
+    dead: Probability = 0.0
     bf16: bool = True
     seed: int = 0
 
     def __post_init__(self) -> None:
-        numbers = self.epochs, self.batch_size, 1 if self.patience is None else self.patience
-        for rule, holds in {
-            "epochs, batch_size and patience must be at least 1": min(numbers) >= 1,
-            'optimizer must be "adamw" or "muon"': self.optimizer in ("adamw", "muon"),
-            "learning_rate must be positive and finite": 0.0 < self.learning_rate < inf,
-            "weight_decay and noise must be finite and ≥ 0": 0.0 <= self.weight_decay < inf and 0.0 <= self.noise < inf,
-            "warmup must end before the epochs do": 0.0 <= self.warmup < self.epochs,
-            "rotation and cell must be in [0°, 180°]": 0.0 <= self.rotation <= 180.0 and 0.0 <= self.cell <= 180.0,
-            "gain and dead must be in [0, 1]": 0.0 <= self.gain <= 1.0 and 0.0 <= self.dead <= 1.0,
-            "embedding must be ≥ 0, negatives ≥ 1": self.embedding >= 0 and self.negatives >= 1,
-            "focus is for learning by contrast": not self.focus or self.embedding,
-        }.items():
-            if not holds:
-                raise ImpossibleRecipe(f"{rule}, got {self}")
+        check(self, ImpossibleRecipe)
+        if not 0.0 <= self.warmup < self.epochs:
+            raise ImpossibleRecipe(f"warmup must end before the epochs do, got {self}")
+        if self.focus and not self.embedding:
+            raise ImpossibleRecipe(f"focus is for learning by contrast, got {self}")
 
     @property
     def words(self) -> str:

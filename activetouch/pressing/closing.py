@@ -37,8 +37,8 @@ from activetouch.pressing.rig import (
     set_options,
     stop_clock,
 )
-from activetouch.solids.solid import FINITE, Floats
-from belief.validation import require_number
+from activetouch.solids.solid import Floats
+from belief.constraints import NOT_NEGATIVE, require_rule
 
 Watch = Callable[[mujoco.MjModel, mujoco.MjData], None]
 
@@ -224,7 +224,7 @@ class Closing(Dynamic):
         if len(met) == 1:  # the palm holds the body
             return super().close(pad, met, fingers, centre, forces)
         for force in forces:
-            require_number("target_force", force, 0.0, FINITE)
+            require_rule("target_force", force, NOT_NEGATIVE)
         return self.settle(SlidingPads(self, pad, met, fingers, centre), met[0], np.asarray(forces, float))
 
     def settle(self, gripper: Gripper, placement: Placement, forces: Floats, watch: Watch | None = None) -> Grasp:

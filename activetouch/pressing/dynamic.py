@@ -13,8 +13,9 @@ from activetouch.poses import to_matrix
 from activetouch.pressing.contact import Contact, Phase, elastic_contact, first_touch
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Press
-from activetouch.solids.solid import FINITE, Floats, Geom, Shape, on_spiral
-from belief.validation import are_finite, require_number
+from activetouch.solids.solid import Floats, Geom, Shape, on_spiral
+from belief.constraints import NOT_NEGATIVE, require_rule
+from belief.validation import are_finite
 
 if TYPE_CHECKING:
     import mujoco
@@ -61,7 +62,7 @@ class SteppedPress(Press):
         """The rig with the object at the start, the position of its centre [m], and the first touch."""
         from activetouch.pressing.rig import Rig, shared_rig  # loads MuJoCo
 
-        require_number("target_force", target_force, 0.0, FINITE)
+        require_rule("target_force", target_force, NOT_NEGATIVE)
         gap, touching = first_touch(pad, placement)
         if (facing := facing_geom(pad, placement, gap, touching)) is None:
             rig = shared_rig(pad, placement.shape, self.timestep, self.traced)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import ceil
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -12,8 +13,8 @@ from activetouch.poses import to_matrices
 from activetouch.pressing.pad import Pad
 from activetouch.solids.raster import heights
 from activetouch.solids.solid import Floats, Shape
+from belief.constraints import Positive, Within, check
 from belief.errors import InvalidArgument
-from belief.validation import require_count
 
 _VAST = 1e6  # offset [m] or scale
 
@@ -25,18 +26,13 @@ class Window:
     Attributes:
         edge: of the square [m].
         num_pixels: along an edge.
-
-    Raises:
-        InvalidArgument: the edge is not above zero and finite, or there is no pixel.
     """
 
-    edge: float
-    num_pixels: int
+    edge: Positive
+    num_pixels: Annotated[int, Within(1, 10_000)]
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.edge < np.inf:
-            raise InvalidArgument(f"the edge of a window must be above zero and finite, got {self.edge} m")
-        require_count("num_pixels", self.num_pixels, most=10_000)
+        check(self)
 
     @classmethod
     def of(cls, pad: Pad, margin: float = 0.0, num_pixels: int | None = None) -> Window:

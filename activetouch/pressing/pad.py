@@ -9,15 +9,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 
-from activetouch.solids.solid import FINITE, Floats
-from belief.validation import are_finite, require_count, require_number
+from activetouch.solids.solid import Floats
+from belief.constraints import NOT_NEGATIVE, Checked, NotNegative, Positive, Within, require_rule
 
 
 @dataclass(frozen=True)
-class Pad:
+class Pad(Checked):
     """A flat square pad in the plane x = 0, facing +x, centred on the approach axis.
 
     Attributes:
@@ -30,19 +31,13 @@ class Pad:
         damping_ratio: of that contact; below 1 the object bounces.
     """
 
-    half_width: float = 0.015
-    half_thickness: float = 0.007
-    num_taxels: int = 128
-    stiffness: float = 1.45e7
-    max_depth: float = 0.003
-    contact_time: float = 0.04
-    damping_ratio: float = 1.0
-
-    def __post_init__(self) -> None:
-        require_count("num_taxels", self.num_taxels, most=10_000)
-        lengths = (self.half_width, self.half_thickness, self.stiffness, self.max_depth, self.contact_time)
-        if not (are_finite(*lengths, self.damping_ratio) and min(lengths) > 0.0 <= self.damping_ratio):
-            raise ValueError(f"sizes, stiffness and contact_time must be positive, damping_ratio ≥ 0; got {self}")
+    half_width: Positive = 0.015
+    half_thickness: Positive = 0.007
+    num_taxels: Annotated[int, Within(1, 10_000)] = 128
+    stiffness: Positive = 1.45e7
+    max_depth: Positive = 0.003
+    contact_time: Positive = 0.04
+    damping_ratio: NotNegative = 1.0
 
     @property
     def taxel_area(self) -> float:
@@ -66,11 +61,8 @@ class Pad:
             gap: distance of the surface behind the first point of contact, any array shape, ≥ 0, ``inf`` for taxels
                 beside the object [m].
             force: normal force [N], ≥ 0.
-
-        Raises:
-            InvalidArgument: the force is negative or not finite.
         """
-        require_number("force", force, 0.0, FINITE)
+        require_rule("force", force, NOT_NEGATIVE)
         reached = gap.compress((gap < self.max_depth).ravel())  # in two thirds of the time of a mask
         if force == 0.0 or reached.size == 0:
             return 0.0

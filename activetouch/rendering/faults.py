@@ -11,14 +11,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from numbers import Integral
-from typing import ClassVar, Protocol, TypeVar
+from typing import Annotated, ClassVar, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.solids.solid import FINITE
+from belief.constraints import Checked, NotNegative, Probability, Within
 from belief.errors import InvalidArgument
-from belief.validation import require_number
 
 Image = NDArray[np.floating]
 
@@ -40,15 +39,12 @@ AnyFault = TypeVar("AnyFault", bound=Fault)
 
 
 @dataclass(frozen=True)
-class Gain:
+class Gain(Checked):
     """An amplification drawn for every touch, uniform in 1 ± ``half_range``."""
 
     isotropic: ClassVar[bool] = True
 
-    half_range: float
-
-    def __post_init__(self) -> None:
-        require_number("half_range", self.half_range, 0.0, 1.0)
+    half_range: Probability
 
     def __call__(self, image: Image, rng: np.random.Generator) -> Image:
         """See :class:`Fault`."""
@@ -56,15 +52,12 @@ class Gain:
 
 
 @dataclass(frozen=True)
-class Noise:
+class Noise(Checked):
     """Independent Gaussian noise on every taxel; ``std`` is relative to full scale."""
 
     isotropic: ClassVar[bool] = True
 
-    std: float
-
-    def __post_init__(self) -> None:
-        require_number("std", self.std, 0.0, FINITE)
+    std: NotNegative
 
     def __call__(self, image: Image, rng: np.random.Generator) -> Image:
         """See :class:`Fault`."""
@@ -72,7 +65,7 @@ class Noise:
 
 
 @dataclass(frozen=True)
-class DeadTaxels:
+class DeadTaxels(Checked):
     """Broken taxels, which read zero in every touch.
 
     Attributes:
@@ -82,11 +75,8 @@ class DeadTaxels:
 
     isotropic: ClassVar[bool] = False
 
-    share: float
+    share: Probability
     seed: int = 0
-
-    def __post_init__(self) -> None:
-        require_number("share", self.share, 0.0, 1.0)
 
     def __call__(self, image: Image, rng: np.random.Generator) -> Image:
         """See :class:`Fault`."""
@@ -94,7 +84,7 @@ class DeadTaxels:
 
 
 @dataclass(frozen=True)
-class StuckTaxels:
+class StuckTaxels(Checked):
     """Broken taxels, which read the same value in every touch.
 
     Attributes:
@@ -105,13 +95,9 @@ class StuckTaxels:
 
     isotropic: ClassVar[bool] = False
 
-    share: float
-    level: float = 1.0
+    share: Probability
+    level: Probability = 1.0
     seed: int = 0
-
-    def __post_init__(self) -> None:
-        require_number("share", self.share, 0.0, 1.0)
-        require_number("level", self.level, 0.0, 1.0)
 
     def __call__(self, image: Image, rng: np.random.Generator) -> Image:
         """See :class:`Fault`."""
@@ -130,15 +116,12 @@ def _broken(share: float, seed: int, shape: tuple[int, ...]) -> NDArray[np.bool_
 
 
 @dataclass(frozen=True)
-class Quantisation:
+class Quantisation(Checked):
     """An analogue-to-digital converter with ``bits`` bits; every image is converted to 8 bits afterwards."""
 
     isotropic: ClassVar[bool] = True
 
-    bits: int
-
-    def __post_init__(self) -> None:
-        require_number("bits", self.bits, 1, 16)
+    bits: Annotated[int, Within(1, 16)]
 
     def __call__(self, image: Image, rng: np.random.Generator) -> Image:
         """See :class:`Fault`."""
@@ -147,7 +130,7 @@ class Quantisation:
 
 
 @dataclass(frozen=True)
-class Hysteresis:
+class Hysteresis(Checked):
     """The play operator: a taxel follows a change only beyond ``width``, relative to full scale.
 
     Every press loads the taxels from zero, so readings are ``width`` too low (Visintin, *Differential Models of
@@ -156,10 +139,7 @@ class Hysteresis:
 
     isotropic: ClassVar[bool] = True
 
-    width: float
-
-    def __post_init__(self) -> None:
-        require_number("width", self.width, 0.0, FINITE)
+    width: NotNegative
 
     def __call__(self, image: Image, rng: np.random.Generator) -> Image:
         """See :class:`Fault`."""
@@ -199,7 +179,7 @@ def _displaced(by: int, size: int) -> tuple[slice, slice]:
 
 
 @dataclass(frozen=True)
-class Blur:
+class Blur(Checked):
     """A soft skin that spreads the pressure over neighbouring taxels, as a Gaussian filter.
 
     Attributes:
@@ -208,10 +188,7 @@ class Blur:
 
     isotropic: ClassVar[bool] = True
 
-    std: float
-
-    def __post_init__(self) -> None:
-        require_number("std", self.std, 0.0, FINITE)
+    std: NotNegative
 
     def __call__(self, image: Image, rng: np.random.Generator) -> Image:
         """See :class:`Fault`."""

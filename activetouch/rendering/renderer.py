@@ -17,8 +17,8 @@ from activetouch.pressing.pad import Pad
 from activetouch.shapes import SHAPES
 from activetouch.solids.primitives import Sphere
 from activetouch.solids.solid import Floats
+from belief.constraints import Count, check
 from belief.errors import BrokenContract
-from belief.validation import require_count
 
 _FORCES = (0.01, 1.0, 3.0, 100.0)  # [N]
 _RULE = "a renderer gives floating-point images in [0, 1], (n, n) in grey or (n, n, 3) in colour"
@@ -143,10 +143,10 @@ class PressureRenderer:
 
     isotropic: ClassVar[bool] = True
 
-    binning: int = 1
+    binning: Count = 1
 
     def __post_init__(self) -> None:
-        require_count("binning", self.binning)
+        check(self)
 
     def __call__(self, contact: Contact) -> Floats:
         """The image ``(n, n)`` in [0, 1] with n = num_taxels / binning; all zero for a miss.

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from belief.calibration.base import Calibration, Status
 from belief.calibration.softmax_regression import SoftmaxRegression
 from belief.calibration.temperature import TemperatureScaling
+from belief.constraints import Positive, check
 from belief.frozen import FrozenArrays
 from belief.validation import Floats, as_real, labelled_logits
 
@@ -30,9 +30,6 @@ class AffineCalibration(FrozenArrays, Calibration):
         temperature: the first step, with the spread probability as its floor.
         coefficients: (W | b), ``(K, K + 1)``; None before the fit.
 
-    Raises:
-        ValueError: a penalty that is not positive, or coefficients of the wrong shape or not finite.
-
     Example:
         >>> from belief.calibration import VectorScaling
         >>> fitted = VectorScaling().fit([[2.0, 0.0], [2.0, 0.0], [0.0, 2.0], [2.0, 0.0]], [0, 1, 1, 0])
@@ -40,13 +37,13 @@ class AffineCalibration(FrozenArrays, Calibration):
         ((2, 3), 'ok')
     """
 
+    last_in_file: ClassVar = ("temperature", "coefficients")
+
     temperature: TemperatureScaling = field(default=TemperatureScaling())
     coefficients: Floats | None = None
 
     def __post_init__(self) -> None:
-        for name in self.penalty_names():
-            if not 0.0 < getattr(self, name) < np.inf:
-                raise ValueError(f"{name} must be above zero and finite, got {getattr(self, name)}")
+        check(self)
         if self.coefficients is None:
             return
         matrix = np.asarray(as_real(self.coefficients, "coefficients"), np.float64)
@@ -123,19 +120,6 @@ class AffineCalibration(FrozenArrays, Calibration):
         self._check_shapes(z.shape[1])
         return self._problem(z, y).value_and_gradient(coefficients)
 
-    def to_fields(self) -> dict[str, Any]:
-        """See :meth:`Calibration.to_fields`."""
-        strengths = {name: getattr(self, name) for name in self.penalty_names()}
-        matrix = None if self.coefficients is None else self.coefficients.tolist()
-        return {**strengths, "temperature": self.temperature.to_fields(), "coefficients": matrix}
-
-    @classmethod
-    def from_fields(cls, fields: Mapping[str, Any]) -> Self:
-        """See :meth:`Calibration.from_fields`."""
-        strengths = {name: float(fields[name]) for name in cls.penalty_names()}
-        temperature = TemperatureScaling.from_fields(fields["temperature"])
-        return cls(temperature=temperature, coefficients=fields["coefficients"], **strengths)
-
     def _fitted(self) -> Floats:
         if self.coefficients is None:
             raise ValueError("there are no coefficients yet: call fit first")
@@ -176,8 +160,8 @@ class VectorScaling(AffineCalibration):
 
     name: ClassVar[str] = "vector"
 
-    diagonal_strength: float = 0.25
-    bias_strength: float = 0.25
+    diagonal_strength: Positive = 0.25
+    bias_strength: Positive = 0.25
 
     def spread(self, num_rows: float) -> float:
         """See :meth:`AffineCalibration.spread`."""
@@ -217,9 +201,9 @@ class DirichletCalibration(AffineCalibration):
 
     name: ClassVar[str] = "dirichlet"
 
-    diagonal_strength: float = 0.1
-    off_diagonal_strength: float = 0.1
-    bias_strength: float = 0.1
+    diagonal_strength: Positive = 0.1
+    off_diagonal_strength: Positive = 0.1
+    bias_strength: Positive = 0.1
 
     def penalties(self, num_rows: float, num_shapes: int) -> tuple[float, float, float]:
         """See :meth:`AffineCalibration.penalties`."""
@@ -255,9 +239,9 @@ class StructuredMatrixScaling(AffineCalibration):
 
     name: ClassVar[str] = "structured_matrix"
 
-    diagonal_strength: float = 1.0
-    off_diagonal_strength: float = 1.0
-    bias_strength: float = 1.0
+    diagonal_strength: Positive = 1.0
+    off_diagonal_strength: Positive = 1.0
+    bias_strength: Positive = 1.0
 
     def penalties(self, num_rows: float, num_shapes: int) -> tuple[float, float, float]:
         """See :meth:`AffineCalibration.penalties`."""

@@ -10,6 +10,8 @@ from typing import Any, ClassVar, Literal, Self, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+from belief.codec import from_fields, to_fields
+from belief.constraints import Within, require_rule
 from belief.validation import (
     Floats,
     as_real,
@@ -120,14 +122,14 @@ class Calibration(ABC):
         After a fit no entry of the gradient exceeds 1e-8, unless the status states that there is no optimum.
         """
 
-    @abstractmethod
     def to_fields(self) -> dict[str, Any]:
-        """All parameters, as JSON types."""
+        """All parameters, as JSON types: the fields of the dataclass (:mod:`belief.codec`)."""
+        return to_fields(self)
 
     @classmethod
-    @abstractmethod
     def from_fields(cls, fields: Mapping[str, Any]) -> Self:
         """The calibration of fields from :meth:`to_fields`."""
+        return from_fields(cls, fields)
 
 
 def no_probs(logits: ArrayLike) -> Floats:
@@ -157,8 +159,7 @@ def logits_from_probs(probs: ArrayLike, floor: float = 1e-12) -> Floats:
     >>> logits_from_probs([0.9]).round(2).tolist()
     [[-2.3, -0.11]]
     """
-    if not 0.0 < floor < 0.5:
-        raise ValueError(f"floor must be in (0, 0.5), got {floor}")
+    require_rule("floor", floor, Within(0.0, 0.5, open_low=True, open_high=True))
     p = np.asarray(as_real(probs, "probs"), np.float64)
     if p.ndim == 1 or (p.ndim == 2 and p.shape[1] == 1):
         p = np.stack([1.0 - p.reshape(-1), p.reshape(-1)], axis=1)

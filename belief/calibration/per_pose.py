@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from belief.calibration.affine import CALIBRATIONS, StructuredMatrixScaling
 from belief.calibration.base import Calibration, no_probs
+from belief.constraints import CountOrNone, NotNegative, check
 from belief.validation import Floats, checked_indices, finite_logits, labelled_logits, pose_count, warn_of_one_shape
 
 
@@ -27,9 +28,6 @@ class PerPose:
         fitted: calibrations of all touches together, and of those of each pose; none before the fit.
         num_touches: number of touches in each of P poses.
 
-    Raises:
-        ValueError: ``pooling`` is negative or not finite, or the calibrations do not fit each other.
-
     Example:
         >>> rng = np.random.default_rng(0)
         >>> labels, poses = rng.integers(2, size=8000), rng.integers(2, size=8000)
@@ -42,21 +40,18 @@ class PerPose:
     """
 
     kind: Calibration = field(default=StructuredMatrixScaling())
-    pooling: float = 100.0
+    pooling: NotNegative = 100.0
     fitted: tuple[Calibration, ...] = ()
-    num_touches: tuple[int, ...] = ()
+    num_touches: tuple[CountOrNone, ...] = ()
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.pooling < np.inf:
-            raise ValueError(f"pooling must be finite and ≥ 0, got {self.pooling}")
+        check(self)
         sizes = {calibration.num_shapes for calibration in self.fitted}
         if len(self.fitted) - bool(self.fitted) != len(self.num_touches) or len(sizes) > 1:
             raise ValueError(
                 f"need a calibration of all touches and of each of {len(self.num_touches)} poses, for as many shapes, "
                 f"got {len(self.fitted)} for {sizes} shapes"
             )
-        if not all(isinstance(n, int) and n >= 0 for n in self.num_touches):
-            raise ValueError(f"numbers of touches must be integers ≥ 0, got {self.num_touches}")
 
     def fit(self, logits: ArrayLike, labels: ArrayLike, poses: ArrayLike, num_poses: int | None = None) -> PerPose:
         """The calibration fitted to all touches together and to those of each pose.

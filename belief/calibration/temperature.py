@@ -16,15 +16,15 @@ which increases with β. Its signs at β = 0 and β → ∞ show whether an opti
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any, ClassVar, get_args
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.calibration.base import Calibration, Status
-from belief.validation import Floats, are_finite, finite_logits, labelled_logits, require_choice
+from belief.constraints import Positive, Within, check
+from belief.validation import Floats, finite_logits, labelled_logits
 
 _ROUNDING = 1e-12  # of a slope, in units of the largest logit
 _EXTREME = 1e6  # ratio of the fallback temperatures to the scale of the logits
@@ -48,25 +48,18 @@ class TemperatureScaling(Calibration):
             logits, T → ∞.
         floor: probability spread evenly over all shapes; 1/(n + 2) if the status is ``separable``, else 0.
 
-    Raises:
-        ValueError: a temperature that is not positive and finite, a floor outside [0, 1), an unknown status.
-
     >>> TemperatureScaling(temperature=2.0, status="ok").predict_proba([2.0, 0.0]).round(3).tolist()
     [0.731, 0.269]
     """
 
     name: ClassVar[str] = "temperature"
 
-    temperature: float = 1.0
+    temperature: Positive = 1.0
     status: Status = "unfitted"
-    floor: float = 0.0
+    floor: Annotated[float, Within(0.0, 1.0, open_high=True)] = 0.0
 
     def __post_init__(self) -> None:
-        if not (self.temperature > 0.0 and are_finite(self.temperature)) or not 0.0 <= self.floor < 1.0:
-            raise ValueError(
-                f"need a finite temperature > 0 and a floor in [0, 1), got {self.temperature} and {self.floor}"
-            )
-        require_choice("status", self.status, get_args(Status))
+        check(self)
 
     @property
     def num_shapes(self) -> None:
@@ -117,15 +110,6 @@ class TemperatureScaling(Calibration):
             excess = log_probs - at_label  # β (z - z_label)
             slope = (np.exp(log_probs) * np.maximum(excess, -_LARGEST)).sum(axis=1)
             return 0.0 - float(at_label.mean()), np.array([-slope.mean()])
-
-    def to_fields(self) -> dict[str, Any]:
-        """See :meth:`Calibration.to_fields`."""
-        return asdict(self)
-
-    @classmethod
-    def from_fields(cls, fields: Mapping[str, Any]) -> TemperatureScaling:
-        """See :meth:`Calibration.from_fields`."""
-        return cls(float(fields["temperature"]), fields["status"], float(fields["floor"]))
 
 
 def _fit(gaps: Floats, labels: NDArray[np.intp], weights: Floats, unit: float) -> TemperatureScaling:

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.fft import dct
 from scipy.optimize import brentq
 
-from belief.validation import Floats, checked_pair, checked_values
+from belief.validation import Floats, checked_pair, checked_values, require_count
 
 _CELLS_PER_WIDTH = 32
 _CELLS = (2**11, 2**13, 2**15, 2**17)  # coarsest first; large errors need no finer grid
@@ -142,13 +142,8 @@ def bin_index(values: Floats, num_bins: int, binning: Binning) -> NDArray[np.int
 
 
 def bin_edges(values: Floats, num_bins: int, binning: Binning) -> Floats:
-    """Edges of the bins of :func:`bin_index`, ``(num_bins + 1,)``, non-decreasing.
-
-    Raises:
-        ValueError: an unknown binning; fewer than one or more than a million bins.
-    """
-    if not isinstance(num_bins, int | np.integer) or not 1 <= num_bins <= _MOST_BINS:
-        raise ValueError(f"num_bins must be an integer from 1 to {_MOST_BINS}, got {num_bins}")
+    """Edges of the bins of :func:`bin_index`, ``(num_bins + 1,)``, non-decreasing."""
+    require_count("num_bins", num_bins, most=_MOST_BINS)
     if binning == "width":
         return np.arange(num_bins + 1) / num_bins
     if binning == "mass":  # in integers: np.quantile rounds the ranks, and may put a value into the next bin

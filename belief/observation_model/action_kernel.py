@@ -12,17 +12,19 @@ of an independent touch. For n touches in one pose with correlation ρ their sum
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple, TypeAlias
+from typing import Annotated, Any, ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import log_softmax, softmax
 
+from belief.codec import OPTIONAL
 from belief.conflict import MOST_TOUCHES, ConflictTest, ObjectConflict
+from belief.constraints import Count, check
 from belief.errors import InvalidArgument
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.evidence import SummarisedEvidence
@@ -34,7 +36,7 @@ from belief.observation_model.quantisation import drawn, smoothed, tabulate
 from belief.observation_model.repeat_discount import ASSUMED_CORRELATION
 from belief.problem import Touch
 from belief.touch_batch import TouchBatch
-from belief.validation import Floats, require_count, unmasked
+from belief.validation import Floats, unmasked
 
 Integers: TypeAlias = NDArray[np.int64]
 
@@ -75,8 +77,8 @@ class ActionKernelModel(ArrayModel):
     shape_labels: tuple[str, ...]
     kernel: Floats
     references: Floats
-    repeats: int | None = None
-    conflict: ConflictTest | None = None
+    repeats: Count | None = None
+    conflict: Annotated[ConflictTest | None, OPTIONAL] = None
 
     def __post_init__(self) -> None:
         self.to_floats("kernel", "references")
@@ -94,8 +96,7 @@ class ActionKernelModel(ArrayModel):
             )
         if references.ndim != 3 or references.shape[::2] != (len(kernel), num_shapes) or references.size == 0:
             raise ValueError(f"references must be ({len(kernel)}, N, {num_shapes}), N ≥ 1, got {references.shape}")
-        if self.repeats is not None:
-            require_count("repeats", self.repeats)
+        check(self)
         self.freeze()
 
     @classmethod
@@ -182,19 +183,6 @@ class ActionKernelModel(ArrayModel):
         log_posteriors = self.references - np.logaddexp.reduce(self.references, axis=-1, keepdims=True)
         table = tabulate(log_posteriors, self._weights, num_outcomes, rng)
         return OutcomeTable(smoothed(table, self.references.shape[1] / len(self.shape_labels)))
-
-    def to_fields(self) -> dict[str, Any]:
-        """See :class:`ArrayModel`."""
-        arrays = {"kernel": self.kernel.tolist(), "references": self.references.tolist()}
-        tested = {} if self.conflict is None else {"conflict": self.conflict.to_fields()}
-        return {**arrays, "repeats": self.repeats, **tested}
-
-    @classmethod
-    def from_fields(cls, shape_labels: tuple[str, ...], fields: Mapping[str, Any]) -> ActionKernelModel:
-        """See :class:`ArrayModel`."""
-        kernel, references = (np.array(fields[name], np.float64) for name in ("kernel", "references"))
-        test = fields.get("conflict")
-        return cls(shape_labels, kernel, references, fields["repeats"], test and ConflictTest.from_fields(test))
 
     @cached_property
     def _weights(self) -> Floats:

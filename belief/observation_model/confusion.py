@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from belief.calibration import TemperatureScaling
+from belief.codec import Merged
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
@@ -39,10 +39,11 @@ class ConfusionModel(ArrayModel):
     """
 
     name: ClassVar[str] = "confusion"
+    last_in_file: ClassVar = ("probs",)
 
     shape_labels: tuple[str, ...]
     probs: Floats
-    calibration: TemperatureScaling
+    calibration: Annotated[TemperatureScaling, Merged()]
 
     def __post_init__(self) -> None:
         probs = OutcomeTable(self.probs).probs
@@ -129,13 +130,3 @@ class ConfusionModel(ArrayModel):
     def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
         """See :class:`ArrayModel`; exact, or merged into fewer outcomes."""
         return merged(OutcomeTable(self.probs), num_outcomes, rng)
-
-    def to_fields(self) -> dict[str, Any]:
-        """See :class:`ArrayModel`."""
-        return {**self.calibration.to_fields(), "probs": self.probs.tolist()}
-
-    @classmethod
-    def from_fields(cls, shape_labels: tuple[str, ...], fields: Mapping[str, Any]) -> ConfusionModel:
-        """See :class:`ArrayModel`."""
-        calibration = TemperatureScaling.from_fields(fields)
-        return cls(shape_labels, np.array(fields["probs"], np.float64), calibration)

@@ -9,15 +9,16 @@ objects that were touched repeatedly (decision 0021).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias, get_args
+from typing import Annotated, ClassVar, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from belief.calibration import CALIBRATIONS, Calibration, StructuredMatrixScaling
+from belief.codec import OneOf, Stored
+from belief.constraints import Within, check
 from belief.observation_model.calibration_data import LabelledTouches, object_folds
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
@@ -31,7 +32,7 @@ from belief.observation_model.repeat_discount import (
 )
 from belief.problem import Touch
 from belief.touch_batch import TouchBatch
-from belief.validation import SUM_TOLERANCE, Floats, as_real, renormalised, require_choice
+from belief.validation import SUM_TOLERANCE, Floats, as_real, renormalised
 
 Status: TypeAlias = Literal["ok", "no_repeats", "one_shape"]
 _REFERENCES = 500  # touches stored per pose
@@ -52,9 +53,6 @@ class RatioModel(ArrayModel):
             ``one_shape``: all touches were of one shape, from which no ratio of two shapes can be learned. The
             calibration then fits the frequencies of this shape only; its own status may be any.
 
-    Raises:
-        ValueError: an invalid prior, correlation, references or status.
-
     Example:
         >>> rng = np.random.default_rng(0)
         >>> shapes, ids = np.arange(900) // 3 % 2, np.arange(900) // 3       # three equal touches of each object
@@ -65,12 +63,13 @@ class RatioModel(ArrayModel):
     """
 
     name: ClassVar[str] = "ratio"
+    last_in_file: ClassVar = ("references",)
 
     shape_labels: tuple[str, ...]
-    calibration: Calibration
+    calibration: Annotated[Calibration, OneOf(CALIBRATIONS)]
     training_prior: Floats
-    correlation: float
-    references: Floats
+    correlation: Annotated[float, Within(0.0, 1.0, open_high=True)]
+    references: Annotated[Floats, Stored("float32", is_decimal=True)]
     status: Status = "ok"
 
     def __post_init__(self) -> None:
@@ -79,13 +78,11 @@ class RatioModel(ArrayModel):
         num_shapes = len(self.shape_labels)
         if prior.shape != (num_shapes,) or not (prior > 0.0).all() or abs(prior.sum() - 1.0) > SUM_TOLERANCE:
             raise ValueError(f"training_prior must be {num_shapes} positive shares that sum to one, got {prior}")
-        if not 0.0 <= self.correlation < 1.0:
-            raise ValueError(f"correlation must be in [0, 1), got {self.correlation}")
+        check(self)
         if references.ndim != 3 or references.shape[2] != num_shapes or references.size == 0:
             raise ValueError(f"references must be (P, N, {num_shapes}), none of them empty, got {references.shape}")
         if self.calibration.num_shapes not in (None, num_shapes):
             raise ValueError(f"the calibration is for {self.calibration.num_shapes} shapes, not for {num_shapes}")
-        require_choice("status", self.status, get_args(Status))
         object.__setattr__(self, "training_prior", renormalised(prior))
         self.freeze()
 
@@ -169,34 +166,6 @@ class RatioModel(ArrayModel):
         number = self.references.shape[1] * self.training_prior[:, None]  # touches of each shape in a pose
         pooled = smoothed(table.mean(axis=0), self.num_poses * number)
         return OutcomeTable((number * table + _POOLING * pooled) / (number + _POOLING))
-
-    def to_fields(self) -> dict[str, Any]:
-        """See :class:`ArrayModel`."""
-        return {
-            "calibration": {"name": self.calibration.name, **self.calibration.to_fields()},
-            "training_prior": self.training_prior.tolist(),
-            "correlation": self.correlation,
-            "status": self.status,
-            # The shortest decimals of the single-precision numbers.
-            "references": [
-                [[float(str(z)) for z in row] for row in pose] for pose in self.references.astype(np.float32)
-            ],
-        }
-
-    @classmethod
-    def from_fields(cls, shape_labels: tuple[str, ...], fields: Mapping[str, Any]) -> RatioModel:
-        """See :class:`ArrayModel`."""
-        kind = fields["calibration"]["name"]
-        if kind not in CALIBRATIONS:
-            raise ValueError(f"unknown calibration {kind!r}")
-        return cls(
-            shape_labels,
-            CALIBRATIONS[kind].from_fields(fields["calibration"]),
-            np.array(fields["training_prior"], np.float64),
-            float(fields["correlation"]),
-            np.array(fields["references"], np.float32).astype(np.float64),
-            fields["status"],
-        )
 
     @cached_property
     def _log_prior(self) -> Floats:

@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Literal, Protocol, Self, TypeAlias, runtime_ch
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from belief.codec import from_fields, to_fields
 from belief.errors import BrokenContract, InvalidArgument
 from belief.files import sealed_json
 from belief.frozen import FrozenArrays
@@ -19,7 +20,7 @@ from belief.observation_model.evidence import ObjectEvidence, RecomputedEvidence
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Touch
 from belief.touch_batch import TouchBatch
-from belief.validation import Floats, require_count
+from belief.validation import Floats, require_count, require_index
 
 Reads: TypeAlias = Literal["logits", "embeddings", "log ratios"]
 """What a model reads of a touch: its logits, its embedding, or logits that are calibrated log likelihood ratios."""
@@ -70,7 +71,8 @@ class GivesLogits(Protocol):
 class ArrayModel(FrozenArrays, ABC):
     """Base class of observation models that compute with arrays.
 
-    A subclass defines :attr:`num_poses`, :meth:`fit_to`, :meth:`to_fields`, :meth:`from_fields`, and
+    A subclass is a dataclass, whose fields are its file (:mod:`belief.codec`), and defines :attr:`num_poses`,
+    :meth:`fit_to`, and
 
     - ``_log_likelihoods(batch)``: the result of :meth:`log_likelihood_batch` for a valid batch with touches;
     - ``_sample(shape, poses, rng)``: the result of :meth:`sample_batch` for valid arguments;
@@ -136,14 +138,14 @@ class ArrayModel(FrozenArrays, ABC):
     def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
         """See :meth:`outcome_table`."""
 
-    @abstractmethod
     def to_fields(self) -> dict[str, Any]:
-        """All parameters of the model except the shape labels, as JSON types."""
+        """All parameters of the model, as JSON types."""
+        return to_fields(self)
 
     @classmethod
-    @abstractmethod
-    def from_fields(cls, shape_labels: tuple[str, ...], fields: Mapping[str, Any]) -> ArrayModel:
+    def from_fields(cls, fields: Mapping[str, Any]) -> ArrayModel:
         """The model of fields from :meth:`to_fields`; :meth:`with_hypotheses` completes it."""
+        return from_fields(cls, fields, is_whole=False)
 
     def to_json(self, origin: Mapping[str, Any] | None = None) -> str:
         """The model as JSON text, exact to the last bit, with a SHA-256; :func:`read_observation_model` reads it.
@@ -151,7 +153,7 @@ class ArrayModel(FrozenArrays, ABC):
         Args:
             origin: source of the calibration touches, as JSON types; :func:`read_origin` reads it.
         """
-        fields = {"model": self.name, "shape_labels": list(self.shape_labels), **self.to_fields()}
+        fields = {"model": self.name, **self.to_fields()}
         return sealed_json(fields if origin is None else {**fields, "origin": dict(origin)}, indent=None)
 
     def freeze(self) -> None:
@@ -198,8 +200,7 @@ class ArrayModel(FrozenArrays, ABC):
 
     def sample_batch(self, shape: int, poses: NDArray[np.integer], rng: np.random.Generator) -> TouchBatch:
         """:meth:`sample` of S objects of a shape, one for each row of ``poses (S, n)``."""
-        if not 0 <= shape < len(self.shape_labels):
-            raise ValueError(f"shape must be in [0, {len(self.shape_labels)}), got {shape}")
+        require_index("shape", shape, len(self.shape_labels))
         rows = np.asarray(poses)
         if rows.ndim != 2 or not np.issubdtype(rows.dtype, np.integer):
             raise ValueError(f"poses must be integers (S, n), got {rows.dtype} {rows.shape}")

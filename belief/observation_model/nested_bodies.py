@@ -15,14 +15,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar, Protocol
+from typing import Annotated, Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from belief.coarse_to_fine import CellLikelihood, CoarseToFine, Effort, Ints, Leaves, NestedCells
-from belief.files import to_field
+from belief.codec import array_field
+from belief.constraints import Probability, Within, check
 from belief.frozen import frozen
 from belief.observation_model.log_weights import bounded_softmax
 from belief.observation_model.model import ArrayModel, Reads
@@ -31,7 +32,7 @@ from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.repeat_discount import ASSUMED_CORRELATION, effective_touches, new_shares
 from belief.problem import Touch
 from belief.touch_batch import TouchBatch
-from belief.validation import Floats, require_number
+from belief.validation import Floats
 
 Floats32 = NDArray[np.float32]
 
@@ -87,21 +88,19 @@ class NestedBodyModel(ArrayModel):
     shape_labels: tuple[str, ...]
     cells: NestedCells
     bodies: BodyLikelihood
-    scale: float
-    drift: float
+    scale: Annotated[float, Within(0.0, 1e6)]
+    drift: Probability
     references: Floats32
     constants: Floats32
     effort: Effort = field(default_factory=Effort)
-    correlation: float = ASSUMED_CORRELATION
+    correlation: Probability = ASSUMED_CORRELATION
 
     def __post_init__(self) -> None:
         if self.references.ndim != 2 or not self.references.size or self.constants.shape != self.references.shape[:1]:
             raise ValueError(
                 f"references must be (M, D) and constants (M,), got {self.references.shape} and {self.constants.shape}"
             )
-        require_number("scale", self.scale, 0.0, 1e6)
-        for name in ("drift", "correlation"):
-            require_number(name, getattr(self, name), 0.0, 1.0)
+        check(self)
         self.freeze()
 
     @property
@@ -192,12 +191,12 @@ class NestedBodyModel(ArrayModel):
 
     def to_fields(self) -> dict[str, Any]:
         """See :class:`ArrayModel`; no file is read back, as bodies are embedded by the reader."""
-        arrays = {name: to_field(getattr(self, name), "float16") for name in ("references", "constants")}
+        arrays = {name: array_field(getattr(self, name), "float16") for name in ("references", "constants")}
         numbers = {name: getattr(self, name) for name in ("scale", "drift", "correlation")}
         return {**numbers, **arrays, "effort": vars(self.effort), "bodies": self.bodies.fields()}
 
     @classmethod
-    def from_fields(cls, shape_labels: tuple[str, ...], fields: Mapping[str, Any]) -> ArrayModel:
+    def from_fields(cls, fields: Mapping[str, Any]) -> ArrayModel:
         """Raise ValueError: the bodies are no part of the fields."""
         raise ValueError("a model of nested bodies is made by a sensor from their meshes, not read from a file")
 

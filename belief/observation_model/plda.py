@@ -11,15 +11,16 @@ A :class:`GaussianModel` has B = V = 0: its touches are independent given the sh
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Annotated, ClassVar, NamedTuple, Self
 
 import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import NDArray
 
+from belief.codec import Merged
+from belief.constraints import Positive, check
 from belief.frozen import FrozenArrays
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.model import ArrayModel
@@ -42,14 +43,13 @@ class LogitEmbedding(FrozenArrays):
 
     lowest: Floats
     highest: Floats
-    unit: float = 1.0
+    unit: Positive = 1.0
 
     def __post_init__(self) -> None:
         self.to_floats("lowest", "highest", finite=False)
         if self.lowest.ndim != 1 or self.lowest.shape != self.highest.shape or not (self.lowest <= self.highest).all():
             raise ValueError(f"need lowest ≤ highest for every component, got {self.lowest} and {self.highest}")
-        if not 0.0 < self.unit < np.inf:
-            raise ValueError(f"unit must be finite and > 0, got {self.unit}")
+        check(self)
         if len(self.lowest) < 2:
             raise ValueError("an embedding of logits needs at least two shapes, got one")
         self.freeze()
@@ -70,16 +70,6 @@ class LogitEmbedding(FrozenArrays):
     def to_touches(self, poses: NDArray[np.int64], vectors: Floats) -> TouchBatch:
         """Touches in ``poses (S, n)`` with vectors ``(S, n, D)``; the logits have mean zero."""
         return TouchBatch(poses, vectors @ _basis(len(self.lowest)) * self.unit)
-
-    def to_fields(self) -> dict[str, Any]:
-        """All attributes, as JSON types."""
-        return {"lowest": self.lowest.tolist(), "highest": self.highest.tolist(), "unit": self.unit}
-
-    @classmethod
-    def from_fields(cls, fields: Mapping[str, Any]) -> LogitEmbedding:
-        """The embedding of fields from :meth:`to_fields`."""
-        lowest, highest = (np.array(fields[name], np.float64) for name in ("lowest", "highest"))
-        return cls(lowest, highest, float(fields["unit"]))
 
 
 @lru_cache
@@ -122,9 +112,6 @@ class PLDAModel(ArrayModel):
         means: ``(P, K, D)``.
         components: the covariances B, V and W.
 
-    Raises:
-        ValueError: arrays that do not fit each other, invalid covariances.
-
     Example:
         Five equal touches of one object in one pose are little more evidence than one:
 
@@ -147,7 +134,7 @@ class PLDAModel(ArrayModel):
     shape_labels: tuple[str, ...]
     embedding: LogitEmbedding
     means: Floats
-    components: Components
+    components: Annotated[Components, Merged()]
 
     def __post_init__(self) -> None:
         self.to_floats("means")
@@ -230,19 +217,6 @@ class PLDAModel(ArrayModel):
     def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
         """See :class:`ArrayModel`; a table of single sampled touches, which does not describe repeats."""
         return sampled_table(self, num_outcomes, rng)
-
-    def to_fields(self) -> dict[str, Any]:
-        """See :class:`ArrayModel`."""
-        components = {name: part.tolist() for name, part in self.components._asdict().items()}
-        means = self.means.tolist()
-        return {"embedding": self.embedding.to_fields(), "means": means, **components}
-
-    @classmethod
-    def from_fields(cls, shape_labels: tuple[str, ...], fields: Mapping[str, Any]) -> Self:
-        """See :class:`ArrayModel`."""
-        means, *parts = (np.array(fields[name], np.float64) for name in ("means", *Components._fields))
-        embedding = LogitEmbedding.from_fields(fields["embedding"])
-        return cls(shape_labels, embedding, means, Components(*parts))
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,6 @@ from typing import Any
 
 from belief.errors import UnknownName
 from belief.files import unsealed_json
-from belief.naming import checked_names
 from belief.observation_model.action_kernel import ActionKernelModel
 from belief.observation_model.confusion import ConfusionModel
 from belief.observation_model.likelihood_ratio import RatioModel
@@ -58,8 +57,7 @@ def read_observation_model(text: str) -> ArrayModel:
     """
     try:
         fields = unsealed_json(text)
-        kind = class_named(fields["model"])
-        return kind.from_fields(checked_names("shape_labels", fields["shape_labels"]), fields)
+        return class_named(fields["model"]).from_fields(fields)
     except ValueError as error:
         raise ValueError(f"not an observation model: {error}") from error
     except (KeyError, TypeError, AttributeError, OverflowError, IndexError, RecursionError) as error:

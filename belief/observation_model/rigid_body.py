@@ -26,14 +26,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from belief.codec import OPTIONAL, Stored, from_fields, to_fields
 from belief.conflict import ConflictTest
-from belief.files import from_field, to_field
 from belief.frozen import frozen
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.embedded_hypotheses import (
@@ -89,15 +89,16 @@ class FittedRigidBody(ArrayModel):
 
     name: ClassVar[str] = "rigid body"
     reads: ClassVar[Reads] = "embeddings"
+    last_in_file: ClassVar = ("references", "reference_logits", "conflict", "groups", "drift")
     shape_labels: tuple[str, ...]
     num_hypotheses: int
     temperature: float
-    references: Floats
-    reference_logits: Floats
+    references: Annotated[Floats, Stored("float16")]
+    reference_logits: Annotated[Floats, Stored("float16")]
     correlation: float = 0.0
     conflict: ConflictTest | None = None
-    groups: tuple[int, ...] = ()
-    drift: float = 0.0
+    groups: Annotated[tuple[int, ...], OPTIONAL] = ()
+    drift: Annotated[float, OPTIONAL] = 0.0
 
     def __post_init__(self) -> None:
         self.to_floats("references", "reference_logits")
@@ -148,28 +149,13 @@ class FittedRigidBody(ArrayModel):
         return OutcomeTable(found[list(self.groups)] if self.groups else found)
 
     def to_fields(self) -> dict[str, Any]:
-        """See :class:`ArrayModel`; arrays in half precision, without the hypotheses, which the reader embeds."""
-        arrays = {"references": self.references, "reference_logits": self.reference_logits}
-        return {
-            "num_hypotheses": self.num_hypotheses,
-            "temperature": self.temperature,
-            "correlation": self.correlation,
-            **{name: to_field(array, "float16") for name, array in arrays.items()},
-            "conflict": None if self.conflict is None else self.conflict.to_fields(),
-            **({"groups": list(self.groups)} if self.groups else {}),
-            **({"drift": self.drift} if self.drift else {}),
-        }
+        """See :class:`ArrayModel`; without the hypotheses, which the reader embeds."""
+        return to_fields(self, FittedRigidBody)
 
     @classmethod
-    def from_fields(cls, shape_labels: tuple[str, ...], fields: Mapping[str, Any]) -> FittedRigidBody:
+    def from_fields(cls, fields: Mapping[str, Any]) -> FittedRigidBody:
         """See :class:`ArrayModel`; :meth:`with_hypotheses` completes it."""
-        references, logits = (from_field(fields[name], "float16") for name in ("references", "reference_logits"))
-        test = fields.get("conflict")
-        conflict = None if test is None else ConflictTest.from_fields(test)
-        number, temperature = fields["num_hypotheses"], float(fields["temperature"])
-        groups = tuple(int(group) for group in fields.get("groups", ()))
-        errors = float(fields["correlation"]), conflict, groups, float(fields.get("drift", 0.0))
-        return FittedRigidBody(shape_labels, number, temperature, references, logits, *errors)
+        return from_fields(FittedRigidBody, fields, is_whole=False)
 
 
 @dataclass(frozen=True, eq=False)

@@ -233,9 +233,9 @@ class SensorHealthModel(ArrayModel):
         return self.nominal.to_fields()
 
     @classmethod
-    def from_fields(cls, shape_labels: tuple[str, ...], fields: Mapping[str, Any]) -> FittedRigidBody:
+    def from_fields(cls, fields: Mapping[str, Any]) -> FittedRigidBody:
         """See :class:`ArrayModel`: the nominal model."""
-        return FittedRigidBody.from_fields(shape_labels, fields)
+        return FittedRigidBody.from_fields(fields)
 
 
 @dataclass(frozen=True, eq=False)

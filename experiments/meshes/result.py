@@ -19,12 +19,13 @@ from activetouch.solids.mesh import Mesh
 from activetouch.solids.mesh_file import ENDINGS
 from activetouch.solids.solid import Shape
 from belief.claims import claim_folder
+from belief.constraints import Positive, Share
 from belief.errors import InvalidArgument
 from belief.naming import index_of
 from belief.statistics import wilson_interval
 from belief.table import Table, Tabular, ends
 from belief.validation import Floats
-from experiments.command_line.arguments import Jobs, Positive, Seed, Share, check_arguments
+from experiments.command_line.arguments import Jobs, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.meshes.near_twins import NearTwins
 from experiments.meshes.setting import (

@@ -11,8 +11,9 @@ from typing import Annotated, Any, Literal
 from activetouch.extras import require_extra
 from activetouch.named_scenes import SCENES
 from belief.claims import claim_folder, ends_claims
+from belief.constraints import NotEmpty
 from belief.files import sealed_json
-from experiments.command_line.arguments import Count, Jobs, NotEmpty, Pixels, Seed, check_arguments
+from experiments.command_line.arguments import Count, Jobs, Pixels, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.paper import table1, table2
 from experiments.paper.table1 import record_windows

@@ -7,21 +7,11 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Annotated, Literal, TypeAlias
 
+from belief.constraints import FRACTION, NotEmpty, NotNegative, Positive, Share, Within, check
 from belief.policy_state import ENCODINGS, TOUCH_LIMIT
-from experiments.command_line.arguments import (
-    BadArgument,
-    Count,
-    NotEmpty,
-    NotNegative,
-    Positive,
-    Share,
-    Within,
-    check_arguments,
-    require_types,
-)
+from experiments.command_line.arguments import BadArgument, Count
 
 State: TypeAlias = Literal[tuple(ENCODINGS)]  # type: ignore[valid-type]
-_PROB = Within(0.0, 1.0, open_low=True, open_high=True)
 
 
 @dataclass(frozen=True)
@@ -52,16 +42,15 @@ class PPORecipe:
     beta: NotNegative = 0.1
     touch_cost: NotNegative = 0.02
     touch_limit: Count = TOUCH_LIMIT
-    target_prob: Annotated[float | tuple[float, float], _PROB] = 0.5
+    target_prob: Annotated[float | tuple[float, float], FRACTION] = 0.5
 
     def __post_init__(self) -> None:
-        require_types(self, "")
-        check_arguments(self, "")
+        check(self, BadArgument)
         if isinstance(self.target_prob, tuple) and not self.target_prob[0] <= self.target_prob[1]:
-            raise BadArgument(f"target-prob must not end before it begins, got {self.target_prob}")
+            raise BadArgument(f"target_prob must not end before it begins, got {self.target_prob}")
         if self.batch_size > self.num_envs * self.rollout:
             most = f"{self.num_envs} × {self.rollout} steps"
-            raise BadArgument(f"batch-size must be no larger than a rollout of {most}, got {self.batch_size}")
+            raise BadArgument(f"batch_size must be no larger than a rollout of {most}, got {self.batch_size}")
 
     @property
     def test_prob(self) -> float:

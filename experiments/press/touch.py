@@ -16,9 +16,10 @@ from activetouch.placement import Placement
 from activetouch.rendering import RENDERERS
 from activetouch.scene import Scene
 from belief.claims import ends_claims
+from belief.constraints import Ending
 from belief.files import require_writable_file
 from belief.seeding import keyed_rng
-from experiments.command_line.arguments import BadArgument, Ending, Picture, Seed, check_arguments
+from experiments.command_line.arguments import BadArgument, Picture, Seed, check_arguments
 from experiments.scene_choice import SceneChoice
 
 if TYPE_CHECKING:

@@ -16,18 +16,10 @@ from activetouch.recorded.reader import kinds_of
 from activetouch.recorded.touches import splits_of
 from activetouch.sensor import RecordedSensor
 from belief.claims import claim_folder, ends_claims
+from belief.constraints import NotEmpty, Share, Within
 from belief.naming import few
 from belief.references import build, find
-from experiments.command_line.arguments import (
-    BadArgument,
-    Count,
-    CountOrNone,
-    NotEmpty,
-    Seed,
-    Share,
-    Within,
-    check_arguments,
-)
+from experiments.command_line.arguments import BadArgument, Count, CountOrNone, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.recorded.play import FIXED, Found, Named, find_all, identify_all, prepare
 from experiments.recorded.report import RecordedReport

@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 
 from activetouch import Scene, TactileSensor
 from activetouch.named_scenes import NamedScene
+from belief.constraints import Fraction, Within
 from belief.errors import ActiveTouchError
 from belief.files import in_file_name, require_writable_file
 from belief.observation_model.model import ObservationModel
 from belief.references import ForeignCode
 from belief.seeding import keyed_rng
 from belief.statistics.stop_thresholds import CandidateStops, certified_thresholds, least_searches
-from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, Within, check_arguments
+from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments
 from experiments.parallel import Shared, Task, default_jobs, run_tasks
 from experiments.search.comparison import prepared, setting_of
 from experiments.search.play import EPISODES_PER_BATCH, Searches, play_episodes
@@ -30,8 +31,6 @@ from planners import Decider, Episode
 from planners.certified import NEVER, WANTED, Certificate, Certified, Fit, fit_of_search
 
 _SEEDS = 0xCE47 << 32  # added to the seed: no comparison plays the searches of a certificate
-Probability = Annotated[float, Within(0.0, 1.0, open_low=True, open_high=True)]
-
 Searched = Annotated[int, Within(2, 10**8)]
 
 
@@ -193,9 +192,9 @@ class Certify:
 
     decider: str = "information_gain"
     """The decider, with settings as in 'information_gain(confirm=0.97)'."""
-    risk: Probability = 0.05
+    risk: Fraction = 0.05
     """Largest probability that a confirmed object is wrong, at every number of touches."""
-    confidence: Probability = 0.9
+    confidence: Fraction = 0.9
     """Probability, over the calibration searches, with which the promise holds."""
     searches: Searched = 2000
     """Number of calibration searches."""

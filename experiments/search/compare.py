@@ -10,9 +10,10 @@ from typing import Annotated, Any
 
 import tyro
 
+from belief.codec import from_fields
 from belief.files import require_regular_file, unsealed_json
 from belief.table import Table
-from experiments.command_line.arguments import BadArgument, Count, InFile, Jobs, Seed, require_types
+from experiments.command_line.arguments import BadArgument, Count, InFile, Jobs, Seed
 from experiments.command_line.trust import Trust
 from experiments.parallel import default_jobs
 from experiments.scene_choice import in_file_names
@@ -76,11 +77,9 @@ class Compare:
         try:
             given: dict[str, Any] = dict(unsealed_json(file.read_text(encoding="utf-8"))["arguments"])
             setting = Setting.from_dict(given["setting"], Trust(path, everything=True))  # run() checks what it names
-            searches = (tuple(given["deciders"]), given["reference"], tuple(given["targets"]), given["episodes"])
-            signed = None if (name := given.get("certificate")) is None else Path(name)
-            found = cls(*searches, given["seed"], setting, signed, file.parent, config=path)
-            require_types(found)
-            return found
+            named = {name: given[name] for name in ("deciders", "reference", "targets", "episodes", "seed")}
+            named |= {"certificate": given.get("certificate"), "setting": setting, "out": file.parent, "config": path}
+            return from_fields(cls, named)
         except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
             raise BadArgument(f"--config {path} is not the run.json of a comparison: {error}") from error
 

@@ -14,6 +14,7 @@ from activetouch import RecordedSensor, Scene, TactileSensor
 from activetouch.errors import WrongScene
 from activetouch.named_scenes import SCENES, NamedScene, as_named
 from activetouch.sensor_files import ANY_OBJECT_FILE, NOT_SIMULATED, POLICIES
+from belief.constraints import Constraint
 from belief.errors import UnknownName
 from belief.files import require_writable
 from belief.observation_model.model import GivesLogits
@@ -21,7 +22,7 @@ from belief.observation_model.rigid_body import joint_model
 from belief.problem import SearchProblem
 from belief.references import ForeignCode
 from belief.table import Table, Tabular
-from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments, check_value
+from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments
 from experiments.command_line.trust import Trust
 from experiments.parallel import default_jobs
 from experiments.scene_choice import SceneChoice
@@ -259,8 +260,8 @@ def prepared(
     ``named`` and ``own_sensor`` are a scene and a sensor object in place of those of the setting.
     """
     check_arguments(setting)
-    for name, value, kind in (("episodes", episodes, Count), ("seed", seed, Seed), ("jobs", jobs, Jobs)):
-        check_value(f"--{name}", value, kind)
+    for name, value, kind in (("episodes", episodes, Count), ("seed", seed, Seed), ("jobs", jobs, Jobs | None)):
+        Constraint.of(kind).require(f"--{name}", value, BadArgument)
     players = _players(deciders)
     if reference is not None and reference not in players:
         raise UnknownName("reference among --deciders", reference, list(players))

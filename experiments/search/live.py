@@ -14,8 +14,9 @@ from activetouch import RecordedSensor, TactileSensor
 from activetouch.named_scenes import SCENES
 from activetouch.sensor_files import INDEPENDENT_SUFFIX, RECORDED_FILE
 from belief.composition import Counts
+from belief.constraints import NotNegative
 from belief.errors import UnknownName
-from experiments.command_line.arguments import BadArgument, Count, NotNegative, Seed, check_arguments
+from experiments.command_line.arguments import BadArgument, Count, Seed, check_arguments
 from experiments.scene_choice import SceneChoice
 from experiments.search.live_protocol import Conversation, as_line, converse, refusal
 from experiments.search.setting import CompositionName

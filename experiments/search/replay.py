@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
+from belief.constraints import Ending
 from belief.errors import ActiveTouchError
 from belief.files import atomic_path, require_writable_file
-from experiments.command_line.arguments import CountOrNone, Ending, check_arguments
+from experiments.command_line.arguments import CountOrNone, check_arguments
 from experiments.command_line.trust import Trust
 from experiments.search.run import RunFolder, read_episode
 from experiments.search.setting import Setting

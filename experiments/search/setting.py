@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import tyro
 
 from activetouch import Scene, TactileSensor
 from activetouch.named_scenes import NamedScene
 from activetouch.sensor_files import ANY_OBJECT_FILE, observation_file, reader_file
+from belief.codec import from_fields, to_fields
 from belief.composition import Composition
-from belief.errors import CorruptFile
+from belief.constraints import Fraction, NotNegative
+from belief.errors import CorruptFile, InvalidArgument
 from belief.problem import SearchProblem
-from experiments.command_line.arguments import BadArgument, Count, NotNegative, Within, check_arguments, require_types
+from experiments.command_line.arguments import BadArgument, Count, check_arguments
 from experiments.command_line.trust import Trust
 from experiments.scene_choice import SceneChoice
 from experiments.sensor_choice import open_sensor, sensor_folder
@@ -45,15 +47,14 @@ class Setting:
     image. Needs a reader of any object."""
     touch_cost: NotNegative = 0.02
     """Cost λ of one touch, in units of a success."""
-    abstain: Annotated[float, Within(0.0, 1.0, open_low=True, open_high=True)] | None = None
+    abstain: Fraction | None = None
     """False-alarm rate of the conflict test, such as 0.02: deciders can answer "I do not know"."""
     anyway: bool = False
     """Accept a sensor that was made for another scene; the report lists the differences."""
 
     def to_dict(self) -> dict[str, Any]:
         """The setting as plain values."""
-        own = {field.name: getattr(self, field.name) for field in fields(self)}
-        return {**own, "choice": self.choice.to_dict(), "sensor": None if self.sensor is None else str(self.sensor)}
+        return to_fields(self)
 
     @classmethod
     def from_dict(cls, fields: Mapping[str, Any] | None, trust: Trust) -> Setting:
@@ -64,10 +65,9 @@ class Setting:
                 "continue or replay them"
             )
         try:
-            sensor = None if fields["sensor"] is None else Path(fields["sensor"])
-            found = cls(**{**fields, "choice": SceneChoice.from_dict(fields["choice"], trust), "sensor": sensor})
-            require_types(found)
-        except (TypeError, KeyError, AttributeError, BadArgument) as error:
+            choice = SceneChoice.from_dict(fields["choice"], trust)
+            found = from_fields(cls, {**fields, "choice": choice})
+        except (TypeError, KeyError, AttributeError, InvalidArgument) as error:
             raise CorruptFile(f"{trust.source} does not describe a search: {error}") from error
         check_arguments(found)
         return found

@@ -14,7 +14,8 @@ from activetouch import Scene
 from activetouch.data.dataset import read_shard, record_shard
 from activetouch.data.manifest import CollectionPlan, Manifest, shard_path, write_manifest
 from activetouch.hand import require_no_hand
-from experiments.command_line.arguments import Count, Jobs, Seed, Within, check_arguments
+from belief.constraints import Within
+from experiments.command_line.arguments import Count, Jobs, Seed, check_arguments
 from experiments.parallel import run_tasks
 from experiments.scene_choice import SceneChoice, choice_name, collection_folder
 

@@ -18,16 +18,8 @@ from activetouch.perception.recipe import RECIPES, TrainingRecipe
 from activetouch.scene import Scene
 from activetouch.sensor_files import ANY_OBJECT_FILE, READER_FILE
 from belief.claims import claim_folder, ends_claims
-from experiments.command_line.arguments import (
-    BadArgument,
-    Count,
-    Jobs,
-    NotNegative,
-    Pixels,
-    Positive,
-    Seed,
-    check_arguments,
-)
+from belief.constraints import NotNegative, Positive
+from experiments.command_line.arguments import BadArgument, Count, Jobs, Pixels, Seed, check_arguments
 from experiments.parallel import default_jobs, progress_bar
 from experiments.scene_choice import collection_folder, named_scene, training_folder
 from experiments.sensor_choice import open_collection, require_collection

@@ -17,17 +17,18 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import combinations
 from math import comb
-from numbers import Integral, Real
+from numbers import Integral
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.composition import Composition
+from belief.constraints import NOT_NEGATIVE, Within, require_rule
 from belief.errors import InvalidArgument
 from belief.frozen import FrozenArrays
 from belief.naming import shown
 from belief.observation_model.outcome_table import OutcomeTable
-from belief.validation import MOST_REPEATED, Floats, are_finite, as_real, normalise_probs, require_count, require_index
+from belief.validation import MOST_REPEATED, Floats, as_real, normalise_probs, require_count, require_index
 
 MAX_STATES = 2000
 _LEAST_LOG = -500.0  # of a probability relative to the largest
@@ -59,9 +60,6 @@ class TouchProblem(_Tabular, FrozenArrays):
         target: index of the target shape.
         touch_cost: λ, price of a probe, ≥ 0.
         discount: γ, per probe, in (0, 1].
-
-    Raises:
-        InvalidArgument: an argument is out of its range; the message names it.
 
     Example:
         >>> problem = TouchProblem(np.array([[[0.9, 0.1], [0.1, 0.9]]]), prior=[0.5, 0.5], target=0, touch_cost=0.05)
@@ -97,9 +95,6 @@ class SearchTouchProblem(_Tabular, FrozenArrays):
         touch_cost: λ, price of a probe, ≥ 0.
         prior: probabilities of the shape of an ``independent`` object, ``(K,)``; uniform by default.
         discount: γ, per probe or REJECT, in (0, 1].
-
-    Raises:
-        InvalidArgument: an argument is out of its range; the message names it.
     """
 
     outcome_probs: Floats
@@ -149,10 +144,8 @@ def checked_table(outcome_probs: ArrayLike, target: int, touch_cost: float, disc
     """The outcome table ``(P, K, M)`` as float64."""
     table = OutcomeTable(np.asarray(as_real(outcome_probs, "outcome_probs"), np.float64)).probs
     require_index("target", target, table.shape[1])
-    if not (isinstance(touch_cost, Real) and are_finite(touch_cost) and touch_cost >= 0.0):
-        raise InvalidArgument(f"touch_cost must be finite and ≥ 0, got {touch_cost!r}")
-    if not (isinstance(discount, Real) and 0.0 < discount <= 1.0):
-        raise InvalidArgument(f"discount must be in (0, 1], got {discount!r}")
+    require_rule("touch_cost", touch_cost, NOT_NEGATIVE)
+    require_rule("discount", discount, Within(0.0, 1.0, open_low=True))
     return table
 
 

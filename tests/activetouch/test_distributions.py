@@ -29,5 +29,5 @@ def test_draws_follow_the_law_and_fill_its_support(distribution, law, rng):
     ],
 )
 def test_every_parameter_of_a_distribution_is_finite(make, bad):
-    with pytest.raises(ValueError, match="must be finite"):
+    with pytest.raises(ValueError, match="must be a finite number"):
         make(bad)

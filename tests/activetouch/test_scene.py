@@ -65,7 +65,7 @@ def test_inexact_poses_are_missed_by_the_stated_error_about_every_axis(rng):
     assert np.abs(about.mean(axis=0)).max() < 0.01
     assert about.std(axis=0) == pytest.approx([0.1] * 3, rel=0.06)
     assert scene.symmetry is replace(scene, presentation=Tumbled()).symmetry
-    with pytest.raises(ValueError, match=r"error must be in \[0, π\] rad, got nan"):
+    with pytest.raises(ValueError, match=r"error must be a number in \[0, 3.14159\] rad, got nan"):
         Inexact(error=np.nan)
 
 

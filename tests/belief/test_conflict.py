@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
+from belief.codec import from_fields, to_fields
 from belief.conflict import MOST_TOUCHES, ConflictTest, Novelty, UsualMisfit, log_conflict
 
 D, THRESHOLD = 5, np.log(1 / 0.02)
@@ -138,7 +139,7 @@ def test_one_touch_of_each_object_tests_first_touches_only():
 
 
 def test_json_gives_the_same_test(test_of_200):
-    again = ConflictTest.from_fields(json.loads(json.dumps(test_of_200.to_fields())))
+    again = from_fields(ConflictTest, json.loads(json.dumps(to_fields(test_of_200))))
     embeddings, misfits = (one[0] for one in sequences(np.random.default_rng(5), 1))
     for here, there in zip(
         followed(test_of_200, embeddings, misfits), followed(again, embeddings, misfits), strict=True

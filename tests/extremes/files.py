@@ -123,7 +123,7 @@ def _of_sensors() -> list[Case]:
             "a temperature of zero",
             lambda: TemperatureScaling.from_fields({"temperature": 0.0, "status": "ok", "floor": 0.0}),
             ValueError,
-            "temperature > 0",
+            "temperature must be a finite number > 0",
         ),
     ]
 
@@ -201,8 +201,16 @@ def _of_collections() -> list[Case]:
             LabelMismatch,
             "(?i)plan|another collection",
         ),
-        refuses("CollectionPlan", "minus one object", lambda: CollectionPlan(train=-1), ValueError, "whole"),
-        refuses("CollectionPlan", "a seed of 2³²", lambda: CollectionPlan(seed=2**32), ValueError, "whole"),
+        refuses(
+            "CollectionPlan",
+            "minus one object",
+            lambda: CollectionPlan(train=-1),
+            ValueError,
+            "train must be an integer",
+        ),
+        refuses(
+            "CollectionPlan", "a seed of 2³²", lambda: CollectionPlan(seed=2**32), ValueError, "seed must be an integer"
+        ),
         answers("read_split", "one object of each shape", lambda: _split("test")().images.shape, equal_to([24, 8, 8])),
         answers("atomic_path", "an error while writing: the old file stays", in_folder(_torn), equal_to([1, 1])),
     ]

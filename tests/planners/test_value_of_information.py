@@ -174,7 +174,7 @@ def test_a_decider_that_saw_a_shorter_search_values_a_longer_one_as_a_new_decide
 
 
 def test_another_depth_is_refused():
-    with pytest.raises(ValueError, match="depth must be 1 or 2, got 3"):
+    with pytest.raises(ValueError, match="depth must be an integer, at least 1 and at most 2, got 3"):
         ValueOfInformation(random_table(np.random.default_rng(0)), 3)
 
 

@@ -25,14 +25,15 @@ from activetouch.scene import Scene
 from activetouch.scene_description import described
 from activetouch.solids.solid import Shape
 from belief.coarse_to_fine import CoarseToFine, Ints
-from belief.validation import Floats, require_count, require_number
+from belief.constraints import Checked, Count, CountOrNone, Probability
+from belief.validation import Floats
 
 _AT_ONCE = 256  # contacts
 _PARTS = 8  # parts of a cell
 
 
 @dataclass(frozen=True)
-class CloseLook:
+class CloseLook(Checked):
     """The accuracy against the seconds of a check: how closely the bodies that are still possible are examined.
 
     Attributes:
@@ -50,25 +51,18 @@ class CloseLook:
         scale, drift: of log likelihoods, see :class:`belief.coarse_to_fine.CoarseToFine`.
     """
 
-    bodies: int = 6
-    least: float = 0.002
-    share: float = 0.8
+    bodies: CountOrNone = 6
+    least: Probability = 0.002
+    share: Probability = 0.8
     touches: int = 4
-    enough: float = 0.995
-    proposed: int = 12
-    divided: int = 4
+    enough: Probability = 0.995
+    proposed: Count = 12
+    divided: Count = 4
     sizes: tuple[float, ...] = (1.0, 0.98, 1.02)
     behind: float = 12.0
     widths: tuple[float, float, float] = (0.12, 0.06, 0.035)
     scale: float = 0.8
     drift: float = 0.02
-
-    def __post_init__(self) -> None:
-        require_count("bodies", self.bodies, 0)
-        for name in ("least", "share", "enough"):
-            require_number(name, getattr(self, name), 0.0, 1.0)
-        for name in ("proposed", "divided"):
-            require_count(name, getattr(self, name))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

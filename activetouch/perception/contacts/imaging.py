@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from activetouch.pressing.height_maps import Window
 from activetouch.pressing.pad import Pad
+from belief.codec import from_fields
+from belief.constraints import Count, NotNegative, check
 
 Floats32 = NDArray[np.float32]
 
@@ -95,30 +97,23 @@ class Imaging:
     """
 
     pad: Pad
-    taxels: int
-    pixels: int
-    force: tuple[float, float] = (1.5, 3.0)
-    gain: float = 0.10
-    noise: float = 0.02
-    offset: float = 0.002
-    sizes: tuple[float, float] = (0.75, 1.25)
+    taxels: Count
+    pixels: Count
+    force: tuple[NotNegative, NotNegative] = (1.5, 3.0)
+    gain: NotNegative = 0.10
+    noise: NotNegative = 0.02
+    offset: NotNegative = 0.002
+    sizes: tuple[NotNegative, NotNegative] = (0.75, 1.25)
     dead: NDArray[np.bool_] | None = None
-    samples: int = SAMPLES
-    coarser: float = 0.0
-    noisier: float = LIMITS["noise"][1]
-    displaced: tuple[float, float] = (LIMITS["blur"][1], LIMITS["shift"][1])
+    samples: Count = SAMPLES
+    coarser: NotNegative = 0.0
+    noisier: NotNegative = LIMITS["noise"][1]
+    displaced: tuple[NotNegative, NotNegative] = (LIMITS["blur"][1], LIMITS["shift"][1])
 
     def __post_init__(self) -> None:
-        edges = self.taxels, self.pixels, self.samples
-        ranges = self.force, self.sizes, self.displaced
-        numbers = *sum(ranges, ()), self.gain, self.noise, self.offset, self.coarser, self.noisier
-        is_valid = (
-            all(isinstance(edge, int | np.integer) and edge > 0 for edge in edges)
-            and 0 in (self.taxels % self.pixels, self.pixels % self.taxels)
-            and self.samples % self.pixels == 0
-            and all(len(ends) == 2 for ends in ranges)
-        )
-        if not (is_valid and np.isfinite(numbers).all() and min(numbers) >= 0.0 and self.force[1] > 0.0):
+        check(self)
+        does_divide = 0 in (self.taxels % self.pixels, self.pixels % self.taxels) and self.samples % self.pixels == 0
+        if not (does_divide and self.force[1] > 0.0 and {2} == set(map(len, (self.force, self.sizes, self.displaced)))):
             raise ValueError(f"numbers out of range, or taxels, pixels and samples that do not divide: {self}")
         if self.dead is not None and self.dead.shape != (self.taxels, self.taxels):
             raise ValueError(f"dead must have the shape {(self.taxels, self.taxels)}, got {self.dead.shape}")
@@ -151,9 +146,7 @@ class Imaging:
     @classmethod
     def from_fields(cls, fields: Mapping[str, Any]) -> Imaging:
         """The description from :meth:`fields`."""
-        ranges = {name: tuple(map(float, fields[name])) for name in ("force", "sizes", "displaced") if name in fields}
-        dead = None if fields["dead"] is None else np.array(fields["dead"], bool)
-        return cls(**{**fields, **ranges, "pad": Pad(**fields["pad"]), "dead": dead})
+        return from_fields(cls, fields)
 
 
 def encoded(reached: Floats32, inner: int) -> Floats32:

@@ -26,8 +26,9 @@ from activetouch.scene import Scene
 from activetouch.scene_description import described
 from activetouch.solids.solid import Shape
 from belief.coarse_to_fine import CoarseToFine, Ints
+from belief.constraints import Checked, Probability
 from belief.files import array_digest
-from belief.validation import Floats, require_number
+from belief.validation import Floats
 
 _AT_ONCE = 128  # contacts
 _DECIMALS = 7
@@ -35,7 +36,7 @@ _IN_SINGLE = 1 << 28  # numbers; larger tables stay in half precision
 
 
 @dataclass(frozen=True)
-class ViewPlan:
+class ViewPlan(Checked):
     """The views in which bodies are embedded: accuracy against the time for a new body.
 
     Attributes:
@@ -47,10 +48,7 @@ class ViewPlan:
 
     directions: int = 88
     rolls: int = 12
-    width: float = 0.25
-
-    def __post_init__(self) -> None:
-        require_number("width", self.width, 0.0, 1.0)
+    width: Probability = 0.25
 
     @property
     def orientations(self) -> Floats:

@@ -96,7 +96,7 @@ def test_the_first_round_of_touches_does_not_depend_on_how_many_follow(original,
 
 @pytest.mark.parametrize("wrong", [{"train": -1}, {"seed": 2**32}, {"test": 1.5}])
 def test_a_plan_that_cannot_be_keyed_is_refused(wrong):
-    with pytest.raises(ValueError, match="whole and in"):
+    with pytest.raises(ValueError, match="must be an integer, at least 0"):
         CollectionPlan(**wrong)
 
 

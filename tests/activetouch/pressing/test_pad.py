@@ -77,7 +77,7 @@ def test_an_object_beside_the_pad_leaves_a_blank_image():
 
 @pytest.mark.parametrize("force", [-1.0, np.nan, np.inf])
 def test_a_force_that_is_none_is_refused(force):
-    with pytest.raises(ValueError, match="force must be a number in"):
+    with pytest.raises(ValueError, match="force must be a finite number ≥ 0"):
         PAD.indentation(np.zeros((2, 2)), force)
 
 

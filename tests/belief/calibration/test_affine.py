@@ -220,7 +220,7 @@ def test_blocks_of_rows_add_up(rng):
 @pytest.mark.parametrize("kind", AFFINE.values(), ids=list(AFFINE))
 @pytest.mark.parametrize("strength", [0.0, -1.0, np.inf, np.nan])
 def test_a_strength_that_leaves_no_optimum_is_refused(kind, strength):
-    with pytest.raises(ValueError, match="bias_strength must be above zero"):
+    with pytest.raises(ValueError, match="bias_strength must be a finite number > 0"):
         kind(bias_strength=strength)
 
 

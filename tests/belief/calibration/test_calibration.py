@@ -129,7 +129,7 @@ def test_fitting_always_ends_with_a_usable_temperature(logits, labels):
 
 @pytest.mark.parametrize("options", [{"temperature": -1.0}, {"temperature": np.inf}, {"floor": 1.0}])
 def test_a_temperature_that_is_none_is_refused(options):
-    with pytest.raises(ValueError, match="finite temperature"):
+    with pytest.raises(ValueError, match=r"temperature must be a finite number > 0|floor must be a number in \[0, 1\)"):
         TemperatureScaling(**options)
 
 

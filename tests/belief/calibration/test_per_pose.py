@@ -142,7 +142,7 @@ def test_poses_that_are_not_known_are_refused(poses, message):
 def test_what_was_not_fitted_or_makes_no_sense_is_refused():
     with pytest.raises(ValueError, match="call fit first"):
         PerPose().predict_log_proba([[0.0, 2.0]], [0])
-    with pytest.raises(ValueError, match="pooling must be finite"):
+    with pytest.raises(ValueError, match="pooling must be a finite number"):
         PerPose(pooling=-1.0)
     with pytest.raises(ValueError, match="need logits"):
         PerPose().fit([[0.0, 2.0]], [0], [0]).predict_log_proba([0.0, 2.0], [0])

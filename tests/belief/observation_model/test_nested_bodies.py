@@ -149,6 +149,6 @@ def test_a_touch_that_does_not_fit_is_refused(table):
     with pytest.raises(ValueError, match="in its poses only"):
         model.start().update(Touch(0, features=np.ones(WIDTH), elsewhere=away))
     with pytest.raises(ValueError, match="not read from a file"):
-        NestedBodyModel.from_fields(LABELS, {})
+        NestedBodyModel.from_fields({})
     with pytest.raises(InvalidArgument, match="drift"):
         NestedBodyModel(LABELS, model.cells, model.bodies, 1.0, 2.0, model.references, model.constants)

@@ -194,7 +194,7 @@ def test_touches_of_another_number_of_shapes_are_refused(any_model):
 @pytest.mark.parametrize(
     ("shape", "poses", "message"),
     [
-        (3, [0], r"shape must be in \[0, 3\)"),
+        (3, [0], r"shape must be an integer in \[0, 3\)"),
         (-1, [0], "shape must be"),
         (0, [2], "poses must be"),
         (0, [0.5], "integers"),

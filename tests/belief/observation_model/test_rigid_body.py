@@ -174,7 +174,7 @@ def test_a_reader_that_errs_alike_about_an_object_gets_a_drift():
             )
         )
     assert found[0].drift < 0.05 < 0.2 < found[1].drift
-    assert RigidBodyModel.from_fields(found[1].shape_labels, found[1].to_fields()).drift == found[1].drift
+    assert RigidBodyModel.from_fields(found[1].to_fields()).drift == found[1].drift
 
 
 @pytest.mark.parametrize("num_touches", [1, 5])

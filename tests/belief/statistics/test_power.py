@@ -88,7 +88,7 @@ def test_correction_never_lowers_a_p_value_and_keeps_their_order(values):
 )
 def test_a_level_or_a_power_that_is_none_is_refused(wrong):
     [name] = wrong
-    with pytest.raises(ValueError, match=rf"{name} must lie in \(0, 1\)"):
+    with pytest.raises(ValueError, match=rf"{name} must be a number in \(0, 1\)"):
         episodes_for_success(pairs(3, 3, 100), **wrong)
 
 

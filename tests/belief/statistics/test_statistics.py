@@ -58,7 +58,7 @@ def test_a_confidence_is_no_percentage(confidence, rng):
         lambda: paired_bootstrap([1], [0], rng, confidence),
         lambda: cluster_bootstrap([1], [0], rng, confidence),
     ):
-        with pytest.raises(ValueError, match=rf"confidence must lie in \(0, 1\), got {confidence}"):
+        with pytest.raises(ValueError, match=rf"confidence must be a number in \(0, 1\), got {confidence}"):
             estimate()
 
 

@@ -10,9 +10,10 @@ import joblib
 import pytest
 from tyro.conf import OmitArgPrefixes
 
+from belief.constraints import Constraint, Within
 from belief.errors import ActiveTouchError
 from experiments.cli import commands, main
-from experiments.command_line.arguments import BadArgument, Within, _metadata, arguments
+from experiments.command_line.arguments import BadArgument, arguments
 from experiments.meshes.find import Find
 from experiments.meshes.identify import Identify
 from experiments.paper.reproduce import Reproduce
@@ -105,7 +106,7 @@ def test_zero_is_refused_wherever_it_is_out_of_range():
         command = kind(**_NEEDED.get(kind, {}))
         paths = {flag: (path, many) for flag, path, _, many in _numbers(kind)}
         for flag, _, annotation in arguments(command):
-            if any(isinstance(rule, Within) and rule.broken(0) for rule in _metadata(annotation)):
+            if any(isinstance(rule, Within) and rule.broken(0) for rule in Constraint.of(annotation).rules):
                 path, many = paths[flag]
                 with pytest.raises(BadArgument, match=flag):
                     _changed(command, path, (0,) if many else 0).run()
