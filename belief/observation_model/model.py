@@ -14,7 +14,6 @@ from belief.errors import BrokenContract, InvalidArgument
 from belief.files import sealed_json
 from belief.frozen import FrozenArrays
 from belief.naming import checked_names
-from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.evidence import ObjectEvidence, RecomputedEvidence, SummarisedEvidence, Summarises
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Touch
@@ -104,6 +103,8 @@ class ArrayModel(FrozenArrays, ABC):
         Arguments and errors are those of :meth:`LabelledTouches.of`. ``options`` are those of the model's
         :meth:`fit_to`. Most models learn from objects that were touched several times in one pose.
         """
+        from belief.observation_model.calibration_data import LabelledTouches
+
         return cls.fit_to(LabelledTouches.of(touches, shapes, object_ids, shape_labels, num_poses), **options)
 
     @classmethod

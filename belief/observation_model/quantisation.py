@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import log_softmax
 
 from belief.observation_model.outcome_table import OutcomeTable
-from belief.touch_batch import TouchBatch
 from belief.validation import Floats
 
 if TYPE_CHECKING:
     from belief.observation_model.model import ArrayModel
+    from belief.touch_batch import TouchBatch
 
 _SAMPLES = 2000  # touches per shape and pose
 _CLUSTERED = 20_000  # most touches from which clusters are computed
