@@ -27,7 +27,6 @@ from activetouch.distributions import Variation
 from activetouch.errors import BadMesh, UnstablePress
 from activetouch.hand import Hand, hand_named
 from activetouch.hypotheses import Bodies, member_shares, sizes
-from activetouch.mesh_source import MeshSource
 from activetouch.orientations import Presentation, Tumbled
 from activetouch.placement import Placement, WorldObject
 from activetouch.poses import POSE_SETS, POSES, Quaternion, checked_aims, require_unit, to_matrix
@@ -103,7 +102,11 @@ class Scene:
         for label, rotation in self.rotations.items():
             require_unit(f"the pose {label!r}", rotation)
         object.__setattr__(self, "aims", checked_aims(self.aims, self.rotations))
-        solids = {k: MeshSource.parse(v).read() if isinstance(v, Path | str) else v for k, v in self.shapes.items()}
+        solids = dict(self.shapes)
+        if files := {label: file for label, file in solids.items() if isinstance(file, Path | str)}:
+            from activetouch.mesh_source import MeshSource
+
+            solids |= {label: MeshSource.parse(file).read() for label, file in files.items()}
         object.__setattr__(self, "shapes", solids)
         for label, solid in self.solids.items():
             members = ("bounding_radius", "geom", "surface")  # of the class, so that no property is computed

@@ -10,11 +10,11 @@ import dataclasses
 import hashlib
 import re
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 import tyro
 
@@ -22,21 +22,20 @@ from activetouch import Dynamic, Quasistatic, Scene
 from activetouch.distributions import Constant, Uniform
 from activetouch.errors import DuplicateShape
 from activetouch.hand import HANDS, hand_named
-from activetouch.mesh_source import labelled_sources, read_files, warn_of
 from activetouch.named_scenes import SCENES, NamedScene, as_named
 from activetouch.orientations import Inexact, Presentation, Resampled, Tumbled, Upright
 from activetouch.pressing.dynamic import GuardedMove
 from activetouch.pressing.press import Press
 from activetouch.rendering import RENDERERS, TactileRenderer
 from activetouch.rendering.renderer import require_renderer
-from activetouch.shapes import Family
-from activetouch.solids.family import numbers_of
-from activetouch.solids.mesh import Mesh
 from belief.errors import InvalidArgument
 from belief.naming import index_of
 from belief.references import BadReference, build, find
 from experiments.command_line.arguments import one_of, require_types
 from experiments.command_line.trust import Trust
+
+if TYPE_CHECKING:
+    from activetouch.solids.mesh import Mesh
 
 FIDELITIES: Mapping[str, Press] = {
     "quasistatic": Quasistatic(),
@@ -98,7 +97,12 @@ def command(name: str, *words: object, **options: object) -> str:
 def choice_name(choice: SceneChoice) -> str:
     """The name of a scene with its changes, as used in folder names."""
     own = [choice.fidelity, choice.renderer, choice.presentation, choice.poses, "only" if choice.only else None]
-    changes = [*own, *labelled_sources(*choice.meshes)[0], *choice.family, choice.hand]
+    meshes: Iterable[str] = ()
+    if choice.meshes:
+        from activetouch.mesh_source import labelled_sources
+
+        meshes = labelled_sources(*choice.meshes)[0]
+    changes = [*own, *meshes, *choice.family, choice.hand]
     name = in_file_names("-".join([choice.scene, *(str(change) for change in changes if change)]))
     if len(name.encode()) <= _LONGEST_NAME:
         return name
@@ -132,6 +136,8 @@ def with_families(shapes: Mapping[str, Any], families: Sequence[str]) -> tuple[d
     >>> with_families({"rod": Cylinder(0.016, 0.020)}, ["rod:half_length=0.5..2"])[0]["rod"]
     Family(Cylinder(radius=0.016, half_length=0.02), half_length=Uniform(low=0.01, high=0.04))
     """
+    from activetouch.solids.family import Family, numbers_of
+
     found, size, labels = dict(shapes), None, list(shapes)
     for text in families:
         label, _, told = text.rpartition(":")
@@ -186,6 +192,10 @@ class SceneChoice:
 
     @cached_property
     def _read(self) -> tuple[dict[str, Mesh], list[str]]:
+        if not self.meshes:
+            return {}, []
+        from activetouch.mesh_source import read_files
+
         return read_files(*self.meshes)
 
     @cached_property
@@ -205,6 +215,8 @@ class SceneChoice:
             raise InvalidArgument("--only leaves out the scene's own shapes; give others with --meshes")
         own = {} if self.only else named.scene.shapes
         if self.meshes:
+            from activetouch.mesh_source import warn_of
+
             added = self._read[0]
             warn_of(self.left_out)
             if taken := [label for label in added if label in own]:

@@ -7,14 +7,11 @@ import warnings
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from activetouch.data.manifest import Manifest, NoCollection, read_manifest
 from activetouch.errors import LabelMismatch, SceneShift, WrongScene
 from activetouch.named_scenes import SCENES, NamedScene
-from activetouch.perception.card import ClassifierCard
 from activetouch.perception.hypothesis_table import HypothesisTable
-from activetouch.perception.preparation import hypotheses_of
 from activetouch.perception.reader import TactileReader
 from activetouch.rendering import PressureRenderer
 from activetouch.scene import Scene
@@ -33,8 +30,11 @@ from activetouch.sensor_files import (
 from belief.errors import ActiveTouchError
 from experiments.parallel import Shared, run_tasks
 from experiments.scene_choice import SceneChoice, choice_name, command, in_file_names, named_scene
-from planners.ppo import BadPolicy, MissingPolicy, load_ppo_policy, policy_file
 from planners.registry import trained_state
+
+if TYPE_CHECKING:
+    from activetouch.data.manifest import Manifest
+    from activetouch.perception.card import ClassifierCard
 
 REPEATS = ("--plan.train", "0", "--plan.repeats", "6")
 """Options of ``collect`` for the touches that a sensor is calibrated with."""
@@ -48,6 +48,8 @@ def require_policies(decider: str, targets: Sequence[str], scene: str, sensor: P
     """Check that a decider has all trained policies that it needs."""
     if (state := trained_state(decider)) is None:
         return
+    from planners.ppo import BadPolicy, MissingPolicy, load_ppo_policy, policy_file
+
     try:
         for target in targets:
             load_ppo_policy(sensor / POLICIES, state, target)
@@ -100,6 +102,8 @@ def open_sensor(
     try:
         path, fitted, _ = files_for(chosen, scene, anyway, independent, unknown_state)
         if jobs is not None and fitted is None:
+            from activetouch.perception.preparation import hypotheses_of
+
             reader = TactileReader.load(path).bound_to(scene)
             predict_contacts(reader, scene, hypotheses_of(reader, scene), jobs)
         with warnings.catch_warnings():
@@ -158,6 +162,8 @@ def _shipped_for(own: str, scene: Scene) -> str | None:
 
 def open_collection(folder: Path, scene: str, repeats: bool) -> Manifest:
     """Read the manifest of a collection; with ``repeats``, it must contain repeated touches."""
+    from activetouch.data.manifest import NoCollection, read_manifest
+
     try:
         return read_manifest(folder)
     except NoCollection as error:

@@ -30,7 +30,6 @@ from belief.errors import InvalidArgument
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Confirm, Probe, Reject, SearchProblem
 from belief.validation import Floats
-from planners.continuation_value import belief_with_missed, shapes_ahead
 from planners.decider import Decision, InformationState, are_touches_used, pose_scores, require_fit
 from planners.pomdp.problem import StagedProblem, require_rounds, stages_by_missed
 from planners.probing import HYPOTHESES, OUTCOMES
@@ -132,6 +131,8 @@ def _belief(policy: SearchPolicy, info: InformationState) -> Floats:
     if info.scene is not None:
         if isinstance(policy.problem, SearchTouchProblem):
             return policy.belief(number, info.scene.log_likelihoods())
+        from planners.continuation_value import belief_with_missed
+
         return belief_with_missed(info).ravel()
     # Without a joint belief, the other objects count as rejected untouched; this object's belief is the given one.
     shapes = policy.search.stages[number].shapes
@@ -148,6 +149,8 @@ def stages_by_target(problem: SearchProblem, outcome_probs: Floats, target: int,
     States 0 to K - 1 are the current shape with no target rejected yet, states K to 2K - 1 with one rejected.
     Rejections do not change the probabilities of the other shapes here; in the belief they do (decision 0026).
     """
+    from planners.continuation_value import shapes_ahead
+
     later = shapes_ahead(problem, target)[1:]
     stages = stages_by_missed(problem.num_shapes, target, later / later.sum(axis=2, keepdims=True))
     initial = np.concatenate([problem.prior_probs, np.zeros(problem.num_shapes)])

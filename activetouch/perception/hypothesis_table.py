@@ -13,7 +13,6 @@ from activetouch.errors import WrongScene
 from activetouch.orientations import LyingAnyhow
 from activetouch.perception.reader import TactileReader
 from activetouch.poses import multiply, turned
-from activetouch.rotation_cells import nearest
 from activetouch.scene import Scene
 from belief.errors import InvalidArgument
 from belief.frozen import frozen
@@ -72,6 +71,8 @@ class HypothesisTable:
                 f"this observation model takes poses as alike, which holds for more than {_FEW_POSES} poses of objects "
                 f"that lie anyhow, not for {self.scene!r}. Fit one to touches of this scene (activetouch calibrate)"
             )
+        from activetouch.rotation_cells import nearest
+
         groups, rotations = np.array(self.groups), list(self.scene.rotations.values())
         rests = self.scene.hypotheses(num_hypotheses).rests
         first = np.unique(groups, return_index=True)[1][groups]

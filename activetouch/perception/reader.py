@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,14 +18,16 @@ from numpy.typing import NDArray
 from activetouch.errors import WrongScene
 from activetouch.hand import require_no_hand
 from activetouch.perception.card import READER, ClassifierCard, card_from
-from activetouch.perception.contacts.hypotheses import ContactHypotheses, Hypotheses
-from activetouch.perception.grasps import GraspHypotheses
 from activetouch.perception.hypothesis_embedding import Floats32, HypothesisEmbedding
 from activetouch.perception.sessions import session_of
 from activetouch.scene import Scene
 from belief.errors import CorruptFile
 from belief.files import array_digest
 from belief.sealed_tensors import read_tensors, write_tensors
+
+if TYPE_CHECKING:
+    from activetouch.perception.contacts.hypotheses import Hypotheses
+    from activetouch.perception.grasps import GraspHypotheses
 
 INPUT, OUTPUTS = "images", ("embedding", "features")
 """Names of the input and the outputs of the graph of a reader."""
@@ -71,7 +73,7 @@ class TactileReader:
     def run(self, images: NDArray[np.uint8], batch_size: int = 64) -> tuple[Floats32, Floats32]:
         """Embeddings or logits ``(N, D)``, and features ``(N, F)``, of images as in :meth:`read`."""
         require_stack(images)
-        if isinstance(grasps := self.hypotheses, GraspHypotheses):
+        if (grasps := of_grasps(self.hypotheses)) is not None:
             single, stops = grasps.hand.apart(images)
             read = replace(self, hypotheses=grasps.single).run(np.concatenate(single), batch_size)
             embeddings, features = (np.concatenate(np.split(part, len(single)), axis=1) for part in read)
@@ -90,8 +92,8 @@ class TactileReader:
             require_no_hand(scene.hand, "a reader that tells shapes only")
             return self
         single, card = self.hypotheses, self.card
-        if isinstance(single, GraspHypotheses):  # of another hand
-            single = single.single
+        if (grasps := of_grasps(single)) is not None:  # of another hand
+            single = grasps.single
         if card.imaging is not None:
             card = replace(card, shape_labels=scene.shape_labels, pose_labels=scene.pose_labels)
             single = single.bound_to(scene)
@@ -99,6 +101,8 @@ class TactileReader:
             raise WrongScene("only a reader of any object knows positions of a body in the palm; leave offset averaged")
         if scene.hand is None:
             return self if single is self.hypotheses else replace(self, card=card, hypotheses=single)
+        from activetouch.perception.grasps import GraspHypotheses
+
         reach = 0.0 if card.imaging is None else float(card.imaging["offset"])
         return replace(self, card=card, hypotheses=GraspHypotheses(single, scene, reach))
 
@@ -124,6 +128,8 @@ class TactileReader:
         try:
             hypotheses: Hypotheses | None = None
             if card.imaging is not None:
+                from activetouch.perception.contacts.hypotheses import ContactHypotheses
+
                 hypotheses = ContactHypotheses.from_tensors(card.imaging, tensors)
             elif card.embedding:
                 hypotheses = HypothesisEmbedding.from_tensors(card, tensors)
@@ -146,6 +152,11 @@ class TactileReader:
         wanted = [(INPUT, self.card.image_shape), (OUTPUTS[0], (width,))]
         if found != wanted or [part.name for part in outputs] != list(OUTPUTS):
             raise ValueError(f"its network is {found}, not {wanted}")
+
+
+def of_grasps(hypotheses: Hypotheses | None) -> GraspHypotheses | None:
+    """The hypotheses if they are of grasps, which alone have a hand."""
+    return cast("GraspHypotheses", hypotheses) if hasattr(hypotheses, "hand") else None
 
 
 def resized(images: NDArray[np.uint8], shape: tuple[int, ...]) -> NDArray[np.uint8]:

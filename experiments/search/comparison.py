@@ -32,13 +32,13 @@ from experiments.search.tables import results_table, terminal_table
 from experiments.search.verdict import verdict_sentences
 from experiments.sensor_choice import predict_contacts, require_policies
 from planners import Decider
-from planners.abstaining import Abstaining
-from planners.certified import Certificate, NotCertified
 from planners.fingerprint import files_digest
 from planners.registry import DECIDERS, copyable, find_decider
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from planners.certified import Certificate
 
 DEFAULT_DECIDERS = ("information_gain", "point_based", "threshold", "random_confirm")
 """Deciders that are compared by default; the first is the reference."""
@@ -257,7 +257,11 @@ def prepared(
         raise UnknownName("reference among --deciders", reference, list(players))
     scene = setting.choice.named if named is None else named
     problem = setting.problem_in(scene)
-    signed = None if certificate is None else Certificate.opened(certificate)
+    signed = None
+    if certificate is not None:
+        from planners.certified import Certificate
+
+        signed = Certificate.opened(certificate)
     problem = problem if signed is None else problem.with_unsure()
     chosen = list(dict.fromkeys((targets,) if isinstance(targets, str) else targets)) or list(problem.shape_labels)
     for target in chosen:
@@ -297,11 +301,15 @@ def prepared(
         with ForeignCode(f"in the first decision of {name}, target {target}"):
             prepare(searches, decider, problem.shape_labels.index(target))
     if setting.abstain is not None:
+        from planners.abstaining import Abstaining
+
         made = {name: Abstaining(decider, setting.abstain) for name, decider in made.items()}
     known = {"observation model": sensor.model, "outcome table": table}
     if signed is not None:
         names = [name for name, player in players.items() if player == signed.decider]
         if not names:
+            from planners.certified import NotCertified
+
             raise NotCertified(f"the certificate is for --deciders {signed.decider!r}, got {', '.join(players)}")
         for name in names:
             world = sensor.certified_world(problem, chosen, signed.decider, made[name], known)

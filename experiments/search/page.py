@@ -18,8 +18,7 @@ from PIL import Image
 
 from experiments.reporting.report import Report, Section, data_uri
 from experiments.reporting.style import Picture
-from experiments.search.play import Searches
-from experiments.search.replay_figures import action_words, replay
+from experiments.search.play import Searches, action_words, replay
 from experiments.search.run import RunFolder
 from experiments.search.summary import ALL, Cell, Summary
 from experiments.search.tables import comparison_tables

@@ -1,4 +1,4 @@
-"""Live searches: what determines them, how they are played, and what a certificate of their stops holds for.
+"""Live searches: what determines them, how they are played, repeated and certified.
 
 The seed alone determines the objects of an episode.
 """
@@ -6,19 +6,26 @@ The seed alone determines the objects of an episode.
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Sequence
 from copy import deepcopy
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any, TypeAlias
 
+import numpy as np
+from numpy.typing import NDArray
+
 from activetouch import Scene, TactileSensor, TouchWorld
+from activetouch.placement import WorldObject
 from activetouch.scene_description import scene_fields
 from activetouch.world import TouchTime, touch_many
-from belief.problem import SearchProblem, Touch
+from belief.observation_model.rigid_body_evidence import RigidBodyEvidence, joint_evidence
+from belief.problem import Action, Probe, Reject, SearchProblem, Touch
 from belief.scene_belief import SceneBelief
 from belief.seeding import touch_rng
-from planners import Decider, Episode, InformationState, search_lockstep
+from planners import Decider, Episode, InformationState, Step, search_lockstep
+from planners.episode import ACTION_NAMES
 from planners.fingerprint import digest_of, fingerprint, versions
 from planners.probing import HYPOTHESES, OUTCOMES
 from planners.search import TouchRequest
@@ -121,3 +128,49 @@ def play_episodes(
     touches = sum(episode.num_touches for episode in episodes)
     seconds = sum(spent, TouchTime())
     return episodes, Seconds(seconds.physics, seconds.network, thinking, touches, seconds.pressed_again)
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One decision of a replayed search; ``posterior (K,)`` is after it, and ``image`` None without a touch."""
+
+    step: Step
+    shape: int
+    image: NDArray[np.uint8] | None
+    posterior: NDArray[np.float64]
+    body: WorldObject
+    evidence: RigidBodyEvidence | None = None
+
+
+def action_words(action: Action, problem: SearchProblem) -> str:
+    """An action in words: "touch corner", "confirm", "reject" or "unsure"."""
+    if isinstance(action, Probe):
+        return f"touch {problem.pose_labels[action.pose]}"
+    return ACTION_NAMES[type(action)]
+
+
+def replay(sensor: TactileSensor, problem: SearchProblem, episode: Episode) -> list[Frame]:
+    """Repeat the touches of an episode of a run with its sensor."""
+    world = TouchWorld.of_search(sensor, problem, episode.seed)
+    uses: Counter[tuple[int, int]] = Counter()
+    frames, nothing = [], sensor.model.start()
+    evidence = nothing
+    for number, step in enumerate(episode.steps):
+        body = world.current
+        image, posterior = None, step.belief.probs
+        if isinstance(step.decision.action, Probe) and step.touch is not None:
+            pose = step.decision.action.pose
+            rng = touch_rng(episode.seed, step.object_index, pose, uses[step.object_index, pose])
+            image, _ = world.press(pose, rng)
+            uses[step.object_index, pose] += 1
+            if joint_evidence(evidence) is not None:
+                [touch] = replace(sensor, with_logits=False).read(image[None], [pose])  # recorded were logits alone
+                evidence = evidence.update(touch)
+            posterior = episode.steps[number + 1].belief.probs  # a touch is always followed by a decision
+        elif isinstance(step.decision.action, Reject) and number + 1 < len(episode.steps):
+            world.advance()
+        frames.append(
+            Frame(step, episode.arrangement[step.object_index], image, posterior, body, joint_evidence(evidence))
+        )
+        evidence = nothing if isinstance(step.decision.action, Reject) else evidence
+    return frames

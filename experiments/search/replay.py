@@ -45,7 +45,8 @@ class Replay:
     def run(self) -> None:
         """Repeat the touches and draw the search."""
         check_arguments(self)
-        from experiments.search.replay_figures import Bodies, draw_search, replay
+        from experiments.search.play import replay
+        from experiments.search.replay_figures import Bodies, draw_search
 
         require_writable_file(self.out)
         run = RunFolder(self.folder).read_run()

@@ -6,9 +6,8 @@ look alike by symmetry give the same picture, so symmetric shapes become as shar
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,17 +15,16 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from numpy.typing import NDArray
 
-from activetouch import TactileSensor, TouchWorld
+from activetouch import TactileSensor
 from activetouch.placement import WorldObject
 from activetouch.solids.solid import Shape
 from activetouch.view.portrait import portraits
 from belief.observation_model.rigid_body import joint_model
-from belief.observation_model.rigid_body_evidence import RigidBodyEvidence, joint_evidence
-from belief.problem import Action, Probe, Reject, SearchProblem
-from belief.seeding import touch_rng
+from belief.observation_model.rigid_body_evidence import RigidBodyEvidence
+from belief.problem import SearchProblem
 from experiments.reporting.style import INK, PALETTE, figure
-from planners import Episode, Outcome, Step
-from planners.episode import ACTION_NAMES
+from experiments.search.play import Frame, action_words
+from planners import Episode, Outcome
 
 Floats = NDArray[np.float64]
 
@@ -86,52 +84,6 @@ def _draws(log_weights: Floats, number: int) -> tuple[NDArray[np.int64], NDArray
     drawn = np.searchsorted(above, (np.arange(number) + 0.5) / number * above[-1])
     rows, counts = np.unique(order[np.minimum(drawn, len(order) - 1)], return_counts=True)
     return rows, counts
-
-
-@dataclass(frozen=True, eq=False)
-class Frame:
-    """One decision of a replayed search; ``posterior (K,)`` is after it, and ``image`` None without a touch."""
-
-    step: Step
-    shape: int
-    image: NDArray[np.uint8] | None
-    posterior: NDArray[np.float64]
-    body: WorldObject
-    evidence: RigidBodyEvidence | None = None
-
-
-def action_words(action: Action, problem: SearchProblem) -> str:
-    """An action in words: "touch corner", "confirm", "reject" or "unsure"."""
-    if isinstance(action, Probe):
-        return f"touch {problem.pose_labels[action.pose]}"
-    return ACTION_NAMES[type(action)]
-
-
-def replay(sensor: TactileSensor, problem: SearchProblem, episode: Episode) -> list[Frame]:
-    """Repeat the touches of an episode of a run with its sensor."""
-    world = TouchWorld.of_search(sensor, problem, episode.seed)
-    uses: Counter[tuple[int, int]] = Counter()
-    frames, nothing = [], sensor.model.start()
-    evidence = nothing
-    for number, step in enumerate(episode.steps):
-        body = world.current
-        image, posterior = None, step.belief.probs
-        if isinstance(step.decision.action, Probe) and step.touch is not None:
-            pose = step.decision.action.pose
-            rng = touch_rng(episode.seed, step.object_index, pose, uses[step.object_index, pose])
-            image, _ = world.press(pose, rng)
-            uses[step.object_index, pose] += 1
-            if joint_evidence(evidence) is not None:
-                [touch] = replace(sensor, with_logits=False).read(image[None], [pose])  # recorded were logits alone
-                evidence = evidence.update(touch)
-            posterior = episode.steps[number + 1].belief.probs  # a touch is always followed by a decision
-        elif isinstance(step.decision.action, Reject) and number + 1 < len(episode.steps):
-            world.advance()
-        frames.append(
-            Frame(step, episode.arrangement[step.object_index], image, posterior, body, joint_evidence(evidence))
-        )
-        evidence = nothing if isinstance(step.decision.action, Reject) else evidence
-    return frames
 
 
 _SHOWN = 2  # shapes whose orientation is drawn

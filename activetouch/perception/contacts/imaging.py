@@ -8,13 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.pressing.height_maps import Window
 from activetouch.pressing.pad import Pad
+
+if TYPE_CHECKING:
+    from activetouch.pressing.height_maps import Window
 
 Floats32 = NDArray[np.float32]
 
@@ -132,11 +134,15 @@ class Imaging:
     @property
     def window(self) -> Window:
         """The window of the images."""
+        from activetouch.pressing.height_maps import Window
+
         return Window(2 * self.pad.half_width, self.samples)
 
     @property
     def wide_window(self) -> Window:
         """The window of the predicted contacts: the pad and, around it, the largest offset and shift of the image."""
+        from activetouch.pressing.height_maps import Window
+
         return Window.of(self.pad, self.offset + self.displaced[1] * 2 * self.pad.half_width, self.contact_pixels)
 
     @property

@@ -19,9 +19,8 @@ from experiments.scene_choice import SceneChoice
 from experiments.search.compare import BadArgument, Compare
 from experiments.search.comparison import Comparison
 from experiments.search.export import Export
-from experiments.search.play import Seconds
+from experiments.search.play import Seconds, replay
 from experiments.search.replay import Replay
-from experiments.search.replay_figures import replay
 from experiments.search.run import RunFolder, RunMismatch
 from experiments.search.setting import Setting
 from experiments.search.tables import terminal_table
