@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property, reduce
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +22,10 @@ from belief.frozen import FrozenArrays, frozen
 from belief.observation_model.log_weights import bounded_softmax, log_sums
 from belief.observation_model.model import Embeds
 from belief.observation_model.outcome_mixture import Views
-from belief.touch_batch import TouchBatch
 from belief.validation import Floats, as_real
+
+if TYPE_CHECKING:
+    from belief.touch_batch import TouchBatch
 
 Floats32 = NDArray[np.float32]
 
@@ -288,6 +290,8 @@ class ReferenceOutcomes:
 
     def sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
         """Touches of objects of a shape: one hypothesis for each object, then references by their ratio under it."""
+        from belief.touch_batch import TouchBatch
+
         bodies = rng.integers(self.hypotheses.shape[2], size=len(poses))
         group_of = np.array(self.hypotheses.groups or range(self.hypotheses.shape[0]))
         drawn, groups = np.empty(poses.shape, np.int64), group_of[poses]

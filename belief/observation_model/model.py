@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any, ClassVar, Literal, Protocol, Self, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,8 +17,10 @@ from belief.naming import checked_names
 from belief.observation_model.evidence import ObjectEvidence, RecomputedEvidence, SummarisedEvidence, Summarises
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Touch
-from belief.touch_batch import TouchBatch
 from belief.validation import Floats, require_count
+
+if TYPE_CHECKING:
+    from belief.touch_batch import TouchBatch
 
 Reads: TypeAlias = Literal["logits", "embeddings", "log ratios"]
 """What a model reads of a touch: its logits, its embedding, or logits that are calibrated log likelihood ratios."""
@@ -170,6 +172,8 @@ class ArrayModel(FrozenArrays, ABC):
         """See :class:`ObservationModel`; raises ValueError for a touch that does not fit the model."""
         if len(touches) == 0:
             return np.zeros(len(self.shape_labels))
+        from belief.touch_batch import TouchBatch
+
         return self.log_likelihood_batch(TouchBatch.of([touches]))[0]
 
     def log_likelihood_batch(self, batch: TouchBatch) -> Floats:
@@ -233,6 +237,8 @@ class ArrayModel(FrozenArrays, ABC):
 
     def alone(self, touch: Touch) -> TouchBatch:
         """A touch as a batch of one; raises ValueError if it does not fit the model."""
+        from belief.touch_batch import TouchBatch
+
         batch = TouchBatch.of([[touch]])
         self.require_fit(batch)
         return batch

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from activetouch import RecordedSensor, Scene, TactileSensor
+from activetouch import Scene, TactileSensor
 from activetouch.errors import WrongScene
 from activetouch.named_scenes import SCENES, NamedScene, as_named
 from activetouch.sensor_files import ANY_OBJECT_FILE, NOT_SIMULATED, POLICIES
@@ -221,8 +221,8 @@ def setting_of(
     """The setting of a scene and a sensor, and each of them that is an object without a name."""
     if not isinstance(scene, str | Scene | NamedScene):
         raise BadArgument(f"scene must be a name, a Scene or a NamedScene, got {scene!r:.80}")
-    if isinstance(sensor, RecordedSensor):
-        raise WrongScene(f"{sensor!r} is not of a scene: {NOT_SIMULATED}")
+    if not isinstance(sensor, str | Path | TactileSensor | None):
+        raise WrongScene(f"{sensor!r:.80} is not of a scene: {NOT_SIMULATED}")
     names = [name for name, named in SCENES.items() if scene is named or scene is named.scene]
     name = scene if isinstance(scene, str) else names[0] if names else "own scene"
     named = None if isinstance(scene, str) or names else scene if isinstance(scene, NamedScene) else as_named(scene)
