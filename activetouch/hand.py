@@ -27,11 +27,9 @@ import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
 
-from activetouch.distributions import Distribution, Uniform
+from activetouch.distributions import Distribution, Uniform, quantiles
 from activetouch.errors import WrongScene
-from activetouch.hypotheses import quantiles
-from activetouch.placement import Placement
-from activetouch.poses import Quaternion, multiply, require_unit, to_matrix, turn
+from activetouch.poses import Placement, Quaternion, multiply, require_unit, to_matrix, turn
 from belief.errors import InvalidArgument, UnknownName
 from belief.frozen import frozen
 from belief.naming import few

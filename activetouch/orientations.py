@@ -12,7 +12,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.hypotheses import quaternions
+from activetouch.distributions import quaternions
 from activetouch.poses import Quaternion, multiply, random_orientation, turn
 
 

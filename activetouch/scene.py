@@ -23,17 +23,22 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from activetouch.distributions import Variation
+from activetouch.distributions import Bodies, Variation, member_shares, sizes
 from activetouch.errors import BadMesh, UnstablePress
 from activetouch.hand import Hand, hand_named
-from activetouch.hypotheses import Bodies, member_shares, sizes
 from activetouch.orientations import Presentation, Tumbled
-from activetouch.placement import Placement, WorldObject
-from activetouch.poses import POSE_SETS, POSES, Quaternion, checked_aims, require_unit, to_matrix
-from activetouch.pressing.contact import Contact, PressedObject, missed
+from activetouch.poses import (
+    POSE_SETS,
+    POSES,
+    Placement,
+    Quaternion,
+    WorldObject,
+    checked_aims,
+    require_unit,
+    to_matrix,
+)
+from activetouch.pressing.contact import Contact, Pad, Press, PressedObject, Quasistatic, missed
 from activetouch.pressing.dynamic import Dynamic
-from activetouch.pressing.pad import Pad
-from activetouch.pressing.press import Press, Quasistatic
 from activetouch.rendering import Fault, Gain, Noise, PressureRenderer, TactileRenderer, read_out
 from activetouch.rendering.faults import require_faults
 from activetouch.rendering.renderer import require_image, require_renderer
@@ -69,7 +74,7 @@ class Scene:
         poses: the exploration poses, by label; their order is the pose index. A name stands for a set of
             :data:`activetouch.poses.POSE_SETS`: ``"mix"`` or ``"directions26"``.
         pad: the tactile pad.
-        press_model: how a press comes to its force (:mod:`activetouch.pressing.press`).
+        press_model: how a press comes to its force (:mod:`activetouch.pressing.contact`).
         renderer: from contact to ideal image, by the rule of :class:`activetouch.rendering.TactileRenderer`.
         faults: from ideal image to sensor reading, in turn.
         variation: nuisances of objects and presses.
@@ -253,7 +258,7 @@ class Scene:
 
         Args:
             shape: label or index.
-            shares: where each hypothesis is in a family, ``(N,)``, from :func:`activetouch.hypotheses.member_shares`.
+            shares: where each hypothesis is in a family, ``(N,)``, of :func:`activetouch.distributions.member_shares`.
                 It is the same for all shapes; a part of it gives a part of the hypotheses.
 
         Returns:
@@ -265,7 +270,7 @@ class Scene:
         """
         if not ((shares >= 0.0) & (shares < 1.0)).all():  # False for NaN
             raise InvalidArgument(
-                f"shares must be in [0, 1), from activetouch.hypotheses.member_shares; got {shares!r:.80}"
+                f"shares must be in [0, 1), from activetouch.distributions.member_shares; got {shares!r:.80}"
             )
         label = self.shape_labels[index_of("shape", self.shape_labels, shape)]
         if label in self.families:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from belief.naming import later
 
 if TYPE_CHECKING:
-    from belief.categorical import Belief
+    from belief.bayes import Belief
     from belief.composition import Composition, Counts
     from belief.errors import ActiveTouchError, ImpossibleObservation, ZeroPriorTarget
     from belief.observation_model.evidence import ObjectEvidence

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from belief.arrangement import log_arrangement_marginals, num_states, prob_shape_absent
-from belief.bayes import update
-from belief.categorical import Belief
+from belief.bayes import Belief, update
 from belief.conflict import continued_bets, log_conflict
 from belief.errors import ImpossibleObservation, ZeroPriorTarget
 from belief.frozen import frozen

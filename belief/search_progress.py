@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from belief.categorical import Belief
+from belief.bayes import Belief
 from belief.naming import Name
 from belief.observation_model.model import ObservationModel
 from belief.problem import Action, Confirm, Probe, Reject, SearchProblem, Touch, Unsure

@@ -25,8 +25,8 @@ from mesh_files import RADIUS, read
 from activetouch.errors import BadMesh
 from activetouch.perception.contacts.close_look import CloseLook
 from activetouch.perception.contacts.images import images
-from activetouch.perception.contacts.imaging import SensorState
 from activetouch.perception.contacts.views import ViewPlan
+from activetouch.perception.imaging import SensorState
 from activetouch.pressing.height_maps import predicted_contacts
 from activetouch.rotation_cells import views
 from activetouch.solids.mesh import Mesh

@@ -24,15 +24,14 @@ from activetouch.errors import DuplicateShape
 from activetouch.hand import HANDS, hand_named
 from activetouch.named_scenes import SCENES, NamedScene, as_named
 from activetouch.orientations import Inexact, Presentation, Resampled, Tumbled, Upright
+from activetouch.pressing.contact import Press
 from activetouch.pressing.dynamic import GuardedMove
-from activetouch.pressing.press import Press
 from activetouch.rendering import RENDERERS, TactileRenderer
 from activetouch.rendering.renderer import require_renderer
 from belief.errors import InvalidArgument
 from belief.naming import index_of
 from belief.references import BadReference, build, find
-from experiments.command_line.arguments import one_of, require_types
-from experiments.command_line.trust import Trust
+from experiments.command_line.arguments import Trust, one_of, require_types
 
 if TYPE_CHECKING:
     from activetouch.solids.mesh import Mesh

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from activetouch.errors import LabelMismatch, SceneShift, WrongScene
 from activetouch.named_scenes import SCENES, NamedScene
-from activetouch.perception.hypothesis_table import HypothesisTable
-from activetouch.perception.reader import TactileReader
+from activetouch.perception.reader import HypothesisTable, TactileReader
 from activetouch.rendering import PressureRenderer
 from activetouch.scene import Scene
 from activetouch.scene_description import in_words, require_scene, scene_fields

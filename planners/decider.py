@@ -15,7 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from belief.categorical import Belief
+from belief.bayes import Belief
 from belief.errors import ActiveTouchError, InvalidArgument, UnknownName
 from belief.naming import index_of
 from belief.observation_model.evidence import ObjectEvidence

@@ -32,8 +32,7 @@ from belief.problem import Confirm, Probe, Reject, SearchProblem
 from belief.validation import Floats
 from planners.decider import Decision, InformationState, are_touches_used, pose_scores, require_fit
 from planners.pomdp.problem import StagedProblem, require_rounds, stages_by_missed
-from planners.probing import HYPOTHESES, OUTCOMES
-from planners.repeats import LEAST_USED, RepeatDiscount, weights_in_turn
+from planners.probing import HYPOTHESES, LEAST_USED, OUTCOMES, RepeatDiscount, weights_in_turn
 from planners.solve import SearchPolicy, SearchTouchProblem, solve
 
 MAX_STATES = 200

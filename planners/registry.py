@@ -30,8 +30,8 @@ from planners.probing import (
     ShapeInformationGain,
     TargetInformationGain,
     read_order,
+    repeat_discount,
 )
-from planners.repeats import repeat_discount
 from planners.stopping import PosteriorThresholds, RandomConfirm, StopOverride, ThresholdRule
 
 PREFIX = "sb3:"

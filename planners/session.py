@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Any, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike
 
-from belief.categorical import Belief
+from belief.bayes import Belief
 from belief.errors import CorruptFile, InvalidArgument
 from belief.naming import Name, index_of, one_line
 from belief.observation_model.model import ObservationModel

@@ -8,7 +8,7 @@ there (the value of information is not submodular: Krause & Guestrin 2009). With
 many touches, two are not enough either, and thresholds have a higher return (docs/planners.md).
 
 A touch in a pose that was used before gives new information with probability w and none otherwise
-(:mod:`planners.repeats`). It is a new touch behind an erasure channel, so its value before cost is multiplied by w.
+(:mod:`planners.probing`). It is a new touch behind an erasure channel, so its value before cost is multiplied by w.
 
 All P² M² branches are two matrix products on unnormalised beliefs, in which an impossible outcome has weight zero.
 
@@ -32,7 +32,7 @@ from belief.problem import Confirm, Probe, Reject, SearchProblem
 from belief.validation import Floats, require_count
 from planners.continuation_value import ContinuationValue
 from planners.decider import Decision, InformationState, are_touches_used, pose_scores, require_fit, touch_share
-from planners.repeats import LEAST_USED, RepeatDiscount
+from planners.probing import LEAST_USED, RepeatDiscount
 
 _TIE = 1e-12  # differences below this are rounding
 _TIE_IN_SINGLE = 1e-6  # the same, for values that were computed in single precision

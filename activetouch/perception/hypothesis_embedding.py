@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.hypotheses import Bodies
+from activetouch.distributions import Bodies
 from activetouch.perception.card import PRODUCTS, ClassifierCard
 from activetouch.poses import to_matrices, turned
 from activetouch.scene import Scene

@@ -18,8 +18,7 @@ import numpy as np
 from activetouch.errors import AlikeShapes
 from activetouch.perception.cached_arrays import cached, require_name
 from activetouch.perception.contacts.hypotheses import num_hypotheses
-from activetouch.perception.hypothesis_table import HypothesisTable
-from activetouch.perception.reader import TactileReader, of_grasps
+from activetouch.perception.reader import HypothesisTable, TactileReader, of_grasps
 from activetouch.scene import Scene
 from activetouch.scene_description import SURROUNDINGS, scene_fields
 from belief.errors import CorruptFile

@@ -16,8 +16,7 @@ from activetouch.distributions import Constant
 from activetouch.errors import SceneShift
 from activetouch.named_scenes import SCENES, as_named
 from activetouch.perception.cached_arrays import announced
-from activetouch.perception.hypothesis_table import HypothesisTable
-from activetouch.perception.reader import TactileReader
+from activetouch.perception.reader import HypothesisTable, TactileReader
 from activetouch.scene import Scene
 from activetouch.scene_description import in_words, scene_fields
 from activetouch.sensor_files import (

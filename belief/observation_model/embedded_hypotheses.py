@@ -19,9 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from belief.frozen import FrozenArrays, frozen
-from belief.observation_model.log_weights import bounded_softmax, log_sums
 from belief.observation_model.model import Embeds
-from belief.observation_model.outcome_mixture import Views
+from belief.observation_model.outcome_mixture import Views, bounded_softmax, log_sums
 from belief.validation import Floats, as_real
 
 if TYPE_CHECKING:

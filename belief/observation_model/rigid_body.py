@@ -42,9 +42,8 @@ from belief.observation_model.embedded_hypotheses import (
     ReferenceOutcomes,
     require_table,
 )
-from belief.observation_model.log_weights import log_means
 from belief.observation_model.model import ArrayModel, Embeds, ObservationModel, Reads
-from belief.observation_model.outcome_mixture import Views
+from belief.observation_model.outcome_mixture import Views, log_means
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import smoothed, tabulate
 from belief.observation_model.repeat_discount import repeat_shares

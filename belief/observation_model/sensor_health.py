@@ -44,9 +44,8 @@ from numpy.typing import ArrayLike, NDArray
 from belief.frozen import frozen
 from belief.naming import checked_names
 from belief.observation_model.embedded_hypotheses import require_table, scaled
-from belief.observation_model.log_weights import log_means
 from belief.observation_model.model import ArrayModel, Reads
-from belief.observation_model.outcome_mixture import OutcomeMixture, SharedMixture
+from belief.observation_model.outcome_mixture import OutcomeMixture, SharedMixture, log_means
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.rigid_body import FittedRigidBody, RigidBodyModel
 from belief.observation_model.rigid_body_evidence import (

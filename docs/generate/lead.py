@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from activetouch import TactileSensor
-from activetouch.placement import Placement
+from activetouch.poses import Placement
 from activetouch.view.picture import press_picture
 from belief.observation_model.rigid_body_evidence import RigidBodyEvidence, joint_evidence
 from belief.problem import Probe, Reject

@@ -25,7 +25,7 @@ from belief.statistics import cluster_bootstrap
 from belief.statistics.stop_thresholds import CandidateStops
 from belief.table import Table, Value
 from experiments.calibration.sequences import Sequences
-from experiments.reporting.report import Report, Reported, Section
+from experiments.report import Report, Reported, Section
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -153,7 +153,7 @@ def _verdict(found: Measurements) -> Section:
 
 
 def _touches(found: Measurements) -> Section:
-    from experiments.reporting.style import Picture  # loads matplotlib
+    from experiments.report import Picture  # loads matplotlib
 
     picture = Picture(
         "reliability",

@@ -21,8 +21,8 @@ from activetouch.named_scenes import SCENES
 from activetouch.perception.cached_arrays import announced, cached, require_name
 from activetouch.perception.contacts.close_look import CloseContacts, CloseLook
 from activetouch.perception.contacts.hypotheses import ContactHypotheses
-from activetouch.perception.contacts.imaging import Floats32
 from activetouch.perception.contacts.views import BodySet, ViewPlan, are_embedded, embedded_views
+from activetouch.perception.imaging import Floats32
 from activetouch.perception.reader import TactileReader
 from activetouch.rotation_cells import centres, nested
 from activetouch.scene import Scene, WorldObject

@@ -24,7 +24,7 @@ from belief.statistics import wilson_interval
 from belief.table import Table, Value, interval
 from experiments.command_line.arguments import Count, Jobs, Seed, check_arguments
 from experiments.parallel import Shared, default_jobs, run_tasks
-from experiments.reporting.report import Report, Reported, Section
+from experiments.report import Report, Reported, Section
 from experiments.robustness.conditions import AS_TRAINED, applicable_conditions
 from experiments.scene_choice import SceneChoice, in_file_names
 from experiments.search.comparison import compare

@@ -20,16 +20,13 @@ from belief.observation_model.rigid_body import joint_model
 from belief.problem import SearchProblem
 from belief.references import ForeignCode
 from belief.table import Table, Tabular
-from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments, check_value
-from experiments.command_line.trust import Trust
+from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, Trust, check_arguments, check_value
 from experiments.parallel import default_jobs
 from experiments.scene_choice import SceneChoice
-from experiments.search.play import Searches, identity_of, prepare
+from experiments.search.play import Searches, Setting, identity_of, prepare
 from experiments.search.run import Cell, Run, RunFolder, read_episode
-from experiments.search.setting import Setting
 from experiments.search.summary import ALL, Summary
-from experiments.search.tables import results_table, terminal_table
-from experiments.search.verdict import verdict_sentences
+from experiments.search.verdict import results_table, terminal_table, verdict_sentences
 from experiments.sensor_choice import predict_contacts, require_policies
 from planners import Decider
 from planners.fingerprint import files_digest

@@ -7,28 +7,143 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, dataclass, field, fields, replace
 from functools import cached_property, lru_cache
-from typing import Any, TypeAlias
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
+import tyro
 from numpy.typing import NDArray
 
 from activetouch import Scene, TactileSensor, TouchWorld
-from activetouch.placement import WorldObject
+from activetouch.named_scenes import NamedScene
+from activetouch.poses import WorldObject
 from activetouch.scene_description import scene_fields
+from activetouch.sensor_files import ANY_OBJECT_FILE, observation_file, reader_file
 from activetouch.world import TouchTime, touch_many
+from belief.composition import Composition
+from belief.errors import CorruptFile
 from belief.observation_model.rigid_body_evidence import RigidBodyEvidence, joint_evidence
 from belief.problem import Action, Probe, Reject, SearchProblem, Touch
 from belief.scene_belief import SceneBelief
 from belief.seeding import touch_rng
+from experiments.command_line.arguments import (
+    BadArgument,
+    Count,
+    NotNegative,
+    Trust,
+    Within,
+    check_arguments,
+    require_types,
+)
+from experiments.scene_choice import SceneChoice
+from experiments.sensor_choice import open_sensor, sensor_folder
 from planners import Decider, Episode, InformationState, Step, search_lockstep
 from planners.episode import ACTION_NAMES
 from planners.fingerprint import digest_of, fingerprint, versions
 from planners.probing import HYPOTHESES, OUTCOMES
 from planners.search import TouchRequest
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Sensor and rules of all searches."""
+
+    choice: tyro.conf.OmitArgPrefixes[SceneChoice] = field(default_factory=SceneChoice)
+    """The scene."""
+    sensor: Path | None = None
+    """Folder of a sensor, or name of a shipped one; that of the scene by default."""
+    num_objects: Count | None = None
+    """Objects in a search; that of the scene by default."""
+    observation_model: Literal["independent"] | None = None
+    """independent: touches of an object are independent given its shape, not of one rigid body."""
+    unknown_state: bool = False
+    """Infer from the touches what is the matter with the sensor: forces, stiffness, noise, broken taxels, a shifted
+    image. Needs a reader of any object."""
+    touch_cost: NotNegative = 0.02
+    """Cost λ of one touch, in units of a success."""
+    abstain: Annotated[float, Within(0.0, 1.0, open_low=True, open_high=True)] | None = None
+    """False-alarm rate of the conflict test, such as 0.02: deciders can answer "I do not know"."""
+    anyway: bool = False
+    """Accept a sensor that was made for another scene; the report lists the differences."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """The setting as plain values."""
+        own = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {**own, "choice": self.choice.to_dict(), "sensor": None if self.sensor is None else str(self.sensor)}
+
+    @classmethod
+    def from_dict(cls, fields: Mapping[str, Any] | None, trust: Trust) -> Setting:
+        """The setting from :meth:`to_dict`, in a file."""
+        if fields is None:
+            raise CorruptFile(
+                f"{trust.source} has searches with a scene or a sensor that a program made; only that program can "
+                "continue or replay them"
+            )
+        try:
+            sensor = None if fields["sensor"] is None else Path(fields["sensor"])
+            found = cls(**{**fields, "choice": SceneChoice.from_dict(fields["choice"], trust), "sensor": sensor})
+            require_types(found)
+        except (TypeError, KeyError, AttributeError, BadArgument) as error:
+            raise CorruptFile(f"{trust.source} does not describe a search: {error}") from error
+        check_arguments(found)
+        return found
+
+    @property
+    def scene(self) -> Scene:
+        """The scene of the searches."""
+        return self.choice.named.scene
+
+    @property
+    def sensor_folder(self) -> Path:
+        """Folder of the sensor."""
+        return sensor_folder(self.sensor, self.choice.scene)
+
+    def sensor_files(self, scene: Scene) -> list[Path]:
+        """The files that determine what the sensor reads in a scene; for a reader of any object, its file alone."""
+        independent = self.observation_model == "independent"
+        reader = reader_file(self.sensor_folder, scene, independent, self.unknown_state)
+        return [
+            reader,
+            *([] if reader.name == ANY_OBJECT_FILE else [observation_file(self.sensor_folder, independent)]),
+        ]
+
+    def open_sensor(self, named: NamedScene | None = None, jobs: int | None = None) -> TactileSensor:
+        """The sensor, after a check that it fits the scene, or ``named`` in place of the setting's scene."""
+        scene = self.choice if named is None else named
+        independent = self.observation_model == "independent"
+        return open_sensor(self.sensor, scene, self.anyway, independent, self.unknown_state, jobs)
+
+    @property
+    def problem(self) -> SearchProblem:
+        """The rules of the search; raises as :meth:`problem_in`."""
+        return self.problem_in(self.choice.named)
+
+    def problem_in(self, named: NamedScene) -> SearchProblem:
+        """The rules of the search in a scene."""
+        number = named.num_objects if self.num_objects is None else self.num_objects
+        shapes = named.scene.shape_labels
+        if self.num_objects is not None and number > len(shapes) and named.composition == Composition.DISTINCT:
+            raise BadArgument(
+                f"--num-objects {number}: the scene has only {len(shapes)} shapes ({', '.join(shapes)}), and all "
+                "objects must differ; a NamedScene with the composition independent allows several of one shape"
+            )
+        try:
+            return SearchProblem(
+                shapes,
+                named.scene.pose_labels,
+                num_objects=number,
+                composition=named.composition,
+                touch_cost=self.touch_cost,
+                touch_limit=named.touches_per_object * number,
+                unsure_reward=None if self.abstain is None else 0.0,
+            )
+        except ValueError as error:
+            raise BadArgument(str(error)) from error
+
 
 EPISODES_PER_BATCH = 25
 """Fixed, because the last bits of the network's output depend on which images are read together."""

@@ -9,10 +9,9 @@ from typing import Annotated
 
 from belief.errors import ActiveTouchError
 from belief.files import atomic_path, require_writable_file
-from experiments.command_line.arguments import CountOrNone, Ending, check_arguments
-from experiments.command_line.trust import Trust
+from experiments.command_line.arguments import CountOrNone, Ending, Trust, check_arguments
+from experiments.search.play import Setting
 from experiments.search.run import RunFolder, read_episode
-from experiments.search.setting import Setting
 from planners import Episode
 
 

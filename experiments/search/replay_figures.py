@@ -16,13 +16,13 @@ from matplotlib.colors import LinearSegmentedColormap
 from numpy.typing import NDArray
 
 from activetouch import TactileSensor
-from activetouch.placement import WorldObject
+from activetouch.poses import WorldObject
 from activetouch.solids.solid import Shape
 from activetouch.view.portrait import portraits
 from belief.observation_model.rigid_body import joint_model
 from belief.observation_model.rigid_body_evidence import RigidBodyEvidence
 from belief.problem import SearchProblem
-from experiments.reporting.style import INK, PALETTE, figure
+from experiments.report import INK, PALETTE, figure
 from experiments.search.play import Frame, action_words
 from planners import Episode, Outcome
 

@@ -26,7 +26,7 @@ from belief.statistics import paired_bootstrap, wilson_interval
 from belief.statistics.comparison import LEVEL
 from belief.table import Table, Value, csv_rows
 from experiments.command_line.arguments import BadArgument
-from experiments.reporting.report import Report, Reported, Section
+from experiments.report import Report, Reported, Section
 from experiments.search.run import RunFolder, read_episode
 from experiments.search.summary import ALL, Difference, MeanInterval, Outcomes, differences
 from experiments.search.verdict import success_sentence

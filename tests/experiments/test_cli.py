@@ -17,7 +17,7 @@ import tyro
 
 import activetouch
 from experiments import cli
-from experiments.reporting import report
+from experiments.report import report
 
 ROOT = Path(__file__).parents[2]
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from activetouch.distributions import Uniform
-from activetouch.hypotheses import quaternions, sizes
+from activetouch.distributions import Uniform, quaternions, sizes
 from activetouch.perception.card import ClassifierCard
 from activetouch.perception.classifier import Hypotheses, HypothesisNetwork, TouchClassifier, TouchNetwork
 from activetouch.perception.export import export_reader

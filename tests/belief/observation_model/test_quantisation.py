@@ -8,7 +8,7 @@ import pytest
 from scipy.special import softmax
 
 from belief.observation_model import OutcomeTable
-from belief.observation_model.log_weights import bounded_softmax
+from belief.observation_model.outcome_mixture import bounded_softmax
 from belief.observation_model.quantisation import cluster, drawn, nearest, smoothed, tabulate
 
 

@@ -14,8 +14,7 @@ import pytest
 from activetouch import RecordedSensor, TactileSensor, TouchWorld
 from activetouch.errors import BadRecording
 from activetouch.named_scenes import SCENES
-from activetouch.perception.hypothesis_table import HypothesisTable
-from activetouch.perception.reader import TactileReader
+from activetouch.perception.reader import HypothesisTable, TactileReader
 from activetouch.recorded import RecordedTouches, read_recorded
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
 from belief import Probe, Touch
