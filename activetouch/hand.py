@@ -28,7 +28,6 @@ import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
 
 from activetouch.distributions import Distribution, Uniform, quantiles
-from activetouch.errors import WrongScene
 from activetouch.poses import Placement, Quaternion, multiply, require_unit, to_matrix, turn
 from belief.errors import InvalidArgument, UnknownName
 from belief.frozen import frozen
@@ -241,9 +240,3 @@ def hand_named(hand: Hand | str) -> Hand:
     if not isinstance(hand, Hand):
         raise InvalidArgument(f"hand must be a Hand or one of {few(list(HANDS))}, got {hand!r:.80}")
     return hand
-
-
-def require_no_hand(hand: Hand | None, what: str) -> None:
-    """Check that there is no hand."""
-    if hand is not None:
-        raise WrongScene(f"{what} takes single touches, and the scene has a hand of {len(hand)}; leave it out")

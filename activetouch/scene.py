@@ -18,14 +18,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from activetouch.distributions import Bodies, Variation, member_shares, sizes
-from activetouch.errors import BadMesh, UnstablePress
-from activetouch.hand import Hand, hand_named
+from activetouch.errors import BadMesh, UnstablePress, WrongScene
 from activetouch.orientations import Presentation, Tumbled
 from activetouch.poses import (
     POSE_SETS,
@@ -48,6 +47,9 @@ from activetouch.solids.solid import Shape, require_hash
 from belief.errors import InvalidArgument, UnknownName
 from belief.naming import Name, few, index_of, one_line
 from belief.validation import require_count
+
+if TYPE_CHECKING:
+    from activetouch.hand import Hand
 
 __all__ = ["Dynamic", "PressedObject", "Quasistatic", "Scene", "Symmetry", "Variation", "WorldObject"]
 
@@ -131,6 +133,8 @@ class Scene:
             if isinstance(given, type) or not callable(getattr(given, method, None)):
                 raise InvalidArgument(f"{name} must be an object such as {works}, got {given!r}")
         if self.hand is not None:
+            from activetouch.hand import hand_named
+
             object.__setattr__(self, "hand", hand_named(self.hand))
             if not self.press_model.closes:
                 raise InvalidArgument(f"a hand closes by Quasistatic() or Closing(), not by {self.press_model!r}")
@@ -198,6 +202,8 @@ class Scene:
         Raises:
             UnknownName: there is no hand of this name.
         """
+        from activetouch.hand import hand_named
+
         return replace(self, hand=hand_named(hand), press_model=press_model or Quasistatic())
 
     def image(self, contact: Contact) -> NDArray[np.floating]:
@@ -374,3 +380,9 @@ class Scene:
             depth, *across = to_matrix(self.rotations[self.pose_labels[index]]) @ obj.offset
             in_palm = replace(in_palm, offset=self.aim_offsets[index] + across)
         return in_palm, depth
+
+
+def require_no_hand(hand: Hand | None, what: str) -> None:
+    """Check that there is no hand."""
+    if hand is not None:
+        raise WrongScene(f"{what} takes single touches, and the scene has a hand of {len(hand)}; leave it out")

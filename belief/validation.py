@@ -236,6 +236,18 @@ def finite_logits(logits: ArrayLike) -> Floats:
     return z
 
 
+def log_softmax(logits: ArrayLike, temperature: float = 1.0) -> Floats:
+    """Logarithms of the softmax of logits ``(..., K)``, finite numbers of any size, divided by a temperature."""
+    z = finite_logits(logits)
+    with np.errstate(over="ignore", under="ignore"):
+        scaled = z / 2 - z.max(axis=-1, keepdims=True) / 2  # halves: the difference of ±1e308 stays finite
+        scaled /= temperature
+        scaled *= 2
+        np.maximum(scaled, -np.finfo(float).max, out=scaled)
+        scaled -= np.log(np.exp(scaled).sum(axis=-1, keepdims=True))
+    return scaled
+
+
 def labelled_logits(logits: ArrayLike, labels: ArrayLike) -> tuple[Floats, NDArray[np.int64]]:
     """Logits ``(n, K)`` and labels ``(n,)``, checked."""
     shape, num_labels = np.shape(logits), np.shape(labels)

@@ -208,7 +208,7 @@ class Report:
         """The page."""
         from jinja2 import Environment, PackageLoader, StrictUndefined
 
-        loader = PackageLoader("experiments.report")
+        loader = PackageLoader("experiments")
         environment = Environment(loader=loader, undefined=StrictUndefined, autoescape=True, trim_blocks=True)
         environment.filters |= {"data_uri": data_uri, "anchor": anchor, "with_code": with_code}
         return environment.get_template("page.html").render(title=self.title, sections=self.sections)

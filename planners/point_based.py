@@ -1,12 +1,12 @@
 """The planner to compare with: follows a solved policy of the search at hand on the exact belief.
 
 The policy is solved once for every search problem and target, on the outcome table (:func:`planners.solve.solve`). Its
-hidden state is the smallest exact one (:mod:`planners.pomdp.problem`), but for bags and for many distinct objects the
+hidden state is the smallest exact one (:mod:`planners.touch_problem`), but for bags and for many distinct objects the
 shape and whether a target was rejected before (:func:`stages_by_target`). At run time the belief is exact: it
 comes from the observation model, not from discretised outcomes.
 
 There are few poses, and repeated touches in one pose give less information than new ones. The policy therefore has a
-set of alpha vectors for each number of touches that an object has had (:mod:`planners.pomdp.solver`). The next
+set of alpha vectors for each number of touches that an object has had (:mod:`planners.point_based_solver`). The next
 pose is chosen by one exact step of look-ahead. The value of a repeated pose is discounted by w, the fraction of a new
 touch's information that a repeat adds:
 
@@ -31,9 +31,9 @@ from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Confirm, Probe, Reject, SearchProblem
 from belief.validation import Floats
 from planners.decider import Decision, InformationState, are_touches_used, pose_scores, require_fit
-from planners.pomdp.problem import StagedProblem, require_rounds, stages_by_missed
 from planners.probing import HYPOTHESES, LEAST_USED, OUTCOMES, RepeatDiscount, weights_in_turn
 from planners.solve import SearchPolicy, SearchTouchProblem, solve
+from planners.touch_problem import StagedProblem, require_rounds, stages_by_missed
 
 MAX_STATES = 200
 """Largest number of exact hidden states of distinct objects; four objects have 32. Independent ones have 2K, always."""

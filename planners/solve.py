@@ -24,8 +24,8 @@ from belief.bayes import Belief
 from belief.composition import Composition
 from belief.errors import InvalidArgument
 from belief.validation import Floats, as_real, normalise_probs, require_count, require_index
-from planners.pomdp.problem import SearchTouchProblem, StagedProblem, TouchProblem, require_rounds, stage_belief, staged
-from planners.pomdp.solver import AlphaVectors, point_based_value_iteration, repeat_aware_vectors
+from planners.point_based_solver import AlphaVectors, point_based_value_iteration, repeat_aware_vectors
+from planners.touch_problem import SearchTouchProblem, StagedProblem, TouchProblem, require_rounds, stage_belief, staged
 
 _MOST_BRANCHES = 2_000_000  # of the exact look-ahead, which decide how many touches it has
 _MOST_TOUCHES = 20
@@ -103,7 +103,7 @@ class SearchPolicy:
     Attributes:
         problem: the problem that was solved.
         vectors: alpha vectors by object and by number of touches, over the hidden states of
-            :mod:`planners.pomdp.problem`.
+            :mod:`planners.touch_problem`.
     """
 
     problem: SearchTouchProblem | StagedProblem
@@ -125,7 +125,7 @@ class SearchPolicy:
         return by_touches[min(num_touches, len(by_touches) - 1)]
 
     def belief(self, object_index: int, log_likelihoods: Floats) -> Floats:
-        """Belief about the hidden state at an object; see :func:`planners.pomdp.problem.stage_belief`."""
+        """Belief about the hidden state at an object; see :func:`planners.touch_problem.stage_belief`."""
         return stage_belief(self.search, log_likelihoods, object_index)
 
     def probe_values(
@@ -308,7 +308,7 @@ def solve(
     rounds: Sequence[int] | None = None,
     repeat_weights: Floats | None = None,
 ) -> TouchPolicy | SearchPolicy:
-    """Point-based value iteration; see :mod:`planners.pomdp.solver`.
+    """Point-based value iteration; see :mod:`planners.point_based_solver`.
 
     Args:
         problem: one object, a search, or a search as stages.
@@ -316,7 +316,7 @@ def solve(
         rounds: number of simulated searches in each round; more take longer and give a higher value. By default
             :data:`ROUNDS` for one object, :data:`SEARCH_ROUNDS` for a search.
         repeat_weights: probability, in [0, 1], that the first, second, … touch of an object gives new information,
-            ``(T,)``; for a repeat-aware policy (:mod:`planners.pomdp.solver`) of a search. None: every touch
+            ``(T,)``; for a repeat-aware policy (:mod:`planners.point_based_solver`) of a search. None: every touch
             does.
 
     Raises:

@@ -16,13 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.errors import WrongScene
-from activetouch.hand import require_no_hand
 from activetouch.orientations import LyingAnyhow
 from activetouch.perception.cached_arrays import session_of
 from activetouch.perception.card import READER, ClassifierCard, card_from
 from activetouch.perception.hypothesis_embedding import Floats32, HypothesisEmbedding
 from activetouch.poses import multiply, turned
-from activetouch.scene import Scene
+from activetouch.scene import Scene, require_no_hand
 from belief.errors import CorruptFile, InvalidArgument
 from belief.files import array_digest
 from belief.frozen import frozen

@@ -44,8 +44,7 @@ from belief.observation_model.embedded_hypotheses import (
 )
 from belief.observation_model.model import ArrayModel, Embeds, ObservationModel, Reads
 from belief.observation_model.outcome_mixture import Views, log_means
-from belief.observation_model.outcome_table import OutcomeTable
-from belief.observation_model.quantisation import smoothed, tabulate
+from belief.observation_model.outcome_table import OutcomeTable, smoothed, tabulate
 from belief.observation_model.repeat_discount import repeat_shares
 from belief.observation_model.rigid_body_evidence import Floats32, RigidBodyEvidence
 from belief.problem import Touch
