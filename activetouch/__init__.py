@@ -8,31 +8,9 @@ package ``experiments`` (decision 0034), are loaded at first use.
 from __future__ import annotations
 
 import importlib
-from importlib.machinery import PathFinder
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-_ROOT = Path(__file__).resolve().parent.parent
-
-
-class NameInTheWay(ImportError):
-    """A folder or file of the user hides a package of activetouch."""
-
-
-def require_own_packages(*names: str) -> None:
-    """Check that packages are those of this installation."""
-    for name in names:
-        spec = PathFinder.find_spec(name)
-        if spec is None:  # an editable installation, whose finder comes last
-            continue
-        place = Path(spec.origin or next(iter(spec.submodule_search_locations or [str(_ROOT / name)]))).resolve()
-        place = place.parent if place.name == "__init__.py" else place
-        if place != _ROOT / name:
-            raise NameInTheWay(
-                f"{place} hides the package {name!r} of activetouch in {_ROOT}: rename it, or start Python elsewhere; "
-                "the command `activetouch` works in any folder"
-            )
-
+from activetouch.own_packages import require_own_packages
 
 require_own_packages("belief")
 

@@ -2,7 +2,7 @@
 
 from importlib import import_module
 
-from activetouch import require_own_packages
+from activetouch.own_packages import require_own_packages
 
 if __name__ == "__main__":
     require_own_packages("planners", "experiments")  # the working folder comes first in the search path

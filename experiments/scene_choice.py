@@ -14,7 +14,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_args
 
 import tyro
 
@@ -48,6 +48,7 @@ PRESENTATIONS: Mapping[str, Presentation] = {
 }
 
 
+HandName: TypeAlias = Literal["one_finger", "parallel", "three_finger", "allegro"]
 FidelityName: TypeAlias = Literal[tuple(FIDELITIES)]  # type: ignore[valid-type]
 PresentationName: TypeAlias = Literal[tuple(PRESENTATIONS)]  # type: ignore[valid-type]
 _LONGEST_NAME = 150  # of a folder [bytes]; longer ones end in a digest
@@ -179,8 +180,8 @@ class SceneChoice:
     """Leave out the scene's own shapes; the sizes of the meshes do not vary."""
     family: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """Factors on the sizes of all objects, size=0.9..1.1, or on a shape's proportions, cylinder:half_length=0.5..2."""
-    hand: str | None = None
-    """one_finger, parallel, three_finger or allegro, whose pads close on the object, quasistatically: one touch."""
+    hand: Annotated[HandName | None, one_of(get_args(HandName))] = None
+    """Hand whose pads close on the object, quasistatically: a grasp counts as one touch."""
 
     @property
     def left_out(self) -> list[str]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from activetouch import require_own_packages
+from activetouch.own_packages import require_own_packages
 
 require_own_packages("planners")
 
