@@ -1,10 +1,15 @@
-"""Probability distributions, and the nuisances of objects and presses that have them.
+"""Probability distributions, the nuisances that have them, and evenly spread hypotheses about a body.
 
 >>> import numpy as np
 >>> round(Uniform(1.5, 3.0).sample(np.random.default_rng(0)), 4)
 2.4554
 >>> Constant(2.0).sample(np.random.default_rng(0))     # does not use the generator
 2.0
+>>> cover = quaternions(1000)
+>>> bool(np.allclose(cover.T @ cover / 1000, np.eye(4) / 4, atol=0.01))        # as uniform orientations have it
+True
+>>> sizes(Uniform(0.9, 1.1), 4).round(2).tolist()
+[1.0, 0.92, 1.05, 0.97]
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The exploration poses: rotations that turn different sides of the object to the pad.
+"""The exploration poses, which turn different sides of the object to the pad; objects, and where they lie.
 
 A pose is applied after the object's unknown orientation. The six poses of the ``mix`` set are views along faces, edges
 and a corner of a cube in the object's frame; the set ``directions26`` has all of its faces, edges and corners. In a

@@ -1,4 +1,6 @@
-r"""Bayes' rule, entropy and information gain as pure functions of arrays; leading axes are batch axes.
+"""Bayes' rule, entropy and information gain as pure functions of arrays; and a belief about one object by them.
+
+Leading axes of arrays are batch axes.
 
     log p(y | o) = log p(y) + log p(o | y) - log p(o),    log p(o) = logsumexp over y of the first two terms.
 

@@ -1,4 +1,4 @@
-"""Reports: sentences, tables and figures, written as one self-contained HTML page and as files beside it."""
+"""Reports: sentences, tables and figures in one style, as one self-contained HTML page and as files beside it."""
 
 from __future__ import annotations
 

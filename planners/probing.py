@@ -1,4 +1,8 @@
-"""Probe selectors: rules that choose the next pose; and the best fixed order, how it is found and kept in a file."""
+"""Probe selectors: rules that choose the next pose; and the best fixed order, how it is found and kept in a file.
+
+Touches of one object in one pose are correlated, so a table of single touches overstates the information of a repeat.
+:func:`repeat_discount` takes the discount of repeats from the observation model (decision 0021).
+"""
 
 from __future__ import annotations
 

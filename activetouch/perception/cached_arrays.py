@@ -1,4 +1,4 @@
-"""What takes long to compute is kept on disk for the next process: in ``$ACTIVETOUCH_CACHE``.
+"""What takes long to make is kept: arrays on disk for the next process, in ``$ACTIVETOUCH_CACHE``; sessions in memory.
 
 Without that variable it lies in the user's folder for caches. Deleting the folder loses nothing but time.
 """

@@ -1,7 +1,18 @@
-"""The imaging of a pressure sensor, and the contact that a hypothesis predicts, as its network reads it.
+"""The imaging of a pressure sensor, its state, and the contact that a hypothesis predicts, as its network reads it.
 
 A :class:`SensorState` is the state of the sensor and of the press. Height maps
-(:func:`activetouch.predicted_contacts`) become images in :mod:`activetouch.perception.contacts.images`.
+(:func:`activetouch.predicted_contacts`) become images in :mod:`activetouch.perception.contacts.images`. A scene of the
+same pad may have other forces, another stiffness, more noise, broken taxels, an image that is shifted or blurred,
+hysteresis, or wider taxels. The reader was trained with all of them, and :func:`sensor_state` says which hold.
+
+>>> from dataclasses import replace
+>>> from activetouch import SCENES
+>>> from activetouch.distributions import Uniform
+>>> gel = SCENES["gel"].scene
+>>> imaging = imaging_of(gel)
+>>> gentle = replace(gel, variation=replace(gel.variation, force=Uniform(0.75, 1.5)))
+>>> float(sensor_state(imaging, gentle).force[0])
+0.5
 """
 
 from __future__ import annotations

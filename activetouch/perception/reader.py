@@ -1,8 +1,9 @@
 """Reads tactile images with a trained network, by ONNX Runtime and numpy alone.
 
-A reader is one sealed file (:mod:`belief.sealed_tensors`): a card, a network as an ONNX graph from
-uint8 images to an embedding and features, and, where the card has an embedding, the network of hypotheses
-(:mod:`activetouch.perception.reader`). Loading it runs no code from the file.
+A reader is one sealed file (:mod:`belief.sealed_tensors`): a card, a network as an ONNX graph from uint8 images to an
+embedding and features, and, where the card has an embedding, the residual network of :class:`HypothesisEmbedding`.
+Loading it runs no code from the file. :class:`HypothesisTable` holds the hypotheses of a scene's objects, embedded by a
+reader, for the joint observation model.
 """
 
 from __future__ import annotations

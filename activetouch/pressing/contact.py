@@ -1,4 +1,12 @@
-"""Contacts: the forces, depths and pressures of one press, and their time series."""
+"""The pad, its contact with a body, and the simplest press.
+
+The elastic layer of the pad is a Winkler foundation of independent springs: a taxel indented by δ [m] carries the
+pressure k·δ [Pa] (Johnson, *Contact Mechanics*, §4.3). In a press the pressures add up to the normal force. Decision
+0003 compares this with MuJoCo's soft contact.
+
+``Quasistatic`` does not simulate time. ``Dynamic`` and ``GuardedMove`` (:mod:`activetouch.pressing.dynamic`), the
+paper's cycle, simulate the motion in MuJoCo. All compute the imprint by one force law (:func:`elastic_contact`).
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,8 @@
 """Valid ranges of command-line arguments, declared in annotations such as ``jobs: Jobs``.
 
 Every command calls :func:`check_arguments` before it starts work.
+
+A command runs ``module:attribute`` of a file only if its own command line names or allows it (:class:`Trust`).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Live searches: what determines them, how they are played, repeated and certified.
+"""Live searches: the arguments that describe them, what determines them, how they are played, repeated and certified.
 
 The seed alone determines the objects of an episode.
 """

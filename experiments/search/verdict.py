@@ -1,4 +1,4 @@
-"""Verdict of a comparison: who is best or tied, significant differences, and searches needed to resolve the others."""
+"""Verdict and tables of a comparison: who is best or tied, significant differences, and searches still needed."""
 
 from __future__ import annotations
 
