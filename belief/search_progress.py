@@ -124,7 +124,14 @@ class SearchProgress:
 
     Attributes:
         scene: joint belief about all objects.
+        object_index: the current object; the last one stays once it is rejected.
+        outcome: how the search ended; None while it goes on.
+        may_touch: whether the touch limit allows one more touch.
     """
+
+    object_index: int
+    outcome: Outcome | None
+    may_touch: bool
 
     def __init__(
         self,
@@ -138,6 +145,12 @@ class SearchProgress:
         self.problem = problem
         self.scene = SceneBelief(problem, model, prior, target=target, log_bets=log_bets)
         self._one = BatchedProgress(problem, 1)
+        self._see()
+
+    def _see(self) -> None:
+        """Read where the search is."""
+        self.object_index, self.outcome = int(self._one.objects[0]), self._one.outcome(0)
+        self.may_touch = bool(self._one.may_touch[0])
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state, scene=copy(state["scene"]), _one=deepcopy(state["_one"]))
@@ -152,21 +165,6 @@ class SearchProgress:
         """Number of touches of the whole search, misses included."""
         return int(self._one.num_touches[0])
 
-    @property
-    def outcome(self) -> Outcome | None:
-        """How the search ended; None while it goes on."""
-        return self._one.outcome(0)
-
-    @property
-    def object_index(self) -> int:
-        """The current object; the last one stays once it is rejected."""
-        return int(self._one.objects[0])
-
-    @property
-    def may_touch(self) -> bool:
-        """Whether the touch limit allows one more touch."""
-        return bool(self._one.may_touch[0])
-
     def uses(self, pose: int) -> int:
         """Number of earlier touches of the current object in a pose."""
         return int(self.scene.touches(self.object_index).uses(self.problem.num_poses)[pose])
@@ -174,12 +172,13 @@ class SearchProgress:
     def touch(self, touch: Touch) -> Belief:
         """Count a touch of the current object, and return the posterior about it."""
         belief = self.scene.update(self.object_index, [touch])
-        self._one.num_touches += 1
+        self.miss()
         return belief
 
     def miss(self) -> None:
         """Count a press without contact, which is no evidence: it takes its time, so the touch limit counts it."""
         self._one.num_touches += 1
+        self._see()
 
     def act(self, action: Action) -> Outcome | None:
         """Carry out an action that is no touch, and return how the search ended, or None.
@@ -189,6 +188,7 @@ class SearchProgress:
         kinds = [isinstance(action, kind) for kind in (Confirm, Reject, Unsure)]
         index = action.pose if isinstance(action, Probe) else self.problem.num_poses + kinds.index(True)
         self._one.act(np.array([index]), np.array([False]))
+        self._see()
         return self.outcome
 
 

@@ -84,7 +84,7 @@ class PointBased:
     def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.Decider`."""
         problem, number, touches = info.problem, info.object_index, len(info.history)
-        num_poses = problem.num_poses
+        num_poses = len(problem.pose_labels)
         policy = self.policy(problem, info.target)
         vectors, belief = policy.at(number, touches), _belief(policy, info)
         values = vectors.alphas @ belief
@@ -126,7 +126,7 @@ _POLICIES: dict[tuple[object, ...], SearchPolicy] = {}
 
 def _belief(policy: SearchPolicy, info: InformationState) -> Floats:
     """Belief about the hidden state at the current object."""
-    number, num_shapes = info.object_index, info.problem.num_shapes
+    number, num_shapes = info.object_index, len(info.problem.shape_labels)
     if info.scene is not None:
         if isinstance(policy.problem, SearchTouchProblem):
             return policy.belief(number, info.scene.log_likelihoods())
