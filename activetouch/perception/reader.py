@@ -23,6 +23,7 @@ from activetouch.errors import WrongScene
 from activetouch.orientations import LyingAnyhow
 from activetouch.perception.cached_arrays import session_of
 from activetouch.perception.card import PRODUCTS, READER, ClassifierCard, card_from
+from activetouch.perception.imaging import Floats32
 from activetouch.poses import multiply, to_matrices, turned
 from activetouch.scene import Scene, require_no_hand
 from belief.errors import CorruptFile, InvalidArgument
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
     from activetouch.perception.contacts.hypotheses import Hypotheses
     from activetouch.perception.grasps import GraspHypotheses
 
-Floats32 = NDArray[np.float32]
 _AT_ONCE = 4096  # hypotheses
 _CACHED = 1 << 15  # numbers of an array that stay in the cache
 _ERFC = tuple(np.float32(c) for c in (1.061405429, -1.453152027, 1.421413741, -0.284496736, 0.254829592))
