@@ -15,9 +15,7 @@
 
 from __future__ import annotations
 
-from array import array
-from bisect import bisect
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, TypeAlias, get_args
@@ -27,21 +25,10 @@ from numpy.typing import NDArray
 
 from activetouch.errors import BadRecording
 from activetouch.recorded.session_log import read_session_logs
-from activetouch.recorded.tables import (
-    KINDS_OF,
-    MOST_BYTES,
-    lines_of,
-    require_bounded,
-    require_folder,
-    require_short,
-    touches_of_columns,
-)
+from activetouch.recorded.tables import KINDS_OF, require_folder, touches_of_columns
 from activetouch.recorded.touches import RecordedTouches
-from belief.errors import InvalidArgument
-from belief.files import plain_number, require_regular_file
-from belief.files import read_npz as read_npz_arrays
+from belief.columns import read_columns
 from belief.naming import few
-from belief.table import csv_rows
 from belief.validation import Floats
 
 _NAMES = ("object", "action", "session", *KINDS_OF.values())  # columns that are no features
@@ -52,7 +39,7 @@ _POSES = ("down", "45", "side")
 Read: TypeAlias = tuple[RecordedTouches, tuple[str, ...]]
 
 
-def _read_tables(
+def _touches_of_table(
     paths: Sequence[Path],
     words: Sequence[str],
     source: str,
@@ -60,57 +47,21 @@ def _read_tables(
     factors: Sequence[str] = (),
     **facts: Any,
 ) -> RecordedTouches:
-    """The rows of CSV files with the same columns, of which those of words are known, and all others are features.
-
-    The actions of the files are by default those of a column, or of several, ``factors``; ``facts`` are further
-    arguments of the touches.
-    """
-    header: list[str] = []
-    columns: dict[str, list[str]] = {name: [] for name in words}
-    numbers, known = array("d"), dict[str, str]()
-    line_of, firsts = array("q"), list[int]()  # line of each row, and first row of each file
-    for path in paths:
-        lines = _rows(path)
-        names = _header(path, next(lines, (1, []))[1])
-        if header and names != header:
-            raise BadRecording(f"{path} has the columns {names[:12]}, {paths[0]} has {header[:12]}")
-        header = names
-        features = [column for column, name in enumerate(header) if name not in columns]
-        labels = [(columns[name], column) for column, name in enumerate(header) if name in columns]
-        firsts.append(len(line_of))
-        for number, cells in lines:
-            if len(cells) != len(header):
-                raise BadRecording(f"line {number} of {path} has {len(cells)} cells, the header has {len(header)}")
-            numbers.extend([_number(cells[column], header[column], number, path) for column in features])
-            for told, column in labels:
-                cell = cells[column].strip()
-                told.append(known.setdefault(cell, cell))  # once in memory
-            line_of.append(number)
-            require_bounded(len(line_of), len(numbers), "these recordings")
-    size = len(line_of)
-    if not size:
+    """The rows of CSV files, in which columns other than ``words`` are features; ``actions`` are those of the files."""
+    hint = " (leave the column out, or if it is part of the action, give --action {})"
+    table = read_columns(paths, words, BadRecording, needed=("object",), is_numeric=True, hint=hint)
+    if not len(table.numbers):
         raise BadRecording(f"the CSV files in {source} have no rows below their headers")
-
-    def place(row: int) -> str:
-        return f"line {line_of[row]} of {paths[bisect(firsts, row) - 1]}"
-
-    names, table = [header[column] for column in features], np.array(numbers, np.float64).reshape(size, -1)
-    if (wrong := np.argwhere(~np.isfinite(table))).size:
-        row, column = wrong[0].tolist()
-        raise BadRecording(f"{place(row)}: the feature {names[column]!r} is '{table[row, column]}', not finite")
-    for name, told in columns.items():
-        require_short(name, max(map(len, told), default=0), size, source)
-    given = {name: np.array(told) for name, told in columns.items() if told}
     if actions:
-        given["action"] = np.repeat(actions, np.diff([*firsts, size]))
-    is_control = np.array([name.startswith(_UNTOUCHED) for name in names], np.bool_)
-    kept = [name for name in names if not name.startswith(_UNTOUCHED)]
+        table.arrays["action"] = np.repeat(actions, np.diff([*table.places[1], len(table.numbers)]))
+    is_control = np.array([name.startswith(_UNTOUCHED) for name in table.headings], np.bool_)
+    kept = [name for name in table.headings if not name.startswith(_UNTOUCHED)]
     if is_control.any():
-        apart = {name.removeprefix(_UNTOUCHED).strip(): i for i, name in enumerate(names) if is_control[i]}
+        apart = {name.removeprefix(_UNTOUCHED).strip(): i for i, name in enumerate(table.headings) if is_control[i]}
         order = [apart[name] for name in (kept if set(kept) == set(apart) else apart)]
-        facts["controls"] = {"untouched": table[:, order]}
+        facts["controls"] = {"untouched": table.numbers[:, order]}
     facts |= {"action_names": actions, "feature_names": kept, "factors": factors}
-    return touches_of_columns(table[:, ~is_control], given, source, place=place, **facts)
+    return touches_of_columns(table.numbers[:, ~is_control], table.arrays, source, place=table.place, **facts)
 
 
 def read_csv(folder: Path, factors: Sequence[str] = ()) -> Read:
@@ -120,8 +71,8 @@ def read_csv(folder: Path, factors: Sequence[str] = ()) -> Read:
     if not paths:
         raise BadRecording(f"there is no .csv or .csv.gz file in {folder}")
     others = sorted(path.name for path in folder.iterdir() if path not in paths)
-    words = dict.fromkeys((*_NAMES, *factors))
-    return _read_tables(paths, list(words), str(folder), factors=factors), _ignored("file", others)
+    words = list(dict.fromkeys((*_NAMES, *factors)))
+    return _touches_of_table(paths, words, str(folder), factors=factors), _ignored("file", others)
 
 
 def read_bts3(folder: Path) -> Read:
@@ -133,7 +84,7 @@ def read_bts3(folder: Path) -> Read:
         if not found:
             raise BadRecording(f"there is no file bts3v2_palm_{pose}.csv or .csv.gz in {folder}")
         paths.append(found[0])
-    touches = _read_tables(
+    touches = _touches_of_table(
         paths,
         ("object", "slipped"),
         str(folder),
@@ -144,39 +95,6 @@ def read_bts3(folder: Path) -> Read:
     return touches, ("the column 'slipped' is left out: it is known only after the touch",)
 
 
-def _header(path: Path, cells: Sequence[str]) -> list[str]:
-    """The names of the columns."""
-    names = [name.strip() for name in cells]
-    if "object" not in names or len(set(names)) < len(names):
-        raise BadRecording(
-            f"the first line of {path} must name the columns, each once, separated by commas, with 'object' among "
-            f"them; got {names[:12]}"
-        )
-    if "" in names:
-        raise BadRecording(
-            f"column {names.index('') + 1} of {path} has no name: name it or leave it out, as a row number is no "
-            "feature (pandas writes none with to_csv(index=False))"
-        )
-    return names
-
-
-def _number(cell: str, name: str, number: int, path: Path) -> float:
-    try:
-        return plain_number(cell)
-    except ValueError:
-        is_text = not any(character.isdigit() for character in cell)
-        hint = f" (leave the column out, or if it is part of the action, give --action {name})" if is_text else ""
-        hint = " (decimals have a point)" if "," in cell else hint
-        raise BadRecording(f"line {number} of {path}: the feature {name!r} is {cell[:40]!r}, no number{hint}") from None
-
-
-def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    try:
-        yield from csv_rows(lines_of(path))
-    except InvalidArgument as error:
-        raise BadRecording(f"{path}, {error}") from error
-
-
 def read_npz(path: Path, factors: Sequence[str] = ()) -> Read:
     """The touches of a ``.npz`` file, or of the only one in a folder; BadRecording if it has no such plain arrays."""
     if path.is_dir():
@@ -184,20 +102,10 @@ def read_npz(path: Path, factors: Sequence[str] = ()) -> Read:
         if len(found) != 1:
             raise BadRecording(f"{path} must hold one .npz file, it holds {len(found)}; give the file itself")
         path = found[0]
-    require_regular_file(path, BadRecording)
-    try:
-        arrays, others = read_npz_arrays(path, MOST_BYTES, (*_ARRAYS, *factors))
-        given = {name: _text(name, arrays[name], str(path)) for name in (*_NAMES, *factors) if name in arrays}
-    except BadRecording:
-        raise
-    except Exception as error:  # readers of zip and npy raise a dozen kinds on damaged bytes
-        raise BadRecording(f"{path} cannot be read as .npz of plain arrays: {error}") from error
-    if missing := [name for name in ("features", "object") if name not in arrays]:
-        had = few([*arrays, *others], 12) or "none"
-        raise BadRecording(
-            f"{path} has no array {missing[0]!r}; it has {had}. Touches are features (n, F), or pictures (n, H, W) or "
-            "(n, H, W, C), and object (n,)"
-        )
+    hint = ". Touches are features (n, F), or pictures (n, H, W) or (n, H, W, C), and object (n,)"
+    table = read_columns([path], (*_ARRAYS, *factors), BadRecording, needed=("features", "object"), hint=hint)
+    arrays, others = table.arrays, table.others
+    given = {name: arrays[name] for name in (*_NAMES, *factors) if name in arrays}
     names = list(map(str, np.atleast_1d(arrays.get("feature_names", ())).tolist()))
     features, controls, notes = (
         _numbers("features", arrays["features"], path),
@@ -238,7 +146,6 @@ def _numbers(name: str, array: NDArray[Any], path: Path) -> Floats:
             f"{name} in {path} must be numbers (n, F), or pictures (n, H, W) or (n, H, W, C), got {array.dtype} "
             f"{array.shape}"
         )
-    require_bounded(len(array), array.size, str(path))
     return array.astype(np.float64)
 
 
@@ -252,15 +159,6 @@ def _averaged(pictures: Floats) -> Floats:
         )
         found = np.add.reduceat(found, edges, axis) / np.diff([*edges, size]).reshape([-1] + [1] * (3 - axis))
     return found
-
-
-def _text(name: str, column: NDArray[Any], source: str) -> NDArray[Any]:
-    """A column, whose bytes are text in UTF-8, and in which NaN is an empty cell."""
-    if column.dtype.kind in "SU":
-        require_short(name, column.dtype.itemsize // np.dtype(f"{column.dtype.kind}1").itemsize, column.size, source)
-    if column.dtype.kind == "f" and np.isnan(column).any():
-        return np.where(np.isnan(column), "", column.astype(str))
-    return np.char.decode(column, "utf-8") if column.dtype.kind == "S" else column
 
 
 def _ignored(kind: str, names: Iterable[str]) -> tuple[str, ...]:

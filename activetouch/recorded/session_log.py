@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from activetouch.errors import BadRecording
-from activetouch.recorded.tables import require_bounded, touches_of_columns
+from activetouch.recorded.tables import touches_of_columns
 from activetouch.recorded.touches import RecordedTouches
+from belief.columns import require_bounded
 from belief.errors import CorruptFile
 from belief.journal import array_from, read_journal
 
@@ -39,7 +40,7 @@ def read_session_logs(path: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
                     continue
                 found = next(array_from(touch[name]) for name in ("image", "features", "logits") if name in touch)
                 rows.append(np.asarray(found, np.float64).ravel())
-                require_bounded(len(rows), len(rows) * rows[-1].size, str(path))
+                require_bounded(len(rows), len(rows) * rows[-1].size, str(path), BadRecording)
                 if rows[-1].shape != rows[0].shape:
                     raise BadRecording(f"a touch in {log} has {rows[-1].size} features, the first one {rows[0].size}")
                 names.append(label)

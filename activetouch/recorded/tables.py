@@ -1,11 +1,8 @@
-"""From tables that others made to recorded touches: bounded in size, without running anything that they hold."""
+"""From columns that others made to recorded touches: every check of what the columns hold."""
 
 from __future__ import annotations
 
-import gzip
-import io
-import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
@@ -14,63 +11,14 @@ from numpy.typing import NDArray
 
 from activetouch.errors import BadRecording
 from activetouch.recorded.touches import RecordedTouches
-from belief.files import plain_number, require_regular_file
+from belief.files import plain_number
 from belief.naming import few
 from belief.observation_model.action_kernel import numbered_sessions
 from belief.validation import Floats
 
 KINDS_OF = {"categories": "category", "shapes": "shape"}
 """The column of each task besides ``objects``."""
-MOST_BYTES = 256 * 2**20
-"""Largest decompressed size of one file."""
-MOST_TOUCHES, MOST_NUMBERS, MOST_CHARACTERS = 2**20, 2**24, 2**26
-"""Most touches of a set, most numbers of their features, and most characters of a column of names, each as long as the
-longest."""
-_LONGEST_LINE = 2**22
 _MOST_SESSION = 2**53  # so that it is exact as a float
-
-
-def lines_of(path: Path) -> Iterator[str]:
-    """Lines of a text file, one at a time in memory; of ``.gz`` decompressed.
-
-    Raises BadRecording for a file that cannot be read, is too large or no UTF-8, or has too long a line.
-    """
-    size = number = 0
-    require_regular_file(path, BadRecording)
-    try:
-        opened = gzip.open if path.suffix == ".gz" else open
-        with io.TextIOWrapper(opened(path, "rb"), encoding="utf-8-sig") as text:
-            while line := text.readline(_LONGEST_LINE + 1):
-                number, size = number + 1, size + len(line)
-                if len(line) > _LONGEST_LINE:
-                    raise BadRecording(f"line {number} of {path} has more than {_LONGEST_LINE} characters")
-                if size > MOST_BYTES or number > 2 * MOST_TOUCHES:
-                    raise BadRecording(
-                        f"{path} holds more than {MOST_BYTES} characters or {2 * MOST_TOUCHES} lines when "
-                        "decompressed; such files are not read"
-                    )
-                yield line
-    except UnicodeDecodeError as error:
-        raise BadRecording(f"{path} is not text in UTF-8, save it as such: {error}") from error
-    except (OSError, EOFError, zlib.error) as error:
-        raise BadRecording(f"{path} cannot be read: {error}") from error
-
-
-def require_bounded(num_touches: int, num_numbers: int, source: str) -> None:
-    """Refuse a set of more than ``MOST_TOUCHES`` touches or ``MOST_NUMBERS`` numbers."""
-    if num_touches > MOST_TOUCHES or num_numbers > MOST_NUMBERS:
-        raise BadRecording(
-            f"{source} hold more than {MOST_TOUCHES} touches or {MOST_NUMBERS} numbers; leave out touches or features"
-        )
-
-
-def require_short(name: str, longest: int, num_touches: int, source: str) -> None:
-    """Refuse a column of names that would need much memory as an array, where each is as long as the longest."""
-    if longest * num_touches > MOST_CHARACTERS:
-        raise BadRecording(
-            f"{name} in {source} has a name of {longest} characters; of {num_touches} names each has at most "
-            f"{MOST_CHARACTERS // num_touches}"
-        )
 
 
 def require_folder(folder: Path, what: str) -> None:

@@ -6,7 +6,6 @@ perturbation: a policy that fails without it, too, is not broken by it, so what 
 
 from __future__ import annotations
 
-import io
 import itertools
 import json
 import math
@@ -20,11 +19,12 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from belief.columns import lines_of, read_columns
 from belief.errors import InvalidArgument
-from belief.files import plain_number, require_regular_file
+from belief.files import plain_number
 from belief.statistics import paired_bootstrap, wilson_interval
 from belief.statistics.comparison import LEVEL
-from belief.table import Table, Value, csv_rows
+from belief.table import Table, Value
 from experiments.command_line.arguments import BadArgument
 from experiments.report import Report, Reported, Section
 from experiments.search.run import RunFolder, read_episode
@@ -152,7 +152,7 @@ class ResultsComparison(Reported):
 def compare_results(
     files: Sequence[Path | str], reference: str | None = None, control: Sequence[Path | str] = (), seed: int = 0
 ) -> ResultsComparison:
-    """Read and compare CSV files with the columns :data:`NEEDED`, ``eval_info.json`` of LeRobot, or runs.
+    """Read and compare CSV files, or npz, with the columns :data:`NEEDED`, ``eval_info.json`` of LeRobot, or runs.
 
     A file is called by its name without ending, or by its folder and name if several are called alike. A run is as many
     policies as it has deciders, called as there; its seeds are the keys of its searches, and its tasks the targets.
@@ -237,12 +237,8 @@ def _columns(path: Path) -> Iterator[tuple[str, dict[Key, tuple[bool, float]], b
         for name, rows in _of_run(path if path.is_dir() else path.parent).items():
             yield name, _episodes(path, rows), False
         return
-    try:
-        text = require_regular_file(path, BadArgument).read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadArgument(f"{path} cannot be read as text: {error}") from error
-    found: Iterable[_Row]
-    found, is_numbered = _of_lerobot(path, text) if path.suffix.lower() == ".json" else (_rows(path, text), False)
+    is_lerobots = path.suffix.lower() == ".json"
+    found, is_numbered = _of_lerobot(path) if is_lerobots else (_rows(path), False)
     yield path.stem, _episodes(path, found), is_numbered
 
 
@@ -281,10 +277,10 @@ def _episodes(path: Path, rows: Iterable[_Row]) -> dict[Key, tuple[bool, float]]
     return found
 
 
-def _of_lerobot(path: Path, text: str) -> tuple[Iterable[_Row], bool]:
+def _of_lerobot(path: Path) -> tuple[Iterable[_Row], bool]:
     """Rows as of CSV, and whether they are numbered: by task, as LeRobot writes today, or by episode, as until 2025."""
     try:
-        info = json.loads(text)
+        info = json.loads("".join(lines_of(path, BadArgument)))
         if "per_task" in info:
             told = [(f"{one['task_group']} {one['task_id']}", one["metrics"]["successes"]) for one in info["per_task"]]
             rows = [(task, i, None, success) for task, some in told for i, success in enumerate(some)]
@@ -304,22 +300,15 @@ def _of_lerobot(path: Path, text: str) -> tuple[Iterable[_Row], bool]:
     return found, is_numbered
 
 
-def _rows(path: Path, text: str) -> Iterator[_Row]:
+def _rows(path: Path) -> Iterator[_Row]:
     """The place of each row in the file, and its cells by column."""
-    lines = csv_rows(io.StringIO(text, newline=""))
-    header = [name.strip().lower() for name in next(lines, (1, []))[1]]
-    if missing := [name for name in NEEDED if name not in header]:
-        raise BadArgument(
-            f"{path} has no column {' and no column '.join(map(repr, missing))}: it needs {', '.join(NEEDED)}, and may "
-            f"have length; its first line is {','.join(header)[:200] or 'empty'}"
-        )
-    if twice := [name for name in (*NEEDED, "length") if header.count(name) > 1]:
-        raise BadArgument(f"{path} has the column {twice[0]!r} {header.count(twice[0])} times")
-    for number, cells in lines:
-        place = f"line {number}"
-        if len(cells) != len(header):
-            raise BadArgument(f"{path}, {place}: {len(cells)} cells under {len(header)} columns")
-        yield place, dict(zip(header, map(str.strip, cells), strict=True))
+    names = (*NEEDED, "length")
+    found = read_columns([path], names, BadArgument, needed=NEEDED, is_case_kept=False)
+    if len({column.shape for column in found.arrays.values()}) > 1 or found.arrays["seed"].ndim != 1:
+        raise BadArgument(f"{path}: {', '.join(found.arrays)} must be rows of one length")
+    for row, cells in enumerate(zip(*found.arrays.values(), strict=True)):
+        place = f"line {found.places[0][row]}" if found.places[0] else f"row {row}"
+        yield place, dict(zip(found.arrays, map(str, cells), strict=True))
 
 
 def _outcome(place: str, success: str, length: str) -> tuple[bool, float]:
