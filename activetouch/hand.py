@@ -63,10 +63,6 @@ class Hand:
         travel: standard deviation of the measured position of each finger where it stops [m]; None if it is not
             measured.
 
-    Raises:
-        InvalidArgument: there is no finger, a rotation is no unit quaternion, two fingers are in one place, no forces
-            of several fingers balance each other, or offset or travel is none of these.
-
     >>> Hand.three_finger().forces.round(6).tolist()
     [1.0, 1.0, 1.0]
     >>> Hand((turn("z", 0.0), turn("z", 2.4), turn("z", -2.4))).forces.round(2).tolist()      # a thumb and two fingers

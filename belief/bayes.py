@@ -64,11 +64,6 @@ def update(
         log p(y | o), ``(..., K)``, and log p(o), ``(...,)``, limited to the range of floats: only a shape that the
         prior or the likelihood rules out gets -inf.
 
-    Raises:
-        ValueError: NaN, +inf, an empty array, shapes that do not fit, a prior that does not sum to one; or not exactly
-            one of the last two arguments.
-        ImpossibleObservation: in some row, every shape has prior or likelihood zero.
-
     >>> log_posterior, log_evidence = update(np.log([[0.5, 0.5], [0.9, 0.1]]), [[0.0, -1e4], [0.0, 0.0]])
     >>> log_posterior.round(3).tolist(), log_evidence.round(3).tolist()
     ([[0.0, -10000.0], [-0.105, -2.303]], [-0.693, 0.0])
@@ -101,9 +96,6 @@ def update(
 def entropy(probs: ArrayLike, axis: int = -1) -> Floats:
     """Entropy of distributions along an axis [nats], in ``[0, log K]``.
 
-    Raises:
-        ValueError: NaN, a negative number, an empty array, or a distribution that does not sum to one.
-
     >>> entropy([[0.5, 0.5], [1.0, 0.0]]).round(3).tolist()
     [0.693, 0.0]
     """
@@ -121,9 +113,6 @@ def expected_information_gain(belief: ArrayLike, outcome_probs: ArrayLike) -> Fl
 
     Returns:
         ``(..., P)``, each in ``[0, H(belief)]``; zero for a pose whose outcome does not depend on the shape.
-
-    Raises:
-        ValueError: NaN, a negative number, a distribution that does not sum to one, or shapes that do not fit.
 
     >>> perfect, useless = [[1.0, 0.0], [0.0, 1.0]], [[0.5, 0.5], [0.5, 0.5]]
     >>> expected_information_gain([0.5, 0.5], [perfect, useless]).round(3).tolist()

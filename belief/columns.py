@@ -218,10 +218,6 @@ def lines_of(path: Path, error: type[ActiveTouchError]) -> Iterator[str]:
 def csv_rows(lines: Iterable[str]) -> Iterator[tuple[int, list[str]]]:
     r"""Rows of CSV, each with the number of its first line, from 1; the first names the columns. No row is blank.
 
-    Raises:
-        InvalidArgument: text that is not CSV; or a cell that may hide rows, because a quotation mark is not closed in
-            its line, or because of a character that ends a line or a text elsewhere.
-
     >>> list(csv_rows(["a,b\n", "\n", '1,"x\n', 'y"\n']))
     [(1, ['a', 'b']), (3, ['1', 'x\ny'])]
     """

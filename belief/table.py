@@ -213,11 +213,7 @@ class Table:
         return list(chain.from_iterable(keys)), rows
 
     def write_csv(self, path: Path) -> None:
-        """Write the CSV, atomically.
-
-        Raises:
-            CannotWrite: The disk is full, or the folder is not writable.
-        """
+        """Write the CSV, atomically."""
         write_text(path, self.csv())
 
 

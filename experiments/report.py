@@ -185,9 +185,6 @@ class Report:
 
         Returns:
             Path of the page.
-
-        Raises:
-            CannotWrite: The disk is full, or the folder is not writable.
         """
         tables, figures = (folder / name for name in self.folders)
         for section in self.sections:

@@ -53,9 +53,6 @@ class ValueOfInformation:
         repeats: discounts the value of repeated poses; by default only the poses used least are candidates.
         max_touches: of one object; by default an equal share of the problem's touch limit. No search is truncated,
             because an object is confirmed or rejected where the touches of the search are used.
-
-    Raises:
-        InvalidArgument: ``depth`` or ``max_touches`` is out of range.
     """
 
     table: OutcomeTable

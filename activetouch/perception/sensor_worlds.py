@@ -127,9 +127,6 @@ def sensor_health(model: ArrayModel, reader: TactileReader, scene: Scene) -> Sen
         model: of the sensor in the state that its scene describes.
         reader: of any object, which embeds hypotheses in other states.
         scene: of the sensor.
-
-    Raises:
-        InvalidArgument: the reader, or the model, is of another kind.
     """
     described, hypotheses = joint_model(model), reader.hypotheses
     if described is None or not isinstance(hypotheses, ContactHypotheses):

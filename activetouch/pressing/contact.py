@@ -79,9 +79,6 @@ class Pad:
             gap: distance of the surface behind the first point of contact, any array shape, ≥ 0, ``inf`` for taxels
                 beside the object [m].
             force: normal force [N], ≥ 0.
-
-        Raises:
-            InvalidArgument: the force is negative or not finite.
         """
         require_number("force", force, 0.0, FINITE)
         reached = gap.compress((gap < self.max_depth).ravel())  # in two thirds of the time of a mask

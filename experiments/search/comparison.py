@@ -76,9 +76,6 @@ class Comparison(Summary, Tabular):
         Args:
             axes: matplotlib axis.
             name: ``success``, by target, or ``frontier``, against touches.
-
-        Raises:
-            UnknownName: there is no such figure.
         """
         from experiments.search.page import FIGURES  # loads matplotlib
 
@@ -93,11 +90,6 @@ class Comparison(Summary, Tabular):
         Args:
             folder: folder of a finished comparison.
             trust: whether to run code of your own that the folder names, such as a scene ``module:attribute``.
-
-        Raises:
-            FileNotFoundError: The folder holds no finished comparison.
-            CorruptFile: A file is damaged or was changed, or the searches had objects of a program.
-            FileNamesCode: The folder names code, and ``trust`` is not set.
         """
         held = RunFolder(Path(folder))
         stored = held.read_run()
@@ -117,10 +109,6 @@ class Comparison(Summary, Tabular):
 
         Returns:
             Path of the page.
-
-        Raises:
-            BadArgument: The comparison was computed from episodes alone, so that no search can be replayed.
-            CannotWrite: The disk is full, or the folder is not writable.
         """
         from experiments.search.page import report_of  # loads matplotlib
 

@@ -162,11 +162,6 @@ def compare_results(
         reference: name of the policy that the others are compared with; the first by default.
         control: the same episodes without what is tested: none, one file for all policies, or one for each.
         seed: of the bootstraps.
-
-    Raises:
-        BadArgument: a file cannot be read, lacks a column, or states an episode twice; no episode is in all files;
-            names repeat; or the number of controls does not fit.
-        FileNotFoundError: a folder holds no finished run.
     """
     paths = [Path(file) for file in files]
     read = [(path, *column) for path in (*paths, *map(Path, control)) for column in _columns(path)]
