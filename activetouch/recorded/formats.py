@@ -1,5 +1,7 @@
 """The formats of recorded touches, each a function that reads a folder. To add one, write it and add a line at the end.
 
+All read columns with :func:`belief.columns.read_columns`, and :func:`touches_of_columns` checks what these hold.
+
 * ``csv``: one row for each touch, in all ``.csv`` and ``.csv.gz`` files of a folder. The first line names the columns.
   ``object`` is needed; ``action`` (by default all touches have one action), ``session`` (order of recording among the
   touches of an object and action), ``category`` and ``shape`` are optional. Columns whose names begin with
@@ -10,7 +12,9 @@
 * ``bts3``: grasps of objects in three hand poses with three BioTac SP fingers of 24 electrodes, from the BioTac SP
   Stability Set v2 (MIT): ``bts3v2_palm_POSE.csv``, also compressed, with the columns ``object,slipped,ff_biotac_1,…``.
   Whether the object slipped is known only after the touch, and is no feature.
-* ``session``: :mod:`activetouch.recorded.session_log`.
+* ``session``: logs of sessions (docs/session_log.md). A touch counts if it was not taken back and the true shape of its
+  object was revealed. Its features are the pixels of its image, or, where a touch has no image, what a reader said of it.
+  Every visit of an object is a session.
 """
 
 from __future__ import annotations
@@ -24,13 +28,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.errors import BadRecording
-from activetouch.recorded.session_log import read_session_logs
-from activetouch.recorded.tables import KINDS_OF, require_folder, touches_of_columns
 from activetouch.recorded.touches import RecordedTouches
-from belief.columns import read_columns
+from belief.columns import read_columns, require_bounded
+from belief.errors import CorruptFile
+from belief.files import plain_number
+from belief.journal import array_from, read_journal
 from belief.naming import few
+from belief.observation_model.action_kernel import numbered_sessions
 from belief.validation import Floats
 
+KINDS_OF = {"categories": "category", "shapes": "shape"}
+"""The column of each task besides ``objects``."""
+_MOST_SESSION = 2**53  # so that it is exact as a float
 _NAMES = ("object", "action", "session", *KINDS_OF.values())  # columns that are no features
 _ARRAYS = (*_NAMES, "features", "untouched", "feature_names", "provenance", "licence")
 _UNTOUCHED = "untouched:"  # begins the names of columns that were measured where nothing was touched
@@ -165,6 +174,166 @@ def _ignored(kind: str, names: Iterable[str]) -> tuple[str, ...]:
     """A sentence about what is not read; none where there is nothing."""
     listed = [repr(name) for name in names]
     return (f"ignored {kind}s: {few(listed, 12)}",) if listed else ()
+
+
+def require_folder(folder: Path, what: str) -> None:
+    """Refuse what is no folder, and say what it must hold."""
+    if not folder.is_dir():
+        raise BadRecording(f"there is no folder {folder}; it must hold {what}")
+
+
+def touches_of_columns(
+    features: Floats,
+    columns: Mapping[str, NDArray[np.generic]],
+    source: str,
+    *,
+    place: Callable[[int], str] | None = None,
+    action_names: Sequence[str] = (),
+    factors: Sequence[str] = (),
+    feature_names: Sequence[str] = (),
+    provenance: str = "",
+    licence: str = "not stated",
+    controls: Mapping[str, Floats] = MappingProxyType({}),
+) -> RecordedTouches:
+    """The touches of a table of features ``(n, F)`` and columns ``(n,)``, with all facts of :class:`RecordedTouches`.
+
+    ``place`` names a row in messages, such as "line 7 of mugs.csv". Actions are those of the columns ``factors``, or of
+    ``action``, sorted, unless ``action_names`` gives their order. Raises BadRecording, which names the row and the
+    column: no feature, an object without a name or with two categories or shapes, or sessions that are not integers.
+
+    >>> table = touches_of_columns(np.ones((2, 1)), {"object": np.array(["mug", "can"])}, "here")
+    >>> table.object_names, table.action_names
+    (('can', 'mug'), ('touch',))
+    """
+    n, place = len(features), place or (lambda row: f"row {row} of {source}")
+    for name, values in columns.items():
+        if values.shape != (n,):
+            raise BadRecording(
+                f"{name} in {source} must be ({n},) as there are {n} rows of features, got {values.shape}"
+            )
+    if features.size == 0:
+        raise BadRecording(f"{source} has no features: every column besides object, action and session is one")
+    object_names, objects = np.unique(columns["object"].astype(str), return_inverse=True)
+    if "" in object_names:
+        raise BadRecording(f"{place(int(np.argmax(columns['object'].astype(str) == '')))} names no object")
+    if lacking := [name for name in factors if name not in columns]:
+        raise BadRecording(
+            f"--action {lacking[0]}: {source} has no such column; its features are {few(feature_names, 12)}"
+        )
+    given = columns.get("action", np.full(n, "touch")).astype(str)
+    if factors:
+        given = np.array(
+            [" ".join(cells) for cells in zip(*(columns[name].astype(str) for name in factors), strict=True)]
+        )
+    ordered = tuple(action_names) or tuple(map(str, np.unique(given)))
+    actions = np.array([ordered.index(name) for name in given.tolist()])
+    sessions = numbered_sessions(objects, actions)
+    if "session" in columns:
+        sessions = _sessions(columns["session"], place)
+    kinds = {
+        task: _kinds(column, columns[column].astype(str), objects, place)
+        for task, column in KINDS_OF.items()
+        if column in columns
+    }
+    names = ordered, tuple(map(str, object_names))
+    return RecordedTouches(
+        features,
+        actions,
+        objects,
+        sessions,
+        *names,
+        provenance or source,
+        licence,
+        tuple(feature_names),
+        kinds,
+        controls,
+    )
+
+
+def _kinds(
+    column: str, values: NDArray[np.str_], objects: NDArray[np.intp], place: Callable[[int], str]
+) -> tuple[str, ...]:
+    """The category or shape of each object."""
+    firsts = np.unique(objects, return_index=True)[1]
+    if (others := np.flatnonzero(values != values[firsts][objects])).size:
+        row, first = int(others[0]), int(firsts[objects[others[0]]])
+        raise BadRecording(
+            f"{place(row)} names an object with two of {column}: {str(values[row])!r} here and {str(values[first])!r} "
+            f"in {place(first)}"
+        )
+    return tuple(map(str, values[firsts]))
+
+
+def _sessions(values: NDArray[np.generic], place: Callable[[int], str]) -> NDArray[np.int64]:
+    for row, value in enumerate(values.tolist()):
+        try:
+            number = plain_number(value) if isinstance(value, str) else float(value)
+            is_whole = number.is_integer() and abs(number) < _MOST_SESSION
+        except (TypeError, ValueError):  # such as dates
+            is_whole = False
+        if not is_whole:
+            raise BadRecording(
+                f"{place(row)}: the session is {str(value)[:40]!r}; it must be a whole number, in order of recording"
+            )
+    return values.astype(np.float64).astype(np.int64)
+
+
+SCHEMA = "activetouch session "
+
+
+def read_session_logs(path: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
+    """The touches of a log, or of all logs in a folder, and what was left out."""
+    paths = sorted(p for p in path.iterdir() if p.suffix in (".json", ".jsonl")) if path.is_dir() else [path]
+    rows, names, actions, sessions, unknown = [], [], [], [], 0
+    poses: list[str] | None = None
+    for number, log in enumerate(paths):
+        try:
+            header, truth, touches = standing_touches(log)
+            problem = header["problem"]
+            if poses not in (None, problem["poses"]):
+                raise BadRecording(f"{log} has the poses {problem['poses']}, the logs before it {poses}")
+            poses = problem["poses"]
+            for touch in touches:
+                label = dict(enumerate(truth))[touch["object"]]  # which has no number -1
+                if label is None:
+                    unknown += 1
+                    continue
+                found = next(array_from(touch[name]) for name in ("image", "features", "logits") if name in touch)
+                rows.append(np.asarray(found, np.float64).ravel())
+                require_bounded(len(rows), len(rows) * rows[-1].size, str(path), BadRecording)
+                if rows[-1].shape != rows[0].shape:
+                    raise BadRecording(f"a touch in {log} has {rows[-1].size} features, the first one {rows[0].size}")
+                names.append(label)
+                actions.append(touch["pose"])
+                sessions.append(number * problem["num_objects"] + touch["object"])
+        except BadRecording:
+            raise
+        except (LookupError, TypeError, ValueError, AttributeError, StopIteration) as error:
+            raise BadRecording(f"{log} cannot be read as the log of a session: {error}") from error
+    if poses is None or not rows:
+        why = f"the true shapes of {unknown} touches were not revealed: session.reveal(…), or the request reveal, does"
+        raise BadRecording(f"{path} holds no recordings: {why if unknown else 'there are no touches in logs'}")
+    columns = {"object": np.array(names), "action": np.array(actions), "session": np.array(sessions)}
+    recorded = touches_of_columns(np.stack(rows), columns, str(path), action_names=poses)
+    left_out = (f"{unknown} touches are left out: nobody revealed what was touched",) if unknown else ()
+    return recorded, left_out
+
+
+def standing_touches(path: Path) -> tuple[dict[str, Any], list[str | None], list[dict[str, Any]]]:
+    """The first line of a log, the true shapes as far as they are revealed, and touches that were not taken back."""
+    header, *lines = read_journal(path)
+    if not str(header.get("schema")).startswith(SCHEMA):
+        raise CorruptFile(f"{path} is no log of a session: its schema is {header.get('schema')!r:.60}")
+    truth: list[str | None] = header["arrangement"]
+    standing: list[dict[str, Any]] = []
+    for line in lines:
+        if line["told"] == "truth":
+            truth = line["arrangement"]
+        elif line["told"] == "undo":
+            standing.pop()
+        else:
+            standing.append(line)
+    return header, truth, [line for line in standing if line["told"] == "touch"]
 
 
 Format: TypeAlias = Literal["csv", "npz", "bts3", "session"]

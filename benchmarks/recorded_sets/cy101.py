@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from activetouch.errors import BadRecording
-from activetouch.recorded.tables import require_folder, touches_of_columns
+from activetouch.recorded.formats import require_folder, touches_of_columns
 from activetouch.recorded.touches import RecordedTouches
 from belief.columns import lines_of, require_bounded
 from belief.files import plain_number

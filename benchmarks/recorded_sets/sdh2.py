@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from activetouch.errors import BadRecording
-from activetouch.recorded.tables import require_folder, touches_of_columns
+from activetouch.recorded.formats import require_folder, touches_of_columns
 from activetouch.recorded.touches import RecordedTouches
 from belief.columns import require_bounded
 from benchmarks.recorded_sets.dsa import read_dsa

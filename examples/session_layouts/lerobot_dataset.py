@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from session_touches import SessionTouches, TaxelLayout
 
 from activetouch.errors import BadRecording
-from activetouch.recorded.tables import require_folder
+from activetouch.recorded.formats import require_folder
 from belief.columns import MOST_BYTES, MOST_ROWS
 from belief.errors import CannotWrite
 from belief.files import atomic_path, require_regular_file, write_text

@@ -22,8 +22,7 @@ from belief.errors import ActiveTouchError, InvalidArgument
 from belief.observation_model import RigidBodyModel
 from belief.seeding import arrangement_rng, touch_rng
 from belief.synthetic import sample_arrangement
-from experiments.search.live import Live
-from experiments.search.live_protocol import MOST_BYTES, Conversation, converse, requests
+from experiments.search.live import MOST_BYTES, Conversation, Live, converse, requests
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.usefixtures("sensors_loaded_once")]
 KEY = (7, 3, 0)  # of sensor.search("cone", seed=7)
