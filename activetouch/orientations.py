@@ -58,10 +58,8 @@ class Tumbled(LyingAnyhow):
 class Inexact(LyingAnyhow):
     """Tumbled, in poses that are not reached exactly: every touch turns the object by another small rotation.
 
-    A reader that was trained with cells of this size (``TrainingRecipe.cell``) expects such touches.
-
-    Attributes:
-        error: standard deviation of these rotations about each axis [rad].
+    ``error`` is their standard deviation about each axis [rad]. A reader that was trained with cells of this size
+    (``TrainingRecipe.cell``) expects such touches.
     """
 
     error: float = np.deg2rad(5.6)
@@ -78,11 +76,7 @@ class Inexact(LyingAnyhow):
 
 @dataclass(frozen=True)
 class Upright:
-    """Standing on its base at an unknown heading, tilted a little about a random horizontal axis.
-
-    Attributes:
-        tilt: largest angle from upright [rad]; uniform.
-    """
+    """Standing on its base at any heading, uniformly tilted by up to ``tilt`` [rad] about a random horizontal axis."""
 
     isotropic: ClassVar[bool] = False
 

@@ -66,14 +66,10 @@ def read_columns(
 ) -> Columns:
     """The columns of some names in CSV files, whose rows follow each other, or the arrays in one ``.npz``.
 
-    Args:
-        paths: the files; text files have equal headers.
-        names: of the columns that are read as text, or arrays that are read as they are, where they are there.
-        error: what is raised, for anything that is not such a table or is too large.
-        needed: those of the names without which a file is refused.
-        is_numeric: whether all other columns of CSV are numbers; otherwise they are ignored.
-        is_case_kept: whether the header of CSV is read as it is written; otherwise in small letters.
-        hint: what works where a word stands for a number, or an array is missing; ``{}`` is the name of the column.
+    Text files have equal headers, in small letters unless ``is_case_kept``; the named columns are read as text, and all
+    others, if ``is_numeric``, as numbers. A file without the ``needed`` names, or anything else that is no such table
+    or too large, raises ``error``. ``hint`` says what works where a word stands for a number, or an array is missing;
+    ``{}`` in it is the name of the column.
     """
     if paths[0].suffix == ".npz":
         return _of_npz(paths[0], names, error, needed, hint)

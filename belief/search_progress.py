@@ -109,12 +109,7 @@ class BatchedProgress:
 
 
 def right_outcomes(targets: NDArray[np.int64], arrangements: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The outcome that is right at each object, ``(B, N)``: what :func:`success_of` says where all shapes are known.
-
-    Args:
-        targets: ``(B,)``.
-        arrangements: true shape of every object, ``(B, N)``.
-    """
+    """The outcome that is right at each object, ``(B, N)``, as :func:`success_of` says of known shapes."""
     is_target = arrangements == targets[:, None]
     return np.where(is_target, CONFIRMED, np.where(is_target.any(axis=1, keepdims=True), NEVER, EXHAUSTED))
 
@@ -122,11 +117,8 @@ def right_outcomes(targets: NDArray[np.int64], arrangements: NDArray[np.int64]) 
 class SearchProgress:
     """The state of a search; its arguments are those of :class:`belief.scene_belief.SceneBelief`.
 
-    Attributes:
-        scene: joint belief about all objects.
-        object_index: the current object; the last one stays once it is rejected.
-        outcome: how the search ended; None while it goes on.
-        may_touch: whether the touch limit allows one more touch.
+    ``scene`` is the joint belief, ``object_index`` the current object (the last one stays once it is rejected),
+    ``outcome`` None while the search goes on, and ``may_touch`` whether the touch limit allows one more touch.
     """
 
     object_index: int

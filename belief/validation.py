@@ -73,15 +73,9 @@ def warn_of_one_shape(labels: NDArray[np.integer], num_shapes: int, callers: int
 
 
 def as_logs(name: str, logs: ArrayLike | None, keyword: str, plain: ArrayLike | None) -> Floats:
-    """Logarithms, given as such or as the numbers themselves; a number of zero has the logarithm -inf.
+    """Logarithms ``(..., K)``, given as such or as the ``plain`` numbers, finite and not negative; zero becomes -inf.
 
     Non-negative rows that sum to one and are given as logarithms cause a UserWarning: they look like probabilities.
-
-    Args:
-        name: of the argument ``logs``.
-        logs: logarithms, ``(..., K)``, or None.
-        keyword: name of the argument ``plain``.
-        plain: the numbers themselves, ``(..., K)``, finite and not negative, or None.
     """
     if (logs is None) == (plain is None):
         given = "neither" if logs is None else "both"

@@ -140,11 +140,8 @@ written: list[Path] = []
 class Section:
     """A section of a report; on the page, figures are side by side above the tables.
 
-    Attributes:
-        title: heading; a section without one continues the section before it.
-        sentences: paragraphs; on the page, text between backticks is code.
-        folded: further paragraphs, which the page shows on request, by the line that stands for them.
-        films: searches to step through, as the template ``film.html`` takes them.
+    A section without a title continues the one before it. On the page, text between backticks is code; ``folded`` are
+    paragraphs that it shows on request, by the line that stands for them; ``films`` are for the template ``film.html``.
     """
 
     title: str
@@ -159,11 +156,9 @@ class Section:
 class Report:
     """What a command found: the only writer of pages, tables and figures.
 
-    Attributes:
-        sections: the first sentence of the first section is the verdict.
-        folders: names of the folders of tables and figures; empty for the folder of the page.
-        markdown: name of the file with all sentences and tables as Markdown; none if empty.
-        files: content of further files, such as numbers as JSON, by name.
+    The first sentence of the first section is the verdict. ``folders`` of tables and figures are empty for that of the
+    page; ``markdown`` names a file with all sentences and tables, and ``files`` have further content, such as JSON, by
+    name.
     """
 
     title: str
@@ -181,11 +176,7 @@ class Report:
         return "\n\n".join(pieces)
 
     def save(self, folder: Path) -> Path:
-        """Write ``report.html``, named tables as CSV and LaTeX, figures as SVG and PNG, and the further files.
-
-        Returns:
-            Path of the page.
-        """
+        """Write ``report.html``, named tables as CSV and LaTeX, figures as SVG and PNG, and ``files``; return the page."""
         tables, figures = (folder / name for name in self.folders)
         for section in self.sections:
             for table in (table for table in section.tables if table.name):

@@ -47,12 +47,9 @@ _Key: TypeAlias = tuple[int, tuple[int, ...] | None, float, int, int]
 class ValueOfInformation:
     """Probes the first pose of the best plan if its value exceeds that of stopping; else confirms or rejects.
 
-    Attributes:
-        table: p(outcome | pose, shape).
-        depth: touches to look ahead, 1 or 2.
-        repeats: discounts the value of repeated poses; by default only the poses used least are candidates.
-        max_touches: of one object; by default an equal share of the problem's touch limit. No search is truncated,
-            because an object is confirmed or rejected where the touches of the search are used.
+    ``table`` is p(outcome | pose, shape), ``depth`` 1 or 2 touches ahead. By default only the poses used least are
+    candidates. ``max_touches`` of one object are an equal share of the touch limit by default; no search is truncated,
+    because an object is confirmed or rejected where the touches of the search are used.
     """
 
     table: OutcomeTable

@@ -121,13 +121,7 @@ class EmbeddedWorlds:
 
 
 def sensor_health(model: ArrayModel, reader: TactileReader, scene: Scene) -> SensorHealthModel:
-    """The observation model of a sensor in an unknown state.
-
-    Args:
-        model: of the sensor in the state that its scene describes.
-        reader: of any object, which embeds hypotheses in other states.
-        scene: of the sensor.
-    """
+    """The observation model of a sensor in an unknown state, by a reader of any object, which embeds in other states."""
     described, hypotheses = joint_model(model), reader.hypotheses
     if described is None or not isinstance(hypotheses, ContactHypotheses):
         raise InvalidArgument("the state of a sensor is inferred with a reader of any object and its joint model")

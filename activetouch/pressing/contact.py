@@ -70,15 +70,10 @@ class Pad:
         return np.stack([np.zeros(z.size), y.ravel(), z.ravel()])
 
     def indentation(self, gap: Floats, force: float) -> float:
-        """Depth δ of the deepest taxel under a normal force, in ``[0, max_depth]`` [m].
+        """Depth δ of the deepest taxel under a normal force [N], ≥ 0, in ``[0, max_depth]`` [m].
 
-        Solves F = k·A·∑ max(0, δ − gap). The sum is convex and piecewise linear in δ, so Newton's method from the right
-        ends exactly at the root.
-
-        Args:
-            gap: distance of the surface behind the first point of contact, any array shape, ≥ 0, ``inf`` for taxels
-                beside the object [m].
-            force: normal force [N], ≥ 0.
+        Solves F = k·A·∑ max(0, δ − gap) for gaps [m] of any shape, ``inf`` beside the object. The sum is convex and
+        piecewise linear in δ, so Newton's method from the right ends exactly at the root.
         """
         require_number("force", force, 0.0, FINITE)
         reached = gap.compress((gap < self.max_depth).ravel())  # in two thirds of the time of a mask
@@ -197,14 +192,10 @@ class PressedObject(NamedTuple):
 
 
 def elastic_contact(pad: Pad, gap: Floats, force: float, stiffness: float = 1.0, trace: Trace | None = None) -> Contact:
-    """The contact of a rigid surface with the pad's elastic foundation under a given force (decision 0003).
+    """The contact of a rigid surface with the pad's elastic foundation under a given force [N] (decision 0003).
 
-    Args:
-        pad: the pad.
-        gap: from :func:`surface_gap`.
-        force: normal force [N]; ignored if the object misses the pad.
-        stiffness: of the layer and the object's skin together, relative to the pad's.
-        trace: of the press.
+    The gap is of :func:`surface_gap`; the force is ignored if the object misses the pad. ``stiffness`` is of the layer
+    and the object's skin together, relative to the pad's.
     """
     force = force if np.isfinite(gap.min()) else 0.0
     indentation = pad.indentation(gap, force / stiffness) - gap

@@ -12,8 +12,8 @@ All read columns with :func:`belief.columns.read_columns`, and :func:`touches_of
 * ``bts3``: grasps of objects in three hand poses with three BioTac SP fingers of 24 electrodes, from the BioTac SP
   Stability Set v2 (MIT): ``bts3v2_palm_POSE.csv``, also compressed, with the columns ``object,slipped,ff_biotac_1,…``.
   Whether the object slipped is known only after the touch, and is no feature.
-* ``session``: logs of sessions (docs/session_log.md). A touch counts if it was not taken back and the true shape of its
-  object was revealed. Its features are the pixels of its image, or, where a touch has no image, what a reader said of it.
+* ``session``: logs of sessions (docs/session_log.md). A touch counts if it was not taken back and the true shape of
+  its object was revealed. Its features are the pixels of its image or, where it has none, what a reader said of it.
   Every visit of an object is a session.
 """
 

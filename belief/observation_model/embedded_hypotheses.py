@@ -149,13 +149,10 @@ def scaled(embeddings: Floats, temperature: float) -> Floats32:
 
 
 def log_ratios(embeddings: Floats, table: NDArray[np.floating], temperature: float) -> Floats32:
-    """Log ratios of n touches under embedded hypotheses, ``(n, ...)``, divided by the temperature.
+    """Log ratios ``(n, ...)`` of touches ``(n, D)`` under embedded hypotheses ``(..., D)``, by the temperature.
 
-    Args:
-        embeddings: of the touches, ``(n, D)``.
-        table: of the hypotheses, ``(..., D)``; or ``(..., A · D)`` of A alternatives, such as a nuisance that each
-            touch draws anew: the ratio is their mean.
-        temperature: above 0.
+    A table ``(..., A · D)`` holds A alternatives, such as a nuisance that each touch draws anew: the ratio is their
+    mean.
     """
     width = embeddings.shape[1]
     if table.shape[-1] == width:
@@ -213,12 +210,7 @@ class ReferenceOutcomes:
     logits: Floats
 
     def of(self, chosen: NDArray[np.int64], num_outcomes: int) -> Floats32:
-        """p(reference touch | pose, hypothesis), over reference touches of the pose, ``(P, K, H, M)``.
-
-        Args:
-            chosen: index of H hypotheses of each shape, ``(K, H)``.
-            num_outcomes: M, evenly spaced among the references, or all if there are fewer.
-        """
+        """p(reference touch | pose, hypothesis) of hypotheses ``chosen (K, H)``, ``(P, K, H, M)``; M even references."""
         if (views := self.hypotheses.views) is not None:
             return views.of_all_poses(self.shared(num_outcomes), chosen)
         num_poses, num_shapes, number = self.hypotheses.shape[:3]

@@ -89,13 +89,9 @@ def robustness(
     seed: int = 0,
     jobs: int = 1,
 ) -> RobustnessReport:
-    """Search among the same objects under changed conditions.
+    """Search among the same objects under changed conditions, keys of ``conditions.CONDITIONS``, all by default.
 
-    Args:
-        named: the scene that the sensor was trained in, and its search.
-        conditions: keys of :data:`~experiments.robustness.conditions.CONDITIONS`; all by default.
-        searches: for every target, by information gain, under every condition.
-        jobs: number of processes; the results do not depend on it.
+    There are so many ``searches`` for every target, by information gain, under every condition.
     """
     scenes, left_out = applicable_conditions(named.scene, conditions)
     shared = Shared(scenes)

@@ -43,11 +43,7 @@ DEFAULT_DECIDERS = ("information_gain", "point_based", "threshold", "random_conf
 
 @dataclass(frozen=True, eq=False)
 class Comparison(Summary, Tabular):
-    """A finished comparison; ``print(comparison)`` shows its table.
-
-    Attributes:
-        run: how it was played; None if it was computed from episodes alone.
-    """
+    """A finished comparison, which prints as its table; ``run`` is None if it was computed from episodes alone."""
 
     run: Run | None = field(default=None, kw_only=True)
 
@@ -71,12 +67,7 @@ class Comparison(Summary, Tabular):
         return self.table().without(["ms/touch"]).latex()
 
     def plot(self, axes: Axes, name: str = "success") -> None:
-        """Draw a figure of the report, in the style of the caller.
-
-        Args:
-            axes: matplotlib axis.
-            name: ``success``, by target, or ``frontier``, against touches.
-        """
+        """Draw ``success``, by target, or ``frontier``, against touches, on a matplotlib axis, in the style of the caller."""
         from experiments.search.page import FIGURES  # loads matplotlib
 
         if name not in FIGURES:
@@ -87,9 +78,7 @@ class Comparison(Summary, Tabular):
     def load(cls, folder: str | Path, *, trust: bool = False) -> Comparison:
         """The latest comparison of a run folder; nothing is played, and no sensor is needed.
 
-        Args:
-            folder: folder of a finished comparison.
-            trust: whether to run code of your own that the folder names, such as a scene ``module:attribute``.
+        ``trust`` allows code of your own that the folder names, such as a scene ``module:attribute``.
         """
         held = RunFolder(Path(folder))
         stored = held.read_run()
@@ -102,14 +91,7 @@ class Comparison(Summary, Tabular):
         return verdict_sentences(self)
 
     def save(self, folder: str | Path) -> Path:
-        """Write ``report.html`` with its figures and tables, and ``episodes.jsonl``.
-
-        Args:
-            folder: folder to write.
-
-        Returns:
-            Path of the page.
-        """
+        """Write ``report.html`` with its figures and tables, and ``episodes.jsonl``; return the path of the page."""
         from experiments.search.page import report_of  # loads matplotlib
 
         if self.run is None:

@@ -44,20 +44,12 @@ _Row: TypeAlias = tuple[str, dict[str, str]]
 class ResultsComparison(Reported):
     """Success of several policies on the same episodes, their differences, and these minus controls.
 
-    Attributes:
-        keys: task and seed of the N episodes that are in all files, in the order of the first.
-        success: by policy and by control, ``(N,)``.
-        length: steps or touches by policy and by control, ``(N,)``; NaN where a file does not state it.
-        left_out: number of episodes of each file that are not in all files.
-        numbered: names of the files without seeds, whose episodes are paired by their number within a task.
-        reference: policy that the others are compared with.
-        control: name of the control of each policy; empty without controls.
-        differences: by (policy, task), every other policy minus the reference; the task :data:`ALL` is all together,
-            and others are there only if there are several.
-        over_control: in the same way, every policy minus its control.
-        beyond_controls: by (policy, task), the difference in success from the reference before each policy's own
-            control is subtracted, and after it with its 95 % bootstrap interval; empty unless all have one of their
-            own.
+    ``keys`` are task and seed of the N episodes that are in all files; ``success`` and ``length`` (NaN where a file
+    does not state it) are by policy and by control, ``(N,)``. ``left_out`` counts the episodes of each file that are
+    not in all; ``numbered`` names files without seeds, whose episodes are paired by their number within a task.
+    ``control`` names the control of each policy. By (policy, task), with :data:`ALL` for all tasks together:
+    ``differences`` from the ``reference``, every policy ``over_control``, and, where each has a control of its own,
+    ``beyond_controls``, the difference before and after the controls are subtracted, with its 95 % bootstrap interval.
     """
 
     keys: Sequence[Key]
@@ -155,13 +147,9 @@ def compare_results(
     """Read and compare CSV files, or npz, with the columns :data:`NEEDED`, ``eval_info.json`` of LeRobot, or runs.
 
     A file is called by its name without ending, or by its folder and name if several are called alike. A run is as many
-    policies as it has deciders, called as there; its seeds are the keys of its searches, and its tasks the targets.
-
-    Args:
-        files: one for each policy, or the folder of a run of ``compare``; an ending of ``.json`` means LeRobot's.
-        reference: name of the policy that the others are compared with; the first by default.
-        control: the same episodes without what is tested: none, one file for all policies, or one for each.
-        seed: of the bootstraps.
+    policies as it has deciders, called as there; its seeds are the keys of its searches, and its tasks the targets. The
+    others are compared with the ``reference``, the first by default. ``control`` are the same episodes without what is
+    tested: none, one file for all policies, or one for each. The ``seed`` is of the bootstraps.
     """
     paths = [Path(file) for file in files]
     read = [(path, *column) for path in (*paths, *map(Path, control)) for column in _columns(path)]

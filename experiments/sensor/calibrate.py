@@ -170,10 +170,7 @@ def calibrate(
 ) -> Calibration:
     """Fit observation models to the calibration split of a collection, keep the best, and evaluate on the test split.
 
-    Args:
-        data: folder of the collection, whose objects are better touched several times in every pose.
-        scene: scene of the touches, if it is known; without it, no model is about one rigid body.
-        models: functions that fit the models to choose from, by name; all by default.
+    Objects are better touched several times in every pose. Without a ``scene``, no model is about one rigid body.
     """
     manifest = read_manifest(data)
     candidates = candidate_models(models, reader, scene)

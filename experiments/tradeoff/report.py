@@ -159,12 +159,7 @@ class Measured:
 
 @dataclass(frozen=True, eq=False)
 class TradeoffReport(Reported):
-    """Measured configurations, and the recommended ones; prints as tables and recommendations.
-
-    Attributes:
-        least_success: lowest acceptable success.
-        most_ms: longest acceptable time per touch [ms].
-    """
+    """Measured configurations, and those recommended for a least success and a longest time per touch [ms]."""
 
     points: Sequence[Measured]
     least_success: float = 0.98
