@@ -176,7 +176,7 @@ class Report:
         return "\n\n".join(pieces)
 
     def save(self, folder: Path) -> Path:
-        """Write ``report.html``, named tables as CSV and LaTeX, figures as SVG and PNG, and ``files``; return the page."""
+        """Write ``report.html``, tables as CSV and LaTeX, figures as SVG and PNG, and ``files``; return the page."""
         tables, figures = (folder / name for name in self.folders)
         for section in self.sections:
             for table in (table for table in section.tables if table.name):

@@ -121,7 +121,7 @@ class EmbeddedWorlds:
 
 
 def sensor_health(model: ArrayModel, reader: TactileReader, scene: Scene) -> SensorHealthModel:
-    """The observation model of a sensor in an unknown state, by a reader of any object, which embeds in other states."""
+    """The observation model of a sensor in an unknown state; a reader of any object embeds in other states."""
     described, hypotheses = joint_model(model), reader.hypotheses
     if described is None or not isinstance(hypotheses, ContactHypotheses):
         raise InvalidArgument("the state of a sensor is inferred with a reader of any object and its joint model")

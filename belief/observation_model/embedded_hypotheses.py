@@ -210,7 +210,7 @@ class ReferenceOutcomes:
     logits: Floats
 
     def of(self, chosen: NDArray[np.int64], num_outcomes: int) -> Floats32:
-        """p(reference touch | pose, hypothesis) of hypotheses ``chosen (K, H)``, ``(P, K, H, M)``; M even references."""
+        """p(reference touch | pose, hypothesis) of hypotheses ``chosen (K, H)``, ``(P, K, H, M)``; M are even."""
         if (views := self.hypotheses.views) is not None:
             return views.of_all_poses(self.shared(num_outcomes), chosen)
         num_poses, num_shapes, number = self.hypotheses.shape[:3]

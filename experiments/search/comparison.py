@@ -67,7 +67,7 @@ class Comparison(Summary, Tabular):
         return self.table().without(["ms/touch"]).latex()
 
     def plot(self, axes: Axes, name: str = "success") -> None:
-        """Draw ``success``, by target, or ``frontier``, against touches, on a matplotlib axis, in the style of the caller."""
+        """Draw ``success``, by target, or ``frontier``, against touches, on a matplotlib axis, in the caller's style."""
         from experiments.search.page import FIGURES  # loads matplotlib
 
         if name not in FIGURES:
