@@ -67,7 +67,7 @@ class Comparison(Summary, Tabular):
         return self.table().without(["ms/touch"]).latex()
 
     def plot(self, axes: Axes, name: str = "success") -> None:
-        """Draw ``success``, by target, or ``frontier``, against touches, on a matplotlib axis, in the caller's style."""
+        """Draw ``success``, by target, or ``frontier``, against touches, on an axis of matplotlib, in its style."""
         from experiments.search.page import FIGURES  # loads matplotlib
 
         if name not in FIGURES:
