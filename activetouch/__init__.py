@@ -19,27 +19,22 @@ from activetouch.named_scenes import SCENES
 from activetouch.poses import POSES
 from activetouch.scene import Dynamic, Quasistatic, Scene
 from activetouch.shapes import SHAPES
+from belief.naming import later
 
 if TYPE_CHECKING:
+    from activetouch.mesh_source import read_meshes
     from activetouch.pressing.height_maps import Window, predicted_contacts
     from activetouch.sensor import RecordedSensor, Sensor, TactileSensor
     from activetouch.world import TouchWorld
 
-_LATER = {
-    "RecordedSensor": "activetouch.sensor",
-    "Sensor": "activetouch.sensor",
-    "TactileSensor": "activetouch.sensor",
-    "TouchWorld": "activetouch.world",
-    "calibration_report": "experiments.calibration.calibration_report",
-    "certify": "experiments.search.certify",
-    "compare": "experiments.search.comparison",
-    "find": "experiments.meshes.find",
-    "identify": "experiments.meshes.identify",
-    "make_sensor": "experiments.sensor.make_sensor",
-    "predicted_contacts": "activetouch.pressing.height_maps",
-    "read_meshes": "activetouch.mesh_source",
-    "Window": "activetouch.pressing.height_maps",
-}
+_OF_COMMANDS = {
+    "calibration_report": "calibration.calibration_report",
+    "certify": "search.certify",
+    "compare": "search.comparison",
+    "find": "meshes.find",
+    "identify": "meshes.identify",
+    "make_sensor": "sensor.make_sensor",
+}  # functions by the modules of experiments
 
 __all__ = [
     "POSES",
@@ -65,14 +60,16 @@ __all__ = [
 ]
 
 
+_load, __dir__ = later(__name__)
+
+
 def __getattr__(name: str) -> Any:
     """The value of a lazily loaded name, or the version."""
-    if name in _LATER:
-        if _LATER[name].startswith("experiments."):
-            require_own_packages("planners", "experiments")
-        return getattr(importlib.import_module(_LATER[name]), name)
+    if name in _OF_COMMANDS:
+        require_own_packages("planners", "experiments")
+        return getattr(importlib.import_module(f"experiments.{_OF_COMMANDS[name]}"), name)
     if name == "__version__":
         from importlib.metadata import version
 
         return version("activetouch")
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return _load(name)

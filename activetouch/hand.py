@@ -27,11 +27,8 @@ import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
 
-from activetouch.distributions import Distribution, Uniform
-from activetouch.errors import WrongScene
-from activetouch.hypotheses import quantiles
-from activetouch.placement import Placement
-from activetouch.poses import Quaternion, multiply, require_unit, to_matrix, turn
+from activetouch.distributions import Distribution, Uniform, quantiles
+from activetouch.poses import Placement, Quaternion, multiply, require_unit, to_matrix, turn
 from belief.constraints import Within, check
 from belief.errors import InvalidArgument, UnknownName
 from belief.frozen import frozen
@@ -66,10 +63,6 @@ class Hand:
             draws it anew. ``kept``: it is latent, drawn once for each object, and turns with it.
         travel: standard deviation of the measured position of each finger where it stops [m]; None if it is not
             measured.
-
-    Raises:
-        InvalidArgument: there is no finger, a rotation is no unit quaternion, two fingers are in one place, no forces
-            of several fingers balance each other, or offset or travel is none of these.
 
     >>> Hand.three_finger().forces.round(6).tolist()
     [1.0, 1.0, 1.0]
@@ -242,9 +235,3 @@ def hand_named(hand: Hand | str) -> Hand:
     if not isinstance(hand, Hand):
         raise InvalidArgument(f"hand must be a Hand or one of {few(list(HANDS))}, got {hand!r:.80}")
     return hand
-
-
-def require_no_hand(hand: Hand | None, what: str) -> None:
-    """Check that there is no hand."""
-    if hand is not None:
-        raise WrongScene(f"{what} takes single touches, and the scene has a hand of {len(hand)}; leave it out")

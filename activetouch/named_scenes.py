@@ -19,9 +19,8 @@ from types import MappingProxyType
 
 from activetouch.distributions import Uniform
 from activetouch.poses import POSE_SETS
+from activetouch.pressing.contact import Pad, Quasistatic
 from activetouch.pressing.dynamic import GuardedMove
-from activetouch.pressing.pad import Pad
-from activetouch.pressing.press import Quasistatic
 from activetouch.rendering import DeadTaxels, ForcePatchRenderer, Gain, Noise, PressureRenderer
 from activetouch.scene import Scene, Variation
 from activetouch.shapes import EXTENDED_SHAPES, KEYED_SHAPES

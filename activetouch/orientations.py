@@ -12,7 +12,7 @@ from typing import Annotated, ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.hypotheses import quaternions
+from activetouch.distributions import quaternions
 from activetouch.poses import Quaternion, multiply, random_orientation, turn
 from belief.constraints import Checked, Within
 
@@ -61,10 +61,8 @@ class Tumbled(LyingAnyhow):
 class Inexact(Checked, LyingAnyhow):
     """Tumbled, in poses that are not reached exactly: every touch turns the object by another small rotation.
 
-    A reader that was trained with cells of this size (``TrainingRecipe.cell``) expects such touches.
-
-    Attributes:
-        error: standard deviation of these rotations about each axis [rad].
+    ``error`` is their standard deviation about each axis [rad]. A reader that was trained with cells of this size
+    (``TrainingRecipe.cell``) expects such touches.
     """
 
     error: Annotated[float, _ANGLE] = np.deg2rad(5.6)
@@ -77,11 +75,7 @@ class Inexact(Checked, LyingAnyhow):
 
 @dataclass(frozen=True)
 class Upright(Checked):
-    """Standing on its base at an unknown heading, tilted a little about a random horizontal axis.
-
-    Attributes:
-        tilt: largest angle from upright [rad]; uniform.
-    """
+    """Standing on its base at any heading, uniformly tilted by up to ``tilt`` [rad] about a random horizontal axis."""
 
     isotropic: ClassVar[bool] = False
 

@@ -1,4 +1,4 @@
-"""The exploration poses: rotations that turn different sides of the object to the pad.
+"""The exploration poses, which turn different sides of the object to the pad; objects, and where they lie.
 
 A pose is applied after the object's unknown orientation. The six poses of the ``mix`` set are views along faces, edges
 and a corner of a cube in the object's frame; the set ``directions26`` has all of its faces, edges and corners. In a
@@ -11,13 +11,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import product
+from math import isfinite
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from activetouch.solids.solid import Shape
 from belief.errors import InvalidArgument, UnknownName
 
 Quaternion = NDArray[np.float64]
@@ -160,3 +163,65 @@ def checked_aims(
         if np.shape(aim) != (2,) or not np.isfinite(aim).all():
             raise InvalidArgument(f"the aim of the pose {label!r} must be two finite numbers [m], got {aim!r}")
     return {label: (float(given[label][0]), float(given[label][1])) for label in poses if any(given.get(label, ()))}
+
+
+@dataclass(frozen=True, eq=False)
+class WorldObject:
+    """One physical object, as it is for a whole episode.
+
+    Attributes:
+        shape_index: index of its shape.
+        scale: its size factor.
+        orientation: orientation in which it was put on its guide, ``wxyz``.
+        friction: friction coefficient of its surface.
+        stiffness: stiffness of its skin together with the pad's layer, relative to the layer's alone.
+        member: its solid at nominal size, where its shape is a family; None for any other shape, and for the nominal
+            solid of a family.
+        offset: displacement of its centre from the middle of the palm before a pose turns it, ``(3,)`` [m], if a hand
+            keeps it.
+    """
+
+    shape_index: int
+    scale: float
+    orientation: Quaternion
+    friction: float = 1.0
+    stiffness: float = 1.0
+    member: Shape | None = None
+    offset: NDArray[np.float64] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """An object in front of the pad, ready to be pressed.
+
+    ``orientation`` is a unit quaternion ``wxyz`` from the object's frame to the pad's; ``offset (2,)`` is the position
+    of its centre from the approach axis, along y and z [m]; ``friction`` is the coefficient of sliding friction on the
+    pad; ``stiffness`` is that of the pad's layer and the object's skin together, relative to the pad's alone.
+    """
+
+    shape: Shape
+    scale: float
+    orientation: Quaternion
+    offset: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2))
+    friction: float = 1.0
+    stiffness: float = 1.0
+
+    def __post_init__(self) -> None:
+        numbers = (self.scale, self.friction, self.stiffness, *self.offset, *self.orientation)
+        if not (all(map(isfinite, numbers)) and min(self.scale, self.stiffness) > 0.0 and self.friction >= 0.0):
+            raise ValueError(
+                f"scale and stiffness must be above zero, friction at least zero, all finite; got {self}, friction "
+                f"{self.friction}, stiffness {self.stiffness}"
+            )
+        require_unit("orientation", self.orientation)
+
+    @property
+    def bounding_radius(self) -> float:
+        """Radius of the smallest ball about its centre that contains it [m]."""
+        return self.shape.bounding_radius * self.scale
+
+    def __str__(self) -> str:
+        return (
+            f"{self.shape} at scale {self.scale:.3g} in orientation {np.round(self.orientation, 4).tolist()}, "
+            f"offset {np.asarray(self.offset).tolist()} m"
+        )

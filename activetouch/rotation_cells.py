@@ -17,7 +17,7 @@ import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import NDArray
 
-from activetouch.hypotheses import Floats
+from activetouch.distributions import Floats
 from activetouch.poses import facing, hamilton_product, turn
 from activetouch.solids.solid import on_spiral
 from belief.coarse_to_fine import NestedCells

@@ -18,23 +18,26 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from activetouch.distributions import Variation
-from activetouch.errors import BadMesh, UnstablePress
-from activetouch.hand import Hand, hand_named
-from activetouch.hypotheses import Bodies, member_shares, sizes
-from activetouch.mesh_source import MeshSource
+from activetouch.distributions import Bodies, Variation, member_shares, sizes
+from activetouch.errors import BadMesh, UnstablePress, WrongScene
 from activetouch.orientations import Presentation, Tumbled
-from activetouch.placement import Placement, WorldObject
-from activetouch.poses import POSE_SETS, POSES, Quaternion, checked_aims, require_unit, to_matrix
-from activetouch.pressing.contact import Contact, PressedObject, missed
+from activetouch.poses import (
+    POSE_SETS,
+    POSES,
+    Placement,
+    Quaternion,
+    WorldObject,
+    checked_aims,
+    require_unit,
+    to_matrix,
+)
+from activetouch.pressing.contact import Contact, Pad, Press, PressedObject, Quasistatic, missed
 from activetouch.pressing.dynamic import Dynamic
-from activetouch.pressing.pad import Pad
-from activetouch.pressing.press import Press, Quasistatic
 from activetouch.rendering import Fault, Gain, Noise, PressureRenderer, TactileRenderer, read_out
 from activetouch.rendering.faults import require_faults
 from activetouch.rendering.renderer import require_image, require_renderer
@@ -44,6 +47,9 @@ from activetouch.solids.solid import Shape, require_hash
 from belief.errors import InvalidArgument, UnknownName
 from belief.naming import Name, few, index_of, one_line
 from belief.validation import require_count
+
+if TYPE_CHECKING:
+    from activetouch.hand import Hand
 
 __all__ = ["Dynamic", "PressedObject", "Quasistatic", "Scene", "Symmetry", "Variation", "WorldObject"]
 
@@ -70,7 +76,7 @@ class Scene:
         poses: the exploration poses, by label; their order is the pose index. A name stands for a set of
             :data:`activetouch.poses.POSE_SETS`: ``"mix"`` or ``"directions26"``.
         pad: the tactile pad.
-        press_model: how a press comes to its force (:mod:`activetouch.pressing.press`).
+        press_model: how a press comes to its force (:mod:`activetouch.pressing.contact`).
         renderer: from contact to ideal image, by the rule of :class:`activetouch.rendering.TactileRenderer`.
         faults: from ideal image to sensor reading, in turn.
         variation: nuisances of objects and presses.
@@ -103,7 +109,11 @@ class Scene:
         for label, rotation in self.rotations.items():
             require_unit(f"the pose {label!r}", rotation)
         object.__setattr__(self, "aims", checked_aims(self.aims, self.rotations))
-        solids = {k: MeshSource.parse(v).read() if isinstance(v, Path | str) else v for k, v in self.shapes.items()}
+        solids = dict(self.shapes)
+        if files := {label: file for label, file in solids.items() if isinstance(file, Path | str)}:
+            from activetouch.mesh_source import MeshSource
+
+            solids |= {label: MeshSource.parse(file).read() for label, file in files.items()}
         object.__setattr__(self, "shapes", solids)
         for label, solid in self.solids.items():
             members = ("bounding_radius", "geom", "surface")  # of the class, so that no property is computed
@@ -123,6 +133,8 @@ class Scene:
             if isinstance(given, type) or not callable(getattr(given, method, None)):
                 raise InvalidArgument(f"{name} must be an object such as {works}, got {given!r}")
         if self.hand is not None:
+            from activetouch.hand import hand_named
+
             object.__setattr__(self, "hand", hand_named(self.hand))
             if not self.press_model.closes:
                 raise InvalidArgument(f"a hand closes by Quasistatic() or Closing(), not by {self.press_model!r}")
@@ -190,6 +202,8 @@ class Scene:
         Raises:
             UnknownName: there is no hand of this name.
         """
+        from activetouch.hand import hand_named
+
         return replace(self, hand=hand_named(hand), press_model=press_model or Quasistatic())
 
     def image(self, contact: Contact) -> NDArray[np.floating]:
@@ -250,7 +264,7 @@ class Scene:
 
         Args:
             shape: label or index.
-            shares: where each hypothesis is in a family, ``(N,)``, from :func:`activetouch.hypotheses.member_shares`.
+            shares: where each hypothesis is in a family, ``(N,)``, of :func:`activetouch.distributions.member_shares`.
                 It is the same for all shapes; a part of it gives a part of the hypotheses.
 
         Returns:
@@ -262,7 +276,7 @@ class Scene:
         """
         if not ((shares >= 0.0) & (shares < 1.0)).all():  # False for NaN
             raise InvalidArgument(
-                f"shares must be in [0, 1), from activetouch.hypotheses.member_shares; got {shares!r:.80}"
+                f"shares must be in [0, 1), from activetouch.distributions.member_shares; got {shares!r:.80}"
             )
         label = self.shape_labels[index_of("shape", self.shape_labels, shape)]
         if label in self.families:
@@ -366,3 +380,9 @@ class Scene:
             depth, *across = to_matrix(self.rotations[self.pose_labels[index]]) @ obj.offset
             in_palm = replace(in_palm, offset=self.aim_offsets[index] + across)
         return in_palm, depth
+
+
+def require_no_hand(hand: Hand | None, what: str) -> None:
+    """Check that there is no hand."""
+    if hand is not None:
+        raise WrongScene(f"{what} takes single touches, and the scene has a hand of {len(hand)}; leave it out")

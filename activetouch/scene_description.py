@@ -26,7 +26,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from activetouch.errors import WrongScene
-from activetouch.solids.mesh import Mesh
 from belief.files import source_digest
 
 if TYPE_CHECKING:
@@ -118,8 +117,6 @@ def described(value: Any, depth: int = 0) -> Any:
         return str(value)
     if isinstance(value, ModuleType):
         return value.__name__
-    if isinstance(value, Mesh):
-        return {"class": "Mesh", "triangles": len(value.faces), "sha256": value.digest}
     if depth > _DEEPEST:
         return repr(value)
     if isinstance(value, Mapping):  # a list, because JSON objects have no order
@@ -127,7 +124,10 @@ def described(value: Any, depth: int = 0) -> Any:
     if isinstance(value, Sequence | frozenset | set):
         parts = sorted(value) if isinstance(value, frozenset | set) else value
         return [described(part, depth + 1) for part in parts]
-    return {**_class_of(value), **_state(value, depth)}
+    own = _class_of(value)
+    if own == {"class": "Mesh"}:  # of :mod:`activetouch.solids.mesh`
+        return {**own, "triangles": len(value.faces), "sha256": value.digest}
+    return {**own, **_state(value, depth)}
 
 
 def _array(value: np.ndarray) -> Any:

@@ -7,11 +7,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from activetouch.errors import LabelMismatch, NoIndependentModel, WrongScene
-from activetouch.hand import require_no_hand
 from activetouch.perception.card import read_card
-from activetouch.perception.contacts.imaging import Imaging
-from activetouch.perception.contacts.sensor_state import differs_from_training, fields_read
-from activetouch.scene import Scene
+from activetouch.perception.imaging import Imaging, differs_from_training, fields_read
+from activetouch.scene import Scene, require_no_hand
 from activetouch.scene_description import OBJECTS, require_scene, scene_fields
 from belief.errors import CorruptFile, InvalidArgument
 from belief.files import require_regular_file

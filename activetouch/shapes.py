@@ -11,13 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy  # whose parts load at first use
 
 from activetouch.errors import BadMesh
 from activetouch.solids.family import Family
-from activetouch.solids.mesh import Mesh
 from activetouch.solids.primitives import (
     Box,
     Capsule,
@@ -35,6 +35,10 @@ from activetouch.solids.primitives import (
     Wedge,
 )
 from activetouch.solids.solid import Geom, Shape
+from belief.naming import later
+
+if TYPE_CHECKING:
+    from activetouch.solids.mesh import Mesh
 
 __all__ = [
     "EXTENDED_SHAPES",
@@ -121,3 +125,6 @@ def is_own_mirror_image(shape: Shape) -> bool:
     corners = shape.surface.vertices.T
     tree, turns = scipy.spatial.cKDTree(corners), scipy.spatial.transform.Rotation.create_group("O").as_matrix()
     return any(np.max(tree.query(corners @ -turn)[0]) < _SAME for turn in np.rint(turns))
+
+
+__getattr__, __dir__ = later(__name__)

@@ -22,8 +22,7 @@ from activetouch.scene import Scene, WorldObject
 from belief.errors import InvalidArgument
 from belief.naming import Name, few, one_line
 from belief.problem import SearchProblem, Touch
-from belief.seeding import arrangement_rng
-from belief.synthetic import sample_arrangement
+from belief.seeding import arrangement_rng, sample_arrangement
 
 
 class Presses(Protocol):

@@ -6,11 +6,12 @@ module at first use, so that a program pays for what it uses.
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from belief.naming import later
 
 if TYPE_CHECKING:
-    from belief.categorical import Belief
+    from belief.bayes import Belief
     from belief.composition import AtMostOne, Composition, Counts
     from belief.errors import ActiveTouchError, ImpossibleObservation, ZeroPriorTarget
     from belief.observation_model.evidence import ObjectEvidence
@@ -38,24 +39,4 @@ __all__ = [
     "ZeroPriorTarget",
 ]
 
-_HOMES = {
-    "categorical": "Belief",
-    "composition": "AtMostOne Composition Counts",
-    "errors": "ActiveTouchError ImpossibleObservation ZeroPriorTarget",
-    "observation_model.evidence": "ObjectEvidence",
-    "problem": "Confirm Probe Reject SearchProblem Touch TouchHistory Unsure",
-    "scene_belief": "BeliefTracker SceneBelief SceneView",
-}
-
-
-def __getattr__(name: str) -> Any:
-    """A public name, from the module that defines it."""
-    for home, names in _HOMES.items():
-        if name in names.split():
-            found = globals()[name] = getattr(importlib.import_module(f"belief.{home}"), name)
-            return found
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = later(__name__)

@@ -1,10 +1,15 @@
-"""Shapes and poses by label or index, and seeds as one number or several."""
+"""Shapes and poses by label or index; names in messages; names of packages that load their modules at first use."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import ast
+import inspect
+import sys
+from collections.abc import Callable, Sequence
+from functools import cache
+from importlib import import_module
 from numbers import Integral
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from belief.errors import InvalidArgument, UnknownName
 
@@ -67,3 +72,22 @@ def few(labels: Sequence[str], most: int = 4) -> str:
     """The first labels, and the number of further ones."""
     shown = ", ".join(labels[:most])
     return shown if len(labels) <= most else f"{shown} and {len(labels) - most} more"
+
+
+def later(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+    """``__getattr__`` and ``__dir__`` of a package: the names that it imports under TYPE_CHECKING load at first use."""
+    module = sys.modules[package]
+
+    @cache
+    def homes() -> dict[str, str]:
+        blocks = [node.body for node in ast.parse(inspect.getsource(module)).body if isinstance(node, ast.If)]
+        imports = [node for body in blocks for node in body if isinstance(node, ast.ImportFrom)]
+        return {alias.name: str(node.module) for node in imports for alias in node.names}
+
+    def load(name: str) -> Any:
+        if name.startswith("__") or name not in homes():
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        setattr(module, name, found := getattr(import_module(homes()[name]), name))
+        return found
+
+    return load, lambda: sorted({*vars(module), *homes()})

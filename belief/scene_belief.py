@@ -16,8 +16,7 @@ from belief.arrangement import (
     prob_at_most_one_present,
     prob_shape_absent,
 )
-from belief.bayes import update
-from belief.categorical import Belief
+from belief.bayes import Belief, update
 from belief.composition import AtMostOne, Composition
 from belief.conflict import continued_bets, log_conflict
 from belief.errors import ImpossibleObservation, InvalidArgument, ZeroPriorTarget

@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from belief.categorical import Belief
+from belief.bayes import Belief
 from belief.naming import Name
 from belief.observation_model.model import ObservationModel
 from belief.problem import Action, Confirm, Probe, Reject, SearchProblem, Touch, Unsure
@@ -109,12 +109,7 @@ class BatchedProgress:
 
 
 def right_outcomes(targets: NDArray[np.int64], arrangements: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The outcome that is right at each object, ``(B, N)``: what :func:`success_of` says where all shapes are known.
-
-    Args:
-        targets: ``(B,)``.
-        arrangements: true shape of every object, ``(B, N)``.
-    """
+    """The outcome that is right at each object, ``(B, N)``, as :func:`success_of` says of known shapes."""
     is_target = arrangements == targets[:, None]
     return np.where(is_target, CONFIRMED, np.where(is_target.any(axis=1, keepdims=True), NEVER, EXHAUSTED))
 
@@ -122,9 +117,13 @@ def right_outcomes(targets: NDArray[np.int64], arrangements: NDArray[np.int64]) 
 class SearchProgress:
     """The state of a search; its arguments are those of :class:`belief.scene_belief.SceneBelief`.
 
-    Attributes:
-        scene: joint belief about all objects.
+    ``scene`` is the joint belief, ``object_index`` the current object (the last one stays once it is rejected),
+    ``outcome`` None while the search goes on, and ``may_touch`` whether the touch limit allows one more touch.
     """
+
+    object_index: int
+    outcome: Outcome | None
+    may_touch: bool
 
     def __init__(
         self,
@@ -138,6 +137,12 @@ class SearchProgress:
         self.problem = problem
         self.scene = SceneBelief(problem, model, prior, target=target, log_bets=log_bets)
         self._one = BatchedProgress(problem, 1)
+        self._see()
+
+    def _see(self) -> None:
+        """Read where the search is."""
+        self.object_index, self.outcome = int(self._one.objects[0]), self._one.outcome(0)
+        self.may_touch = bool(self._one.may_touch[0])
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state, scene=copy(state["scene"]), _one=deepcopy(state["_one"]))
@@ -152,21 +157,6 @@ class SearchProgress:
         """Number of touches of the whole search, misses included."""
         return int(self._one.num_touches[0])
 
-    @property
-    def outcome(self) -> Outcome | None:
-        """How the search ended; None while it goes on."""
-        return self._one.outcome(0)
-
-    @property
-    def object_index(self) -> int:
-        """The current object; the last one stays once it is rejected."""
-        return int(self._one.objects[0])
-
-    @property
-    def may_touch(self) -> bool:
-        """Whether the touch limit allows one more touch."""
-        return bool(self._one.may_touch[0])
-
     def uses(self, pose: int) -> int:
         """Number of earlier touches of the current object in a pose."""
         return int(self.scene.touches(self.object_index).uses(self.problem.num_poses)[pose])
@@ -174,12 +164,13 @@ class SearchProgress:
     def touch(self, touch: Touch) -> Belief:
         """Count a touch of the current object, and return the posterior about it."""
         belief = self.scene.update(self.object_index, [touch])
-        self._one.num_touches += 1
+        self.miss()
         return belief
 
     def miss(self) -> None:
         """Count a press without contact, which is no evidence: it takes its time, so the touch limit counts it."""
         self._one.num_touches += 1
+        self._see()
 
     def act(self, action: Action) -> Outcome | None:
         """Carry out an action that is no touch, and return how the search ended, or None.
@@ -189,6 +180,7 @@ class SearchProgress:
         kinds = [isinstance(action, kind) for kind in (Confirm, Reject, Unsure)]
         index = action.pose if isinstance(action, Probe) else self.problem.num_poses + kinds.index(True)
         self._one.act(np.array([index]), np.array([False]))
+        self._see()
         return self.outcome
 
 

@@ -14,7 +14,9 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from belief.composition import AtMostOne, Composition
 from belief.errors import InvalidArgument
+from belief.problem import SearchProblem
 
 _MARK = 2**32 - 1  # the largest word: before a number that does not fit below it, or at the end of a short key
 _POOL = 4  # words to which numpy pads shorter keys
@@ -65,6 +67,31 @@ def touch_rng(seed: int | Sequence[int], object_index: int, pose: int, repeat: i
 def arrangement_rng(seed: int | Sequence[int]) -> np.random.Generator:
     """Generator of an episode's objects: their shapes, sizes and orientations."""
     return _of_episode(seed, _ARRANGING)
+
+
+def sample_arrangement(problem: SearchProblem, rng: np.random.Generator) -> tuple[int, ...]:
+    """True shapes of all objects, drawn from the problem's composition.
+
+    >>> from belief import Counts
+    >>> bag = Counts({"cube": 2, "cone": 1})
+    >>> problem = SearchProblem(("cube", "cone", "sphere"), ("front",), num_objects=3, composition=bag)
+    >>> sample_arrangement(problem, np.random.default_rng(0))
+    (1, 0, 0)
+    """
+    if isinstance(problem.composition, AtMostOne):
+        target = problem.shape_labels.index(problem.composition.label)
+        others = rng.permutation(np.delete(np.arange(problem.num_shapes), target))
+        shapes = np.resize(others, problem.num_objects + 1)  # different ones where there are enough
+        shapes[rng.integers(problem.num_objects + 1)] = target
+        shapes = shapes[: problem.num_objects]
+    elif problem.composition is Composition.AT_MOST_ONE:
+        raise InvalidArgument("at most one object has the target's shape, and no target is known: problem.seeking(it)")
+    elif problem.counts is None:
+        shapes = rng.integers(problem.num_shapes, size=problem.num_objects)
+    else:
+        bag = np.repeat(np.arange(problem.num_shapes), problem.counts)
+        shapes = rng.permutation(bag)[: problem.num_objects]
+    return tuple(int(shape) for shape in shapes)
 
 
 def deciding_rng(seed: int | Sequence[int]) -> np.random.Generator:

@@ -8,39 +8,16 @@ import numpy as np
 from scipy.special import softmax
 
 from belief.calibration import TemperatureScaling
-from belief.composition import AtMostOne, Composition
 from belief.constraints import FINITE, require_rule
 from belief.errors import InvalidArgument
 from belief.naming import Name, index_of
 from belief.observation_model.confusion import ConfusionModel
 from belief.observation_model.model import ObservationModel
-from belief.problem import SearchProblem, Touch
+from belief.problem import Touch
+from belief.seeding import sample_arrangement
 from belief.validation import require_count
 
-
-def sample_arrangement(problem: SearchProblem, rng: np.random.Generator) -> tuple[int, ...]:
-    """True shapes of all objects, drawn from the problem's composition.
-
-    >>> from belief import Counts
-    >>> bag = Counts({"cube": 2, "cone": 1})
-    >>> problem = SearchProblem(("cube", "cone", "sphere"), ("front",), num_objects=3, composition=bag)
-    >>> sample_arrangement(problem, np.random.default_rng(0))
-    (1, 0, 0)
-    """
-    if isinstance(problem.composition, AtMostOne):
-        target = problem.shape_labels.index(problem.composition.label)
-        others = rng.permutation(np.delete(np.arange(problem.num_shapes), target))
-        shapes = np.resize(others, problem.num_objects + 1)  # different ones where there are enough
-        shapes[rng.integers(problem.num_objects + 1)] = target
-        shapes = shapes[: problem.num_objects]
-    elif problem.composition is Composition.AT_MOST_ONE:
-        raise InvalidArgument("at most one object has the target's shape, and no target is known: problem.seeking(it)")
-    elif problem.counts is None:
-        shapes = rng.integers(problem.num_shapes, size=problem.num_objects)
-    else:
-        bag = np.repeat(np.arange(problem.num_shapes), problem.counts)
-        shapes = rng.permutation(bag)[: problem.num_objects]
-    return tuple(int(shape) for shape in shapes)
+__all__ = ["SyntheticWorld", "random_model", "sample_arrangement"]
 
 
 def random_model(

@@ -13,13 +13,12 @@ import shutil
 import textwrap
 import unicodedata
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from belief.errors import InvalidArgument
 from belief.files import write_text
 
 Value: TypeAlias = str | int | float | tuple[float, float] | None
@@ -214,11 +213,7 @@ class Table:
         return list(chain.from_iterable(keys)), rows
 
     def write_csv(self, path: Path) -> None:
-        """Write the CSV, atomically.
-
-        Raises:
-            CannotWrite: The disk is full, or the folder is not writable.
-        """
+        """Write the CSV, atomically."""
         write_text(path, self.csv())
 
 
@@ -266,37 +261,6 @@ def csv_text(rows: Iterable[Sequence[object]]) -> str:
     text = io.StringIO(newline="")
     csv.writer(text, lineterminator="\n").writerows([_harmless(cell) for cell in row] for row in rows)
     return text.getvalue()
-
-
-def csv_rows(lines: Iterable[str]) -> Iterator[tuple[int, list[str]]]:
-    r"""Rows of CSV, each with the number of its first line, from 1; the first names the columns. No row is blank.
-
-    Raises:
-        InvalidArgument: text that is not CSV; or a cell that may hide rows, because a quotation mark is not closed in
-            its line, or because of a character that ends a line or a text elsewhere.
-
-    >>> list(csv_rows(["a,b\n", "\n", '1,"x\n', 'y"\n']))
-    [(1, ['a', 'b']), (3, ['1', 'x\ny'])]
-    """
-    reader, last = csv.reader(lines, strict=True), 0
-    try:
-        for cells in reader:
-            first, last = last + 1, reader.line_num
-            for odd in filter(None, map(_ENDS_A_LINE.search, cells)):
-                raise InvalidArgument(
-                    f"line {first} holds the character U+{ord(odd[0]):04X} in {odd.string[:40]!r}; leave it out"
-                )
-            for parts in (re.split("\r\n|\r|\n", cell) for cell in (cells if last > first else ())):
-                commas = max(part.count(",") for part in (*parts, parts[0] + parts[-1]))
-                if len(parts) > 1 and commas >= len(cells) - 1:
-                    raise InvalidArgument(f"line {first}: a quotation mark is not closed before the rows below it")
-            if "".join(cells).strip() or len(cells) > 1:
-                yield first, cells
-    except csv.Error as error:
-        raise InvalidArgument(f"line {last + 1} is not CSV: {error} (is a quotation mark not closed?)") from error
-
-
-_ENDS_A_LINE = re.compile("[\0\v\f\x1a\x1c-\x1e\x85\u2028\u2029\ufeff]")
 
 
 def _harmless(cell: object) -> object:

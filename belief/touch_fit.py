@@ -19,8 +19,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from belief.observation_model.evidence import start
-from belief.observation_model.log_weights import log_means, misfit
 from belief.observation_model.model import ObservationModel
+from belief.observation_model.outcome_mixture import log_means, misfit
 from belief.observation_model.rigid_body import joint_model
 from belief.observation_model.sensor_health import SensorHealthModel
 from belief.problem import Touch

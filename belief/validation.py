@@ -72,15 +72,9 @@ def warn_of_one_shape(labels: NDArray[np.integer], num_shapes: int, callers: int
 
 
 def as_logs(name: str, logs: ArrayLike | None, keyword: str, plain: ArrayLike | None) -> Floats:
-    """Logarithms, given as such or as the numbers themselves; a number of zero has the logarithm -inf.
+    """Logarithms ``(..., K)``, given as such or as the ``plain`` numbers, finite and not negative; zero becomes -inf.
 
     Non-negative rows that sum to one and are given as logarithms cause a UserWarning: they look like probabilities.
-
-    Args:
-        name: of the argument ``logs``.
-        logs: logarithms, ``(..., K)``, or None.
-        keyword: name of the argument ``plain``.
-        plain: the numbers themselves, ``(..., K)``, finite and not negative, or None.
     """
     if (logs is None) == (plain is None):
         given = "neither" if logs is None else "both"
@@ -228,6 +222,18 @@ def finite_logits(logits: ArrayLike) -> Floats:
         row = tuple(np.argwhere(~np.isfinite(z))[0, :-1].tolist())
         raise ValueError(f"logits{at(row)} are not finite: {z[row].tolist()}")
     return z
+
+
+def log_softmax(logits: ArrayLike, temperature: float = 1.0) -> Floats:
+    """Logarithms of the softmax of logits ``(..., K)``, finite numbers of any size, divided by a temperature."""
+    z = finite_logits(logits)
+    with np.errstate(over="ignore", under="ignore"):
+        scaled = z / 2 - z.max(axis=-1, keepdims=True) / 2  # halves: the difference of ±1e308 stays finite
+        scaled /= temperature
+        scaled *= 2
+        np.maximum(scaled, -np.finfo(float).max, out=scaled)
+        scaled -= np.log(np.exp(scaled).sum(axis=-1, keepdims=True))
+    return scaled
 
 
 def labelled_logits(logits: ArrayLike, labels: ArrayLike) -> tuple[Floats, NDArray[np.int64]]:

@@ -20,7 +20,7 @@ from belief import Touch
 from belief.arrangement import arrangement_marginals
 from belief.bayes import target_information_gain, update
 from belief.observation_model import ArrayModel
-from belief.observation_model.quantisation import sampled_posteriors
+from belief.observation_model.plda import sampled_posteriors
 from experiments.sensor_choice import independent_sensor
 
 BATCH, NUM_SHAPES = 100_000, 4

@@ -32,7 +32,7 @@ from experiments.robustness.conditions import CONDITIONS, DoesNotApply
 from experiments.scene_choice import SceneChoice
 from experiments.search.certify import CalibrationSearch, candidate_stops, play_calibration
 from experiments.search.comparison import prepared
-from experiments.search.setting import Setting
+from experiments.search.play import Setting
 from planners.certified import FALSE_ALARM
 
 RISKS, CERTIFICATES = (0.05, 0.01), 50

@@ -20,13 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch import SCENES, Scene, TactileSensor, TouchWorld
-from activetouch.distributions import Uniform
+from activetouch.distributions import Bodies, Uniform
 from activetouch.hand import Hand
-from activetouch.hypotheses import Bodies
 from activetouch.mesh_source import MeshSource
 from activetouch.named_scenes import NamedScene
 from activetouch.perception.grasps import GraspHypotheses
-from activetouch.perception.hypothesis_table import HypothesisTable
+from activetouch.perception.reader import HypothesisTable
 from activetouch.solids.mesh import Mesh
 from belief.bayes import update
 from belief.observation_model.rigid_body import RigidBodyModel

@@ -26,8 +26,8 @@ from activetouch import TactileSensor, TouchWorld
 from activetouch.errors import BadMesh
 from activetouch.perception.contacts.close_look import CloseContacts, CloseLook
 from activetouch.perception.contacts.images import images
-from activetouch.perception.contacts.imaging import SensorState
 from activetouch.perception.contacts.views import ViewPlan
+from activetouch.perception.imaging import SensorState
 from activetouch.perception.many_bodies import NestedPlan
 from activetouch.pressing.height_maps import predicted_contacts
 from activetouch.rotation_cells import views

@@ -11,8 +11,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.placement import Placement
-from activetouch.pressing.pad import Pad
+from activetouch.poses import Placement
+from activetouch.pressing.contact import Pad
 from activetouch.shapes import Shape
 
 Floats = NDArray[np.float64]

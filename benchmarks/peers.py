@@ -24,10 +24,8 @@ from mujoco_tactile import NativeSensor
 from rounds import time_in_rounds
 
 from activetouch import SHAPES
-from activetouch.placement import Placement
-from activetouch.poses import random_orientation
-from activetouch.pressing.contact import first_touch
-from activetouch.pressing.pad import Pad
+from activetouch.poses import Placement, random_orientation
+from activetouch.pressing.contact import Pad, first_touch
 from belief.bayes import update
 from belief.calibration import TemperatureScaling
 from belief.metrics import negative_log_likelihood

@@ -21,7 +21,7 @@ import tyro
 from experiments.search.compare import Compare
 from experiments.search.comparison import Comparison
 from experiments.search.play import Seconds
-from experiments.search.tables import comparison_tables
+from experiments.search.verdict import comparison_tables
 
 
 def pooled(found: Sequence[Comparison], seed: int = 0) -> Comparison:

@@ -33,11 +33,10 @@ import numpy as np
 from activetouch import SCENES, Scene, TactileSensor
 from activetouch.distributions import Uniform
 from activetouch.perception.contacts.hypotheses import num_hypotheses
-from activetouch.perception.contacts.sensor_state import sensor_state
-from activetouch.perception.hypothesis_table import HypothesisTable
-from activetouch.perception.reader import TactileReader
+from activetouch.perception.imaging import sensor_state
+from activetouch.perception.reader import HypothesisTable, TactileReader
 from activetouch.perception.sensor_worlds import EmbeddedWorlds, changed_worlds
-from activetouch.placement import WorldObject
+from activetouch.poses import WorldObject
 from activetouch.rendering import Noise
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
 from belief import SceneBelief, SearchProblem

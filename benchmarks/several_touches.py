@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 
 from activetouch.data.dataset import TouchSet, read_split
 from activetouch.data.manifest import Manifest
-from activetouch.perception.hypothesis_table import HypothesisTable
-from activetouch.perception.reader import TactileReader
+from activetouch.perception.reader import HypothesisTable, TactileReader
 from activetouch.sensor_files import READER_FILE
 from belief.claims import claim_folder, ends_claims
 from belief.constraints import NotEmpty
@@ -252,7 +251,7 @@ def draw(entries: Sequence[Entry], scene: str, path: Path) -> None:
     """Draw NLL against the time of a touch, one panel per number of touches up to three, or for the fewest."""
     from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-    from experiments.reporting.style import PALETTE, figure
+    from experiments.report import PALETTE, figure
 
     readers = list(dict.fromkeys((entry.network, entry.precision) for entry in entries))
     networks = list(dict.fromkeys(network for network, _ in readers))

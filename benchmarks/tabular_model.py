@@ -9,8 +9,7 @@ import numpy as np
 
 from belief.naming import checked_names
 from belief.observation_model.evidence import SummarisedEvidence
-from belief.observation_model.outcome_table import OutcomeTable
-from belief.observation_model.quantisation import merged
+from belief.observation_model.outcome_table import OutcomeTable, merged
 from belief.problem import Touch
 from belief.validation import Floats
 

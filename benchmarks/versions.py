@@ -81,8 +81,7 @@ def _search(scene: str) -> Callable[[int], object]:
     """Play the searches of one target as ``activetouch compare`` does: its four deciders."""
     from experiments.scene_choice import SceneChoice
     from experiments.search.comparison import DEFAULT_DECIDERS, prepared
-    from experiments.search.play import play_episodes
-    from experiments.search.setting import Setting
+    from experiments.search.play import Setting, play_episodes
 
     run, numbers = prepared(Setting(SceneChoice(scene)), DEFAULT_DECIDERS, seed=1, jobs=1), range(SEARCHES)
 

@@ -21,10 +21,9 @@ from mujoco_tactile import NativeSensor
 from rounds import time_in_rounds
 
 from activetouch import SCENES, Quasistatic, Scene
-from activetouch.placement import Placement
-from activetouch.pressing.contact import first_touch
+from activetouch.poses import Placement
+from activetouch.pressing.contact import Pad, first_touch
 from activetouch.pressing.dynamic import Dynamic
-from activetouch.pressing.pad import Pad
 from activetouch.pressing.rig import Rig
 from activetouch.shapes import EXTENDED_SHAPES, SHAPES
 

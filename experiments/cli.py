@@ -139,7 +139,7 @@ def _open_page() -> None:
     """Open the page that the command wrote last in a browser."""
     import webbrowser
 
-    page = sys.modules.get("experiments.reporting.report")
+    page = sys.modules.get("experiments.report")
     if page is None or not page.written:
         print(f"{OPEN}: this command wrote no page", file=sys.stderr)
     elif not webbrowser.open(path := page.written[-1].resolve().as_uri()):

@@ -26,7 +26,6 @@ from activetouch.errors import MeshWarning
 from belief.errors import BrokenContract, CannotWrite
 from belief.references import ForeignCode, look_in
 from experiments.command_line.console import plain_console
-from planners.ppo import UnknownNormalization
 
 T = TypeVar("T")
 Task: TypeAlias = Callable[[], T]
@@ -163,6 +162,8 @@ def _begin_worker(parent: int) -> None:
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends its workers
     threading.Thread(target=watch, name="end-with-parent", daemon=True).start()
+    from planners.ppo import UnknownNormalization
+
     for said in (MeshWarning, UnknownNormalization):
         warnings.simplefilter("ignore", said)
 

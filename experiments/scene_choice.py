@@ -10,34 +10,31 @@ import dataclasses
 import hashlib
 import re
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_args
 
 import tyro
 
 from activetouch import Dynamic, Quasistatic, Scene
 from activetouch.distributions import Constant, Uniform
 from activetouch.errors import DuplicateShape
-from activetouch.hand import HANDS, hand_named
-from activetouch.mesh_source import labelled_sources, read_files, warn_of
 from activetouch.named_scenes import SCENES, NamedScene, as_named
 from activetouch.orientations import Inexact, Presentation, Resampled, Tumbled, Upright
+from activetouch.pressing.contact import Press
 from activetouch.pressing.dynamic import GuardedMove
-from activetouch.pressing.press import Press
 from activetouch.rendering import RENDERERS, TactileRenderer
 from activetouch.rendering.renderer import require_renderer
-from activetouch.shapes import Family
-from activetouch.solids.family import numbers_of
-from activetouch.solids.mesh import Mesh
 from belief.codec import from_fields, to_fields
 from belief.errors import InvalidArgument
 from belief.naming import index_of
 from belief.references import BadReference, build, find
-from experiments.command_line.arguments import one_of
-from experiments.command_line.trust import Trust
+from experiments.command_line.arguments import Trust, one_of
+
+if TYPE_CHECKING:
+    from activetouch.solids.mesh import Mesh
 
 FIDELITIES: Mapping[str, Press] = {
     "quasistatic": Quasistatic(),
@@ -52,7 +49,7 @@ PRESENTATIONS: Mapping[str, Presentation] = {
 }
 
 
-HandName: TypeAlias = Literal[tuple(HANDS)]  # type: ignore[valid-type]
+HandName: TypeAlias = Literal["one_finger", "parallel", "three_finger", "allegro"]
 FidelityName: TypeAlias = Literal[tuple(FIDELITIES)]  # type: ignore[valid-type]
 PresentationName: TypeAlias = Literal[tuple(PRESENTATIONS)]  # type: ignore[valid-type]
 _LONGEST_NAME = 150  # of a folder [bytes]; longer ones end in a digest
@@ -99,7 +96,12 @@ def command(name: str, *words: object, **options: object) -> str:
 def choice_name(choice: SceneChoice) -> str:
     """The name of a scene with its changes, as used in folder names."""
     own = [choice.fidelity, choice.renderer, choice.presentation, choice.poses, "only" if choice.only else None]
-    changes = [*own, *labelled_sources(*choice.meshes)[0], *choice.family, choice.hand]
+    meshes: Iterable[str] = ()
+    if choice.meshes:
+        from activetouch.mesh_source import labelled_sources
+
+        meshes = labelled_sources(*choice.meshes)[0]
+    changes = [*own, *meshes, *choice.family, choice.hand]
     name = in_file_names("-".join([choice.scene, *(str(change) for change in changes if change)]))
     if len(name.encode()) <= _LONGEST_NAME:
         return name
@@ -133,6 +135,8 @@ def with_families(shapes: Mapping[str, Any], families: Sequence[str]) -> tuple[d
     >>> with_families({"rod": Cylinder(0.016, 0.020)}, ["rod:half_length=0.5..2"])[0]["rod"]
     Family(Cylinder(radius=0.016, half_length=0.02), half_length=Uniform(low=0.01, high=0.04))
     """
+    from activetouch.solids.family import Family, numbers_of
+
     found, size, labels = dict(shapes), None, list(shapes)
     for text in families:
         label, _, told = text.rpartition(":")
@@ -177,7 +181,7 @@ class SceneChoice:
     """Leave out the scene's own shapes; the sizes of the meshes do not vary."""
     family: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """Factors on the sizes of all objects, size=0.9..1.1, or on a shape's proportions, cylinder:half_length=0.5..2."""
-    hand: Annotated[HandName | None, one_of(HANDS)] = None
+    hand: Annotated[HandName | None, one_of(get_args(HandName))] = None
     """Hand whose pads close on the object, quasistatically: a grasp counts as one touch."""
 
     @property
@@ -187,6 +191,10 @@ class SceneChoice:
 
     @cached_property
     def _read(self) -> tuple[dict[str, Mesh], list[str]]:
+        if not self.meshes:
+            return {}, []
+        from activetouch.mesh_source import read_files
+
         return read_files(*self.meshes)
 
     @cached_property
@@ -206,6 +214,8 @@ class SceneChoice:
             raise InvalidArgument("--only leaves out the scene's own shapes; give others with --meshes")
         own = {} if self.only else named.scene.shapes
         if self.meshes:
+            from activetouch.mesh_source import warn_of
+
             added = self._read[0]
             warn_of(self.left_out)
             if taken := [label for label in added if label in own]:
@@ -223,7 +233,7 @@ class SceneChoice:
         if self.hand is not None:
             if self.fidelity == "guarded_move":
                 raise InvalidArgument("--hand closes by --fidelity quasistatic, the default, or dynamic")
-            changes |= {"hand": hand_named(self.hand), "press_model": Quasistatic()}
+            changes |= {"hand": self.hand, "press_model": Quasistatic()}
             if self.fidelity == "dynamic":
                 from activetouch.pressing.closing import Closing  # loads MuJoCo
 

@@ -10,13 +10,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from activetouch.data.manifest import Manifest, NoCollection, read_manifest
 from activetouch.errors import LabelMismatch, SceneShift, WrongScene
 from activetouch.named_scenes import SCENES, NamedScene
-from activetouch.perception.card import ClassifierCard
-from activetouch.perception.hypothesis_table import HypothesisTable
-from activetouch.perception.preparation import hypotheses_of
-from activetouch.perception.reader import TactileReader
+from activetouch.perception.reader import HypothesisTable, TactileReader
 from activetouch.rendering import PressureRenderer
 from activetouch.scene import Scene
 from activetouch.scene_description import in_words, require_scene, scene_fields
@@ -36,10 +32,11 @@ from activetouch.solids.solid import Shape
 from belief.errors import ActiveTouchError
 from experiments.parallel import Shared, run_tasks
 from experiments.scene_choice import SceneChoice, choice_name, command, in_file_names, named_scene
-from planners.ppo import BadPolicy, MissingPolicy, load_ppo_policy, policy_file
 from planners.registry import trained_state
 
 if TYPE_CHECKING:
+    from activetouch.data.manifest import Manifest
+    from activetouch.perception.card import ClassifierCard
     from activetouch.perception.contacts.views import ViewPlan
     from activetouch.perception.many_bodies import NestedPlan
 
@@ -57,6 +54,8 @@ def require_policies(decider: str, targets: Sequence[str], scene: str, sensor: P
     """Check that a decider has all trained policies that it needs."""
     if (state := trained_state(decider)) is None:
         return
+    from planners.ppo import BadPolicy, MissingPolicy, load_ppo_policy, policy_file
+
     try:
         for target in targets:
             load_ppo_policy(sensor / POLICIES, state, target)
@@ -110,6 +109,8 @@ def open_sensor(
     try:
         path, fitted, _ = files_for(chosen, scene, anyway, independent, unknown_state or nested is True)
         if jobs is not None and fitted is None:
+            from activetouch.perception.preparation import hypotheses_of
+
             reader = TactileReader.load(path).bound_to(scene)
             if (plan := TactileSensor.nested_plan(scene, independent, nested)) is not None:
                 embed_all(reader, scene, plan, jobs)
@@ -198,6 +199,8 @@ def _shipped_for(own: str, scene: Scene) -> str | None:
 
 def open_collection(folder: Path, scene: str, repeats: bool) -> Manifest:
     """Read the manifest of a collection; with ``repeats``, it must contain repeated touches."""
+    from activetouch.data.manifest import NoCollection, read_manifest
+
     try:
         return read_manifest(folder)
     except NoCollection as error:

@@ -22,7 +22,7 @@ from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import SearchProblem
 from belief.validation import Floats
 from planners.decider import InformationState, touch_share
-from planners.repeats import LEAST_USED, RepeatDiscount
+from planners.probing import LEAST_USED, RepeatDiscount
 from planners.stopping import share_of_threshold
 
 _SEQUENCES = 2_000  # of touches, in all

@@ -15,7 +15,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from belief.categorical import Belief
+from belief.bayes import Belief
 from belief.errors import ActiveTouchError, InvalidArgument, UnknownName
 from belief.naming import index_of
 from belief.observation_model.evidence import ObjectEvidence
@@ -93,7 +93,7 @@ class InformationState:
         [1, 0, 2]
         """
         assert isinstance(self.history, TouchHistory), "converted at construction"
-        return self.history.uses(self.problem.num_poses)
+        return self.history.uses(len(self.problem.pose_labels))
 
     @property
     def num_left(self) -> int:
@@ -115,7 +115,7 @@ class TableMismatch(ActiveTouchError, ValueError):
 
 def require_fit(table: OutcomeTable, problem: SearchProblem) -> None:
     """Raise :class:`TableMismatch` unless a table has the problem's numbers of poses and shapes."""
-    if (table.num_poses, table.num_shapes) != (problem.num_poses, problem.num_shapes):
+    if table.probs.shape[:2] != (len(problem.pose_labels), len(problem.shape_labels)):
         raise TableMismatch(
             f"the decider's table has {table.num_poses} poses and {table.num_shapes} shapes, the search has "
             f"{problem.num_poses} and {problem.num_shapes}; make the decider from the outcome_table() of its model"
@@ -238,9 +238,12 @@ def _with_plain_scores(decision: Decision, who: str) -> Decision:
     scores = decision.scores
     if not isinstance(scores, Mapping):
         raise BadDecision(f"{who} with the scores {scores!r}; scores are named numbers, such as {{'value': 0.5}}")
-    plain = True
-    for name, value in scores.items():
-        if not isinstance(name, str) or not isinstance(value, Real) or not are_finite(value):
-            raise BadDecision(f"{who} with the score {name!r}: {value!r}; scores are named, finite numbers")
-        plain = plain and isinstance(value, float)
-    return decision if plain else replace(decision, scores={name: float(value) for name, value in scores.items()})
+    values = scores.values()
+    wrong = [name for name, value in scores.items() if not (isinstance(name, str) and isinstance(value, Real))]
+    if not wrong and not are_finite(*values):
+        wrong = [name for name, value in scores.items() if not are_finite(value)]
+    if wrong:
+        raise BadDecision(f"{who} with the score {wrong[0]!r}: {scores[wrong[0]]!r}; scores are named, finite numbers")
+    if all(isinstance(value, float) for value in values):
+        return decision
+    return replace(decision, scores={name: float(value) for name, value in scores.items()})

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from belief.categorical import Belief
+from belief.bayes import Belief
 from belief.errors import InvalidArgument
 from belief.naming import one_line
 from belief.problem import Action, Confirm, Probe, Reject, SearchProblem, Touch, Unsure

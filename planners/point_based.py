@@ -1,12 +1,12 @@
 """The planner to compare with: follows a solved policy of the search at hand on the exact belief.
 
 The policy is solved once for every search problem and target, on the outcome table (:func:`planners.solve.solve`). Its
-hidden state is the smallest exact one (:mod:`planners.pomdp.problem`), but for bags and for many distinct objects the
+hidden state is the smallest exact one (:mod:`planners.touch_problem`), but for bags and for many distinct objects the
 shape and whether a target was rejected before (:func:`stages_by_target`). At run time the belief is exact: it
 comes from the observation model, not from discretised outcomes.
 
 There are few poses, and repeated touches in one pose give less information than new ones. The policy therefore has a
-set of alpha vectors for each number of touches that an object has had (:mod:`planners.pomdp.solver`). The next
+set of alpha vectors for each number of touches that an object has had (:mod:`planners.point_based_solver`). The next
 pose is chosen by one exact step of look-ahead. The value of a repeated pose is discounted by w, the fraction of a new
 touch's information that a repeat adds:
 
@@ -30,12 +30,10 @@ from belief.constraints import check
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Confirm, Probe, Reject, SearchProblem
 from belief.validation import Floats
-from planners.continuation_value import belief_with_missed, shapes_ahead
 from planners.decider import Decision, InformationState, are_touches_used, pose_scores, require_fit
-from planners.pomdp.problem import StagedProblem, require_rounds, stages_by_missed
-from planners.probing import HYPOTHESES, OUTCOMES
-from planners.repeats import LEAST_USED, RepeatDiscount, weights_in_turn
+from planners.probing import HYPOTHESES, LEAST_USED, OUTCOMES, RepeatDiscount, weights_in_turn
 from planners.solve import SearchPolicy, SearchTouchProblem, solve
+from planners.touch_problem import StagedProblem, require_rounds, stages_by_missed
 
 MAX_STATES = 200
 """Largest number of exact hidden states of distinct objects; four objects have 32. Independent ones have 2K, always."""
@@ -85,7 +83,7 @@ class PointBased:
     def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.Decider`."""
         problem, number, touches = info.problem, info.object_index, len(info.history)
-        num_poses = problem.num_poses
+        num_poses = len(problem.pose_labels)
         policy = self.policy(problem, info.target)
         vectors, belief = policy.at(number, touches), _belief(policy, info)
         values = vectors.alphas @ belief
@@ -127,10 +125,12 @@ _POLICIES: dict[tuple[object, ...], SearchPolicy] = {}
 
 def _belief(policy: SearchPolicy, info: InformationState) -> Floats:
     """Belief about the hidden state at the current object."""
-    number, num_shapes = info.object_index, info.problem.num_shapes
+    number, num_shapes = info.object_index, len(info.problem.shape_labels)
     if info.scene is not None:
         if isinstance(policy.problem, SearchTouchProblem):
             return policy.belief(number, info.scene.log_likelihoods())
+        from planners.continuation_value import belief_with_missed
+
         return belief_with_missed(info).ravel()
     # Without a joint belief, the other objects count as rejected untouched; this object's belief is the given one.
     shapes = policy.search.stages[number].shapes
@@ -147,6 +147,8 @@ def stages_by_target(problem: SearchProblem, outcome_probs: Floats, target: int,
     States 0 to K - 1 are the current shape with no target rejected yet, states K to 2K - 1 with one rejected.
     Rejections do not change the probabilities of the other shapes here; in the belief they do (decision 0026).
     """
+    from planners.continuation_value import shapes_ahead
+
     later = shapes_ahead(problem, target)[1:]
     stages = stages_by_missed(problem.num_shapes, target, later / later.sum(axis=2, keepdims=True))
     initial = np.concatenate([problem.prior_probs, np.zeros(problem.num_shapes)])

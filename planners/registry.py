@@ -23,7 +23,6 @@ from belief.observation_model.model import ObservationModel
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.references import BadReference, Reference, build, find
 from planners.decider import Decider, Decision, InformationState, ProbeSelector, SequentialDecider, StoppingRule
-from planners.ppo import PPODecider
 from planners.probing import (
     FixedOrder,
     GivenOrder,
@@ -31,10 +30,9 @@ from planners.probing import (
     ShapeInformationGain,
     TargetInformationGain,
     read_order,
+    repeat_discount,
 )
-from planners.repeats import repeat_discount
 from planners.stopping import PosteriorThresholds, RandomConfirm, StopOverride, ThresholdRule
-from planners.value_of_information import ValueOfInformation
 
 PREFIX = "sb3:"
 """Prefix of the names of deciders that follow a saved policy of Stable-Baselines3."""
@@ -107,14 +105,18 @@ def _value_of_information(
     table: OutcomeTable, model: ObservationModel | None, depth: int = 2, max_touches: int | None = None
 ) -> Decider:
     """Value of information, looking two touches ahead, or one with ``depth=1``."""
-    return ValueOfInformation(table, depth, repeat_discount(model), max_touches)
+    decider: Decider = _loaded("planners.value_of_information:ValueOfInformation")(
+        table, depth, repeat_discount(model), max_touches
+    )
+    return decider
 
 
 def _ppo(summary: str, state: str) -> Builder:
     """A builder of a decider that follows policies on this state; ``summary`` is its docstring."""
 
     def ppo(policies: Path | None) -> Decider:
-        return PPODecider(policies, state)
+        decider: Decider = _loaded("planners.ppo:PPODecider")(policies, state)
+        return decider
 
     ppo.__doc__ = summary
     return ppo
@@ -122,7 +124,7 @@ def _ppo(summary: str, state: str) -> Builder:
 
 def confident_ppo(policies: Path | None, confirm: float = 0.99, reject: float = 0.01, max_touches: int = 12) -> Decider:
     """Posterior thresholds, with the poses of the PPO policies."""
-    ppo = PPODecider(policies)
+    ppo = _loaded("planners.ppo:PPODecider")(policies)
     return StopOverride(PosteriorThresholds(confirm, reject, max_touches), ppo, fallback=ppo)
 
 

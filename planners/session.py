@@ -25,21 +25,19 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from belief.categorical import Belief
+from belief.bayes import Belief
 from belief.errors import CorruptFile, InvalidArgument
-from belief.journal import Journal
 from belief.naming import Name, index_of, one_line
 from belief.observation_model.model import ObservationModel
 from belief.problem import Action, Probe, SearchProblem, Touch
 from belief.scene_belief import UNKNOWN, SceneView
 from belief.search_progress import Outcome, SearchProgress
 from belief.seeding import checked_key, deciding_rng
-from planners.abstaining import Abstaining
 from planners.decider import Decider, Decision, InformationState, checked_decision
 from planners.episode import Episode, Step
 from planners.session_log import (
@@ -58,6 +56,9 @@ from planners.session_log import (
     require_same,
     standing_of,
 )
+
+if TYPE_CHECKING:
+    from belief.journal import Journal
 
 
 class SessionSettings(TypedDict, total=False):
@@ -125,6 +126,8 @@ class Session:
     ) -> None:
         self._abstains = arrangement is None if abstain is None else abstain
         if self._abstains:
+            from planners.abstaining import Abstaining
+
             decider = decider if isinstance(decider, Abstaining) else Abstaining(decider)
             problem = problem.with_unsure()
         self.seed, self.target = checked_key(seed), index_of("target", problem.shape_labels, target)
@@ -307,6 +310,8 @@ class Session:
         """
         if self._journal is not None and self._journal.path == Path(path).resolve():
             return
+        from belief.journal import Journal
+
         lines = [event_fields(told, self.problem) for told in self._events]
         header = {"schema": SCHEMA, "time": time.time(), **self.set_up}
         journal = Journal.create(Path(path).resolve(), [header, *lines])
@@ -330,6 +335,8 @@ class Session:
             OtherModel: it was made with another model, reader, decider or certificate.
             CannotWrite: it cannot be written, or another process has it open.
         """
+        from belief.journal import Journal
+
         path = Path(path).resolve()
         journal, (header, *lines) = Journal.opened(path)
         try:

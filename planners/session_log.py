@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from belief.composition import AtMostOne, Composition, Counts
 from belief.constraints import NOT_NEGATIVE, NotNegative, check, require_rule
 from belief.errors import InvalidArgument
-from belief.journal import array_field, array_from
 from belief.naming import index_of
 from belief.observation_model.model import ObservationModel
 from belief.problem import Action, Elsewhere, Probe, SearchProblem, Touch
@@ -178,6 +177,8 @@ def event_fields(told: Told | None, problem: SearchProblem) -> dict[str, Any]:
         "scores": dict(told.asked.scores),
         "rng": told.rng,
     }
+    from belief.journal import array_field
+
     if touch is not None:
         line["pose"] = poses[touch.pose]
         line |= {} if touch.elsewhere is None else {"place": list(touch.elsewhere.place)}
@@ -189,6 +190,8 @@ def event_fields(told: Told | None, problem: SearchProblem) -> dict[str, Any]:
 
 def told_from(line: Mapping[str, Any], problem: SearchProblem, reader: ImageReader | None = None) -> Told:
     """The answer in a line of the log."""
+    from belief.journal import array_from
+
     asked, arrays = line["asked"], {}
     for name in ("logits", "features", "image"):
         arrays[name] = array_from(line[name]) if name in line else None

@@ -9,14 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from belief.calibration import TemperatureScaling
 from belief.constraints import Count, check
 from belief.errors import InvalidArgument
 from belief.problem import Confirm, Probe, Reject
+from belief.validation import log_softmax
 from planners.decider import Decider, Decision, InformationState, ProbeSelector, StoppingRule, checked_decision
 
 _LOW_PRIOR = 1.0 / 12.0  # below it thresholds of rejection fall with the prior; the lowest prior of the named scenes
-_SOFTMAX = TemperatureScaling(1.0, "ok")  # handles logits of any size
 _LEAST_LOGIT = -float(np.finfo(np.float64).max)  # replaces -inf, which a perfect table gives; its softmax is zero, too
 
 
@@ -132,7 +131,8 @@ class ThresholdRule:
             return None
         recent = info.history[-self.num_consecutive :]
         logits = [np.maximum(touch.require_logits(), _LEAST_LOGIT) for touch in recent]
-        frames = [float(_SOFTMAX.predict_proba(row)[info.target]) for row in logits]
+        with np.errstate(under="ignore"):
+            frames = [float(np.exp(log_softmax(row)[info.target])) for row in logits]
         scores = {"frame_prob": frames[-1], "target_prob": info.target_prob}
         if len(frames) == self.num_consecutive and min(frames) > self.high:
             return Decision(Confirm(), scores)

@@ -8,7 +8,7 @@ there (the value of information is not submodular: Krause & Guestrin 2009). With
 many touches, two are not enough either, and thresholds have a higher return (docs/planners.md).
 
 A touch in a pose that was used before gives new information with probability w and none otherwise
-(:mod:`planners.repeats`). It is a new touch behind an erasure channel, so its value before cost is multiplied by w.
+(:mod:`planners.probing`). It is a new touch behind an erasure channel, so its value before cost is multiplied by w.
 
 All P² M² branches are two matrix products on unnormalised beliefs, in which an impossible outcome has weight zero.
 
@@ -32,7 +32,7 @@ from belief.problem import Confirm, Probe, Reject, SearchProblem
 from belief.validation import Floats
 from planners.continuation_value import ContinuationValue
 from planners.decider import Decision, InformationState, are_touches_used, pose_scores, require_fit, touch_share
-from planners.repeats import LEAST_USED, RepeatDiscount
+from planners.probing import LEAST_USED, RepeatDiscount
 
 _TIE = 1e-12  # differences below this are rounding
 _TIE_IN_SINGLE = 1e-6  # the same, for values that were computed in single precision
@@ -47,12 +47,9 @@ _Key: TypeAlias = tuple[int, object, float, int, int]
 class ValueOfInformation:
     """Probes the first pose of the best plan if its value exceeds that of stopping; else confirms or rejects.
 
-    Attributes:
-        table: p(outcome | pose, shape).
-        depth: touches to look ahead, 1 or 2.
-        repeats: discounts the value of repeated poses; by default only the poses used least are candidates.
-        max_touches: of one object; by default an equal share of the problem's touch limit. No search is truncated,
-            because an object is confirmed or rejected where the touches of the search are used.
+    ``table`` is p(outcome | pose, shape), ``depth`` 1 or 2 touches ahead. By default only the poses used least are
+    candidates. ``max_touches`` of one object are an equal share of the touch limit by default; no search is truncated,
+    because an object is confirmed or rejected where the touches of the search are used.
     """
 
     table: OutcomeTable

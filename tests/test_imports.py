@@ -1,14 +1,18 @@
 """What importing costs, and that the import contracts really bite."""
 
 import ast
+import json
 import re
 import shutil
 import subprocess
 import sys
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 
 import pytest
+
+from tests.footprint import changes_of_package, statements
 
 ROOT = Path(__file__).parent.parent
 PACKAGES = ("activetouch", "belief", "planners", "experiments")
@@ -46,6 +50,60 @@ def test_one_process_collects_touches_without_joblib(tmp_path):
     loaded = modules_loaded_by(f"from experiments.cli import main; sys.argv[1:] = {words}; main()")
     assert "mujoco" in loaded
     assert "joblib" not in loaded
+
+
+@pytest.mark.slow
+@pytest.mark.mujoco
+def test_a_comparison_loads_what_it_runs(tmp_path):
+    words = f"compare --scene coarse --episodes 1 --jobs 1 --out {tmp_path / 'run'}".split()
+    run = subprocess.run([sys.executable, "-m", "tests.footprint", *words], capture_output=True, text=True, cwd=ROOT)
+    found = json.loads(run.stdout.splitlines()[-1])
+    assert found["modules"]
+    others = {"data", "hand", "recorded", "training", "mesh", "mesh_source", "object_search", "ppo", "certified"}
+    assert [name for name in found["modules"] if others & {*name.split(".")}] == []
+    assert len(found["modules"]) <= 100
+    assert found["executed"] >= 0.63 * found["statements"]
+
+
+@pytest.mark.mujoco
+@pytest.mark.parametrize(("decider", "most"), [("information_gain", 40), ("point_based(rounds=[9])", 40)])
+def test_a_touch_seldom_changes_between_packages(decider, most):
+    from activetouch import TactileSensor
+
+    sensor, touches = TactileSensor.shipped("coarse"), []
+    sensor.search("cone", decider, seed=1)  # what is computed once
+    changes = changes_of_package(
+        lambda: touches.extend(sensor.search("cone", decider, seed=seed).num_touches for seed in range(2, 6))
+    )
+    assert 10 * sum(touches) < changes <= most * sum(touches)
+
+
+def test_statements_are_counted_once_each_without_their_bodies():
+    source = """
+def double(x):
+    '''Twice.'''
+    try:
+        return (
+            2 * x)
+    except TypeError:
+        raise
+match 3:
+    case 3:
+        y: int = 4
+"""
+    assert sorted(statements(source)) == [(2, 2), (4, 4), (5, 6), (8, 8), (9, 9), (11, 11)]
+
+
+@pytest.mark.parametrize("package", ["belief", "belief.calibration", "belief.metrics", "belief.observation_model"])
+def test_a_name_that_loads_late_is_no_module_of_its_package(package):
+    module = import_module(package)
+    source = Path(module.__file__)
+    [late] = [node for node in ast.parse(source.read_text()).body if isinstance(node, ast.If)]
+    names = {alias.name for node in late.body for alias in node.names}
+    assert names <= {*module.__all__} <= {*dir(module)}
+    assert not [name for name in names if (source.parent / f"{name}.py").exists()]  # which would hide it
+    with pytest.raises(AttributeError, match=f"module '{package}' has no attribute 'nothing'"):
+        getattr(module, "nothing")  # noqa: B009
 
 
 def test_belief_needs_numpy_and_scipy_only():

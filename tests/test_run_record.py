@@ -11,7 +11,7 @@ import pytest
 from belief.statistics import wilson_interval
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
-from experiments.search.setting import Setting
+from experiments.search.play import Setting
 
 _SPEC = spec_from_file_location("run_record", Path(__file__).parent.parent / "docs" / "generate" / "run_record.py")
 

@@ -20,7 +20,7 @@ from activetouch.envs.drawing import draw
 from activetouch.envs.object_search import BadAction, key_of
 from activetouch.envs.touch_source import LiveTouches
 from activetouch.sensor import TactileSensor
-from belief.categorical import Belief
+from belief.bayes import Belief
 from belief.errors import UnknownName
 from belief.seeding import arrangement_rng, touch_rng
 from belief.validation import require_count

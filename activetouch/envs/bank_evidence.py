@@ -10,9 +10,8 @@ import scipy  # whose parts load at first use
 from numpy.typing import NDArray
 
 from activetouch.envs.touch_bank import TouchBank
-from belief.observation_model.log_weights import log_means, some_hypotheses
 from belief.observation_model.model import ArrayModel
-from belief.observation_model.outcome_mixture import information, target_shares
+from belief.observation_model.outcome_mixture import information, log_means, some_hypotheses, target_shares
 from belief.observation_model.repeat_discount import new_shares
 from belief.observation_model.rigid_body import joint_model
 from belief.policy_state import GAIN_HYPOTHESES, GAIN_OUTCOMES, NoGains

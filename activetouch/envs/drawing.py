@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from belief.categorical import Belief
+from belief.bayes import Belief
 
 _SIZE = 240  # edge of each of the two panels [pixels]
 _INK, _PAPER, _BAR, _TARGET = (40, 44, 52), (250, 250, 248), (150, 170, 200), (222, 122, 60)

@@ -16,7 +16,7 @@ from activetouch.hand import Hand
 from activetouch.named_scenes import SCENES, NamedScene
 from activetouch.sensor import TactileSensor
 from activetouch.sensor_files import INDEPENDENT_SUFFIX
-from belief.categorical import Belief
+from belief.bayes import Belief
 from belief.composition import Composition
 from belief.errors import ActiveTouchError, InvalidArgument, UnknownName
 from belief.observation_model.evidence import start

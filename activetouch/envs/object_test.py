@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from activetouch.envs.object_search import ObjectSearchEnv, live_or_given
 from activetouch.envs.touch_source import ObjectPriors, TargetProb, Touches
 from activetouch.hand import Hand
-from belief.categorical import Belief
+from belief.bayes import Belief
 from belief.composition import Composition
 from belief.policy_state import TOUCH_LIMIT
 

@@ -1,4 +1,4 @@
-"""What takes long to compute is kept on disk for the next process: in ``$ACTIVETOUCH_CACHE``.
+"""What takes long to make is kept: arrays on disk for the next process, in ``$ACTIVETOUCH_CACHE``; sessions in memory.
 
 Without that variable it lies in the user's folder for caches. Deleting the folder loses nothing but time.
 """
@@ -12,14 +12,18 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
+from functools import lru_cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from belief.errors import CannotWrite, CorruptFile
 from belief.sealed_tensors import read_tensors, write_tensors
+
+if TYPE_CHECKING:
+    from onnxruntime import InferenceSession
 
 _KIND, _NAME = "activetouch-cached-1", "array"
 _ARRAY = ".safetensors"
@@ -109,3 +113,16 @@ def cached_array(key: Mapping[str, Any], make: Callable[[], NDArray[np.float32]]
         write_tensors(path, {_NAME: array}, {"name": path.stem}, _KIND)
 
     return cached(key, _ARRAY, lambda: make().astype(np.float16), read, write).astype(np.float32)
+
+
+@lru_cache(maxsize=16)
+def session_of(network: bytes) -> InferenceSession:
+    """A cached session of an ONNX graph, of one thread: processes share the cores, and sums keep their order."""
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # idle threads leave the cores alone
+    options.use_deterministic_compute = True
+    options.log_severity_level = 3  # errors
+    return onnxruntime.InferenceSession(network, options, providers=["CPUExecutionProvider"])

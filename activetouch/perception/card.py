@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from activetouch.errors import LabelMismatch, WrongScene
-from activetouch.perception.contacts.imaging import Imaging
+from activetouch.perception.imaging import Imaging
 from activetouch.scene_description import OBJECTS
 from belief.codec import from_fields
 from belief.errors import CorruptFile
@@ -34,7 +34,7 @@ class ClassifierCard:
         image_shape: ``(H, W)`` or ``(H, W, 3)`` of the images for an exported network; empty before the export.
         embedding: length of the embeddings of images and hypotheses; 0 for a network that gives logits of the shapes.
         log_size_mean, log_size_std: they standardise the logarithm of a hypothesis's size.
-        imaging: fields of :class:`activetouch.perception.contacts.imaging.Imaging`, of a reader of any object, which
+        imaging: fields of :class:`activetouch.perception.imaging.Imaging`, of a reader of any object, which
             knows no shapes until it is bound to a scene.
     """
 

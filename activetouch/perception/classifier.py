@@ -2,7 +2,7 @@
 
 With the embedding f(o) of an image and g(k, R, s) of a hypothesis about its object, f(o) · g(k, R, s) is the log ratio
 log p(o | k, R, s) / p(o), up to a constant of the image. :mod:`activetouch.perception.export` and
-:mod:`activetouch.perception.hypothesis_embedding` compute the same without torch.
+:mod:`activetouch.perception.reader` compute the same without torch.
 """
 
 from __future__ import annotations

@@ -17,10 +17,10 @@ from activetouch.errors import ImpossibleRecipe
 from activetouch.perception.card import ClassifierCard
 from activetouch.perception.contacts.bodies import HELD_OUT
 from activetouch.perception.contacts.hypotheses import CONTACTS, EMBEDDING, ContactHypotheses
-from activetouch.perception.contacts.imaging import FEW_PIXELS, STATE_SIZE, Imaging
 from activetouch.perception.contacts.network import ContactNetwork, ContactReader, ImageNetwork, losses
 from activetouch.perception.contacts.touches import Batches
 from activetouch.perception.export import exported
+from activetouch.perception.imaging import FEW_PIXELS, STATE_SIZE, Imaging
 from activetouch.perception.learner import Learner, falling
 from activetouch.perception.reader import INPUT, OUTPUTS, TactileReader
 from activetouch.scene import Scene

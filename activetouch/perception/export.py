@@ -17,8 +17,7 @@ from torch import Tensor, nn
 from activetouch.data.dataset import TouchSet
 from activetouch.errors import TrainingDiverged
 from activetouch.perception.classifier import TouchClassifier
-from activetouch.perception.hypothesis_embedding import HypothesisEmbedding
-from activetouch.perception.reader import INPUT, OUTPUTS, TactileReader
+from activetouch.perception.reader import INPUT, OUTPUTS, HypothesisEmbedding, TactileReader
 from activetouch.poses import to_matrices
 
 _FIXED = 2048

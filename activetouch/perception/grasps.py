@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from activetouch.distributions import Bodies, kronecker, quantiles
 from activetouch.hand import Hand
-from activetouch.hypotheses import Bodies, kronecker, quantiles
 from activetouch.perception.cached_arrays import cached_array
 from activetouch.perception.contacts.hypotheses import Hypotheses, cell_of, mean_ratios, num_hypotheses, taking_turns
-from activetouch.perception.hypothesis_embedding import Floats32
+from activetouch.perception.imaging import Floats32
 from activetouch.poses import to_matrix, turned
 from activetouch.pressing.height_maps import Window, predicted_contacts
 from activetouch.scene import Scene

@@ -25,8 +25,8 @@ from activetouch.perception.cached_arrays import announced, cached, is_cached, r
 from activetouch.perception.contacts.bodies import HELD_OUT, random_body
 from activetouch.perception.contacts.close_look import CloseContacts, CloseLook
 from activetouch.perception.contacts.hypotheses import CONTACTS_IN_ALL, FEWEST, ContactHypotheses
-from activetouch.perception.contacts.imaging import Floats32
 from activetouch.perception.contacts.views import BodySet, ViewPlan, are_embedded
+from activetouch.perception.imaging import Floats32
 from activetouch.perception.reader import TactileReader
 from activetouch.rotation_cells import nested
 from activetouch.scene import Scene

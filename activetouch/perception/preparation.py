@@ -18,9 +18,7 @@ import numpy as np
 from activetouch.errors import AlikeShapes
 from activetouch.perception.cached_arrays import cached, require_name
 from activetouch.perception.contacts.hypotheses import num_hypotheses
-from activetouch.perception.grasps import GraspHypotheses
-from activetouch.perception.hypothesis_table import HypothesisTable
-from activetouch.perception.reader import TactileReader
+from activetouch.perception.reader import HypothesisTable, TactileReader, of_grasps
 from activetouch.scene import Scene
 from activetouch.scene_description import SURROUNDINGS, scene_fields
 from belief.errors import CorruptFile
@@ -51,8 +49,8 @@ def prepared(reader: TactileReader, scene: Scene, seed: int = 0) -> ArrayModel:
 
 def hypotheses_of(reader: TactileReader, scene: Scene) -> int:
     """Number of hypotheses of each shape with which :func:`prepared` fits a model."""
-    grasps = reader.hypotheses
-    return grasps.number if isinstance(grasps, GraspHypotheses) else num_hypotheses(scene)
+    grasps = of_grasps(reader.hypotheses)
+    return num_hypotheses(scene) if grasps is None else grasps.number
 
 
 def _read(path: Path) -> tuple[ArrayModel, str]:

@@ -1,31 +1,177 @@
 """Reads tactile images with a trained network, by ONNX Runtime and numpy alone.
 
-A reader is one sealed file (:mod:`belief.sealed_tensors`): a card, a network as an ONNX graph from
-uint8 images to an embedding and features, and, where the card has an embedding, the network of hypotheses
-(:mod:`activetouch.perception.hypothesis_embedding`). Loading it runs no code from the file.
+A reader is one sealed file (:mod:`belief.sealed_tensors`): a card, a network as an ONNX graph from uint8 images to an
+embedding and features, and, where the card has an embedding, the residual network of :class:`HypothesisEmbedding`.
+Loading it runs no code from the file. :class:`HypothesisTable` holds the hypotheses of a scene's objects, embedded by a
+reader, for the joint observation model.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from activetouch.distributions import Bodies
 from activetouch.errors import WrongScene
-from activetouch.hand import require_no_hand
-from activetouch.perception.card import READER, ClassifierCard, card_from
-from activetouch.perception.contacts.hypotheses import ContactHypotheses, Hypotheses
-from activetouch.perception.grasps import GraspHypotheses
-from activetouch.perception.hypothesis_embedding import Floats32, HypothesisEmbedding
-from activetouch.perception.sessions import session_of
-from activetouch.scene import Scene
-from belief.errors import CorruptFile
+from activetouch.orientations import LyingAnyhow
+from activetouch.perception.cached_arrays import session_of
+from activetouch.perception.card import PRODUCTS, READER, ClassifierCard, card_from
+from activetouch.perception.imaging import Floats32
+from activetouch.poses import multiply, to_matrices, turned
+from activetouch.scene import Scene, require_no_hand
+from belief.errors import CorruptFile, InvalidArgument
 from belief.files import array_digest
+from belief.frozen import frozen
+from belief.observation_model.outcome_mixture import Views
 from belief.sealed_tensors import read_tensors, write_tensors
+
+if TYPE_CHECKING:
+    from activetouch.perception.contacts.hypotheses import Hypotheses
+    from activetouch.perception.grasps import GraspHypotheses
+
+_AT_ONCE = 4096  # hypotheses
+_CACHED = 1 << 15  # numbers of an array that stay in the cache
+_ERFC = tuple(np.float32(c) for c in (1.061405429, -1.453152027, 1.421413741, -0.284496736, 0.254829592))
+_IMAGES = 64  # images whose logits are computed at a time
+_LAYER, _ROTATIONS, _SIZES = "hypothesis", "hypotheses.rotations", "hypotheses.sizes"
+_PARTS = ("weight", "bias")
+
+
+@dataclass(frozen=True, eq=False)
+class HypothesisEmbedding:
+    """The network g, and the fixed hypotheses over which shape logits are averaged.
+
+    ``layers`` are weights ``(out, in)`` and biases ``(out,)``. The first reads the one-hot shape, the nine entries of
+    the rotation matrix row by row, the standardised log size, and the products of two entries of the matrix. GELU
+    follows every layer but the last. Hidden layers but the first read normalised numbers, and add to them. The fixed
+    hypotheses, the same for every shape, have ``rotations (M, 3, 3)`` and ``sizes (M,)``.
+    """
+
+    card: ClassifierCard
+    layers: tuple[tuple[Floats32, Floats32], ...]
+    rotations: Floats32
+    sizes: Floats32
+
+    def __post_init__(self) -> None:
+        card, number = self.card, len(self.sizes)
+        shapes = [weight.shape for weight, _ in self.layers]
+        widths = [card.num_inputs, *(len(bias) for _, bias in self.layers)]
+        fits = shapes == [(width, before) for before, width in pairwise(widths)] and widths[-1] == card.embedding
+        fits = fits and len(set(widths[1:-1])) == 1  # hidden layers add to each other
+        fits = fits and self.rotations.shape == (number, 3, 3) and number > 0 and bool((self.sizes > 0).all())
+        if not fits:
+            raise ValueError(
+                f"the network of hypotheses must lead from {card.num_inputs} to {card.embedding} numbers by hidden "
+                f"layers of one width, and the fixed hypotheses have positive sizes (M,) and rotations (M, 3, 3); "
+                f"got layers {shapes}, {number} sizes and rotations {self.rotations.shape}"
+            )
+
+    def embed(self, shapes: NDArray[np.int64], rotations: NDArray[Any], sizes: NDArray[Any]) -> Floats32:
+        """Embeddings ``(H, D)`` of shapes ``(H,)``, rotations from object to pad ``(H, 3, 3)`` and sizes ``(H,)``."""
+        number, num_shapes = len(shapes), len(self.card.shape_labels)
+        standard = ((np.log(sizes) - self.card.log_size_mean) / self.card.log_size_std)[:, None]
+        found = np.empty((number, self.card.embedding), np.float32)
+        for first in range(0, number, _AT_ONCE):
+            some = slice(first, first + _AT_ONCE)
+            kind = np.eye(num_shapes, dtype=np.float32)[shapes[some]]
+            turns = rotations[some].reshape(-1, 9).astype(np.float32)
+            products = turns[:, PRODUCTS[0]] * turns[:, PRODUCTS[1]]
+            hidden = np.concatenate([kind, turns, standard[some], products], axis=1, dtype=np.float32)
+            (weight, bias), *middle = self.layers[:-1]
+            hidden = _gelu(hidden @ weight.T + bias)
+            for weight, bias in middle:
+                hidden += _gelu(_normalised(hidden) @ weight.T + bias)
+            weight, bias = self.layers[-1]
+            found[some] = hidden @ weight.T + bias
+        return found
+
+    def bound_to(self, scene: Scene) -> HypothesisEmbedding:
+        """Itself: it knows the shapes of its training, whatever the scene."""
+        return self
+
+    def embedded(self, scene: Scene, bodies: Bodies, pose: int) -> Floats32:
+        """See :class:`activetouch.perception.contacts.hypotheses.Hypotheses`."""
+        rotation = scene.rotations[scene.pose_labels[pose]]
+        found = self._of_every_shape(to_matrices(turned(rotation, bodies.rests)), bodies.sizes)
+        return found.reshape(len(scene.shapes), len(bodies.rests), -1)
+
+    def _of_every_shape(self, rotations: NDArray[Any], sizes: NDArray[Any]) -> Floats32:
+        """Embeddings of N orientations and sizes, shape after shape, ``(K · N, D)``."""
+        num_shapes, number = len(self.card.shape_labels), len(sizes)
+        shapes = np.repeat(np.arange(num_shapes), number)
+        return self.embed(shapes, np.tile(rotations, (num_shapes, 1, 1)), np.tile(sizes, num_shapes))
+
+    @cached_property
+    def _fixed(self) -> Floats32:
+        return self._of_every_shape(self.rotations, self.sizes)
+
+    def shape_logits(self, embeddings: Floats32) -> NDArray[np.float64]:
+        """See :class:`activetouch.perception.contacts.hypotheses.Hypotheses`; the mean is over the fixed hypotheses."""
+        fixed, num_shapes, number = self._fixed.T, len(self.card.shape_labels), len(self.sizes)
+        logits = np.empty((len(embeddings), num_shapes))
+        for first in range(0, len(embeddings), _IMAGES):
+            some = slice(first, first + _IMAGES)
+            logits[some] = _logsumexp((embeddings[some] @ fixed).reshape(-1, num_shapes, number))
+        logits -= np.log(number)
+        return logits
+
+    def tensors(self) -> dict[str, NDArray[Any]]:
+        """The arrays by name, as a file has them: layers in half precision."""
+        found: dict[str, NDArray[Any]] = {_ROTATIONS: self.rotations, _SIZES: self.sizes}
+        for number, layer in enumerate(self.layers):
+            found |= {f"{_LAYER}.{number}.{name}": p.astype(np.float16) for name, p in zip(_PARTS, layer, strict=True)}
+        return found
+
+    @classmethod
+    def from_tensors(cls, card: ClassifierCard, tensors: Mapping[str, NDArray[Any]]) -> HypothesisEmbedding:
+        """The network from :meth:`tensors`."""
+        number = sum(name.startswith(f"{_LAYER}.") for name in tensors) // 2
+        parts = [[tensors[f"{_LAYER}.{n}.{part}"].astype(np.float32) for n in range(number)] for part in _PARTS]
+        return cls(card, tuple(zip(*parts, strict=True)), tensors[_ROTATIONS], tensors[_SIZES])
+
+
+def _normalised(x: Floats32) -> Floats32:
+    """Rows with mean 0 and variance 1, as torch's layer normalisation makes them."""
+    centred = x - x.mean(axis=1, keepdims=True)
+    variances = np.einsum("ij,ij->i", centred, centred) / np.float32(x.shape[1])
+    centred /= np.sqrt(variances + np.float32(1e-5))[:, None]
+    return centred
+
+
+def _logsumexp(scores: Floats32) -> Floats32:
+    """Log of the sum of exponentials along the last axis of finite scores ``(N, K, M)``, which are overwritten."""
+    highest = scores.max(axis=2)
+    scores -= highest[:, :, None]
+    np.exp(scores, out=scores)
+    return np.log(scores.sum(axis=2)) + highest
+
+
+def _gelu(x: Floats32) -> Floats32:
+    """GELU, x Φ(x), to 2e-7 |x| (Abramowitz & Stegun 1964, 7.1.26), three times faster than by scipy's ``erf``."""
+    found, blocks = np.empty_like(x), -(-x.size // _CACHED)
+    for rows, out in zip(np.array_split(x, blocks), np.array_split(found, blocks), strict=True):
+        t = np.abs(rows)
+        t *= np.float32(0.3275911 * np.sqrt(0.5))
+        t += np.float32(1.0)
+        np.reciprocal(t, out=t)
+        np.multiply(t, _ERFC[0], out=out)
+        for coefficient in _ERFC[1:]:
+            out += coefficient
+            out *= t
+        with np.errstate(over="ignore"):
+            out *= np.exp(np.square(rows) * np.float32(-0.5))  # twice the probability beyond |x|
+        out *= rows * np.float32(0.5)
+        np.copysign(out, np.float32(-1.0), out=out)
+        out += np.maximum(rows, np.float32(0.0))
+    return found
+
 
 INPUT, OUTPUTS = "images", ("embedding", "features")
 """Names of the input and the outputs of the graph of a reader."""
@@ -71,7 +217,7 @@ class TactileReader:
     def run(self, images: NDArray[np.uint8], batch_size: int = 64) -> tuple[Floats32, Floats32]:
         """Embeddings or logits ``(N, D)``, and features ``(N, F)``, of images as in :meth:`read`."""
         require_stack(images)
-        if isinstance(grasps := self.hypotheses, GraspHypotheses):
+        if (grasps := of_grasps(self.hypotheses)) is not None:
             single, stops = grasps.hand.apart(images)
             read = replace(self, hypotheses=grasps.single).run(np.concatenate(single), batch_size)
             embeddings, features = (np.concatenate(np.split(part, len(single)), axis=1) for part in read)
@@ -90,8 +236,8 @@ class TactileReader:
             require_no_hand(scene.hand, "a reader that tells shapes only")
             return self
         single, card = self.hypotheses, self.card
-        if isinstance(single, GraspHypotheses):  # of another hand
-            single = single.single
+        if (grasps := of_grasps(single)) is not None:  # of another hand
+            single = grasps.single
         if card.imaging is not None:
             card = replace(card, shape_labels=scene.shape_labels, pose_labels=scene.pose_labels)
             single = single.bound_to(scene)
@@ -99,6 +245,8 @@ class TactileReader:
             raise WrongScene("only a reader of any object knows positions of a body in the palm; leave offset averaged")
         if scene.hand is None:
             return self if single is self.hypotheses else replace(self, card=card, hypotheses=single)
+        from activetouch.perception.grasps import GraspHypotheses
+
         reach = 0.0 if card.imaging is None else float(card.imaging["offset"])
         return replace(self, card=card, hypotheses=GraspHypotheses(single, scene, reach))
 
@@ -124,6 +272,8 @@ class TactileReader:
         try:
             hypotheses: Hypotheses | None = None
             if card.imaging is not None:
+                from activetouch.perception.contacts.hypotheses import ContactHypotheses
+
                 hypotheses = ContactHypotheses.from_tensors(card.imaging, tensors)
             elif card.embedding:
                 hypotheses = HypothesisEmbedding.from_tensors(card, tensors)
@@ -148,6 +298,11 @@ class TactileReader:
             raise ValueError(f"its network is {found}, not {wanted}")
 
 
+def of_grasps(hypotheses: Hypotheses | None) -> GraspHypotheses | None:
+    """The hypotheses if they are of grasps, which alone have a hand."""
+    return cast("GraspHypotheses", hypotheses) if hasattr(hypotheses, "hand") else None
+
+
 def resized(images: NDArray[np.uint8], shape: tuple[int, ...]) -> NDArray[np.uint8]:
     """Images, uint8 ``(N, H, W)`` or ``(N, H, W, 3)``, averaged down, or repeated up, to images of a shape."""
     if images.shape[1:] == shape:
@@ -168,3 +323,68 @@ def require_stack(images: NDArray[np.uint8]) -> None:
         raise ValueError(f"images must be uint8 of shape (N, H, W) or (N, H, W, 3), got {images.dtype} {images.shape}")
     if not len(images):
         raise ValueError("images is empty: there is nothing to read")
+
+
+_FEW_POSES = 12
+_MOST_IN_SINGLE = 1 << 25  # numbers in the tables of all poses
+
+
+@dataclass(frozen=True, eq=False)
+class HypothesisTable:
+    """Embeds any number of hypotheses in every pose of a scene."""
+
+    reader: TactileReader
+    scene: Scene
+
+    def __call__(self, num_hypotheses: int) -> NDArray[np.float32]:
+        """Embedded hypotheses ``(P, K, N, D)``, N of each shape, the same orientations and sizes for all shapes."""
+        return np.stack([self._embed(num_hypotheses, pose) for pose in range(len(self.scene.poses))])
+
+    def in_pose(self, num_hypotheses: int, pose: int) -> NDArray[np.floating]:
+        """Embedded hypotheses in one pose, ``(K, N, D)``, read-only; in half precision if all poses exceed 128 MB."""
+        key = num_hypotheses, pose
+        if key not in self._kept:
+            found = self._embed(num_hypotheses, pose)
+            is_large = len(self.scene.poses) * found.size > _MOST_IN_SINGLE
+            self._kept[key] = frozen(found.astype(np.float16) if is_large else found)
+        return self._kept[key]
+
+    @cached_property
+    def _kept(self) -> dict[tuple[int, int], NDArray[np.floating]]:
+        return {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "_kept"}
+
+    def _embed(self, num_hypotheses: int, pose: int) -> NDArray[np.float32]:
+        if self.reader.hypotheses is None:
+            raise InvalidArgument("this reader tells shapes only; one that knows orientations is trained with its own")
+        return self.reader.hypotheses.embedded(self.scene, self.scene.hypotheses(num_hypotheses), pose)
+
+    @property
+    def groups(self) -> tuple[int, ...]:
+        """Group of each pose, by its aim; empty for few poses, and if objects do not lie in random orientations."""
+        turns_with_body = self.scene.hand is not None and self.scene.hand.offset == "kept"
+        few = len(self.scene.poses) <= _FEW_POSES or turns_with_body
+        if few or not isinstance(self.scene.presentation, LyingAnyhow):
+            return ()
+        aims = list(map(tuple, self.scene.aim_offsets.tolist()))
+        return tuple(list(dict.fromkeys(aims)).index(aim) for aim in aims)
+
+    def views(self, num_hypotheses: int) -> Views:
+        """The hypotheses that look alike in different poses, by orientation."""
+        if not self.groups:
+            raise WrongScene(
+                f"this observation model takes poses as alike, which holds for more than {_FEW_POSES} poses of objects "
+                f"that lie anyhow, not for {self.scene!r}. Fit one to touches of this scene (activetouch calibrate)"
+            )
+        from activetouch.rotation_cells import nearest
+
+        groups, rotations = np.array(self.groups), list(self.scene.rotations.values())
+        rests = self.scene.hypotheses(num_hypotheses).rests
+        first = np.unique(groups, return_index=True)[1][groups]
+        back = [
+            multiply(rotations[begin] * (1.0, -1.0, -1.0, -1.0), each)
+            for begin, each in zip(first, rotations, strict=True)
+        ]
+        return Views(groups, np.stack([nearest(turned(rotation, rests), rests) for rotation in back]))

@@ -5,7 +5,7 @@ more noise, and all of these together; an image that is blurred or shifted; hyst
 object was trained with all of them, and reads in each.
 
 >>> from activetouch import SCENES
->>> from activetouch.perception.contacts.sensor_state import imaging_of
+>>> from activetouch.perception.imaging import imaging_of
 >>> labels, states = changed_worlds(imaging_of(SCENES["gel"].scene), SensorState.nominal(1))
 >>> labels[:2], len(labels) == len(states.noise)
 (('noise × 1.6', 'noise × 2.5'), True)
@@ -21,10 +21,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.hypotheses import Bodies
+from activetouch.distributions import Bodies
 from activetouch.perception.contacts.hypotheses import ContactHypotheses
-from activetouch.perception.contacts.imaging import BROKEN, Imaging, SensorState
-from activetouch.perception.contacts.sensor_state import sensor_state
+from activetouch.perception.imaging import BROKEN, Imaging, SensorState, sensor_state
 from activetouch.perception.reader import TactileReader
 from activetouch.scene import Scene
 from belief.errors import InvalidArgument
@@ -122,16 +121,7 @@ class EmbeddedWorlds:
 
 
 def sensor_health(model: ArrayModel, reader: TactileReader, scene: Scene) -> SensorHealthModel:
-    """The observation model of a sensor in an unknown state.
-
-    Args:
-        model: of the sensor in the state that its scene describes.
-        reader: of any object, which embeds hypotheses in other states.
-        scene: of the sensor.
-
-    Raises:
-        InvalidArgument: the reader, or the model, is of another kind.
-    """
+    """The observation model of a sensor in an unknown state; a reader of any object embeds in other states."""
     described, hypotheses = joint_model(model), reader.hypotheses
     if described is None or not isinstance(hypotheses, ContactHypotheses):
         raise InvalidArgument("the state of a sensor is inferred with a reader of any object and its joint model")

@@ -13,10 +13,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.placement import Placement
-from activetouch.poses import multiply, to_matrix, turn
+from activetouch.poses import Placement, multiply, to_matrix, turn
 from activetouch.pressing.closing import Closing, Gripper, add_body, add_finger_pad, in_front
-from activetouch.pressing.pad import Pad
+from activetouch.pressing.contact import Pad
 from activetouch.solids.solid import Floats
 from belief.errors import InvalidArgument
 

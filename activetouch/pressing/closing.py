@@ -19,12 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.errors import UnstablePress
-from activetouch.placement import Placement
-from activetouch.poses import to_matrix
-from activetouch.pressing.contact import elastic_contact, first_touch, missed
+from activetouch.poses import Placement, to_matrix
+from activetouch.pressing.contact import Grasp, Pad, elastic_contact, first_touch, missed
 from activetouch.pressing.dynamic import Dynamic, facing_geom
-from activetouch.pressing.pad import Pad
-from activetouch.pressing.press import Grasp
 from activetouch.pressing.rig import (
     FORCE,
     NO_CONTACT,
@@ -220,7 +217,7 @@ class Closing(Dynamic):
     def close(
         self, pad: Pad, met: Sequence[Placement], fingers: Floats, centre: Floats, forces: Sequence[float]
     ) -> Grasp:
-        """See :class:`activetouch.pressing.press.Press`."""
+        """See :class:`activetouch.pressing.contact.Press`."""
         if len(met) == 1:  # the palm holds the body
             return super().close(pad, met, fingers, centre, forces)
         for force in forces:

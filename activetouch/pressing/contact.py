@@ -1,21 +1,88 @@
-"""Contacts: the forces, depths and pressures of one press, and their time series."""
+"""The pad, its contact with a body, and the simplest press.
+
+The elastic layer of the pad is a Winkler foundation of independent springs: a taxel indented by δ [m] carries the
+pressure k·δ [Pa] (Johnson, *Contact Mechanics*, §4.3). In a press the pressures add up to the normal force. Decision
+0003 compares this with MuJoCo's soft contact.
+
+``Quasistatic`` does not simulate time. ``Dynamic`` and ``GuardedMove`` (:mod:`activetouch.pressing.dynamic`), the
+paper's cycle, simulate the motion in MuJoCo. All compute the imprint by one force law (:func:`elastic_contact`).
+"""
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import cache
-from typing import NamedTuple
+from functools import cache, cached_property
+from typing import TYPE_CHECKING, Annotated, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.placement import Placement
-from activetouch.poses import to_matrix
-from activetouch.pressing.pad import Pad
+from activetouch.poses import Placement, to_matrix
 from activetouch.solids.raster import foremost
-from activetouch.solids.solid import Floats
+from activetouch.solids.solid import Floats, Shape
+from belief.constraints import NOT_NEGATIVE, Checked, NotNegative, Positive, Within, require_rule
+
+if TYPE_CHECKING:
+    import mujoco
+
+
+@dataclass(frozen=True)
+class Pad(Checked):
+    """A flat square pad in the plane x = 0, facing +x, centred on the approach axis.
+
+    Attributes:
+        half_width: half the edge of the sensing face [m]; the paper's pad is 30 × 30 mm.
+        half_thickness: half the thickness of the pad body [m].
+        num_taxels: number of points along an edge; each is a taxel of the image unless the renderer bins them.
+        stiffness: k of the elastic foundation [N/m³]; the default gives 1.5 mm under a 20 mm sphere at 2 N.
+        max_depth: indentation at which the layer bottoms out, also the full scale of the image [m].
+        contact_time: time constant of MuJoCo's soft contact [s]. It affects the motion, not the imprint.
+        damping_ratio: of that contact; below 1 the object bounces.
+    """
+
+    half_width: Positive = 0.015
+    half_thickness: Positive = 0.007
+    num_taxels: Annotated[int, Within(1, 10_000)] = 128
+    stiffness: Positive = 1.45e7
+    max_depth: Positive = 0.003
+    contact_time: Positive = 0.04
+    damping_ratio: NotNegative = 1.0
+
+    @property
+    def taxel_area(self) -> float:
+        """Area of one taxel [m²]."""
+        return (2 * self.half_width / self.num_taxels) ** 2
+
+    @cached_property
+    def taxel_centres(self) -> Floats:
+        """Centres in the pad frame, ``(3, num_taxels²)`` [m]; rows of the image run along z, columns along y."""
+        edge = (np.arange(self.num_taxels) + 0.5) / self.num_taxels * 2 - 1
+        z, y = np.meshgrid(edge * self.half_width, edge * self.half_width, indexing="ij")
+        return np.stack([np.zeros(z.size), y.ravel(), z.ravel()])
+
+    def indentation(self, gap: Floats, force: float) -> float:
+        """Depth δ of the deepest taxel under a normal force [N], ≥ 0, in ``[0, max_depth]`` [m].
+
+        Solves F = k·A·∑ max(0, δ − gap) for gaps [m] of any shape, ``inf`` beside the object. The sum is convex and
+        piecewise linear in δ, so Newton's method from the right ends exactly at the root.
+        """
+        require_rule("force", force, NOT_NEGATIVE)
+        reached = gap.compress((gap < self.max_depth).ravel())  # in two thirds of the time of a mask
+        if force == 0.0 or reached.size == 0:
+            return 0.0
+        load = force / (self.stiffness * self.taxel_area)  # ∑ max(0, δ − gap) that carries the force [m]
+        if (self.max_depth - reached).sum() <= load:
+            return self.max_depth
+        depth = self.max_depth
+        while True:
+            loaded = reached[reached < depth]
+            lower = (load + loaded.sum()) / loaded.size
+            if lower >= depth:  # converged up to rounding
+                return depth
+            depth, reached = lower, loaded
 
 
 class Phase(StrEnum):
@@ -119,14 +186,10 @@ class PressedObject(NamedTuple):
 
 
 def elastic_contact(pad: Pad, gap: Floats, force: float, stiffness: float = 1.0, trace: Trace | None = None) -> Contact:
-    """The contact of a rigid surface with the pad's elastic foundation under a given force (decision 0003).
+    """The contact of a rigid surface with the pad's elastic foundation under a given force [N] (decision 0003).
 
-    Args:
-        pad: the pad.
-        gap: from :func:`surface_gap`.
-        force: normal force [N]; ignored if the object misses the pad.
-        stiffness: of the layer and the object's skin together, relative to the pad's.
-        trace: of the press.
+    The gap is of :func:`surface_gap`; the force is ignored if the object misses the pad. ``stiffness`` is of the layer
+    and the object's skin together, relative to the pad's.
     """
     force = force if np.isfinite(gap.min()) else 0.0
     indentation = pad.indentation(gap, force / stiffness) - gap
@@ -168,3 +231,80 @@ def first_touch(pad: Pad, placement: Placement) -> tuple[Floats, float]:
     reached = foremost(shape.surface, turn, np.asarray(placement.offset), pixel, pad.num_taxels, within)
     touching = float(reached.max())
     return (touching - reached, touching) if np.isfinite(touching) else (-reached, np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class Grasp:
+    """The grasp of m fingers that closed on a body: contacts, and what each finger has in front of it in the end.
+
+    The force of a finger that misses is 0. ``centre (m,)`` is that of the body, from the middle of the palm along each
+    finger's axis [m]; ``net_force (3,)``, which the palm holds, has friction where it is simulated [N].
+    """
+
+    contacts: tuple[Contact, ...]
+    met: tuple[Placement, ...]
+    centre: NDArray[np.float64]
+    net_force: NDArray[np.float64]
+
+    @property
+    def stops(self) -> NDArray[np.float64]:
+        """Where the pads' faces stop, from the middle of the palm, ``(m,)`` [m]; ``nan`` for a finger that misses."""
+        each = zip(self.contacts, self.met, strict=True)
+        return np.array([first_touch(one.pad, seen)[1] - one.depth for one, seen in each]) - self.centre
+
+
+class Press(Protocol):
+    """A way to press an object against the pad; a subclass needs only ``press``.
+
+    ``moves`` says whether the object's motion is simulated, so that it can slide or bounce.
+    """
+
+    moves: ClassVar[bool] = False
+
+    @property
+    def traced(self) -> bool:
+        """Whether contacts carry a time series of force and contact point (``Contact.trace``)."""
+        return False
+
+    @property
+    def closes(self) -> bool:
+        """Whether it can close the fingers of a hand; where nothing moves, each presses by itself."""
+        return not self.moves
+
+    @abstractmethod
+    def press(self, pad: Pad, placement: Placement, target_force: float) -> Contact:
+        """The contact in the pause, where the motion stops at ``target_force`` [N]; its force is 0 for a miss."""
+
+    def compiled(self, pad: Pad, shape: Shape) -> mujoco.MjModel | None:
+        """The MuJoCo model of a press of this shape; None if the press does not use MuJoCo."""
+        return None
+
+    def with_trace(self) -> Press:
+        """This press with a trace of its motion, if it can record one."""
+        return self
+
+    def close(
+        self,
+        pad: Pad,
+        met: Sequence[Placement],
+        fingers: NDArray[np.float64],
+        centre: NDArray[np.float64],
+        forces: Sequence[float],
+    ) -> Grasp:
+        """The grasp of m fingers that close on a body with ``forces`` [N]; by default, each presses by itself.
+
+        ``met`` is what each has in front of it, ``fingers (m, 3, 3)`` the rotations of the pads about the middle of the
+        palm, which press along the first columns, and ``centre (3,)`` that of the body in the palm [m].
+        """
+        contacts = tuple(self.press(pad, seen, float(force)) for seen, force in zip(met, forces, strict=True))
+        axes = fingers[:, :, 0]
+        return Grasp(contacts, tuple(met), axes @ centre, np.array([one.force for one in contacts]) @ axes)
+
+
+@dataclass(frozen=True)
+class Quasistatic(Press):
+    """A press without simulated time: the object rests on the pad with exactly the target force."""
+
+    def press(self, pad: Pad, placement: Placement, target_force: float) -> Contact:
+        """See :class:`Press`."""
+        return elastic_contact(pad, surface_gap(pad, placement), target_force, placement.stiffness)

@@ -8,11 +8,8 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from activetouch.errors import UnstablePress
-from activetouch.placement import Placement
-from activetouch.poses import to_matrix
-from activetouch.pressing.contact import Contact, Phase, elastic_contact, first_touch
-from activetouch.pressing.pad import Pad
-from activetouch.pressing.press import Press
+from activetouch.poses import Placement, to_matrix
+from activetouch.pressing.contact import Contact, Pad, Phase, Press, elastic_contact, first_touch
 from activetouch.solids.solid import Floats, Geom, Shape, on_spiral
 from belief.constraints import NOT_NEGATIVE, require_rule
 from belief.validation import are_finite

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from activetouch.poses import to_matrices
-from activetouch.pressing.pad import Pad
+from activetouch.pressing.contact import Pad
 from activetouch.solids.raster import heights
 from activetouch.solids.solid import Floats, Shape
 from belief.constraints import Positive, Within, check

@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.errors import WrongMujoco
-from activetouch.placement import Placement
-from activetouch.pressing.contact import Phase, Trace
-from activetouch.pressing.pad import Pad
+from activetouch.poses import Placement
+from activetouch.pressing.contact import Pad, Phase, Trace
 from activetouch.solids.solid import Geom, Shape
 
 _OLDEST = (4, 0, 1)

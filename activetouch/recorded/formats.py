@@ -1,5 +1,7 @@
 """The formats of recorded touches, each a function that reads a folder. To add one, write it and add a line at the end.
 
+All read columns with :func:`belief.columns.read_columns`, and :func:`touches_of_columns` checks what these hold.
+
 * ``csv``: one row for each touch, in all ``.csv`` and ``.csv.gz`` files of a folder. The first line names the columns.
   ``object`` is needed; ``action`` (by default all touches have one action), ``session`` (order of recording among the
   touches of an object and action), ``category`` and ``shape`` are optional. Columns whose names begin with
@@ -10,14 +12,14 @@
 * ``bts3``: grasps of objects in three hand poses with three BioTac SP fingers of 24 electrodes, from the BioTac SP
   Stability Set v2 (MIT): ``bts3v2_palm_POSE.csv``, also compressed, with the columns ``object,slipped,ff_biotac_1,…``.
   Whether the object slipped is known only after the touch, and is no feature.
-* ``session``: :mod:`activetouch.recorded.session_log`.
+* ``session``: logs of sessions (docs/session_log.md). A touch counts if it was not taken back and the true shape of
+  its object was revealed. Its features are the pixels of its image or, where it has none, what a reader said of it.
+  Every visit of an object is a session.
 """
 
 from __future__ import annotations
 
-from array import array
-from bisect import bisect
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, TypeAlias, get_args
@@ -26,24 +28,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.errors import BadRecording
-from activetouch.recorded.session_log import read_session_logs
-from activetouch.recorded.tables import (
-    KINDS_OF,
-    MOST_BYTES,
-    lines_of,
-    require_bounded,
-    require_folder,
-    require_short,
-    touches_of_columns,
-)
 from activetouch.recorded.touches import RecordedTouches
-from belief.errors import InvalidArgument
-from belief.files import plain_number, require_regular_file
-from belief.files import read_npz as read_npz_arrays
+from belief.columns import read_columns, require_bounded
+from belief.errors import CorruptFile
+from belief.files import plain_number
+from belief.journal import array_from, read_journal
 from belief.naming import few
-from belief.table import csv_rows
+from belief.observation_model.action_kernel import numbered_sessions
 from belief.validation import Floats
 
+KINDS_OF = {"categories": "category", "shapes": "shape"}
+"""The column of each task besides ``objects``."""
+_MOST_SESSION = 2**53  # so that it is exact as a float
 _NAMES = ("object", "action", "session", *KINDS_OF.values())  # columns that are no features
 _ARRAYS = (*_NAMES, "features", "untouched", "feature_names", "provenance", "licence")
 _UNTOUCHED = "untouched:"  # begins the names of columns that were measured where nothing was touched
@@ -52,7 +48,7 @@ _POSES = ("down", "45", "side")
 Read: TypeAlias = tuple[RecordedTouches, tuple[str, ...]]
 
 
-def _read_tables(
+def _touches_of_table(
     paths: Sequence[Path],
     words: Sequence[str],
     source: str,
@@ -60,57 +56,21 @@ def _read_tables(
     factors: Sequence[str] = (),
     **facts: Any,
 ) -> RecordedTouches:
-    """The rows of CSV files with the same columns, of which those of words are known, and all others are features.
-
-    The actions of the files are by default those of a column, or of several, ``factors``; ``facts`` are further
-    arguments of the touches.
-    """
-    header: list[str] = []
-    columns: dict[str, list[str]] = {name: [] for name in words}
-    numbers, known = array("d"), dict[str, str]()
-    line_of, firsts = array("q"), list[int]()  # line of each row, and first row of each file
-    for path in paths:
-        lines = _rows(path)
-        names = _header(path, next(lines, (1, []))[1])
-        if header and names != header:
-            raise BadRecording(f"{path} has the columns {names[:12]}, {paths[0]} has {header[:12]}")
-        header = names
-        features = [column for column, name in enumerate(header) if name not in columns]
-        labels = [(columns[name], column) for column, name in enumerate(header) if name in columns]
-        firsts.append(len(line_of))
-        for number, cells in lines:
-            if len(cells) != len(header):
-                raise BadRecording(f"line {number} of {path} has {len(cells)} cells, the header has {len(header)}")
-            numbers.extend([_number(cells[column], header[column], number, path) for column in features])
-            for told, column in labels:
-                cell = cells[column].strip()
-                told.append(known.setdefault(cell, cell))  # once in memory
-            line_of.append(number)
-            require_bounded(len(line_of), len(numbers), "these recordings")
-    size = len(line_of)
-    if not size:
+    """The rows of CSV files, in which columns other than ``words`` are features; ``actions`` are those of the files."""
+    hint = " (leave the column out, or if it is part of the action, give --action {})"
+    table = read_columns(paths, words, BadRecording, needed=("object",), is_numeric=True, hint=hint)
+    if not len(table.numbers):
         raise BadRecording(f"the CSV files in {source} have no rows below their headers")
-
-    def place(row: int) -> str:
-        return f"line {line_of[row]} of {paths[bisect(firsts, row) - 1]}"
-
-    names, table = [header[column] for column in features], np.array(numbers, np.float64).reshape(size, -1)
-    if (wrong := np.argwhere(~np.isfinite(table))).size:
-        row, column = wrong[0].tolist()
-        raise BadRecording(f"{place(row)}: the feature {names[column]!r} is '{table[row, column]}', not finite")
-    for name, told in columns.items():
-        require_short(name, max(map(len, told), default=0), size, source)
-    given = {name: np.array(told) for name, told in columns.items() if told}
     if actions:
-        given["action"] = np.repeat(actions, np.diff([*firsts, size]))
-    is_control = np.array([name.startswith(_UNTOUCHED) for name in names], np.bool_)
-    kept = [name for name in names if not name.startswith(_UNTOUCHED)]
+        table.arrays["action"] = np.repeat(actions, np.diff([*table.places[1], len(table.numbers)]))
+    is_control = np.array([name.startswith(_UNTOUCHED) for name in table.headings], np.bool_)
+    kept = [name for name in table.headings if not name.startswith(_UNTOUCHED)]
     if is_control.any():
-        apart = {name.removeprefix(_UNTOUCHED).strip(): i for i, name in enumerate(names) if is_control[i]}
+        apart = {name.removeprefix(_UNTOUCHED).strip(): i for i, name in enumerate(table.headings) if is_control[i]}
         order = [apart[name] for name in (kept if set(kept) == set(apart) else apart)]
-        facts["controls"] = {"untouched": table[:, order]}
+        facts["controls"] = {"untouched": table.numbers[:, order]}
     facts |= {"action_names": actions, "feature_names": kept, "factors": factors}
-    return touches_of_columns(table[:, ~is_control], given, source, place=place, **facts)
+    return touches_of_columns(table.numbers[:, ~is_control], table.arrays, source, place=table.place, **facts)
 
 
 def read_csv(folder: Path, factors: Sequence[str] = ()) -> Read:
@@ -120,8 +80,8 @@ def read_csv(folder: Path, factors: Sequence[str] = ()) -> Read:
     if not paths:
         raise BadRecording(f"there is no .csv or .csv.gz file in {folder}")
     others = sorted(path.name for path in folder.iterdir() if path not in paths)
-    words = dict.fromkeys((*_NAMES, *factors))
-    return _read_tables(paths, list(words), str(folder), factors=factors), _ignored("file", others)
+    words = list(dict.fromkeys((*_NAMES, *factors)))
+    return _touches_of_table(paths, words, str(folder), factors=factors), _ignored("file", others)
 
 
 def read_bts3(folder: Path) -> Read:
@@ -133,7 +93,7 @@ def read_bts3(folder: Path) -> Read:
         if not found:
             raise BadRecording(f"there is no file bts3v2_palm_{pose}.csv or .csv.gz in {folder}")
         paths.append(found[0])
-    touches = _read_tables(
+    touches = _touches_of_table(
         paths,
         ("object", "slipped"),
         str(folder),
@@ -144,39 +104,6 @@ def read_bts3(folder: Path) -> Read:
     return touches, ("the column 'slipped' is left out: it is known only after the touch",)
 
 
-def _header(path: Path, cells: Sequence[str]) -> list[str]:
-    """The names of the columns."""
-    names = [name.strip() for name in cells]
-    if "object" not in names or len(set(names)) < len(names):
-        raise BadRecording(
-            f"the first line of {path} must name the columns, each once, separated by commas, with 'object' among "
-            f"them; got {names[:12]}"
-        )
-    if "" in names:
-        raise BadRecording(
-            f"column {names.index('') + 1} of {path} has no name: name it or leave it out, as a row number is no "
-            "feature (pandas writes none with to_csv(index=False))"
-        )
-    return names
-
-
-def _number(cell: str, name: str, number: int, path: Path) -> float:
-    try:
-        return plain_number(cell)
-    except ValueError:
-        is_text = not any(character.isdigit() for character in cell)
-        hint = f" (leave the column out, or if it is part of the action, give --action {name})" if is_text else ""
-        hint = " (decimals have a point)" if "," in cell else hint
-        raise BadRecording(f"line {number} of {path}: the feature {name!r} is {cell[:40]!r}, no number{hint}") from None
-
-
-def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    try:
-        yield from csv_rows(lines_of(path))
-    except InvalidArgument as error:
-        raise BadRecording(f"{path}, {error}") from error
-
-
 def read_npz(path: Path, factors: Sequence[str] = ()) -> Read:
     """The touches of a ``.npz`` file, or of the only one in a folder; BadRecording if it has no such plain arrays."""
     if path.is_dir():
@@ -184,20 +111,10 @@ def read_npz(path: Path, factors: Sequence[str] = ()) -> Read:
         if len(found) != 1:
             raise BadRecording(f"{path} must hold one .npz file, it holds {len(found)}; give the file itself")
         path = found[0]
-    require_regular_file(path, BadRecording)
-    try:
-        arrays, others = read_npz_arrays(path, MOST_BYTES, (*_ARRAYS, *factors))
-        given = {name: _text(name, arrays[name], str(path)) for name in (*_NAMES, *factors) if name in arrays}
-    except BadRecording:
-        raise
-    except Exception as error:  # readers of zip and npy raise a dozen kinds on damaged bytes
-        raise BadRecording(f"{path} cannot be read as .npz of plain arrays: {error}") from error
-    if missing := [name for name in ("features", "object") if name not in arrays]:
-        had = few([*arrays, *others], 12) or "none"
-        raise BadRecording(
-            f"{path} has no array {missing[0]!r}; it has {had}. Touches are features (n, F), or pictures (n, H, W) or "
-            "(n, H, W, C), and object (n,)"
-        )
+    hint = ". Touches are features (n, F), or pictures (n, H, W) or (n, H, W, C), and object (n,)"
+    table = read_columns([path], (*_ARRAYS, *factors), BadRecording, needed=("features", "object"), hint=hint)
+    arrays, others = table.arrays, table.others
+    given = {name: arrays[name] for name in (*_NAMES, *factors) if name in arrays}
     names = list(map(str, np.atleast_1d(arrays.get("feature_names", ())).tolist()))
     features, controls, notes = (
         _numbers("features", arrays["features"], path),
@@ -238,7 +155,6 @@ def _numbers(name: str, array: NDArray[Any], path: Path) -> Floats:
             f"{name} in {path} must be numbers (n, F), or pictures (n, H, W) or (n, H, W, C), got {array.dtype} "
             f"{array.shape}"
         )
-    require_bounded(len(array), array.size, str(path))
     return array.astype(np.float64)
 
 
@@ -254,19 +170,170 @@ def _averaged(pictures: Floats) -> Floats:
     return found
 
 
-def _text(name: str, column: NDArray[Any], source: str) -> NDArray[Any]:
-    """A column, whose bytes are text in UTF-8, and in which NaN is an empty cell."""
-    if column.dtype.kind in "SU":
-        require_short(name, column.dtype.itemsize // np.dtype(f"{column.dtype.kind}1").itemsize, column.size, source)
-    if column.dtype.kind == "f" and np.isnan(column).any():
-        return np.where(np.isnan(column), "", column.astype(str))
-    return np.char.decode(column, "utf-8") if column.dtype.kind == "S" else column
-
-
 def _ignored(kind: str, names: Iterable[str]) -> tuple[str, ...]:
     """A sentence about what is not read; none where there is nothing."""
     listed = [repr(name) for name in names]
     return (f"ignored {kind}s: {few(listed, 12)}",) if listed else ()
+
+
+def require_folder(folder: Path, what: str) -> None:
+    """Refuse what is no folder, and say what it must hold."""
+    if not folder.is_dir():
+        raise BadRecording(f"there is no folder {folder}; it must hold {what}")
+
+
+def touches_of_columns(
+    features: Floats,
+    columns: Mapping[str, NDArray[np.generic]],
+    source: str,
+    *,
+    place: Callable[[int], str] | None = None,
+    action_names: Sequence[str] = (),
+    factors: Sequence[str] = (),
+    feature_names: Sequence[str] = (),
+    provenance: str = "",
+    licence: str = "not stated",
+    controls: Mapping[str, Floats] = MappingProxyType({}),
+) -> RecordedTouches:
+    """The touches of a table of features ``(n, F)`` and columns ``(n,)``, with all facts of :class:`RecordedTouches`.
+
+    ``place`` names a row in messages, such as "line 7 of mugs.csv". Actions are those of the columns ``factors``, or of
+    ``action``, sorted, unless ``action_names`` gives their order. Raises BadRecording, which names the row and the
+    column: no feature, an object without a name or with two categories or shapes, or sessions that are not integers.
+
+    >>> table = touches_of_columns(np.ones((2, 1)), {"object": np.array(["mug", "can"])}, "here")
+    >>> table.object_names, table.action_names
+    (('can', 'mug'), ('touch',))
+    """
+    n, place = len(features), place or (lambda row: f"row {row} of {source}")
+    for name, values in columns.items():
+        if values.shape != (n,):
+            raise BadRecording(
+                f"{name} in {source} must be ({n},) as there are {n} rows of features, got {values.shape}"
+            )
+    if features.size == 0:
+        raise BadRecording(f"{source} has no features: every column besides object, action and session is one")
+    object_names, objects = np.unique(columns["object"].astype(str), return_inverse=True)
+    if "" in object_names:
+        raise BadRecording(f"{place(int(np.argmax(columns['object'].astype(str) == '')))} names no object")
+    if lacking := [name for name in factors if name not in columns]:
+        raise BadRecording(
+            f"--action {lacking[0]}: {source} has no such column; its features are {few(feature_names, 12)}"
+        )
+    given = columns.get("action", np.full(n, "touch")).astype(str)
+    if factors:
+        given = np.array(
+            [" ".join(cells) for cells in zip(*(columns[name].astype(str) for name in factors), strict=True)]
+        )
+    ordered = tuple(action_names) or tuple(map(str, np.unique(given)))
+    actions = np.array([ordered.index(name) for name in given.tolist()])
+    sessions = numbered_sessions(objects, actions)
+    if "session" in columns:
+        sessions = _sessions(columns["session"], place)
+    kinds = {
+        task: _kinds(column, columns[column].astype(str), objects, place)
+        for task, column in KINDS_OF.items()
+        if column in columns
+    }
+    names = ordered, tuple(map(str, object_names))
+    return RecordedTouches(
+        features,
+        actions,
+        objects,
+        sessions,
+        *names,
+        provenance or source,
+        licence,
+        tuple(feature_names),
+        kinds,
+        controls,
+    )
+
+
+def _kinds(
+    column: str, values: NDArray[np.str_], objects: NDArray[np.intp], place: Callable[[int], str]
+) -> tuple[str, ...]:
+    """The category or shape of each object."""
+    firsts = np.unique(objects, return_index=True)[1]
+    if (others := np.flatnonzero(values != values[firsts][objects])).size:
+        row, first = int(others[0]), int(firsts[objects[others[0]]])
+        raise BadRecording(
+            f"{place(row)} names an object with two of {column}: {str(values[row])!r} here and {str(values[first])!r} "
+            f"in {place(first)}"
+        )
+    return tuple(map(str, values[firsts]))
+
+
+def _sessions(values: NDArray[np.generic], place: Callable[[int], str]) -> NDArray[np.int64]:
+    for row, value in enumerate(values.tolist()):
+        try:
+            number = plain_number(value) if isinstance(value, str) else float(value)
+            is_whole = number.is_integer() and abs(number) < _MOST_SESSION
+        except (TypeError, ValueError):  # such as dates
+            is_whole = False
+        if not is_whole:
+            raise BadRecording(
+                f"{place(row)}: the session is {str(value)[:40]!r}; it must be a whole number, in order of recording"
+            )
+    return values.astype(np.float64).astype(np.int64)
+
+
+SCHEMA = "activetouch session "
+
+
+def read_session_logs(path: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
+    """The touches of a log, or of all logs in a folder, and what was left out."""
+    paths = sorted(p for p in path.iterdir() if p.suffix in (".json", ".jsonl")) if path.is_dir() else [path]
+    rows, names, actions, sessions, unknown = [], [], [], [], 0
+    poses: list[str] | None = None
+    for number, log in enumerate(paths):
+        try:
+            header, truth, touches = standing_touches(log)
+            problem = header["problem"]
+            if poses not in (None, problem["poses"]):
+                raise BadRecording(f"{log} has the poses {problem['poses']}, the logs before it {poses}")
+            poses = problem["poses"]
+            for touch in touches:
+                label = dict(enumerate(truth))[touch["object"]]  # which has no number -1
+                if label is None:
+                    unknown += 1
+                    continue
+                found = next(array_from(touch[name]) for name in ("image", "features", "logits") if name in touch)
+                rows.append(np.asarray(found, np.float64).ravel())
+                require_bounded(len(rows), len(rows) * rows[-1].size, str(path), BadRecording)
+                if rows[-1].shape != rows[0].shape:
+                    raise BadRecording(f"a touch in {log} has {rows[-1].size} features, the first one {rows[0].size}")
+                names.append(label)
+                actions.append(touch["pose"])
+                sessions.append(number * problem["num_objects"] + touch["object"])
+        except BadRecording:
+            raise
+        except (LookupError, TypeError, ValueError, AttributeError, StopIteration) as error:
+            raise BadRecording(f"{log} cannot be read as the log of a session: {error}") from error
+    if poses is None or not rows:
+        why = f"the true shapes of {unknown} touches were not revealed: session.reveal(…), or the request reveal, does"
+        raise BadRecording(f"{path} holds no recordings: {why if unknown else 'there are no touches in logs'}")
+    columns = {"object": np.array(names), "action": np.array(actions), "session": np.array(sessions)}
+    recorded = touches_of_columns(np.stack(rows), columns, str(path), action_names=poses)
+    left_out = (f"{unknown} touches are left out: nobody revealed what was touched",) if unknown else ()
+    return recorded, left_out
+
+
+def standing_touches(path: Path) -> tuple[dict[str, Any], list[str | None], list[dict[str, Any]]]:
+    """The first line of a log, the true shapes as far as they are revealed, and touches that were not taken back."""
+    header, *lines = read_journal(path)
+    if not str(header.get("schema")).startswith(SCHEMA):
+        raise CorruptFile(f"{path} is no log of a session: its schema is {header.get('schema')!r:.60}")
+    truth: list[str | None] = header["arrangement"]
+    standing: list[dict[str, Any]] = []
+    for line in lines:
+        if line["told"] == "truth":
+            truth = line["arrangement"]
+        elif line["told"] == "undo":
+            standing.pop()
+        else:
+            standing.append(line)
+    return header, truth, [line for line in standing if line["told"] == "touch"]
 
 
 Format: TypeAlias = Literal["csv", "npz", "bts3", "session"]

@@ -80,7 +80,7 @@ class DeadTaxels(Checked):
 
     def __call__(self, image: Image, rng: np.random.Generator) -> Image:
         """See :class:`Fault`."""
-        return StuckTaxels(self.share, 0.0, self.seed)(image, rng)
+        return _stuck(image, self.share, 0.0, self.seed)
 
 
 @dataclass(frozen=True)
@@ -101,9 +101,14 @@ class StuckTaxels(Checked):
 
     def __call__(self, image: Image, rng: np.random.Generator) -> Image:
         """See :class:`Fault`."""
-        faulty = image.copy()
-        faulty[_broken(self.share, self.seed, image.shape[:2])] = self.level
-        return faulty
+        return _stuck(image, self.share, self.level, self.seed)
+
+
+def _stuck(image: Image, share: float, level: float, seed: int) -> Image:
+    """The image with a share of its taxels at a level."""
+    faulty = image.copy()
+    faulty[_broken(share, seed, image.shape[:2])] = level
+    return faulty
 
 
 @lru_cache(maxsize=64)

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.errors import WrongRenderer
-from activetouch.placement import Placement
-from activetouch.pressing.contact import Contact, Trace, elastic_contact, missed, surface_gap
-from activetouch.pressing.pad import Pad
+from activetouch.poses import Placement
+from activetouch.pressing.contact import Contact, Pad, Trace, elastic_contact, missed, surface_gap
 from activetouch.shapes import SHAPES
 from activetouch.solids.primitives import Sphere
 from activetouch.solids.solid import Floats

@@ -14,16 +14,11 @@ from numpy.typing import NDArray
 
 from activetouch.distributions import Constant
 from activetouch.errors import SceneShift
-from activetouch.mesh_source import read_objects
 from activetouch.named_scenes import SCENES, as_named
 from activetouch.perception.cached_arrays import announced
-from activetouch.perception.hypothesis_table import HypothesisTable
-from activetouch.perception.reader import TactileReader
+from activetouch.perception.reader import HypothesisTable, TactileReader
 from activetouch.scene import Scene
 from activetouch.scene_description import in_words, scene_fields
-from activetouch.sensor.recorded import RecordedSensor
-from activetouch.sensor.searching import begun, player_of, problem_of, with_misses
-from activetouch.sensor.session_reader import SensorReader
 from activetouch.sensor_files import (
     INDEPENDENT_SUFFIX,
     MODELS,
@@ -38,16 +33,17 @@ from belief.composition import Composition, Counts
 from belief.errors import InvalidArgument, UnknownName
 from belief.naming import Name, few, index_of, one_line
 from belief.observation_model.model import ArrayModel, GivesLogits
-from belief.observation_model.sensor_health import SensorHealthModel
 from belief.problem import SearchProblem, Touch
 from planners import Decider, Episode, Session, make_decider, search
-from planners.certified import Certificate, NotCertified
 from planners.fingerprint import digest_of, fingerprint
 from planners.session import SessionSettings
 
 if TYPE_CHECKING:
     from activetouch.perception.many_bodies import NestedPlan
+    from activetouch.sensor.recorded import RecordedSensor
+    from activetouch.sensor.session_reader import SensorReader
     from activetouch.shapes import Shape
+    from planners.certified import Certificate
 
 _FEW_CONTACTS = 256  # shapes times poses for which a table of hypotheses is always made
 
@@ -133,6 +129,8 @@ class TactileSensor:
         """
         folder = Path(folder)
         if scene is None and (folder / RECORDED_FILE).exists():
+            from activetouch.sensor.recorded import RecordedSensor
+
             return RecordedSensor.read_folder(folder)
         if not isinstance(scene, Scene):
             raise InvalidArgument(f"the scene must be a Scene, such as SCENES['coarse'].scene; got {scene!r:.80}")
@@ -233,6 +231,9 @@ class TactileSensor:
         """
         if self.folder is None:
             raise InvalidArgument("a sensor that was put together from parts has no reader of other objects: load one")
+        from activetouch.mesh_source import read_objects
+        from belief.observation_model.sensor_health import SensorHealthModel
+
         variation = replace(self.scene.variation, size=Constant(1.0))
         scene = replace(self.scene, shapes=read_objects(objects), variation=variation)
         is_inferred = isinstance(self.model, SensorHealthModel)
@@ -281,6 +282,8 @@ class TactileSensor:
         touch_cost: float = 0.02,
     ) -> SearchProblem:
         """The rules of a search; by default those of the named scene, or of up to four different objects."""
+        from activetouch.sensor.searching import problem_of
+
         hand = self.scene.hand
         known = [one for one in SCENES.values() if self.scene in (one.scene, hand and one.scene.with_hand(hand))]
         named = known[0] if known else as_named(self.scene)
@@ -302,6 +305,8 @@ class TactileSensor:
         ``seed=7`` is the first search for this target in ``activetouch compare --seed 7``; the key ``(7, 3, 12)`` is
         search number 12 for the target with index 3. See :meth:`Sensor.search`.
         """
+        from activetouch.sensor.searching import player_of
+
         problem = self.problem(num_objects, composition, touch_cost)
         shape, key, player = player_of(problem, self.model, target, decider, seed)
         return search(TouchWorld.of_search(self, problem.seeking(shape), key), player, problem, shape, self.model, key)
@@ -324,11 +329,15 @@ class TactileSensor:
         It asks for what :meth:`search` with the same seed would do, given the same touches, if ``abstain`` is False.
         See :meth:`Sensor.session`.
         """
+        from activetouch.sensor.searching import begun, player_of, with_misses
+
         problem = self.problem(num_objects, composition, touch_cost)
         shape, key, player = player_of(problem, self.model, target, decider, seed)
         if certificate is None:
             settings = with_misses(settings)  # a certificate does not cover them
         else:
+            from planners.certified import Certificate
+
             problem = problem.with_unsure()
             player = self._certified(problem, shape, decider, Certificate.opened(certificate))
         reader = self.image_reader
@@ -337,6 +346,8 @@ class TactileSensor:
     @property
     def image_reader(self) -> SensorReader:
         """The reader of the images that a session receives."""
+        from activetouch.sensor.session_reader import SensorReader
+
         return SensorReader(self.scene, self.reader, self.model, self.read)
 
     def certified_world(
@@ -371,6 +382,8 @@ class TactileSensor:
         self, problem: SearchProblem, target: int, decider: str | Decider, certificate: Certificate
     ) -> Decider:
         """The decider of a certificate, which stops by it."""
+        from planners.certified import NotCertified
+
         label, targets = problem.shape_labels[target], certificate.made_for["targets"]
         if decider != certificate.decider:
             raise NotCertified(f"the certificate is for the decider {certificate.decider!r}, not {decider!r:.80}")

@@ -20,8 +20,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.distributions import Distribution, require_distribution
-from activetouch.hypotheses import kronecker, quantiles, roberts_steps
+from activetouch.distributions import Distribution, kronecker, quantiles, require_distribution, roberts_steps
 from activetouch.solids.solid import Floats, Shape
 from belief.errors import InvalidArgument, UnknownName
 from belief.validation import MOST_REPEATED, require_count

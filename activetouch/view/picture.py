@@ -10,9 +10,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.placement import Placement
-from activetouch.pressing.contact import first_touch
-from activetouch.pressing.pad import Pad
+from activetouch.poses import Placement
+from activetouch.pressing.contact import Pad, first_touch
 from activetouch.pressing.rig import Rig
 
 _SKY = (237, 240, 245)

@@ -5,10 +5,17 @@ many it also corrects confusions of single shapes. :class:`PerPose` fits one cal
 shrinkage.
 """
 
-from belief.calibration.affine import CALIBRATIONS, DirichletCalibration, StructuredMatrixScaling, VectorScaling
-from belief.calibration.base import Calibration, Status, logits_from_probs
-from belief.calibration.per_pose import PerPose
-from belief.calibration.temperature import TemperatureScaling
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from belief.naming import later
+
+if TYPE_CHECKING:
+    from belief.calibration.affine import CALIBRATIONS, DirichletCalibration, StructuredMatrixScaling, VectorScaling
+    from belief.calibration.base import Calibration, Status, logits_from_probs
+    from belief.calibration.per_pose import PerPose
+    from belief.calibration.temperature import TemperatureScaling
 
 __all__ = [
     "CALIBRATIONS",
@@ -21,3 +28,5 @@ __all__ = [
     "VectorScaling",
     "logits_from_probs",
 ]
+
+__getattr__, __dir__ = later(__name__)

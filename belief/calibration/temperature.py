@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from belief.calibration.base import Calibration, Status
 from belief.constraints import Positive, Within, check
-from belief.validation import Floats, finite_logits, labelled_logits
+from belief.validation import Floats, labelled_logits, log_softmax
 
 _ROUNDING = 1e-12  # of a slope, in units of the largest logit
 _EXTREME = 1e6  # ratio of the fallback temperatures to the scale of the logits
@@ -85,16 +85,10 @@ class TemperatureScaling(Calibration):
 
     def log_proba(self, logits: ArrayLike) -> Floats:
         """See :meth:`Calibration.log_proba`."""
-        z = finite_logits(logits)
-        with np.errstate(over="ignore", under="ignore"):
-            scaled = z / 2 - z.max(axis=-1, keepdims=True) / 2  # halves: the difference of ±1e308 stays finite
-            scaled /= self.temperature
-            scaled *= 2
-            np.maximum(scaled, -_LARGEST, out=scaled)
-            scaled -= np.log(np.exp(scaled).sum(axis=-1, keepdims=True))
+        scaled = log_softmax(logits, self.temperature)
         if self.floor == 0.0:
             return scaled
-        return np.logaddexp(math.log1p(-self.floor) + scaled, math.log(self.floor) - math.log(z.shape[-1]))
+        return np.logaddexp(math.log1p(-self.floor) + scaled, math.log(self.floor) - math.log(scaled.shape[-1]))
 
     def objective(self, logits: ArrayLike, labels: ArrayLike) -> tuple[float, Floats]:
         """See :meth:`Calibration.objective`: mean NLL without the floor, and its derivative in log T.

@@ -13,27 +13,34 @@ calibrated model with the same predictions.
     True
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from belief.metrics.calibration_at_stop import CalibrationAtStop, StopScore, calibration_at_stop
-from belief.metrics.report import (
-    CalibrationError,
-    CalibrationReport,
-    ReliabilityCurve,
-    calibration_report,
-    null_quantile,
-    reliability_curve,
-    reliability_diagram,
-)
-from belief.metrics.scores import (
-    ShapeScore,
-    accuracy,
-    brier_score,
-    classwise_calibration_error,
-    confusion_matrix,
-    expected_calibration_error,
-    negative_log_likelihood,
-    shape_scores,
-    smooth_calibration_error,
-)
+from belief.naming import later
+
+if TYPE_CHECKING:
+    from belief.metrics.report import (
+        CalibrationError,
+        CalibrationReport,
+        ReliabilityCurve,
+        calibration_report,
+        null_quantile,
+        reliability_curve,
+        reliability_diagram,
+    )
+    from belief.metrics.scores import (
+        ShapeScore,
+        accuracy,
+        brier_score,
+        classwise_calibration_error,
+        confusion_matrix,
+        expected_calibration_error,
+        negative_log_likelihood,
+        shape_scores,
+        smooth_calibration_error,
+    )
 
 __all__ = [
     "CalibrationAtStop",
@@ -56,3 +63,5 @@ __all__ = [
     "shape_scores",
     "smooth_calibration_error",
 ]
+
+__getattr__, __dir__ = later(__name__)

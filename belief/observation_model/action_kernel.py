@@ -28,11 +28,9 @@ from belief.constraints import Count, check
 from belief.errors import InvalidArgument
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.evidence import SummarisedEvidence
-from belief.observation_model.log_weights import largest_posterior, misfit
 from belief.observation_model.model import ArrayModel, Reads
-from belief.observation_model.outcome_mixture import OutcomeMixture, with_nothing_new
-from belief.observation_model.outcome_table import OutcomeTable
-from belief.observation_model.quantisation import drawn, smoothed, tabulate
+from belief.observation_model.outcome_mixture import OutcomeMixture, largest_posterior, misfit, with_nothing_new
+from belief.observation_model.outcome_table import OutcomeTable, drawn, smoothed, tabulate
 from belief.observation_model.repeat_discount import ASSUMED_CORRELATION
 from belief.problem import Touch
 from belief.touch_batch import TouchBatch

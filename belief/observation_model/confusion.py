@@ -13,8 +13,7 @@ from belief.calibration import TemperatureScaling
 from belief.codec import Merged
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.model import ArrayModel
-from belief.observation_model.outcome_table import OutcomeTable
-from belief.observation_model.quantisation import merged
+from belief.observation_model.outcome_table import OutcomeTable, merged
 from belief.problem import Touch
 from belief.touch_batch import TouchBatch
 from belief.validation import Floats

@@ -13,17 +13,18 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property, reduce
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from belief.frozen import FrozenArrays, frozen
-from belief.observation_model.log_weights import bounded_softmax, log_sums
 from belief.observation_model.model import Embeds
-from belief.observation_model.outcome_mixture import Views
-from belief.touch_batch import TouchBatch
+from belief.observation_model.outcome_mixture import Views, bounded_softmax, log_sums
 from belief.validation import Floats, as_real
+
+if TYPE_CHECKING:
+    from belief.touch_batch import TouchBatch
 
 Floats32 = NDArray[np.float32]
 
@@ -148,13 +149,10 @@ def scaled(embeddings: Floats, temperature: float) -> Floats32:
 
 
 def log_ratios(embeddings: Floats, table: NDArray[np.floating], temperature: float) -> Floats32:
-    """Log ratios of n touches under embedded hypotheses, ``(n, ...)``, divided by the temperature.
+    """Log ratios ``(n, ...)`` of touches ``(n, D)`` under embedded hypotheses ``(..., D)``, by the temperature.
 
-    Args:
-        embeddings: of the touches, ``(n, D)``.
-        table: of the hypotheses, ``(..., D)``; or ``(..., A · D)`` of A alternatives, such as a nuisance that each
-            touch draws anew: the ratio is their mean.
-        temperature: above 0.
+    A table ``(..., A · D)`` holds A alternatives, such as a nuisance that each touch draws anew: the ratio is their
+    mean.
     """
     width = embeddings.shape[1]
     if table.shape[-1] == width:
@@ -212,12 +210,7 @@ class ReferenceOutcomes:
     logits: Floats
 
     def of(self, chosen: NDArray[np.int64], num_outcomes: int) -> Floats32:
-        """p(reference touch | pose, hypothesis), over reference touches of the pose, ``(P, K, H, M)``.
-
-        Args:
-            chosen: index of H hypotheses of each shape, ``(K, H)``.
-            num_outcomes: M, evenly spaced among the references, or all if there are fewer.
-        """
+        """p(reference touch | pose, hypothesis) of hypotheses ``chosen (K, H)``, ``(P, K, H, M)``; M are even."""
         if (views := self.hypotheses.views) is not None:
             return views.of_all_poses(self.shared(num_outcomes), chosen)
         num_poses, num_shapes, number = self.hypotheses.shape[:3]
@@ -288,6 +281,8 @@ class ReferenceOutcomes:
 
     def sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
         """Touches of objects of a shape: one hypothesis for each object, then references by their ratio under it."""
+        from belief.touch_batch import TouchBatch
+
         bodies = rng.integers(self.hypotheses.shape[2], size=len(poses))
         group_of = np.array(self.hypotheses.groups or range(self.hypotheses.shape[0]))
         drawn, groups = np.empty(poses.shape, np.int64), group_of[poses]

@@ -21,8 +21,7 @@ from belief.codec import OneOf, Stored
 from belief.constraints import Within, check
 from belief.observation_model.calibration_data import LabelledTouches, object_folds
 from belief.observation_model.model import ArrayModel
-from belief.observation_model.outcome_table import OutcomeTable
-from belief.observation_model.quantisation import drawn, smoothed, tabulate
+from belief.observation_model.outcome_table import OutcomeTable, drawn, smoothed, tabulate
 from belief.observation_model.repeat_discount import (
     ASSUMED_CORRELATION,
     effective_touches,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any, ClassVar, Literal, Protocol, Self, TypeAlias, runtime_checkable
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, Self, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,12 +15,13 @@ from belief.errors import BrokenContract, InvalidArgument
 from belief.files import sealed_json
 from belief.frozen import FrozenArrays
 from belief.naming import checked_names
-from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.evidence import ObjectEvidence, RecomputedEvidence, SummarisedEvidence, Summarises
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Touch
-from belief.touch_batch import TouchBatch
 from belief.validation import Floats, require_count, require_index
+
+if TYPE_CHECKING:
+    from belief.touch_batch import TouchBatch
 
 Reads: TypeAlias = Literal["logits", "embeddings", "log ratios"]
 """What a model reads of a touch: its logits, its embedding, or logits that are calibrated log likelihood ratios."""
@@ -114,6 +115,8 @@ class ArrayModel(FrozenArrays, ABC):
         Arguments and errors are those of :meth:`LabelledTouches.of`. ``options`` are those of the model's
         :meth:`fit_to`. Most models learn from objects that were touched several times in one pose.
         """
+        from belief.observation_model.calibration_data import LabelledTouches
+
         return cls.fit_to(LabelledTouches.of(touches, shapes, object_ids, shape_labels, num_poses), **options)
 
     @classmethod
@@ -179,6 +182,8 @@ class ArrayModel(FrozenArrays, ABC):
         """See :class:`ObservationModel`; raises ValueError for a touch that does not fit the model."""
         if len(touches) == 0:
             return np.zeros(len(self.shape_labels))
+        from belief.touch_batch import TouchBatch
+
         return self.log_likelihood_batch(TouchBatch.of([touches]))[0]
 
     def log_likelihood_batch(self, batch: TouchBatch) -> Floats:
@@ -241,6 +246,8 @@ class ArrayModel(FrozenArrays, ABC):
 
     def alone(self, touch: Touch) -> TouchBatch:
         """A touch as a batch of one; raises ValueError if it does not fit the model."""
+        from belief.touch_batch import TouchBatch
+
         batch = TouchBatch.of([[touch]])
         self.require_fit(batch)
         return batch

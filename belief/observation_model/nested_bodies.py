@@ -25,9 +25,8 @@ from belief.coarse_to_fine import CellLikelihood, CoarseToFine, Effort, Ints, Le
 from belief.codec import array_field
 from belief.constraints import Probability, Within, check
 from belief.frozen import frozen
-from belief.observation_model.log_weights import bounded_softmax
 from belief.observation_model.model import ArrayModel, Reads
-from belief.observation_model.outcome_mixture import with_nothing_new
+from belief.observation_model.outcome_mixture import bounded_softmax, with_nothing_new
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.repeat_discount import ASSUMED_CORRELATION, effective_touches, new_shares
 from belief.problem import Touch

@@ -24,8 +24,7 @@ from belief.constraints import Positive, check
 from belief.frozen import FrozenArrays
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.model import ArrayModel
-from belief.observation_model.outcome_table import OutcomeTable
-from belief.observation_model.quantisation import sampled_table
+from belief.observation_model.outcome_table import OutcomeTable, smoothed, tabulate
 from belief.touch_batch import TouchBatch
 from belief.validation import Floats, as_real
 
@@ -301,3 +300,30 @@ def _root(covariance: Floats) -> Floats:
     """A symmetric square root, also of a singular covariance."""
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T)
+
+
+_SAMPLES = 2000  # touches per shape and pose
+
+
+def sampled_table(
+    model: ArrayModel, num_outcomes: int, rng: np.random.Generator, num_samples: int = _SAMPLES
+) -> OutcomeTable:
+    """The outcome table of touches that the model samples, ``num_samples`` per shape and pose."""
+    log_posteriors = sampled_posteriors(model, rng, num_samples)  # (P, K, n, K)
+    log_posteriors = log_posteriors.reshape(model.num_poses, -1, log_posteriors.shape[-1])
+    shares = np.exp(log_posteriors)
+    shares /= shares.sum(axis=1, keepdims=True)
+    table = tabulate(log_posteriors, shares, num_outcomes, rng)
+    return OutcomeTable(smoothed(table, num_samples))
+
+
+def sampled_posteriors(model: ArrayModel, rng: np.random.Generator, num_samples: int) -> Floats:
+    """Log posteriors under a uniform prior of sampled touches for each pose and shape, ``(P, K, n, K)``."""
+    num_shapes = len(model.shape_labels)
+    found = np.empty((model.num_poses, num_shapes, num_samples, num_shapes))
+    for pose in range(model.num_poses):
+        poses = np.full((num_samples, 1), pose)
+        for shape in range(num_shapes):
+            batch: TouchBatch = model.sample_batch(shape, poses, rng)
+            found[pose, shape] = scipy.special.log_softmax(model.log_likelihood_batch(batch), axis=1)
+    return found

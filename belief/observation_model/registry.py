@@ -6,26 +6,44 @@ files of models know only the registry. Reading a file never imports a module th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from types import MappingProxyType
+from collections.abc import Callable, Iterator, Mapping
+from importlib import import_module
 from typing import Any
 
 from belief.errors import UnknownName
 from belief.files import unsealed_json
-from belief.observation_model.action_kernel import ActionKernelModel
-from belief.observation_model.confusion import ConfusionModel
-from belief.observation_model.likelihood_ratio import RatioModel
 from belief.observation_model.model import ArrayModel, Reads
-from belief.observation_model.plda import GaussianModel, PLDAModel
-from belief.observation_model.rigid_body import RigidBodyModel
 
 Fit = Callable[..., ArrayModel]
 """Fits a model to touches, shapes and object ids; also takes ``shape_labels`` and ``num_poses``."""
 
-OBSERVATION_MODELS: Mapping[str, type[ArrayModel]] = MappingProxyType(
+
+class _Classes(Mapping[str, type[ArrayModel]]):
+    """Classes by name, each imported from its module here when it is asked for."""
+
+    def __init__(self, places: Mapping[str, str]) -> None:
+        self._places = places
+
+    def __getitem__(self, name: str) -> type[ArrayModel]:
+        module, kind = self._places[name].split(".")
+        found: type[ArrayModel] = getattr(import_module(f"belief.observation_model.{module}"), kind)
+        return found
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+
+OBSERVATION_MODELS: Mapping[str, type[ArrayModel]] = _Classes(
     {
-        kind.name: kind
-        for kind in (ConfusionModel, GaussianModel, PLDAModel, RatioModel, RigidBodyModel, ActionKernelModel)
+        "confusion": "confusion.ConfusionModel",
+        "gaussian": "plda.GaussianModel",
+        "plda": "plda.PLDAModel",
+        "ratio": "likelihood_ratio.RatioModel",
+        "rigid body": "rigid_body.RigidBodyModel",
+        "action kernel": "action_kernel.ActionKernelModel",
     }
 )
 """All classes of observation models, by the names that their files bear."""

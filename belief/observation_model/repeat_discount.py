@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
 
 from belief.bayes import update
-from belief.observation_model.calibration_data import LabelledTouches
 from belief.validation import Floats
+
+if TYPE_CHECKING:
+    from belief.observation_model.calibration_data import LabelledTouches
 
 ASSUMED_CORRELATION = 0.5  # if no object was touched twice in a pose
 _LARGEST = 0.999

@@ -26,7 +26,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +35,6 @@ from scipy.special import logsumexp
 from belief.codec import OPTIONAL, Stored, from_fields, to_fields
 from belief.conflict import ConflictTest
 from belief.frozen import frozen
-from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.embedded_hypotheses import (
     EmbeddedHypotheses,
     EmbedsByPose,
@@ -43,17 +42,17 @@ from belief.observation_model.embedded_hypotheses import (
     ReferenceOutcomes,
     require_table,
 )
-from belief.observation_model.log_weights import log_means
 from belief.observation_model.model import ArrayModel, Embeds, ObservationModel, Reads
-from belief.observation_model.outcome_mixture import Views
-from belief.observation_model.outcome_table import OutcomeTable
-from belief.observation_model.quantisation import smoothed, tabulate
+from belief.observation_model.outcome_mixture import Views, log_means
+from belief.observation_model.outcome_table import OutcomeTable, smoothed, tabulate
 from belief.observation_model.repeat_discount import repeat_shares
 from belief.observation_model.rigid_body_evidence import Floats32, RigidBodyEvidence
-from belief.observation_model.rigid_body_fit import fitted
 from belief.problem import Touch
-from belief.touch_batch import TouchBatch
 from belief.validation import Floats, require_count, require_number
+
+if TYPE_CHECKING:
+    from belief.observation_model.calibration_data import LabelledTouches
+    from belief.touch_batch import TouchBatch
 
 _AT_ONCE = 1 << 22  # numbers, of log weights of sequences that are worked on at a time
 _REFERENCES = 256  # touches kept of each pose
@@ -198,6 +197,8 @@ class RigidBodyModel(FittedRigidBody):
         kept = (_in_half(found[rows]), _in_half(data.logits[rows]))
         hypotheses = embed if groups else FixedHypotheses(embed(num_hypotheses))
         model = cls(data.shape_labels, num_hypotheses, 1.0, *kept, groups=groups, hypotheses=hypotheses)
+        from belief.observation_model.rigid_body_fit import fitted
+
         model, conflict = fitted(model, data)
         return replace(model, conflict=conflict)
 

@@ -26,8 +26,14 @@ from numpy.typing import NDArray
 from belief.conflict import MOST_TOUCHES, ObjectConflict, log_conflict
 from belief.frozen import Kind, frozen
 from belief.observation_model.evidence import ObjectEvidence
-from belief.observation_model.log_weights import largest_posterior, log_means, misfit, some_hypotheses
-from belief.observation_model.outcome_mixture import OutcomeMixture, SharedMixture
+from belief.observation_model.outcome_mixture import (
+    OutcomeMixture,
+    SharedMixture,
+    largest_posterior,
+    log_means,
+    misfit,
+    some_hypotheses,
+)
 from belief.observation_model.repeat_discount import drift_share, effective_touches, new_shares
 from belief.problem import Touch
 from belief.validation import Floats, require_count

@@ -12,7 +12,7 @@ from scipy.special import logsumexp
 
 from belief.conflict import MOST_TOUCHES, ConflictTest
 from belief.observation_model.calibration_data import LabelledTouches
-from belief.observation_model.log_weights import largest_posterior, log_means, misfit
+from belief.observation_model.outcome_mixture import largest_posterior, log_means, misfit
 from belief.observation_model.repeat_discount import (
     ASSUMED_CORRELATION,
     Repeats,

@@ -36,7 +36,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -44,9 +44,8 @@ from numpy.typing import ArrayLike, NDArray
 from belief.frozen import frozen
 from belief.naming import checked_names
 from belief.observation_model.embedded_hypotheses import require_table, scaled
-from belief.observation_model.log_weights import log_means
 from belief.observation_model.model import ArrayModel, Reads
-from belief.observation_model.outcome_mixture import OutcomeMixture, SharedMixture
+from belief.observation_model.outcome_mixture import OutcomeMixture, SharedMixture, log_means
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.rigid_body import FittedRigidBody, RigidBodyModel
 from belief.observation_model.rigid_body_evidence import (
@@ -58,8 +57,10 @@ from belief.observation_model.rigid_body_evidence import (
 )
 from belief.observation_model.sensor_worlds import AS_DESCRIBED, SURE, UNKNOWN, EmbedsWorlds, SensorHealth
 from belief.problem import Touch
-from belief.touch_batch import TouchBatch
 from belief.validation import SUM_TOLERANCE, Floats, renormalised, require_number
+
+if TYPE_CHECKING:
+    from belief.touch_batch import TouchBatch
 
 _KEPT_BYTES = 2**27  # of tables in single precision
 _LEAST = -1e4  # log of a posterior by its prior: an impossible world may come back

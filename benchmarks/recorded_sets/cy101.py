@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from activetouch.errors import BadRecording
-from activetouch.recorded.tables import lines_of, require_bounded, require_folder, touches_of_columns
+from activetouch.recorded.formats import require_folder, touches_of_columns
 from activetouch.recorded.touches import RecordedTouches
+from belief.columns import lines_of, require_bounded
 from belief.files import plain_number
 from belief.validation import Floats
 
@@ -39,7 +40,9 @@ def read_cy101(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
                     raise BadRecording(f"{path} has two lines for {name}_t{session}")
                 else:
                     rows[key] = values
-                    require_bounded((len(rows) + 1) // 2, sum(_WIDTHS.values()) * len(rows) // 2, str(folder))
+                    require_bounded(
+                        (len(rows) + 1) // 2, sum(_WIDTHS.values()) * len(rows) // 2, str(folder), BadRecording
+                    )
     sessions = sorted({key[1] for key in rows})
     wanted = [(session, action) for session in sessions for action in range(len(BEHAVIOURS))]
     names, incomplete = [], []
@@ -81,7 +84,7 @@ def _lines(path: Path, width: int) -> Iterator[tuple[str, int, Floats, str]]:
     """Object, trial and values of each line, or what is wrong with the line."""
     if not path.exists():
         raise BadRecording(f"there is no file {path}; cy101 has one for each behaviour and modality")
-    for number, line in enumerate(lines_of(path), 1):
+    for number, line in enumerate(lines_of(path, BadRecording), 1):
         if not line.strip():
             continue
         name, *values = line.strip().split(",")

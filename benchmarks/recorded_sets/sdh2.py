@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from activetouch.errors import BadRecording
-from activetouch.recorded.tables import require_bounded, require_folder, touches_of_columns
+from activetouch.recorded.formats import require_folder, touches_of_columns
 from activetouch.recorded.touches import RecordedTouches
+from belief.columns import require_bounded
 from benchmarks.recorded_sets.dsa import read_dsa
 from benchmarks.recorded_sets.pressure_features import grasp_features
 
@@ -58,7 +59,7 @@ def read_sdh2(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
         if film.shapes != shapes:
             raise BadRecording(f"{path} has pads {film.shapes}, {paths[0]} has {shapes}")
         features.append(grasp_features(film))
-        require_bounded(len(paths), len(paths) * len(features[0]), str(top))
+        require_bounded(len(paths), len(paths) * len(features[0]), str(top), BadRecording)
     names = [path.parent.name for path in paths]
     shape_of = {name: shape for shape, members in SHAPES.items() for name in members}
     touches = touches_of_columns(

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from activetouch.recorded import RecordedTouches
-from activetouch.recorded.tables import KINDS_OF
+from activetouch.recorded.formats import KINDS_OF
 from benchmarks.recorded_sets.cy101 import read_cy101
 from benchmarks.recorded_sets.sdh2 import read_sdh2
 

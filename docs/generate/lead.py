@@ -20,12 +20,13 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from activetouch import TactileSensor
-from activetouch.placement import Placement
+from activetouch.poses import Placement
 from activetouch.view.picture import press_picture
 from belief.observation_model.rigid_body_evidence import RigidBodyEvidence, joint_evidence
 from belief.problem import Probe, Reject
 from belief.seeding import touch_rng
-from experiments.search.replay_figures import Bodies, Frame, coloured, replay
+from experiments.search.play import Frame, replay
+from experiments.search.replay_figures import Bodies, coloured
 
 FOLDER = Path(__file__).parent.parent / "lead"
 TARGET, SEED = "cone", 9

@@ -28,7 +28,8 @@ from numpy.typing import NDArray
 from session_touches import SessionTouches, TaxelLayout
 
 from activetouch.errors import BadRecording
-from activetouch.recorded.tables import MOST_BYTES, MOST_TOUCHES, require_folder
+from activetouch.recorded.formats import require_folder
+from belief.columns import MOST_BYTES, MOST_ROWS
 from belief.errors import CannotWrite
 from belief.files import atomic_path, require_regular_file, write_text
 
@@ -131,8 +132,8 @@ def read_lerobot(folder: str | Path, taxels: str = TAXELS) -> SessionTouches:
         groups = [file.row_group(i) for file in files for i in range(file.num_row_groups)]
         values = sum(group.column(i).num_values for group in groups for i in range(group.num_columns))
         size = sum(group.total_byte_size for group in groups)
-        if sum(group.num_rows for group in groups) > MOST_TOUCHES or max(values, size) > MOST_BYTES:
-            raise ValueError(f"it has more than {MOST_TOUCHES} touches or {MOST_BYTES} values")
+        if sum(group.num_rows for group in groups) > MOST_ROWS or max(values, size) > MOST_BYTES:
+            raise ValueError(f"it has more than {MOST_ROWS} touches or {MOST_BYTES} values")
         names = [taxels, "timestamp", "episode_index", *(_OTHERS if own else ())]
         table = pq.read_table(paths, columns=names, partitioning=None).combine_chunks()
         columns = {name: _array(table[name], shape if name == taxels else ()) for name in names}

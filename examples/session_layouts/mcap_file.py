@@ -24,7 +24,7 @@ from mcap.writer import Writer
 from session_touches import SessionTouches, TaxelLayout
 
 from activetouch.errors import BadRecording
-from activetouch.recorded.tables import MOST_BYTES, MOST_TOUCHES
+from belief.columns import MOST_BYTES, MOST_ROWS
 from belief.files import atomic_path, require_regular_file
 from belief.journal import array_field, array_from
 
@@ -116,8 +116,8 @@ def read_mcap(path: str | Path) -> SessionTouches:
                     layout = TaxelLayout(np.array(fields["positions"]), float(fields["newtons_per_unit"]))
                 else:
                     rows.append({"time": float(Fraction(message.log_time, 10**9)), **fields})
-                if len(rows) > MOST_TOUCHES:
-                    raise ValueError(f"it holds more than {MOST_TOUCHES} touches")
+                if len(rows) > MOST_ROWS:
+                    raise ValueError(f"it holds more than {MOST_ROWS} touches")
         if not rows:
             raise ValueError("it has no message on /touch")
         return _touches(rows, json.loads(own.get("pose_labels", "[]")), layout)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.errors import BadRecording
-from activetouch.recorded.session_log import standing_touches
+from activetouch.recorded.formats import standing_touches
 from activetouch.rendering import PressureRenderer
 from belief.frozen import FrozenArrays
 from belief.journal import array_from

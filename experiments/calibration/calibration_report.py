@@ -18,10 +18,8 @@ from belief.calibration import CALIBRATIONS, Calibration, TemperatureScaling
 from belief.claims import claim_folder, ends_claims
 from belief.errors import ActiveTouchError
 from belief.seeding import keyed_rng
-from experiments.calibration.measurements import RAW, UNDISCOUNTED, Measurements, score_model
-from experiments.calibration.sequences import KINDS, Rounds
-from experiments.command_line.arguments import Seed, check_arguments
-from experiments.command_line.trust import Trust
+from experiments.calibration.measurements import KINDS, RAW, UNDISCOUNTED, Measurements, Rounds, score_model
+from experiments.command_line.arguments import Seed, Trust, check_arguments
 from experiments.scene_choice import in_file_names, named_scene, repeats_folder
 from experiments.sensor.calibrate import candidate_models, require_enough, scene_of
 from experiments.sensor.scores import read_touches

@@ -1,12 +1,14 @@
 """Valid ranges of command-line arguments, declared in annotations such as ``jobs: Jobs``.
 
 Every command calls :func:`check_arguments` before it starts work.
+
+A command runs ``module:attribute`` of a file only if its own command line names or allows it (:class:`Trust`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import fields, is_dataclass
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias, TypeVar, get_type_hints
 
@@ -64,3 +66,34 @@ def one_of(names: Iterable[str]) -> tyro.constructors.PrimitiveConstructorSpec[s
     return tyro.constructors.PrimitiveConstructorSpec(
         1, metavar, lambda words: words[0], lambda value: value in (None, *known), lambda value: [str(value)], known
     )
+
+
+class FileNamesCode(ActiveTouchError, ValueError):
+    """A file names code that the command line does not name."""
+
+
+@dataclass(frozen=True)
+class Trust:
+    """Code that a file may name: what is ``known`` from the command line, and ``everything`` with ``--trust``."""
+
+    source: Path
+    known: Collection[str] = ()
+    everything: bool = False
+
+    def allows(self, name: str) -> bool:
+        """Whether a name is of a registry, or of code that may be used.
+
+        >>> trust = Trust(Path("run.json"))
+        >>> trust.allows("mine:scene(force=2)"), trust.allows("information_gain(given='a:b')")
+        (False, True)
+        """
+        return self.everything or name in self.known or ":" not in name.partition("(")[0]
+
+    def require(self, names: Iterable[str | None]) -> None:
+        """Check the names of scenes, renderers or deciders that the file holds."""
+        unknown = [str(name) for name in names if name and not self.allows(str(name))]  # a file may hold other types
+        if unknown:
+            raise FileNamesCode(
+                f"{self.source} names code: {', '.join(dict.fromkeys(unknown))}. Reading a file runs no code that only "
+                "the file names. If you know where it is from, add --trust"
+            )

@@ -24,7 +24,7 @@ from experiments.meshes.result import Bodies, MeshOptions, MeshResult, body_inde
 from experiments.meshes.setting import SIZES, Possible, model_of, plan_of, possible_after, sensor_of
 from experiments.scene_choice import SceneChoice
 from experiments.search.comparison import Comparison, played, prepared
-from experiments.search.setting import Setting
+from experiments.search.play import Setting
 from planners import Decider, Episode, Outcome
 from planners.certified import Certificate
 
@@ -88,7 +88,7 @@ class Found(MeshResult):
         return f"Where is {self.target}?"
 
     def _shown(self) -> Iterator[tuple[str, str, Sequence[str], Sequence[Possible]]]:
-        from experiments.search.replay_figures import replay  # loads matplotlib
+        from experiments.search.play import replay  # loads matplotlib
 
         for number, one in enumerate(self.comparison.of(self.comparison.reference)[:_PICTURED], 1):
             frames = [frame for frame in replay(self.sensor, self.comparison.problem, one) if frame.image is not None]

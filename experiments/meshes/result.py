@@ -37,7 +37,7 @@ from experiments.meshes.setting import (
     sources_of,
 )
 from experiments.parallel import default_jobs
-from experiments.reporting.report import Report, Reported, Section
+from experiments.report import Report, Reported, Section
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -104,7 +104,7 @@ class MeshResult(Tabular, Reported):
 def _pictures(sensor: TactileSensor, title: str, touches: Sequence[str], possible: Sequence[Possible]) -> list[Any]:
     """The bodies that are possible after each touch, as they lie most probably; none where no body stands out."""
     from activetouch.view.portrait import portraits
-    from experiments.reporting.style import Picture
+    from experiments.report import Picture
 
     labels, solids = sensor.shape_labels, list(sensor.scene.solids.values())
     reach = max((solids[body].bounding_radius for each in possible for body, *_ in each), default=0.0)

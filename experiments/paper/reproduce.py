@@ -18,7 +18,7 @@ from experiments.command_line.console import plain_console
 from experiments.paper import table1, table2
 from experiments.paper.table1 import record_windows
 from experiments.parallel import default_jobs
-from experiments.reporting.report import Report, Reported, Section
+from experiments.report import Report, Reported, Section
 from experiments.sensor.train import require_input_size
 from experiments.sensor_choice import independent_sensor
 

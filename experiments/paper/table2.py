@@ -21,7 +21,7 @@ from experiments.search.summary import ALL
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from experiments.reporting.style import Picture
+    from experiments.report import Picture
 
 SCENE = "paper"
 """Scene of the searches: images like the paper's."""
@@ -86,7 +86,7 @@ _SHAPES = ("sphere", "cube", "cylinder", "cone")  # order of the rows of a confu
 
 def figure3(confusion: Sequence[Sequence[int]] | None, columns: Sequence[Column]) -> Picture:
     """Figure 3: (a) the confusion matrix of the split by image, if there are counts, and (b) success by target."""
-    from experiments.reporting.style import PALETTE, Picture  # loads matplotlib
+    from experiments.report import PALETTE, Picture  # loads matplotlib
 
     colours = [*_GREYS, *(PALETTE[index % len(PALETTE)] for index in range(len(columns)))]
     names = [*(f"paper: {name}" for name in PAPER), *(column.decider for column in columns)]
@@ -120,7 +120,7 @@ def _confusion(axes: Axes, confusion: Sequence[Sequence[int]]) -> None:
 
 def _success(axes: Axes, columns: Sequence[Column], styles: Mapping[str, str]) -> None:
     """Draw bars by target: the paper's (hatched), and ours with 95 % Wilson intervals; ``styles`` are colours."""
-    from experiments.reporting.style import INK  # loads matplotlib
+    from experiments.report import INK  # loads matplotlib
 
     targets = list(PAPER["PPO"])
     width, x = 0.85 / len(styles), np.arange(len(targets))

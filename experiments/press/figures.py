@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from activetouch.pressing.contact import Contact, Phase, Trace
 from activetouch.rendering import RENDERERS
-from experiments.reporting.style import PALETTE, figure
+from experiments.report import PALETTE, figure
 
 _PHASE_COLOURS = {
     Phase.APPROACH: "#dfe7ef",

@@ -12,7 +12,7 @@ import tyro
 from numpy.typing import NDArray
 from rich.progress import track
 
-from activetouch.placement import Placement
+from activetouch.poses import Placement
 from activetouch.rendering import RENDERERS
 from activetouch.scene import Scene
 from belief.claims import ends_claims
@@ -24,8 +24,7 @@ from experiments.scene_choice import SceneChoice
 
 if TYPE_CHECKING:
     from activetouch.pressing.closing import Gripper
-    from activetouch.pressing.contact import Contact
-    from activetouch.pressing.press import Grasp
+    from activetouch.pressing.contact import Contact, Grasp
 
 
 def press_new_object(scene: Scene, shape: str, pose: str, seed: int) -> tuple[Placement, Contact]:

@@ -15,7 +15,7 @@ from belief.statistics import cluster_bootstrap
 from belief.table import Table, Value, interval
 from belief.validation import Floats
 from experiments.recorded.play import FIXED, GAIN, RANDOM, Fold, Found, Named
-from experiments.reporting.report import Report, Reported, Section
+from experiments.report import Report, Reported, Section
 from experiments.sensor.scores import accuracy_of_objects
 from planners.search import Identification
 

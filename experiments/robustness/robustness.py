@@ -24,7 +24,7 @@ from belief.statistics import wilson_interval
 from belief.table import Table, Value, interval
 from experiments.command_line.arguments import Count, Jobs, Seed, check_arguments
 from experiments.parallel import Shared, default_jobs, run_tasks
-from experiments.reporting.report import Report, Reported, Section
+from experiments.report import Report, Reported, Section
 from experiments.robustness.conditions import AS_TRAINED, applicable_conditions
 from experiments.scene_choice import SceneChoice, in_file_names
 from experiments.search.comparison import compare
@@ -89,13 +89,9 @@ def robustness(
     seed: int = 0,
     jobs: int = 1,
 ) -> RobustnessReport:
-    """Search among the same objects under changed conditions.
+    """Search among the same objects under changed conditions, keys of ``conditions.CONDITIONS``, all by default.
 
-    Args:
-        named: the scene that the sensor was trained in, and its search.
-        conditions: keys of :data:`~experiments.robustness.conditions.CONDITIONS`; all by default.
-        searches: for every target, by information gain, under every condition.
-        jobs: number of processes; the results do not depend on it.
+    There are so many ``searches`` for every target, by information gain, under every condition.
     """
     scenes, left_out = applicable_conditions(named.scene, conditions)
     shared = Shared(scenes)

@@ -25,8 +25,7 @@ from belief.statistics.stop_thresholds import CandidateStops, certified_threshol
 from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments
 from experiments.parallel import Shared, Task, default_jobs, run_tasks
 from experiments.search.comparison import prepared, setting_of
-from experiments.search.play import EPISODES_PER_BATCH, Searches, play_episodes
-from experiments.search.setting import CompositionName, Setting
+from experiments.search.play import EPISODES_PER_BATCH, CompositionName, Searches, Setting, play_episodes
 from planners import Decider, Episode
 from planners.certified import NEVER, WANTED, Certificate, Certified, Fit, fit_of_search
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from activetouch import RecordedSensor, Scene, TactileSensor
+from activetouch import Scene, TactileSensor
 from activetouch.errors import WrongScene
 from activetouch.named_scenes import SCENES, NamedScene, as_named
 from activetouch.sensor_files import ANY_OBJECT_FILE, NOT_SIMULATED, POLICIES
@@ -22,27 +22,23 @@ from belief.observation_model.rigid_body import joint_model
 from belief.problem import SearchProblem
 from belief.references import ForeignCode
 from belief.table import Table, Tabular
-from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments
-from experiments.command_line.trust import Trust
+from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, Trust, check_arguments
 from experiments.parallel import default_jobs
 from experiments.scene_choice import SceneChoice
-from experiments.search.play import Searches, identity_of, prepare
+from experiments.search.play import CompositionName, Searches, Setting, identity_of, prepare
 from experiments.search.run import Cell, Run, RunFolder, read_episode
-from experiments.search.setting import CompositionName, Setting
 from experiments.search.summary import ALL, Summary
-from experiments.search.tables import results_table, terminal_table
-from experiments.search.verdict import verdict_sentences
+from experiments.search.verdict import results_table, terminal_table, verdict_sentences
 from experiments.sensor_choice import predict_contacts, require_policies
 from planners import Decider
-from planners.abstaining import Abstaining
-from planners.certified import Certificate, NotCertified
 from planners.fingerprint import files_digest
 from planners.registry import DECIDERS, copyable, find_decider
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from experiments.reporting.report import Report
+    from experiments.report import Report
+    from planners.certified import Certificate
 
 DEFAULT_DECIDERS = ("information_gain", "point_based", "threshold", "random_confirm")
 """Deciders that are compared by default; the first is the reference."""
@@ -50,11 +46,7 @@ DEFAULT_DECIDERS = ("information_gain", "point_based", "threshold", "random_conf
 
 @dataclass(frozen=True, eq=False)
 class Comparison(Summary, Tabular):
-    """A finished comparison; ``print(comparison)`` shows its table.
-
-    Attributes:
-        run: how it was played; None if it was computed from episodes alone.
-    """
+    """A finished comparison, which prints as its table; ``run`` is None if it was computed from episodes alone."""
 
     run: Run | None = field(default=None, kw_only=True)
 
@@ -78,15 +70,7 @@ class Comparison(Summary, Tabular):
         return self.table().without(["ms/touch"]).latex()
 
     def plot(self, axes: Axes, name: str = "success") -> None:
-        """Draw a figure of the report, in the style of the caller.
-
-        Args:
-            axes: matplotlib axis.
-            name: ``success``, by target, or ``frontier``, against touches.
-
-        Raises:
-            UnknownName: there is no such figure.
-        """
+        """Draw ``success``, by target, or ``frontier``, against touches, on an axis of matplotlib, in its style."""
         from experiments.search.page import FIGURES  # loads matplotlib
 
         if name not in FIGURES:
@@ -97,14 +81,7 @@ class Comparison(Summary, Tabular):
     def load(cls, folder: str | Path, *, trust: bool = False) -> Comparison:
         """The latest comparison of a run folder; nothing is played, and no sensor is needed.
 
-        Args:
-            folder: folder of a finished comparison.
-            trust: whether to run code of your own that the folder names, such as a scene ``module:attribute``.
-
-        Raises:
-            FileNotFoundError: The folder holds no finished comparison.
-            CorruptFile: A file is damaged or was changed, or the searches had objects of a program.
-            FileNamesCode: The folder names code, and ``trust`` is not set.
+        ``trust`` allows code of your own that the folder names, such as a scene ``module:attribute``.
         """
         held = RunFolder(Path(folder))
         stored = held.read_run()
@@ -117,18 +94,7 @@ class Comparison(Summary, Tabular):
         return verdict_sentences(self)
 
     def save(self, folder: str | Path) -> Path:
-        """Write ``report.html`` with its figures and tables, and ``episodes.jsonl``.
-
-        Args:
-            folder: folder to write.
-
-        Returns:
-            Path of the page.
-
-        Raises:
-            BadArgument: The comparison was computed from episodes alone, so that no search can be replayed.
-            CannotWrite: The disk is full, or the folder is not writable.
-        """
+        """Write ``report.html`` with its figures and tables, and ``episodes.jsonl``; return the path of the page."""
         return self.report(folder).save(Path(folder))
 
     def report(self, folder: str | Path) -> Report:
@@ -231,8 +197,8 @@ def setting_of(
     """The setting of a scene and a sensor, and each of them that is an object without a name."""
     if not isinstance(scene, str | Scene | NamedScene):
         raise BadArgument(f"scene must be a name, a Scene or a NamedScene, got {scene!r:.80}")
-    if isinstance(sensor, RecordedSensor):
-        raise WrongScene(f"{sensor!r} is not of a scene: {NOT_SIMULATED}")
+    if not isinstance(sensor, str | Path | TactileSensor | None):
+        raise WrongScene(f"{sensor!r:.80} is not of a scene: {NOT_SIMULATED}")
     names = [name for name, named in SCENES.items() if scene is named or scene is named.scene]
     name = scene if isinstance(scene, str) else names[0] if names else "own scene"
     named = None if isinstance(scene, str) or names else scene if isinstance(scene, NamedScene) else as_named(scene)
@@ -267,7 +233,11 @@ def prepared(
         raise UnknownName("reference among --deciders", reference, list(players))
     scene = setting.choice.named if named is None else named
     problem = setting.problem_in(scene)
-    signed = None if certificate is None else Certificate.opened(certificate)
+    signed = None
+    if certificate is not None:
+        from planners.certified import Certificate
+
+        signed = Certificate.opened(certificate)
     problem = problem if signed is None else problem.with_unsure()
     chosen = list(dict.fromkeys((targets,) if isinstance(targets, str) else targets)) or list(problem.shape_labels)
     for target in chosen:
@@ -308,11 +278,15 @@ def prepared(
         with ForeignCode(f"in the first decision of {name}, target {target}"):
             prepare(searches, decider, problem.shape_labels.index(target))
     if setting.abstain is not None:
+        from planners.abstaining import Abstaining
+
         made = {name: Abstaining(decider, setting.abstain) for name, decider in made.items()}
     known = {"observation model": sensor.model, "outcome table": table}
     if signed is not None:
         names = [name for name, player in players.items() if player == signed.decider]
         if not names:
+            from planners.certified import NotCertified
+
             raise NotCertified(f"the certificate is for --deciders {signed.decider!r}, got {', '.join(players)}")
         for name in names:
             world = sensor.certified_world(problem, chosen, signed.decider, made[name], known)

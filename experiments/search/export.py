@@ -9,7 +9,7 @@ from typing import Literal
 from belief.files import require_writable, write_text
 from experiments.command_line.arguments import BadArgument
 from experiments.search.comparison import Comparison
-from experiments.search.tables import comparison_tables
+from experiments.search.verdict import comparison_tables
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +44,7 @@ def write_figures(comparison: Comparison, folder: Path, kind: str = "pdf", style
     import matplotlib.style
     from matplotlib import rc_params_from_file
 
-    from experiments.reporting.style import figure
+    from experiments.report import figure
     from experiments.search.page import pictures
 
     require_writable(folder)

@@ -1,13 +1,22 @@
-"""``activetouch live``: a search that a robot carries out, over lines of JSON."""
+"""``activetouch live``: a search that a robot carries out, over lines of JSON: one request a line, one answer a line.
+
+Every line is answered, whatever it holds, and a line that is answered with an error has changed nothing
+(docs/drive_a_robot.md).
+"""
 
 from __future__ import annotations
 
+import json
+import math
 import sys
 import time
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from io import BufferedIOBase
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import IO, Annotated, Any, BinaryIO, Literal, NoReturn
 
+import numpy as np
 import tyro
 
 from activetouch import RecordedSensor, TactileSensor
@@ -15,14 +24,226 @@ from activetouch.named_scenes import SCENES
 from activetouch.sensor_files import INDEPENDENT_SUFFIX, RECORDED_FILE
 from belief.composition import Counts
 from belief.constraints import NotNegative
-from belief.errors import UnknownName
+from belief.errors import InvalidArgument, UnknownName
+from belief.journal import array_from
+from belief.problem import Probe, Touch
+from belief.references import ForeignCode
+from belief.validation import as_real
 from experiments.command_line.arguments import BadArgument, Count, Seed, check_arguments
 from experiments.scene_choice import SceneChoice
-from experiments.search.live_protocol import Conversation, as_line, converse, refusal
-from experiments.search.setting import CompositionName
+from experiments.search.play import CompositionName
 from experiments.sensor_choice import open_sensor, sensor_folder
 from planners import Session
-from planners.session_log import OtherModel
+from planners.episode import ACTION_NAMES
+from planners.session_log import OtherModel, problem_fields
+
+SCHEMA = "activetouch live 1"
+"""Version of the protocol; the number grows when a client of an older one could be misled."""
+MOST_BYTES = 1 << 23
+"""Longest line that is read."""
+_LONGEST = 600  # message, and other texts
+_TELLS = {"image", "logits", "features", "missed", "pose", "force", "area", "step", "done"}
+
+
+class BadLine(InvalidArgument):
+    """A line that is not a request."""
+
+
+class Conversation:
+    """Answers the requests of one session of a sensor."""
+
+    def __init__(self, session: Session, sensor: TactileSensor | RecordedSensor) -> None:
+        self.session, self.sensor = session, sensor
+        self._requests: Mapping[str, tuple[Callable[[dict[str, Any]], dict[str, Any]], set[str]]] = {
+            "hello": (self._hello, set()),
+            "ask": (self._ask, set()),
+            "tell": (self._tell, _TELLS),
+            "undo": (self._undo, {"step"}),
+            "reveal": (self._reveal, {"arrangement"}),
+            "state": (self._state, set()),
+        }
+
+    def answer(self, line: bytes | None) -> bytes:
+        """The answer to a line, None for one that was too long; both end with a line break."""
+        given: dict[str, Any] = {}
+        try:
+            given = _parsed(line)
+            with ForeignCode():  # of a decider
+                found = {"ok": True, **self._answer(given)}
+        except Exception as error:  # whatever it was, the next line is answered
+            found = refusal(error)
+        found["step"] = self.session.step
+        if "id" in given:
+            found["id"] = given["id"]
+        return as_line(found)
+
+    def _answer(self, given: dict[str, Any]) -> dict[str, Any]:
+        do = given.get("do")
+        if not isinstance(do, str) or do not in self._requests:
+            raise BadLine(f'"do" must be one of {", ".join(self._requests)}; got {do!r:.40}')
+        handle, known = self._requests[do]
+        if unknown := sorted(set(given) - known - {"do", "id"}):
+            raise BadLine(
+                f"a request {do!r} has no field {unknown[0]!r:.40}; it has {', '.join(sorted(known)) or 'none'}"
+            )
+        return handle(given)
+
+    def _hello(self, given: dict[str, Any]) -> dict[str, Any]:
+        session, sensor = self.session, self.sensor
+        if isinstance(sensor, RecordedSensor):
+            shape, dtype = [sensor.recorded_reader.num_features], "float64"
+        else:
+            shape, dtype = list(sensor.scene.image_shape), "uint8"
+        return {
+            "schema": SCHEMA,
+            "shapes": list(session.problem.shape_labels),
+            "poses": list(session.problem.pose_labels),
+            "target": session.problem.shape_labels[session.target],
+            "num_objects": session.problem.num_objects,
+            "composition": problem_fields(session.problem)["composition"],
+            "touch_limit": session.problem.touch_limit,
+            "image": {"shape": shape, "dtype": dtype},
+        }
+
+    def _ask(self, given: dict[str, Any]) -> dict[str, Any]:
+        action, session = self.session.ask(), self.session
+        if action is None:
+            return {"action": None, "outcome": str(session.outcome), "object": session.object_index}
+        found: dict[str, Any] = {"object": session.object_index}
+        if not isinstance(action, Probe):
+            return {**found, "action": ACTION_NAMES[type(action)]}
+        found |= {"action": "touch", "pose": session.problem.pose_labels[action.pose]}
+        if not isinstance(self.sensor, RecordedSensor):
+            scene = self.sensor.scene
+            found["quaternion"] = np.asarray(scene.rotations[found["pose"]]).tolist()
+            found["aim"] = scene.aim_offsets[action.pose].tolist()
+        return found
+
+    def _tell(self, given: dict[str, Any]) -> dict[str, Any]:
+        if given.get("step") is None:
+            raise BadLine("a tell needs the step that it answers, as ask gave it, so that none counts twice")
+        told = {name: given[name] for name in ("pose", "force", "area", "step") if given.get(name) is not None}
+        kinds = [name for name in ("image", "logits", "missed", "done") if given.get(name) not in (None, False)]
+        if "features" in given and "logits" not in kinds:
+            kinds.append("features")
+        if len(kinds) != 1 or ("missed" in kinds and given["missed"] is not True):
+            raise BadLine('tell one of "image", "logits" with or without "features", "missed": true and "done": true')
+        if kinds[0] == "done":
+            if given["done"] is not True or len(told) > 1:
+                raise BadLine('an action that was carried out is told by "done": true and "step" alone')
+            if isinstance(self.session.ask(), Probe):
+                raise BadLine("asked was a touch; tell what was felt")
+        elif kinds[0] == "missed":
+            told["missed"] = True
+        elif kinds[0] == "image":
+            told["image"] = _numbers(given["image"], "image")
+        else:
+            told["touch"] = self._touch(given, told.get("pose"))
+        self.session.tell(**told)
+        asked = self.session.steps[-1]
+        kind = "miss" if "is_miss" in asked.decision.scores else "touch" if asked.touch is not None else "done"
+        return {"told": kind}
+
+    def _touch(self, given: dict[str, Any], pose: Any) -> Touch:
+        action = self.session.ask()
+        arrays = {name: _numbers(given[name], name) for name in ("logits", "features") if given.get(name) is not None}
+        if pose is None and not isinstance(action, Probe):
+            raise BadLine('no touch was asked for, so say in which "pose" it was made')
+        return Touch(action.pose if isinstance(action, Probe) else 0, **arrays)
+
+    def _undo(self, given: dict[str, Any]) -> dict[str, Any]:
+        if (step := given.get("step")) not in (None, self.session.step):
+            raise BadLine(
+                f"the session is at step {self.session.step}, the request at {step!r:.40}; nothing was undone"
+            )
+        return {"undone": self.session.undo()}
+
+    def _reveal(self, given: dict[str, Any]) -> dict[str, Any]:
+        shapes = given.get("arrangement")
+        if not isinstance(shapes, list):
+            raise BadLine('a reveal needs "arrangement": a list with a shape or null for every object')
+        self.session.reveal(shapes)
+        return self._state(given)
+
+    def _state(self, given: dict[str, Any]) -> dict[str, Any]:
+        session, labels = self.session, self.session.problem.shape_labels
+        marginals = session.scene.marginals()
+        over = session.outcome is not None
+        health = session.scene.sensor_health
+        return {
+            **({} if health is None else {"sensor_health": str(health)}),
+            "object": session.object_index,
+            "outcome": str(session.outcome) if over else None,
+            "success": session.episode.success if over else None,
+            "num_touches": sum(step.touch is not None for step in session.steps),
+            "beliefs": [dict(zip(labels, row, strict=True)) for row in marginals.tolist()],
+            "log_marginals": session.scene.log_marginals().clip(-1e300).tolist(),
+            "log_conflict": min(max(float(session.scene.log_conflict), -1e300), 1e300),
+        }
+
+
+def refusal(error: Exception) -> dict[str, Any]:
+    """The answer that reports an error."""
+    return {"ok": False, "error": type(error).__name__, "message": str(error)[:_LONGEST]}
+
+
+def as_line(found: Mapping[str, Any]) -> bytes:
+    """An answer as a line of JSON."""
+    return (json.dumps(found, allow_nan=False) + "\n").encode("ascii")
+
+
+def requests(stream: IO[bytes] | BufferedIOBase, most: int = MOST_BYTES) -> Iterator[bytes | None]:
+    """The lines of a stream; None for one of more than ``most`` bytes, of which no more is kept in memory."""
+    while line := stream.readline(most + 1):
+        if len(line) <= most:
+            yield line
+            continue
+        while line and not line.endswith(b"\n"):
+            line = stream.readline(1 << 16)
+        yield None
+
+
+def converse(conversation: Conversation, lines: BinaryIO, answers: BinaryIO) -> None:
+    """Answer all lines of a stream, each before the next is read."""
+    for line in requests(lines):
+        answers.write(conversation.answer(line))
+        answers.flush()
+
+
+def _parsed(line: bytes | None) -> dict[str, Any]:
+    if line is None:
+        raise BadLine(f"a line has more than {MOST_BYTES} bytes; send larger images as base64, or fewer pixels")
+    try:
+        given = json.loads(line.decode("utf-8"), parse_constant=_no_number, parse_float=_finite)
+    except (ValueError, RecursionError) as error:
+        raise BadLine(f"it is not JSON: {error or 'nested too deeply'}") from None
+    if not isinstance(given, dict):
+        raise BadLine(f"a request is a JSON object with the field 'do', got {type(given).__name__}")
+    texts = [*given, *given.values(), *(given["arrangement"] if isinstance(given.get("arrangement"), list) else [])]
+    if any(isinstance(text, str) and len(text) > _LONGEST for text in texts):
+        raise BadLine(f"a text has more than {_LONGEST} characters")
+    if not isinstance(given.get("id"), str | int | float | None) or len(str(given.get("id"))) > 200:
+        given.pop("id")
+        raise BadLine("an id must be a short text or a number")
+    return given
+
+
+def _finite(text: str) -> float:
+    return float(text) if math.isfinite(float(text)) else _no_number(text[:40])
+
+
+def _no_number(name: str) -> NoReturn:
+    raise BadLine(f"{name} is no finite number")
+
+
+def _numbers(given: Any, name: str) -> Any:
+    """An array of numbers from lists, or from dtype, shape and base64."""
+    if isinstance(given, dict):
+        return array_from(given)
+    try:
+        return as_real(np.asarray(given), name)
+    except (ValueError, OverflowError) as error:
+        raise InvalidArgument(f"{name} must be numbers: {error}") from error
 
 
 @dataclass(frozen=True)

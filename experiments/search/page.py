@@ -16,14 +16,11 @@ from matplotlib.axis import Axis
 from numpy.typing import NDArray
 from PIL import Image
 
-from experiments.reporting.report import Report, Section, data_uri
-from experiments.reporting.style import Picture
-from experiments.search.play import Searches
-from experiments.search.replay_figures import action_words, replay, shown_shapes
+from experiments.report import Picture, Report, Section, data_uri
+from experiments.search.play import Searches, action_words, replay, shown_shapes
 from experiments.search.run import RunFolder
 from experiments.search.summary import ALL, Cell, Summary
-from experiments.search.tables import comparison_tables
-from experiments.search.verdict import by_return
+from experiments.search.verdict import by_return, comparison_tables
 from experiments.sensor_choice import shift_sentences
 from planners import Episode, Outcome
 

@@ -1,4 +1,4 @@
-"""Live searches: what determines them, how they are played, and what a certificate of their stops holds for.
+"""Live searches: the arguments that describe them, what determines them, how they are played, repeated and certified.
 
 The seed alone determines the objects of an episode.
 """
@@ -6,22 +6,145 @@ The seed alone determines the objects of an episode.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import Any, TypeAlias
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+import tyro
+from numpy.typing import NDArray
 
 from activetouch import Scene, TactileSensor, TouchWorld
+from activetouch.named_scenes import NamedScene
+from activetouch.poses import WorldObject
 from activetouch.scene_description import scene_fields
+from activetouch.sensor_files import ANY_OBJECT_FILE, observation_file, reader_file
 from activetouch.world import TouchTime, touch_many
-from belief.problem import SearchProblem, Touch
+from belief.codec import from_fields, to_fields
+from belief.composition import Composition
+from belief.constraints import Fraction, NotNegative
+from belief.errors import CorruptFile, InvalidArgument
+from belief.problem import Action, Probe, Reject, SearchProblem, Touch
 from belief.scene_belief import SceneBelief
 from belief.seeding import touch_rng
-from planners import Decider, Episode, InformationState, search_lockstep
+from experiments.command_line.arguments import BadArgument, Count, Trust, check_arguments
+from experiments.scene_choice import SceneChoice
+from experiments.sensor_choice import open_sensor, sensor_folder
+from planners import Decider, Episode, InformationState, Step, search_lockstep
+from planners.episode import ACTION_NAMES
 from planners.fingerprint import digest_of, fingerprint, versions
 from planners.probing import HYPOTHESES, OUTCOMES
 from planners.search import TouchRequest
+
+CompositionName: TypeAlias = Literal["distinct", "independent", "at_most_one"]
+"""Name of a :class:`belief.Composition`."""
+_MOST_SHAPES = 12  # in a picture of a belief
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Sensor and rules of all searches."""
+
+    choice: tyro.conf.OmitArgPrefixes[SceneChoice] = field(default_factory=SceneChoice)
+    """The scene."""
+    sensor: Path | None = None
+    """Folder of a sensor, or name of a shipped one; that of the scene by default."""
+    num_objects: Count | None = None
+    """Objects in a search; that of the scene by default."""
+    composition: CompositionName | None = None
+    """distinct: all objects differ. independent: each can have any shape. at_most_one: one has the target's shape, or
+    none, each place as probable as none; for many shapes. That of the scene by default."""
+    observation_model: Literal["independent", "nested"] | None = None
+    """independent: touches of an object are independent given its shape, not of one rigid body. nested: orientations
+    are weighed coarse to fine, for hundreds of meshes; the default where a table of them all would be too large."""
+    unknown_state: bool = False
+    """Infer from the touches what is the matter with the sensor: forces, stiffness, noise, broken taxels, a shifted
+    image. Needs a reader of any object."""
+    touch_cost: NotNegative = 0.02
+    """Cost λ of one touch, in units of a success."""
+    abstain: Fraction | None = None
+    """False-alarm rate of the conflict test, such as 0.02: deciders can answer "I do not know"."""
+    anyway: bool = False
+    """Accept a sensor that was made for another scene; the report lists the differences."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """The setting as plain values."""
+        return to_fields(self)
+
+    @classmethod
+    def from_dict(cls, fields: Mapping[str, Any] | None, trust: Trust) -> Setting:
+        """The setting from :meth:`to_dict`, in a file."""
+        if fields is None:
+            raise CorruptFile(
+                f"{trust.source} has searches with a scene or a sensor that a program made; only that program can "
+                "continue or replay them"
+            )
+        try:
+            choice = SceneChoice.from_dict(fields["choice"], trust)
+            found = from_fields(cls, {**fields, "choice": choice})
+        except (TypeError, KeyError, AttributeError, InvalidArgument) as error:
+            raise CorruptFile(f"{trust.source} does not describe a search: {error}") from error
+        check_arguments(found)
+        return found
+
+    @property
+    def scene(self) -> Scene:
+        """The scene of the searches."""
+        return self.choice.named.scene
+
+    @property
+    def sensor_folder(self) -> Path:
+        """Folder of the sensor."""
+        return sensor_folder(self.sensor, self.choice.scene)
+
+    def sensor_files(self, scene: Scene) -> list[Path]:
+        """The files that determine what the sensor reads in a scene; for a reader of any object, its file alone."""
+        independent, nested = (self.observation_model == name for name in ("independent", "nested"))
+        reader = reader_file(self.sensor_folder, scene, independent, self.unknown_state or nested)
+        return [
+            reader,
+            *([] if reader.name == ANY_OBJECT_FILE else [observation_file(self.sensor_folder, independent)]),
+        ]
+
+    def open_sensor(self, named: NamedScene | None = None, jobs: int | None = None) -> TactileSensor:
+        """The sensor, after a check that it fits the scene, or ``named`` in place of the setting's scene."""
+        scene = self.choice if named is None else named
+        model = self.observation_model
+        nested = True if model == "nested" else None
+        return open_sensor(self.sensor, scene, self.anyway, model == "independent", self.unknown_state, jobs, nested)
+
+    @property
+    def problem(self) -> SearchProblem:
+        """The rules of the search; raises as :meth:`problem_in`."""
+        return self.problem_in(self.choice.named)
+
+    def problem_in(self, named: NamedScene) -> SearchProblem:
+        """The rules of the search in a scene."""
+        number = named.num_objects if self.num_objects is None else self.num_objects
+        shapes = named.scene.shape_labels
+        composition = named.composition if self.composition is None else Composition(self.composition)
+        if self.num_objects is not None and number > len(shapes) and composition == Composition.DISTINCT:
+            raise BadArgument(
+                f"--num-objects {number}: the scene has only {len(shapes)} shapes ({', '.join(shapes)}), and all "
+                "objects must differ; --composition independent allows several of one shape"
+            )
+        try:
+            return SearchProblem(
+                shapes,
+                named.scene.pose_labels,
+                num_objects=number,
+                composition=composition,
+                touch_cost=self.touch_cost,
+                touch_limit=named.touches_per_object * number,
+                unsure_reward=None if self.abstain is None else 0.0,
+            )
+        except ValueError as error:
+            raise BadArgument(str(error)) from error
+
 
 EPISODES_PER_BATCH = 25
 """Fixed, because the last bits of the network's output depend on which images are read together."""
@@ -121,3 +244,58 @@ def play_episodes(
     touches = sum(episode.num_touches for episode in episodes)
     seconds = sum(spent, TouchTime())
     return episodes, Seconds(seconds.physics, seconds.network, thinking, touches, seconds.pressed_again)
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One decision of a replayed search; ``posterior (K,)`` is after it, and ``image`` None without a touch.
+
+    ``evidence`` is that of a belief about one body, None for other models.
+    """
+
+    step: Step
+    shape: int
+    image: NDArray[np.uint8] | None
+    posterior: NDArray[np.float64]
+    body: WorldObject
+    evidence: Any = None
+
+
+def action_words(action: Action, problem: SearchProblem) -> str:
+    """An action in words: "touch corner", "confirm", "reject" or "unsure"."""
+    if isinstance(action, Probe):
+        return f"touch {problem.pose_labels[action.pose]}"
+    return ACTION_NAMES[type(action)]
+
+
+def shown_shapes(posterior: NDArray[np.float64], target: int) -> list[int]:
+    """Indices of the shapes that a picture shows: all, or the target and the most probable ones where they are many."""
+    if len(posterior) <= _MOST_SHAPES:
+        return list(range(len(posterior)))
+    return sorted({target, *np.argsort(-posterior, kind="stable")[: _MOST_SHAPES - 1].tolist()})
+
+
+def replay(sensor: TactileSensor, problem: SearchProblem, episode: Episode) -> list[Frame]:
+    """Repeat the touches of an episode of a run with its sensor."""
+    world = TouchWorld.of_search(sensor, problem.seeking(episode.target), episode.seed)
+    uses: Counter[tuple[int, int]] = Counter()
+    frames, nothing = [], sensor.model.start()
+    evidence, is_of_body = nothing, sensor.model.reads == "embeddings"
+    for number, step in enumerate(episode.steps):
+        body = world.current
+        image, posterior = None, step.belief.probs
+        if isinstance(step.decision.action, Probe) and step.touch is not None:
+            pose = step.decision.action.pose
+            rng = touch_rng(episode.seed, step.object_index, pose, uses[step.object_index, pose])
+            image, _ = world.press(pose, rng)
+            uses[step.object_index, pose] += 1
+            if is_of_body:
+                [touch] = replace(sensor, with_logits=False).read(image[None], [pose])  # recorded were logits alone
+                evidence = evidence.update(touch)
+            posterior = episode.steps[number + 1].belief.probs  # a touch is always followed by a decision
+        elif isinstance(step.decision.action, Reject) and number + 1 < len(episode.steps):
+            world.advance()
+        about = getattr(evidence, "nominal", evidence) if is_of_body else None
+        frames.append(Frame(step, episode.arrangement[step.object_index], image, posterior, body, about))
+        evidence = nothing if isinstance(step.decision.action, Reject) else evidence
+    return frames

@@ -10,10 +10,9 @@ from typing import Annotated
 from belief.constraints import Ending
 from belief.errors import ActiveTouchError
 from belief.files import atomic_path, require_writable_file
-from experiments.command_line.arguments import CountOrNone, check_arguments
-from experiments.command_line.trust import Trust
+from experiments.command_line.arguments import CountOrNone, Trust, check_arguments
+from experiments.search.play import Setting
 from experiments.search.run import RunFolder, read_episode
-from experiments.search.setting import Setting
 from planners import Episode
 
 
@@ -46,7 +45,8 @@ class Replay:
     def run(self) -> None:
         """Repeat the touches and draw the search."""
         check_arguments(self)
-        from experiments.search.replay_figures import Bodies, draw_search, replay
+        from experiments.search.play import replay
+        from experiments.search.replay_figures import Bodies, draw_search
 
         require_writable_file(self.out)
         run = RunFolder(self.folder).read_run()

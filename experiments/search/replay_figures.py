@@ -6,9 +6,8 @@ look alike by symmetry give the same picture, so symmetric shapes become as shar
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
@@ -17,28 +16,21 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from numpy.typing import NDArray
 
-from activetouch import TactileSensor, TouchWorld
-from activetouch.placement import WorldObject
+from activetouch import TactileSensor
+from activetouch.poses import WorldObject
 from activetouch.rotation_cells import centres
 from activetouch.solids.solid import Shape
 from activetouch.view.portrait import portraits
-from belief.observation_model.evidence import ObjectEvidence
 from belief.observation_model.nested_bodies import NestedEvidence
 from belief.observation_model.rigid_body import joint_model
-from belief.observation_model.rigid_body_evidence import RigidBodyEvidence, joint_evidence
-from belief.problem import Action, Probe, Reject, SearchProblem
-from belief.seeding import touch_rng
-from experiments.reporting.style import INK, PALETTE, figure
-from planners import Episode, Outcome, Step
-from planners.episode import ACTION_NAMES
+from belief.observation_model.rigid_body_evidence import RigidBodyEvidence
+from belief.problem import SearchProblem
+from experiments.report import INK, PALETTE, figure
+from experiments.search.play import Frame, action_words, shown_shapes
+from planners import Episode, Outcome
 
 Floats = NDArray[np.float64]
 BodyEvidence: TypeAlias = RigidBodyEvidence | NestedEvidence
-
-
-def _of_body(evidence: ObjectEvidence) -> BodyEvidence | None:
-    """The evidence, if it is about one rigid body."""
-    return evidence if isinstance(evidence, NestedEvidence) else joint_evidence(evidence)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,58 +101,6 @@ def _draws(log_weights: Floats, number: int) -> tuple[NDArray[np.int64], NDArray
     return rows, counts
 
 
-@dataclass(frozen=True, eq=False)
-class Frame:
-    """One decision of a replayed search; ``posterior (K,)`` is after it, and ``image`` None without a touch."""
-
-    step: Step
-    shape: int
-    image: NDArray[np.uint8] | None
-    posterior: NDArray[np.float64]
-    body: WorldObject
-    evidence: BodyEvidence | None = None
-
-
-def action_words(action: Action, problem: SearchProblem) -> str:
-    """An action in words: "touch corner", "confirm", "reject" or "unsure"."""
-    if isinstance(action, Probe):
-        return f"touch {problem.pose_labels[action.pose]}"
-    return ACTION_NAMES[type(action)]
-
-
-def shown_shapes(posterior: Floats, target: int) -> list[int]:
-    """Indices of the shapes that a picture shows: all, or the target and the most probable ones where they are many."""
-    if len(posterior) <= _MOST_SHAPES:
-        return list(range(len(posterior)))
-    return sorted({target, *np.argsort(-posterior, kind="stable")[: _MOST_SHAPES - 1].tolist()})
-
-
-def replay(sensor: TactileSensor, problem: SearchProblem, episode: Episode) -> list[Frame]:
-    """Repeat the touches of an episode of a run with its sensor."""
-    world = TouchWorld.of_search(sensor, problem.seeking(episode.target), episode.seed)
-    uses: Counter[tuple[int, int]] = Counter()
-    frames, nothing = [], sensor.model.start()
-    evidence = nothing
-    for number, step in enumerate(episode.steps):
-        body = world.current
-        image, posterior = None, step.belief.probs
-        if isinstance(step.decision.action, Probe) and step.touch is not None:
-            pose = step.decision.action.pose
-            rng = touch_rng(episode.seed, step.object_index, pose, uses[step.object_index, pose])
-            image, _ = world.press(pose, rng)
-            uses[step.object_index, pose] += 1
-            if _of_body(evidence) is not None:
-                [touch] = replace(sensor, with_logits=False).read(image[None], [pose])  # recorded were logits alone
-                evidence = evidence.update(touch)
-            posterior = episode.steps[number + 1].belief.probs  # a touch is always followed by a decision
-        elif isinstance(step.decision.action, Reject) and number + 1 < len(episode.steps):
-            world.advance()
-        frames.append(Frame(step, episode.arrangement[step.object_index], image, posterior, body, _of_body(evidence)))
-        evidence = nothing if isinstance(step.decision.action, Reject) else evidence
-    return frames
-
-
-_MOST_SHAPES = 12  # in a picture
 _SHOWN = 2  # shapes whose orientation is drawn
 _SURFACE = LinearSegmentedColormap.from_list("surface", ["#0b1d33", "#3f6f9f", "#dbe7f2"])
 

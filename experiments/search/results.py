@@ -6,7 +6,6 @@ perturbation: a policy that fails without it, too, is not broken by it, so what 
 
 from __future__ import annotations
 
-import io
 import itertools
 import json
 import math
@@ -20,13 +19,14 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from belief.columns import lines_of, read_columns
 from belief.errors import InvalidArgument
-from belief.files import plain_number, require_regular_file
+from belief.files import plain_number
 from belief.statistics import paired_bootstrap, wilson_interval
 from belief.statistics.comparison import LEVEL
-from belief.table import Table, Value, csv_rows
+from belief.table import Table, Value
 from experiments.command_line.arguments import BadArgument
-from experiments.reporting.report import Report, Reported, Section
+from experiments.report import Report, Reported, Section
 from experiments.search.run import RunFolder, read_episode
 from experiments.search.summary import ALL, Difference, MeanInterval, Outcomes, differences
 from experiments.search.verdict import success_sentence
@@ -44,20 +44,12 @@ _Row: TypeAlias = tuple[str, dict[str, str]]
 class ResultsComparison(Reported):
     """Success of several policies on the same episodes, their differences, and these minus controls.
 
-    Attributes:
-        keys: task and seed of the N episodes that are in all files, in the order of the first.
-        success: by policy and by control, ``(N,)``.
-        length: steps or touches by policy and by control, ``(N,)``; NaN where a file does not state it.
-        left_out: number of episodes of each file that are not in all files.
-        numbered: names of the files without seeds, whose episodes are paired by their number within a task.
-        reference: policy that the others are compared with.
-        control: name of the control of each policy; empty without controls.
-        differences: by (policy, task), every other policy minus the reference; the task :data:`ALL` is all together,
-            and others are there only if there are several.
-        over_control: in the same way, every policy minus its control.
-        beyond_controls: by (policy, task), the difference in success from the reference before each policy's own
-            control is subtracted, and after it with its 95 % bootstrap interval; empty unless all have one of their
-            own.
+    ``keys`` are task and seed of the N episodes that are in all files; ``success`` and ``length`` (NaN where a file
+    does not state it) are by policy and by control, ``(N,)``. ``left_out`` counts the episodes of each file that are
+    not in all; ``numbered`` names files without seeds, whose episodes are paired by their number within a task.
+    ``control`` names the control of each policy. By (policy, task), with :data:`ALL` for all tasks together:
+    ``differences`` from the ``reference``, every policy ``over_control``, and, where each has a control of its own,
+    ``beyond_controls``, the difference before and after the controls are subtracted, with its 95 % bootstrap interval.
     """
 
     keys: Sequence[Key]
@@ -152,21 +144,12 @@ class ResultsComparison(Reported):
 def compare_results(
     files: Sequence[Path | str], reference: str | None = None, control: Sequence[Path | str] = (), seed: int = 0
 ) -> ResultsComparison:
-    """Read and compare CSV files with the columns :data:`NEEDED`, ``eval_info.json`` of LeRobot, or runs.
+    """Read and compare CSV files, or npz, with the columns :data:`NEEDED`, ``eval_info.json`` of LeRobot, or runs.
 
     A file is called by its name without ending, or by its folder and name if several are called alike. A run is as many
-    policies as it has deciders, called as there; its seeds are the keys of its searches, and its tasks the targets.
-
-    Args:
-        files: one for each policy, or the folder of a run of ``compare``; an ending of ``.json`` means LeRobot's.
-        reference: name of the policy that the others are compared with; the first by default.
-        control: the same episodes without what is tested: none, one file for all policies, or one for each.
-        seed: of the bootstraps.
-
-    Raises:
-        BadArgument: a file cannot be read, lacks a column, or states an episode twice; no episode is in all files;
-            names repeat; or the number of controls does not fit.
-        FileNotFoundError: a folder holds no finished run.
+    policies as it has deciders, called as there; its seeds are the keys of its searches, and its tasks the targets. The
+    others are compared with the ``reference``, the first by default. ``control`` are the same episodes without what is
+    tested: none, one file for all policies, or one for each. The ``seed`` is of the bootstraps.
     """
     paths = [Path(file) for file in files]
     read = [(path, *column) for path in (*paths, *map(Path, control)) for column in _columns(path)]
@@ -237,12 +220,8 @@ def _columns(path: Path) -> Iterator[tuple[str, dict[Key, tuple[bool, float]], b
         for name, rows in _of_run(path if path.is_dir() else path.parent).items():
             yield name, _episodes(path, rows), False
         return
-    try:
-        text = require_regular_file(path, BadArgument).read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadArgument(f"{path} cannot be read as text: {error}") from error
-    found: Iterable[_Row]
-    found, is_numbered = _of_lerobot(path, text) if path.suffix.lower() == ".json" else (_rows(path, text), False)
+    is_lerobots = path.suffix.lower() == ".json"
+    found, is_numbered = _of_lerobot(path) if is_lerobots else (_rows(path), False)
     yield path.stem, _episodes(path, found), is_numbered
 
 
@@ -281,10 +260,10 @@ def _episodes(path: Path, rows: Iterable[_Row]) -> dict[Key, tuple[bool, float]]
     return found
 
 
-def _of_lerobot(path: Path, text: str) -> tuple[Iterable[_Row], bool]:
+def _of_lerobot(path: Path) -> tuple[Iterable[_Row], bool]:
     """Rows as of CSV, and whether they are numbered: by task, as LeRobot writes today, or by episode, as until 2025."""
     try:
-        info = json.loads(text)
+        info = json.loads("".join(lines_of(path, BadArgument)))
         if "per_task" in info:
             told = [(f"{one['task_group']} {one['task_id']}", one["metrics"]["successes"]) for one in info["per_task"]]
             rows = [(task, i, None, success) for task, some in told for i, success in enumerate(some)]
@@ -304,22 +283,15 @@ def _of_lerobot(path: Path, text: str) -> tuple[Iterable[_Row], bool]:
     return found, is_numbered
 
 
-def _rows(path: Path, text: str) -> Iterator[_Row]:
+def _rows(path: Path) -> Iterator[_Row]:
     """The place of each row in the file, and its cells by column."""
-    lines = csv_rows(io.StringIO(text, newline=""))
-    header = [name.strip().lower() for name in next(lines, (1, []))[1]]
-    if missing := [name for name in NEEDED if name not in header]:
-        raise BadArgument(
-            f"{path} has no column {' and no column '.join(map(repr, missing))}: it needs {', '.join(NEEDED)}, and may "
-            f"have length; its first line is {','.join(header)[:200] or 'empty'}"
-        )
-    if twice := [name for name in (*NEEDED, "length") if header.count(name) > 1]:
-        raise BadArgument(f"{path} has the column {twice[0]!r} {header.count(twice[0])} times")
-    for number, cells in lines:
-        place = f"line {number}"
-        if len(cells) != len(header):
-            raise BadArgument(f"{path}, {place}: {len(cells)} cells under {len(header)} columns")
-        yield place, dict(zip(header, map(str.strip, cells), strict=True))
+    names = (*NEEDED, "length")
+    found = read_columns([path], names, BadArgument, needed=NEEDED, is_case_kept=False)
+    if len({column.shape for column in found.arrays.values()}) > 1 or found.arrays["seed"].ndim != 1:
+        raise BadArgument(f"{path}: {', '.join(found.arrays)} must be rows of one length")
+    for row, cells in enumerate(zip(*found.arrays.values(), strict=True)):
+        place = f"line {found.places[0][row]}" if found.places[0] else f"row {row}"
+        yield place, dict(zip(found.arrays, map(str, cells), strict=True))
 
 
 def _outcome(place: str, success: str, length: str) -> tuple[bool, float]:

@@ -37,7 +37,7 @@ from belief.files import (
     write_text,
 )
 from belief.references import ForeignCode
-from experiments.command_line.trust import Trust
+from experiments.command_line.arguments import Trust
 from experiments.parallel import Shared, Task, run_tasks
 from experiments.scene_choice import command
 from experiments.search.play import EPISODES_PER_BATCH, Searches, Seconds, play_episodes

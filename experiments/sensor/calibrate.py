@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from activetouch.data.dataset import TouchSet, read_split
 from activetouch.data.manifest import Manifest, read_manifest
-from activetouch.perception.hypothesis_table import HypothesisTable
-from activetouch.perception.reader import TactileReader
+from activetouch.perception.reader import HypothesisTable, TactileReader
 from activetouch.scene import Scene
 from activetouch.scene_description import in_words
 from activetouch.sensor_files import INDEPENDENT_FILE, OBSERVATION_FILE, READER_FILE
@@ -33,8 +32,7 @@ from belief.statistics import clopper_pearson_interval
 from belief.table import Table, Tabular
 from belief.touch_batch import TouchBatch
 from belief.validation import Floats
-from experiments.command_line.arguments import BadArgument, Seed, check_arguments
-from experiments.command_line.trust import Trust
+from experiments.command_line.arguments import BadArgument, Seed, Trust, check_arguments
 from experiments.scene_choice import SceneChoice, command, in_file_names, named_scene, repeats_folder, training_folder
 from experiments.sensor.scores import accuracy_of_objects, read_touches
 from experiments.sensor_choice import NoSensor, open_collection, require_collection
@@ -172,10 +170,7 @@ def calibrate(
 ) -> Calibration:
     """Fit observation models to the calibration split of a collection, keep the best, and evaluate on the test split.
 
-    Args:
-        data: folder of the collection, whose objects are better touched several times in every pose.
-        scene: scene of the touches, if it is known; without it, no model is about one rigid body.
-        models: functions that fit the models to choose from, by name; all by default.
+    Objects are better touched several times in every pose. Without a ``scene``, no model is about one rigid body.
     """
     manifest = read_manifest(data)
     candidates = candidate_models(models, reader, scene)

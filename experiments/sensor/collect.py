@@ -13,7 +13,7 @@ import tyro
 from activetouch import Scene
 from activetouch.data.dataset import read_shard, record_shard
 from activetouch.data.manifest import CollectionPlan, Manifest, shard_path, write_manifest
-from activetouch.hand import require_no_hand
+from activetouch.scene import require_no_hand
 from belief.constraints import Within
 from experiments.command_line.arguments import Count, Jobs, Seed, check_arguments
 from experiments.parallel import run_tasks

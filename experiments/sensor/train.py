@@ -163,7 +163,7 @@ def train_any_object(
     import torch
 
     from activetouch.perception.contact_training import ContactRecipe, ContactTrainer, export
-    from activetouch.perception.contacts.sensor_state import imaging_of
+    from activetouch.perception.imaging import imaging_of
 
     if device == "cuda" and not torch.cuda.is_available():
         raise BadArgument(f"--device cuda: torch {torch.__version__} finds no GPU; leave it out to train on the CPU")

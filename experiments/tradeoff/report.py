@@ -17,7 +17,7 @@ from activetouch.named_scenes import SCENES
 from activetouch.sensor_files import INDEPENDENT_SUFFIX, MODELS
 from belief.statistics import paired_bootstrap, pareto_front, wilson_interval
 from belief.table import Table, Value, interval
-from experiments.reporting.report import Report, Reported, Section
+from experiments.report import Report, Reported, Section
 from experiments.scene_choice import FIDELITIES, command
 from planners import DECIDERS
 from planners.registry import NEED_FILES
@@ -25,7 +25,7 @@ from planners.registry import NEED_FILES
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from experiments.reporting.style import Picture
+    from experiments.report import Picture
 
 SHARES: Mapping[str, float] = MappingProxyType({"gel": 1.0, "coarse": 1.0, "paper": 0.6, "hard": 0.2, "many": 0.16})
 """Number of searches per target relative to ``gel``: fewer where they take longer."""
@@ -159,12 +159,7 @@ class Measured:
 
 @dataclass(frozen=True, eq=False)
 class TradeoffReport(Reported):
-    """Measured configurations, and the recommended ones; prints as tables and recommendations.
-
-    Attributes:
-        least_success: lowest acceptable success.
-        most_ms: longest acceptable time per touch [ms].
-    """
+    """Measured configurations, and those recommended for a least success and a longest time per touch [ms]."""
 
     points: Sequence[Measured]
     least_success: float = 0.98
@@ -259,7 +254,7 @@ def _row(p: Measured, default: Measured | None, is_on_front: bool) -> tuple[Valu
 
 def front_picture(points: Sequence[Measured]) -> Picture:
     """Fraction of failed searches against milliseconds per search, both logarithmic, one panel per scene."""
-    from experiments.reporting.style import INK, PALETTE, Picture  # loads matplotlib
+    from experiments.report import INK, PALETTE, Picture  # loads matplotlib
 
     styles = {  # colour, marker, and name in the legend, by what differs from the default
         "hypotheses": (PALETTE[0], "P", "number of hypotheses, 64 to 16 384"),

@@ -95,7 +95,7 @@ def measure_all(
     the folder are read.
     """
     from experiments.search.comparison import played, prepared
-    from experiments.search.setting import Setting
+    from experiments.search.play import Setting
     from experiments.search.summary import ALL
 
     groups: dict[tuple[str, str, float, str | None], list[Configuration]] = {}

@@ -9,14 +9,13 @@ import pytest
 import tyro
 
 from activetouch import SCENES, SHAPES, Quasistatic
-from activetouch.distributions import Constant, Uniform
-from activetouch.hypotheses import member_shares
-from activetouch.placement import WorldObject
-from activetouch.pressing.pad import Pad
+from activetouch.distributions import Constant, Uniform, member_shares
+from activetouch.poses import WorldObject
+from activetouch.pressing.contact import Pad
 from activetouch.scene_description import require_scene, scene_fields
 from activetouch.shapes import Box, Cone, Cylinder, Family, Torus
 from belief.errors import InvalidArgument, UnknownName
-from experiments.command_line.trust import Trust
+from experiments.command_line.arguments import Trust
 from experiments.scene_choice import SceneChoice, choice_name
 
 ROD = Cylinder(radius=0.016, half_length=0.020)

@@ -15,8 +15,7 @@ from activetouch.hand import Hand
 from activetouch.perception import preparation
 from activetouch.perception.contacts import hypotheses as contact_hypotheses
 from activetouch.perception.grasps import predicted_stops
-from activetouch.perception.hypothesis_table import HypothesisTable
-from activetouch.perception.reader import TactileReader
+from activetouch.perception.reader import HypothesisTable, TactileReader
 from activetouch.poses import POSE_SETS
 from activetouch.pressing.height_maps import Window, predicted_contacts
 from activetouch.scene import Variation

@@ -13,8 +13,7 @@ from activetouch.hand import Hand
 from activetouch.orientations import Inexact, Resampled
 from activetouch.perception import preparation
 from activetouch.perception.contacts import hypotheses as contact_hypotheses
-from activetouch.perception.hypothesis_table import HypothesisTable
-from activetouch.perception.reader import TactileReader
+from activetouch.perception.reader import HypothesisTable, TactileReader
 from activetouch.poses import turn
 from activetouch.scene import Scene, Symmetry, Variation
 from activetouch.scene_description import scene_fields

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from activetouch.distributions import Constant, Uniform
-from activetouch.hypotheses import quaternions, sizes
+from activetouch.distributions import Constant, Uniform, quaternions, sizes
 from activetouch.poses import random_orientation, to_matrices, to_matrix
 
 

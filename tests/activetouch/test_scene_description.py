@@ -12,8 +12,8 @@ from activetouch import POSES, SCENES, SHAPES, Scene
 from activetouch.distributions import Uniform
 from activetouch.errors import WrongScene
 from activetouch.orientations import Upright
+from activetouch.pressing.contact import Pad
 from activetouch.pressing.dynamic import GuardedMove
-from activetouch.pressing.pad import Pad
 from activetouch.rendering import GelSightRenderer, Noise, PressureRenderer
 from activetouch.scene import Variation
 from activetouch.scene_description import require_scene, scene_differences, scene_fields

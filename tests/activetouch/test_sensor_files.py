@@ -12,7 +12,7 @@ from activetouch.errors import NoIndependentModel, SceneShift, WrongScene
 from activetouch.orientations import Upright
 from activetouch.perception import preparation
 from activetouch.perception.contacts import hypotheses
-from activetouch.pressing.press import Quasistatic
+from activetouch.pressing.contact import Quasistatic
 from activetouch.rendering import Blur, Noise, Quantisation
 from activetouch.sensor_files import (
     ANY_OBJECT_FILE,

@@ -292,7 +292,7 @@ def test_a_shape_is_a_value(name, rng):
 @pytest.mark.mujoco
 @every_shape
 def test_every_shape_compiles_into_a_scene_with_one_contact_pair(name):
-    from activetouch.pressing.pad import Pad
+    from activetouch.pressing.contact import Pad
 
     model = build_spec(Pad(), EXTENDED_SHAPES[name].geom, timestep=0.002).compile()
     assert (model.ngeom, model.njnt, model.nu, model.npair) == (2, 1, 1, 1)

@@ -7,10 +7,8 @@ import pytest
 
 from activetouch import SCENES, Quasistatic, TactileSensor, TouchWorld
 from activetouch.errors import UnstablePress
-from activetouch.placement import Placement
-from activetouch.pressing.contact import Contact
-from activetouch.pressing.pad import Pad
-from activetouch.pressing.press import Press
+from activetouch.poses import Placement
+from activetouch.pressing.contact import Contact, Pad, Press
 from activetouch.sensor_files import MODELS
 from activetouch.world import TouchTime
 from belief.errors import InvalidArgument

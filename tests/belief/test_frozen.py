@@ -32,8 +32,8 @@ from belief.observation_model.plda import Components, LogitEmbedding
 from belief.problem import Elsewhere
 from belief.synthetic import random_model
 from belief.touch_batch import TouchBatch
-from planners.pomdp.problem import SearchTouchProblem
 from planners.solve import TouchProblem
+from planners.touch_problem import SearchTouchProblem
 
 LABELS = ("ball", "cube")
 ROWS = np.array([[2.0, 0.0], [0.0, 1.0], [1.0, 0.0], [0.5, 3.0]])

@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from activetouch.placement import Placement
-from activetouch.poses import random_orientation
-from activetouch.pressing.contact import first_touch
-from activetouch.pressing.pad import Pad
+from activetouch.poses import Placement, random_orientation
+from activetouch.pressing.contact import Pad, first_touch
 from activetouch.shapes import EXTENDED_SHAPES, SHAPES
 from benchmarks.mujoco_tactile import NativeSensor
 

@@ -6,7 +6,7 @@ import pytest
 from benchmarks.seeds import pooled
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
-from experiments.search.setting import Setting
+from experiments.search.play import Setting
 from experiments.search.summary import ALL
 
 

@@ -16,8 +16,7 @@ import pytest
 import tyro
 
 import activetouch
-from experiments import cli
-from experiments.reporting import report
+from experiments import cli, report
 
 ROOT = Path(__file__).parents[2]
 

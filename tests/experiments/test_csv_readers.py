@@ -2,12 +2,14 @@
 
 import itertools
 import random
+from pathlib import Path
 
 import pytest
 
 from activetouch.recorded.formats import read_recorded
+from belief import columns
+from belief.columns import csv_rows
 from belief.errors import ActiveTouchError, InvalidArgument
-from belief.table import csv_rows
 from experiments.search.results import compare_results
 
 
@@ -61,6 +63,43 @@ def test_a_character_that_ends_a_line_or_a_text_elsewhere_is_named(name, odd, tm
             (tmp_path / "a.csv").write_bytes(text.replace(place, spoilt).encode())
             with pytest.raises(ActiveTouchError, match=rf"line \d holds the character U\+{ord(odd):04X}"):
                 reader(tmp_path)
+
+
+SPOILT = {
+    "a row is cut short": (lambda header, *rows: [header, *rows, "mug"], "line 5 of .* has 1 cells, the header has 4"),
+    "a column is there twice": (lambda header, *rows: [f"{line},{line}" for line in (header, *rows)], "' 2 times"),
+    "a column is missing": (
+        lambda header, *rows: [header.replace("object", "it").replace("task", "it"), *rows],
+        "no col",
+    ),
+    "it is no text": (lambda *lines: [*lines, "\udcff"], "is not text in UTF-8, save it as such"),
+    "a line is too long": (lambda *lines: [*lines, "c" * 101], "line 5 of .* has more than 100 characters"),
+    "there are too many rows": (lambda header, *rows: [header, *rows[:1] * 6], "holds more than 5 rows"),
+    "there are too many lines": (lambda *lines: [*lines, *[""] * 9], "holds more than .* 10 lines"),
+}
+
+
+@pytest.mark.parametrize("name", ["recorded touches", "results"])
+@pytest.mark.parametrize("kind", SPOILT)
+def test_every_reader_of_columns_refuses_the_same_with_the_file_and_the_place(kind, name, tmp_path, monkeypatch):
+    monkeypatch.setattr(columns, "_LONGEST_LINE", 100)
+    monkeypatch.setattr(columns, "MOST_ROWS", 5)
+    (reader, text), (spoil, said) = READERS[name], SPOILT[kind]
+    assert read(reader, tmp_path, text) == (3, {"mug", "cup"})
+    (tmp_path / "a.csv").write_bytes("\n".join(spoil(*text.splitlines())).encode(errors="surrogateescape"))
+    with pytest.raises(ActiveTouchError, match=said) as refused:
+        reader(tmp_path)
+    assert str(tmp_path / "a.csv") in str(refused.value)
+
+
+def test_columns_are_read_in_one_place():
+    root = Path(__file__).parents[2]
+    calls = ("csv.reader(", "csv.DictReader(", "gzip.open", "genfromtxt(", "loadtxt(", "csv_rows(")
+    files = [
+        file for name in ("activetouch", "belief", "planners", "experiments") for file in (root / name).rglob("*.py")
+    ]
+    found = {file.relative_to(root).as_posix() for file in files if any(call in file.read_text() for call in calls)}
+    assert found == {"belief/columns.py"}
 
 
 def test_a_cell_may_hold_lines_that_are_no_rows(tmp_path):

@@ -13,9 +13,9 @@ from belief.errors import ActiveTouchError
 from belief.sealed_tensors import read_fields
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
+from experiments.search.play import Setting
 from experiments.search.replay import Replay
 from experiments.search.run import RunFolder
-from experiments.search.setting import Setting
 from planners.fingerprint import files_digest
 from planners.other_agents import _model
 

@@ -6,8 +6,8 @@ import pytest
 
 from experiments.scene_choice import SceneChoice, collection_folder, in_file_names
 from experiments.search.compare import Compare
+from experiments.search.play import Setting
 from experiments.search.run import _file_name
-from experiments.search.setting import Setting
 from planners.ppo import policy_file
 
 LABELS = [

@@ -9,8 +9,7 @@ from experiments.calibration.measurements import Measurements
 from experiments.meshes.identify import Identified
 from experiments.paper.reproduce import Reproduction
 from experiments.recorded.report import RecordedReport
-from experiments.reporting.report import Report, Reported, Section
-from experiments.reporting.style import Picture
+from experiments.report import Picture, Report, Reported, Section
 from experiments.robustness.robustness import RobustnessReport
 from experiments.search.results import ResultsComparison
 from experiments.tradeoff.report import TradeoffReport
@@ -55,7 +54,7 @@ def test_films_bring_their_buttons_and_other_pages_have_none():
 
 
 def test_only_reports_write_pages_and_tables():
-    own = {"reporting/report.py", "search/export.py"}
+    own = {"report.py", "search/export.py"}
     for file in (ROOT / "experiments").rglob("*.py"):
         for call in ("get_template(", ".latex())", ".write_csv(", "write_page"):
             is_own = file.relative_to(ROOT / "experiments").as_posix() in own

@@ -14,8 +14,8 @@ from activetouch.pressing.dynamic import GuardedMove
 from activetouch.rendering import GelSightRenderer, PressureRenderer
 from belief.errors import InvalidArgument, UnknownName
 from belief.references import BadReference
+from experiments.command_line.arguments import Trust
 from experiments.command_line.console import plain_warnings
-from experiments.command_line.trust import Trust
 from experiments.scene_choice import SceneChoice, renderer_named
 
 TETRAHEDRON = "v 0 0 0\nv 30 0 0\nv 0 30 0\nv 0 0 30\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"

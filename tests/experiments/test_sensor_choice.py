@@ -19,13 +19,13 @@ from activetouch.sensor_files import INDEPENDENT_FILE, MODELS, OBSERVATION_FILE,
 from belief.errors import CorruptFile
 from experiments.calibration.calibration_report import CalibrationReport
 from experiments.cli import commands
-from experiments.command_line.trust import Trust
+from experiments.command_line.arguments import Trust
 from experiments.ppo.train_ppo import TrainPPO
 from experiments.ppo.training import kept_bank
 from experiments.robustness.robustness import Robustness
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
-from experiments.search.setting import Setting
+from experiments.search.play import Setting
 from experiments.sensor.calibrate import Calibrate, TooFewObjects
 from experiments.sensor.collect import collect
 from experiments.sensor.train import Train

@@ -19,9 +19,9 @@ from experiments.press.explain import Explain
 from experiments.press.touch import TouchCommand
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
+from experiments.search.play import Setting
 from experiments.search.replay import Replay
 from experiments.search.run import RunFolder, RunMismatch
-from experiments.search.setting import Setting
 from experiments.sensor.collect import Collect
 from experiments.sensor.train import Changes, Train
 from experiments.sensor_choice import NoSensor

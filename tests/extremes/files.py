@@ -16,7 +16,7 @@ from activetouch.data.dataset import read_split, record_shard
 from activetouch.data.manifest import CollectionPlan, read_manifest, shard_path, write_manifest
 from activetouch.errors import BadMesh, LabelMismatch, WrongScene
 from activetouch.named_scenes import SCENES
-from activetouch.pressing.pad import Pad
+from activetouch.pressing.contact import Pad
 from activetouch.sensor_files import MODELS, OBSERVATION_FILE, READER_FILE
 from activetouch.shapes import Mesh
 from belief.calibration import TemperatureScaling

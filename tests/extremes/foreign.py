@@ -12,8 +12,7 @@ import numpy as np
 from activetouch import Quasistatic, Scene
 from activetouch.data.manifest import CollectionPlan
 from activetouch.errors import WrongRenderer, WrongScene
-from activetouch.pressing.contact import Contact
-from activetouch.pressing.pad import Pad
+from activetouch.pressing.contact import Contact, Pad
 from activetouch.rendering import PressureRenderer
 from activetouch.sensor import TactileSensor
 from activetouch.sensor_files import MODELS, READER_FILE
@@ -25,7 +24,7 @@ from experiments.ppo.train_ppo import TrainPPO
 from experiments.robustness.robustness import Robustness
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
-from experiments.search.setting import Setting
+from experiments.search.play import Setting
 from experiments.sensor.calibrate import Calibrate
 from experiments.sensor.collect import collect
 from planners import Decision, search

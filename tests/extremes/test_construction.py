@@ -6,8 +6,8 @@ import pytest
 
 from activetouch import Dynamic
 from activetouch.distributions import Constant, LogUniform, Uniform
+from activetouch.pressing.contact import Pad
 from activetouch.pressing.dynamic import GuardedMove
-from activetouch.pressing.pad import Pad
 from activetouch.rendering import DeadTaxels, Gain, Hysteresis, Noise, PressureRenderer, Quantisation
 from activetouch.shapes import Box, Cylinder, Sphere
 

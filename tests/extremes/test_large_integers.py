@@ -8,9 +8,9 @@ import pytest
 from activetouch import SCENES
 from activetouch.distributions import LogUniform, Uniform
 from activetouch.hand import Hand
+from activetouch.pressing.contact import Pad
 from activetouch.pressing.dynamic import Dynamic, GuardedMove
 from activetouch.pressing.height_maps import Window
-from activetouch.pressing.pad import Pad
 from activetouch.rotation_cells import views
 from activetouch.solids.primitives import Cone, Cylinder, Ellipsoid, Prism, Sphere
 from belief import Counts, SceneBelief, SearchProblem, Touch

@@ -11,10 +11,8 @@ import pytest
 
 from activetouch import Dynamic, Quasistatic, Scene
 from activetouch.errors import UnstablePress
-from activetouch.pressing.contact import Contact
+from activetouch.pressing.contact import Contact, Pad, Press
 from activetouch.pressing.dynamic import GuardedMove
-from activetouch.pressing.pad import Pad
-from activetouch.pressing.press import Press
 from activetouch.rendering import (
     DeadTaxels,
     ForcePatchRenderer,

@@ -9,11 +9,9 @@ import numpy as np
 
 from activetouch import Dynamic, Quasistatic, Scene, TactileSensor, TouchWorld
 from activetouch.distributions import Constant
-from activetouch.placement import Placement
-from activetouch.pressing.contact import Contact
+from activetouch.poses import Placement
+from activetouch.pressing.contact import Contact, Pad, Press
 from activetouch.pressing.dynamic import GuardedMove
-from activetouch.pressing.pad import Pad
-from activetouch.pressing.press import Press
 from activetouch.scene import Variation, WorldObject
 from activetouch.shapes import SHAPES, Box, Shape, Sphere
 from belief.errors import UnknownName

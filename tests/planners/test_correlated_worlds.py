@@ -12,7 +12,7 @@ from belief.bayes import target_information_gain
 from belief.calibration import TemperatureScaling
 from belief.observation_model import RatioModel
 from belief.touch_batch import TouchBatch
-from planners.repeats import RepeatDiscount
+from planners.probing import RepeatDiscount
 
 NUM_SHAPES, NUM_POSES, MOST, SPREAD = 3, 3, 12, 1.5
 CONFIRM, REJECT = 0.95, 0.05

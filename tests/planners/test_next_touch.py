@@ -12,8 +12,7 @@ from belief.errors import InvalidArgument
 from belief.observation_model import FixedHypotheses, RigidBodyModel
 from belief.observation_model.outcome_mixture import information
 from planners import InformationState, make_decider
-from planners.probing import next_touch
-from planners.repeats import RepeatDiscount
+from planners.probing import RepeatDiscount, next_touch
 from planners.value_of_information import ValueOfInformation
 
 P, K, N, M, D = 3, 3, 10, 6, 4

@@ -5,8 +5,8 @@ import pytest
 
 from belief import Counts, SearchProblem
 from planners.one_touch import one_touch_bound
-from planners.pomdp.problem import SearchTouchProblem
 from planners.solve import solve
+from planners.touch_problem import SearchTouchProblem
 
 SHAPES = ("sphere", "cube", "cone")
 

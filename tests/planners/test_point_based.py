@@ -11,7 +11,7 @@ from belief.synthetic import random_model, sample_arrangement
 from planners import InformationState, make_decider, search
 from planners.continuation_value import belief_with_missed
 from planners.point_based import PointBased, stages_by_target
-from planners.repeats import RepeatDiscount
+from planners.probing import RepeatDiscount
 from planners.solve import SearchTouchProblem, solve
 
 POSES = ("p0", "p1", "p2")

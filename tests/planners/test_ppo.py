@@ -8,7 +8,7 @@ import pytest
 from safetensors.numpy import save
 
 from belief import Confirm, Probe, Reject, SceneBelief, SearchProblem, Touch
-from belief.categorical import Belief
+from belief.bayes import Belief
 from belief.policy_state import ENCODINGS, GOAL, WITH_GAINS, NoGains
 from belief.synthetic import SyntheticWorld
 from planners import make_decider, search

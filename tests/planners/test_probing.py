@@ -7,8 +7,14 @@ from belief import Belief, Probe, SearchProblem, Touch
 from belief.errors import InvalidArgument, UnknownName
 from belief.observation_model import OutcomeTable
 from planners import InformationState
-from planners.probing import FixedOrder, GivenOrder, RandomOrder, ShapeInformationGain, TargetInformationGain
-from planners.repeats import RepeatDiscount
+from planners.probing import (
+    FixedOrder,
+    GivenOrder,
+    RandomOrder,
+    RepeatDiscount,
+    ShapeInformationGain,
+    TargetInformationGain,
+)
 
 PROBLEM = SearchProblem(("a", "b"), ("useless", "good", "better"), num_objects=2)
 TABLE = OutcomeTable([[[0.5, 0.5]] * 2, [[0.7, 0.3], [0.3, 0.7]], [[0.9, 0.1], [0.1, 0.9]]])

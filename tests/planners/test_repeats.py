@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from belief.calibration import TemperatureScaling
 from belief.observation_model import RatioModel
 from belief.observation_model.repeat_discount import effective_touches
-from planners.repeats import RepeatDiscount, repeat_discount
+from planners.probing import RepeatDiscount, repeat_discount
 
 uses = st.lists(st.integers(0, 10_000), min_size=1, max_size=12)
 T1 = TemperatureScaling(1.0, "ok")

@@ -8,9 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import softmax
 
-from planners.pomdp.policy import upper_bound
-from planners.pomdp.problem import stage_belief, staged
-from planners.solve import SearchTouchProblem, TouchProblem, finite_horizon_value, solve
+from planners.solve import SearchTouchProblem, TouchProblem, finite_horizon_value, solve, upper_bound
+from planners.touch_problem import stage_belief, staged
 
 NINE_OF_TEN = np.array([[[0.9, 0.1], [0.1, 0.9]]])
 CONFIRM, REJECT = 1, 2  # with one pose

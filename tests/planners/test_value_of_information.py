@@ -13,7 +13,7 @@ from belief.synthetic import SyntheticWorld
 from benchmarks.tabular_model import TabularModel
 from planners import InformationState, search_lockstep
 from planners.continuation_value import ContinuationValue, prob_missed, shapes_ahead
-from planners.repeats import RepeatDiscount
+from planners.probing import RepeatDiscount
 from planners.value_of_information import ValueOfInformation
 
 seeds = st.integers(0, 10_000)

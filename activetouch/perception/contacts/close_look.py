@@ -15,9 +15,8 @@ import numpy as np
 from scipy.special import logsumexp
 
 from activetouch.perception.contacts.hypotheses import ContactHypotheses
-from activetouch.perception.contacts.imaging import Floats32
-from activetouch.perception.contacts.sensor_state import sensor_state
 from activetouch.perception.contacts.views import BodySet, Felt, ViewPlan
+from activetouch.perception.imaging import Floats32, sensor_state
 from activetouch.poses import turned
 from activetouch.pressing.height_maps import predicted_contacts
 from activetouch.rotation_cells import centres, nested

@@ -14,11 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from activetouch.hypotheses import Bodies
-from activetouch.perception.cached_arrays import cached_array
-from activetouch.perception.contacts.imaging import Floats32, Imaging, encoded
-from activetouch.perception.contacts.sensor_state import sensor_state
-from activetouch.perception.sessions import session_of
+from activetouch.distributions import Bodies
+from activetouch.perception.cached_arrays import cached_array, session_of
+from activetouch.perception.imaging import Floats32, Imaging, encoded, sensor_state
 from activetouch.poses import turned
 from activetouch.pressing.height_maps import predicted_contacts
 from activetouch.scene import Scene

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from activetouch.perception.contacts.imaging import Imaging, SensorState, regridded
+from activetouch.perception.imaging import Imaging, SensorState, regridded
 
 _BISECTIONS = 18
 _REACH = 4.0  # standard deviations at which a blur ends
@@ -102,7 +102,7 @@ class _Touches:
 
 
 def encoded(reached: Tensor, inner: int) -> Tensor:
-    """As :func:`activetouch.perception.contacts.imaging.encoded`, on any device."""
+    """As :func:`activetouch.perception.imaging.encoded`, on any device."""
     margin = (reached.shape[-1] - inner) // 2
     middle = slice(margin, margin + inner)
     first = reached[:, middle, middle].amax(dim=(1, 2))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor, nn
 
-from activetouch.perception.contacts.imaging import FEW_PIXELS, STATE_SIZE
+from activetouch.perception.imaging import FEW_PIXELS, STATE_SIZE
 
 if TYPE_CHECKING:
     from activetouch.perception.contacts.touches import Batch

@@ -21,7 +21,7 @@ from torch.utils.data import Dataset
 from activetouch.perception.contacts.bodies import random_body
 from activetouch.perception.contacts.device_heights import DeviceBodies
 from activetouch.perception.contacts.images import encoded, images
-from activetouch.perception.contacts.imaging import BROKEN, Imaging, SensorState
+from activetouch.perception.imaging import BROKEN, Imaging, SensorState
 from activetouch.poses import hamilton_product, to_matrices
 from activetouch.pressing.height_maps import Window
 from activetouch.solids.raster import heights

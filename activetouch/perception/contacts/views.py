@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from activetouch.perception.cached_arrays import cached_array, is_cached
 from activetouch.perception.contacts.hypotheses import ContactHypotheses
-from activetouch.perception.contacts.imaging import Floats32
-from activetouch.perception.contacts.sensor_state import sensor_state
+from activetouch.perception.imaging import Floats32, sensor_state
 from activetouch.poses import turned
 from activetouch.pressing.height_maps import predicted_contacts
 from activetouch.rotation_cells import centres, nearest, nested, views

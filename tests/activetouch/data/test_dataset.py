@@ -17,11 +17,8 @@ from activetouch import Quasistatic, Scene
 from activetouch.data.dataset import object_rng, read_split, record_shard
 from activetouch.data.manifest import SPLITS, CollectionPlan, read_manifest, shard_path, write_manifest
 from activetouch.errors import LabelMismatch, UnstablePress
-from activetouch.placement import Placement
-from activetouch.poses import multiply
-from activetouch.pressing.contact import Contact
-from activetouch.pressing.pad import Pad
-from activetouch.pressing.press import Press
+from activetouch.poses import Placement, multiply
+from activetouch.pressing.contact import Contact, Pad, Press
 from activetouch.scene import Symmetry
 from activetouch.scene_description import scene_fields
 from belief.errors import CorruptFile

@@ -17,7 +17,7 @@ from activetouch.envs import IDS, drawing
 from activetouch.envs.object_search import BadAction, BadOption, ObjectSearchEnv
 from activetouch.envs.object_test import ObjectTestEnv
 from activetouch.envs.touch_source import LiveTouches, SampledTouches
-from activetouch.perception.hypothesis_table import HypothesisTable
+from activetouch.perception.reader import HypothesisTable
 from activetouch.poses import aimed
 from belief import Confirm, Probe, Reject, SceneBelief, Unsure
 from belief.errors import UnknownName

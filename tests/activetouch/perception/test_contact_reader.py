@@ -16,9 +16,8 @@ from activetouch.errors import AlikeShapes
 from activetouch.perception import preparation
 from activetouch.perception.card import READER
 from activetouch.perception.contacts import hypotheses
-from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.preparation import prepared
-from activetouch.perception.reader import TactileReader
+from activetouch.perception.reader import HypothesisTable, TactileReader
 from activetouch.pressing.dynamic import Dynamic
 from activetouch.rendering import Noise
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
@@ -175,7 +174,7 @@ def test_shapes_that_look_equal_are_said_to_be_alike(reader, cache):
 def test_an_untrained_network_becomes_a_reader(cache, tmp_path):
     from activetouch.perception.contact_training import export
     from activetouch.perception.contacts.network import ContactReader
-    from activetouch.perception.contacts.sensor_state import imaging_of
+    from activetouch.perception.imaging import imaging_of
 
     scene = replace(SCENE, renderer=type(SCENE.renderer)(4), faults=SCENE.faults[:2])
     imaging = imaging_of(scene)

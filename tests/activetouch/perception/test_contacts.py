@@ -9,10 +9,9 @@ from scipy.ndimage import gaussian_filter
 from activetouch import SCENES, SHAPES, predicted_contacts
 from activetouch.errors import ImpossibleRecipe
 from activetouch.perception.contacts.bodies import _FAMILIES, random_body
-from activetouch.perception.contacts.imaging import STATE_SIZE, Imaging, SensorState, encoded
-from activetouch.placement import Placement
-from activetouch.poses import random_orientation, to_matrices
-from activetouch.pressing.press import Quasistatic
+from activetouch.perception.imaging import STATE_SIZE, Imaging, SensorState, encoded
+from activetouch.poses import Placement, random_orientation, to_matrices
+from activetouch.pressing.contact import Quasistatic
 from activetouch.solids.raster import heights
 
 GEL = SCENES["gel"].scene

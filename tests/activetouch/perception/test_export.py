@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 import torch
 
-from activetouch.distributions import Uniform
-from activetouch.hypotheses import quaternions, sizes
+from activetouch.distributions import Uniform, quaternions, sizes
 from activetouch.perception.card import ClassifierCard
 from activetouch.perception.classifier import Hypotheses, HypothesisNetwork, TouchClassifier, TouchNetwork
 from activetouch.perception.export import export_reader
-from activetouch.perception.hypothesis_embedding import HypothesisEmbedding
-from activetouch.perception.reader import TactileReader
+from activetouch.perception.reader import HypothesisEmbedding, TactileReader
 from activetouch.poses import to_matrices
 
 pytestmark = pytest.mark.torch

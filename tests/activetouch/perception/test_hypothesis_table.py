@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from activetouch import SCENES, TactileSensor, TouchWorld
-from activetouch.hypotheses import quaternions
-from activetouch.perception.hypothesis_table import HypothesisTable
+from activetouch.distributions import quaternions
+from activetouch.perception.reader import HypothesisTable
 from activetouch.poses import facing, turned
 from belief.touch_batch import TouchBatch
 

@@ -15,9 +15,8 @@ from activetouch.perception.export import export_reader, fixed_hypotheses
 from activetouch.perception.objective import Contrast, turned
 from activetouch.perception.recipe import RECIPES
 from activetouch.perception.training import Trainer
-from activetouch.placement import Placement
-from activetouch.poses import multiply, random_orientation, to_matrices, turn
-from activetouch.pressing.pad import Pad
+from activetouch.poses import Placement, multiply, random_orientation, to_matrices, turn
+from activetouch.pressing.contact import Pad
 from activetouch.scene import Symmetry
 
 pytestmark = pytest.mark.torch

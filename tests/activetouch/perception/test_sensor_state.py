@@ -7,8 +7,16 @@ import pytest
 
 from activetouch import SCENES
 from activetouch.distributions import Constant, Uniform
-from activetouch.perception.contacts.imaging import BROKEN, LIMITS, STATE_SIZE, Imaging
-from activetouch.perception.contacts.sensor_state import differs_from_training, fields_read, imaging_of, sensor_state
+from activetouch.perception.imaging import (
+    BROKEN,
+    LIMITS,
+    STATE_SIZE,
+    Imaging,
+    differs_from_training,
+    fields_read,
+    imaging_of,
+    sensor_state,
+)
 from activetouch.rendering import (
     Blur,
     DeadTaxels,

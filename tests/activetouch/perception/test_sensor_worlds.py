@@ -9,8 +9,7 @@ import pytest
 
 from activetouch import SCENES, SHAPES, TactileSensor
 from activetouch.perception import preparation, sensor_worlds
-from activetouch.perception.contacts.imaging import SensorState
-from activetouch.perception.contacts.sensor_state import imaging_of
+from activetouch.perception.imaging import SensorState, imaging_of
 from activetouch.perception.sensor_worlds import changed_worlds
 from activetouch.rendering import StuckTaxels
 from activetouch.sensor_files import MODELS

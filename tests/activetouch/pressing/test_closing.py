@@ -10,10 +10,10 @@ from activetouch import SCENES
 from activetouch.distributions import Constant
 from activetouch.errors import UnstablePress
 from activetouch.hand import Hand
-from activetouch.placement import Placement
+from activetouch.poses import Placement
 from activetouch.pressing.allegro import ALLEGRO_LAW, ALLEGRO_PAD, AllegroFingers
 from activetouch.pressing.closing import Closing
-from activetouch.pressing.press import Quasistatic
+from activetouch.pressing.contact import Quasistatic
 from activetouch.scene import Variation
 from activetouch.shapes import EXTENDED_SHAPES, Mesh, Sphere
 from belief.errors import InvalidArgument

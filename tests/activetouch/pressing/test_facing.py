@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from activetouch.placement import Placement
-from activetouch.poses import facing, random_orientation, to_matrix
-from activetouch.pressing.contact import first_touch
+from activetouch.poses import Placement, facing, random_orientation, to_matrix
+from activetouch.pressing.contact import Pad, first_touch
 from activetouch.pressing.dynamic import Dynamic, GuardedMove, facing_geom
-from activetouch.pressing.pad import Pad
 from activetouch.shapes import Box, Mesh, Union
 
 PAD = Pad(num_taxels=48)

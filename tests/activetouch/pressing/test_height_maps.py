@@ -5,10 +5,8 @@ import pytest
 import trimesh
 
 from activetouch import Window, predicted_contacts
-from activetouch.placement import Placement
-from activetouch.poses import multiply, random_orientation, turn
-from activetouch.pressing.contact import first_touch
-from activetouch.pressing.pad import Pad
+from activetouch.poses import Placement, multiply, random_orientation, turn
+from activetouch.pressing.contact import Pad, first_touch
 from activetouch.shapes import EXTENDED_SHAPES, Mesh
 from belief.errors import InvalidArgument
 

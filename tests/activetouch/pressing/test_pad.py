@@ -5,10 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from activetouch.placement import Placement
-from activetouch.poses import POSES, multiply, random_orientation
-from activetouch.pressing.contact import elastic_contact, surface_gap
-from activetouch.pressing.pad import Pad
+from activetouch.poses import POSES, Placement, multiply, random_orientation
+from activetouch.pressing.contact import Pad, elastic_contact, surface_gap
 from activetouch.shapes import EXTENDED_SHAPES, SHAPES
 
 PAD = Pad()

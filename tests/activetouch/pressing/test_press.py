@@ -7,11 +7,9 @@ import pytest
 
 from activetouch import POSES, SHAPES, Dynamic, Quasistatic, Scene
 from activetouch.errors import UnstablePress
-from activetouch.placement import Placement
-from activetouch.poses import multiply, random_orientation
-from activetouch.pressing.contact import Phase, first_touch
+from activetouch.poses import Placement, multiply, random_orientation
+from activetouch.pressing.contact import Pad, Phase, first_touch
 from activetouch.pressing.dynamic import GuardedMove
-from activetouch.pressing.pad import Pad
 from activetouch.pressing.rig import LARGEST_SCALE, Rig, shared_rig
 from activetouch.shapes import EXTENDED_SHAPES
 

@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 
 from activetouch import SHAPES, Dynamic
-from activetouch.placement import Placement
-from activetouch.poses import random_orientation, turn
-from activetouch.pressing.contact import Phase, first_touch
+from activetouch.poses import Placement, random_orientation, turn
+from activetouch.pressing.contact import Pad, Phase, first_touch
 from activetouch.pressing.dynamic import GuardedMove
-from activetouch.pressing.pad import Pad
 from activetouch.pressing.rig import Rig
 from activetouch.shapes import EXTENDED_SHAPES, Sphere
 from activetouch.solids.primitives import Torus

@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 from activetouch import SHAPES, Dynamic
-from activetouch.placement import Placement
-from activetouch.poses import random_orientation
-from activetouch.pressing.contact import Phase
-from activetouch.pressing.pad import Pad
+from activetouch.poses import Placement, random_orientation
+from activetouch.pressing.contact import Pad, Phase
 
 pytestmark = pytest.mark.mujoco
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from activetouch.errors import BadRecording
-from activetouch.recorded import check_recorded, read_recorded, tables
+from activetouch.recorded import check_recorded, read_recorded
+from belief import columns
 
 NOISE = np.random.default_rng(0).normal(size=(12, 2))
 
@@ -99,23 +100,23 @@ def test_a_pipe_among_recordings_is_refused_in_every_format(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", WRITERS)
-@pytest.mark.parametrize("limit", ["MOST_TOUCHES", "MOST_NUMBERS"])
+@pytest.mark.parametrize("limit", ["MOST_ROWS", "MOST_NUMBERS"])
 def test_a_set_with_more_than_the_limit_is_refused_in_every_format(name, limit, tmp_path, monkeypatch):
     format_name, write = WRITERS[name]
     write(tmp_path)
     num_touches, num_features = read_recorded(tmp_path, format_name)[0].features.shape
-    size = num_touches if limit == "MOST_TOUCHES" else num_touches * num_features
-    monkeypatch.setattr(tables, limit, size)
+    size = num_touches if limit == "MOST_ROWS" else num_touches * num_features
+    monkeypatch.setattr(columns, limit, size)
     read_recorded(tmp_path, format_name)
-    monkeypatch.setattr(tables, limit, size - 1)
+    monkeypatch.setattr(columns, limit, size - 1)
     with pytest.raises(BadRecording, match=r"holds? more than"):
         read_recorded(tmp_path, format_name)
 
 
 def test_a_bomb_is_left_where_the_limit_is_reached(tmp_path, monkeypatch):
-    monkeypatch.setattr(tables, "MOST_TOUCHES", 500)
+    monkeypatch.setattr(columns, "MOST_ROWS", 500)
     for row, words in (
-        (b"mug,0\n", "hold more than 500 touches"),
+        (b"mug,0\n", "holds more than 500 rows"),
         (b"\n", "characters or 1000 lines when decompressed"),
     ):
         content = gzip.compress(b"object,x\n" + row * 100_000)
@@ -126,7 +127,7 @@ def test_a_bomb_is_left_where_the_limit_is_reached(tmp_path, monkeypatch):
 
 
 def test_a_long_line_is_refused_before_it_is_whole_in_memory(tmp_path, monkeypatch):
-    monkeypatch.setattr(tables, "_LONGEST_LINE", 100)
+    monkeypatch.setattr(columns, "_LONGEST_LINE", 100)
     Path(tmp_path / "a.csv").write_text("object,x\nmug," + "1" * 100 + "\n")
     with pytest.raises(BadRecording, match=r"line 2 of .*a\.csv has more than 100 characters"):
         read_recorded(tmp_path, "csv")

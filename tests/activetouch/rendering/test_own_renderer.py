@@ -11,7 +11,7 @@ import pytest
 from activetouch import Quasistatic, Scene
 from activetouch.distributions import Constant
 from activetouch.errors import WrongRenderer
-from activetouch.pressing.pad import Pad
+from activetouch.pressing.contact import Pad
 from activetouch.rendering import Gain, PressureRenderer
 from activetouch.scene import Variation
 from belief.errors import ActiveTouchError, InvalidArgument

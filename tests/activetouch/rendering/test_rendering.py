@@ -7,10 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from activetouch.placement import Placement
-from activetouch.poses import multiply, random_orientation, turn
-from activetouch.pressing.contact import Phase, Trace, elastic_contact, surface_gap
-from activetouch.pressing.pad import Pad
+from activetouch.poses import Placement, multiply, random_orientation, turn
+from activetouch.pressing.contact import Pad, Phase, Trace, elastic_contact, surface_gap
 from activetouch.rendering import (
     RENDERERS,
     Blur,

@@ -8,10 +8,8 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from activetouch.placement import Placement
-from activetouch.poses import random_orientation, to_matrix
-from activetouch.pressing.contact import surface_gap
-from activetouch.pressing.pad import Pad
+from activetouch.poses import Placement, random_orientation, to_matrix
+from activetouch.pressing.contact import Pad, surface_gap
 from activetouch.shapes import BadMesh, Box, Mesh, Torus
 from tests.rays import entry
 

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from activetouch import SHAPES
-from activetouch.placement import Placement
-from activetouch.poses import turn
-from activetouch.pressing.pad import Pad
+from activetouch.poses import Placement, turn
+from activetouch.pressing.contact import Pad
 from activetouch.view.picture import press_picture
 
 pytestmark = pytest.mark.mujoco

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from belief import BeliefTracker, SceneBelief, SearchProblem, Touch
-from belief.categorical import Belief
+from belief.bayes import Belief
 from belief.errors import InvalidArgument
 from belief.observation_model import check_observation_model, read_observation_model
 from belief.observation_model.action_kernel import (

@@ -10,7 +10,7 @@ import pytest
 from belief import Touch
 from belief.files import sealed_json, unsealed_json
 from belief.observation_model import read_observation_model, read_origin
-from belief.observation_model.quantisation import sampled_posteriors
+from belief.observation_model.plda import sampled_posteriors
 from belief.observation_model.registry import fits
 from belief.observation_model.selection import log_posteriors
 from belief.synthetic import random_model

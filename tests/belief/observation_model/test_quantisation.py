@@ -8,8 +8,8 @@ import pytest
 from scipy.special import softmax
 
 from belief.observation_model import OutcomeTable
-from belief.observation_model.log_weights import bounded_softmax
-from belief.observation_model.quantisation import cluster, drawn, nearest, smoothed, tabulate
+from belief.observation_model.outcome_mixture import bounded_softmax
+from belief.observation_model.outcome_table import cluster, drawn, nearest, smoothed, tabulate
 
 
 def log_posteriors(rng, n=300, num_shapes=3, sharpness=2.0):

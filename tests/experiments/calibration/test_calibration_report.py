@@ -15,8 +15,7 @@ from belief.observation_model import RatioModel
 from belief.statistics.stop_thresholds import CandidateStops
 from belief.touch_batch import TouchBatch
 from experiments.calibration.calibration_report import CalibrationReport, NoRepeats
-from experiments.calibration.measurements import score_model
-from experiments.calibration.sequences import KINDS, Rounds
+from experiments.calibration.measurements import KINDS, Rounds, score_model
 from experiments.scene_choice import SceneChoice
 from experiments.sensor.collect import collect
 

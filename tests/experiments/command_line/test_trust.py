@@ -10,12 +10,12 @@ import pytest
 from activetouch.data.manifest import CollectionPlan, Manifest
 from activetouch.named_scenes import SCENES
 from belief.errors import ActiveTouchError
-from experiments.command_line.trust import FileNamesCode, Trust
+from experiments.command_line.arguments import FileNamesCode, Trust
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
+from experiments.search.play import Setting
 from experiments.search.replay import Replay
 from experiments.search.run import RunFolder
-from experiments.search.setting import Setting
 from experiments.sensor.calibrate import scene_of
 
 CODE = "open('it_ran', 'w').close()\nfrom activetouch.named_scenes import SCENES\nscene = SCENES['coarse']\n"

@@ -12,7 +12,7 @@ from activetouch.sensor_files import MODELS, POLICIES
 from belief import Belief, Probe, SceneBelief, SearchProblem
 from experiments.scene_choice import SceneChoice
 from experiments.search.comparison import prepared
-from experiments.search.setting import Setting
+from experiments.search.play import Setting
 from planners import InformationState
 from planners.ppo import MissingPolicy, Policy, PPODecider, policy_file
 

@@ -14,9 +14,8 @@ from experiments.cli import commands
 from experiments.command_line.arguments import BadArgument
 from experiments.scene_choice import SceneChoice
 from experiments.search.comparison import prepared
-from experiments.search.play import identity_of
+from experiments.search.play import Setting, identity_of
 from experiments.search.run import RunFolder, RunMismatch
-from experiments.search.setting import Setting
 
 CUBE = """v -1 -1 -1\nv 1 -1 -1\nv 1 1 -1\nv -1 1 -1\nv -1 -1 1\nv 1 -1 1\nv 1 1 1\nv -1 1 1
 f 4 3 2 1\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n"""

@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
-from activetouch.hypotheses import quaternions
-from activetouch.placement import WorldObject
-from activetouch.poses import turn
+from activetouch.distributions import quaternions
+from activetouch.poses import WorldObject, turn
 from activetouch.shapes import SHAPES
 from belief.observation_model import FixedHypotheses, RigidBodyModel
-from belief.observation_model.log_weights import log_means
+from belief.observation_model.outcome_mixture import log_means
 from belief.observation_model.rigid_body_evidence import RigidBodyEvidence
 from experiments.search.replay_figures import Bodies
 

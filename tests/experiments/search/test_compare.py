@@ -14,17 +14,15 @@ from matplotlib.figure import Figure
 from belief.errors import UnknownName
 from belief.files import sealed_json
 from experiments.cli import main
-from experiments.command_line.trust import Trust
+from experiments.command_line.arguments import Trust
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import BadArgument, Compare
 from experiments.search.comparison import Comparison
 from experiments.search.export import Export
-from experiments.search.play import Seconds
+from experiments.search.play import Seconds, Setting, replay
 from experiments.search.replay import Replay
-from experiments.search.replay_figures import replay
 from experiments.search.run import RunFolder, RunMismatch
-from experiments.search.setting import Setting
-from experiments.search.tables import terminal_table
+from experiments.search.verdict import terminal_table
 from experiments.sensor_choice import NoSensor
 from planners import DECIDERS, Outcome
 

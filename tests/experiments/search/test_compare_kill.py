@@ -10,8 +10,8 @@ import pytest
 
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
+from experiments.search.play import Setting
 from experiments.search.run import RunFolder
-from experiments.search.setting import Setting
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch, pytest.mark.slow]
 SMALL = {"deciders": ("threshold", "random_confirm"), "targets": ("sphere",), "episodes": 60}

@@ -6,9 +6,9 @@ from belief.errors import ActiveTouchError
 from belief.files import sealed_json
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
+from experiments.search.play import Setting
 from experiments.search.replay import Replay
 from experiments.search.run import Run, RunFolder
-from experiments.search.setting import Setting
 
 pytestmark = [pytest.mark.torch, pytest.mark.mujoco]
 WRONG = [None, {}, [[]], "x", 1.5, 10**400, True]

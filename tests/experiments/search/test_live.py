@@ -14,8 +14,7 @@ import pytest
 from activetouch import RecordedSensor, TactileSensor, TouchWorld
 from activetouch.errors import BadRecording
 from activetouch.named_scenes import SCENES
-from activetouch.perception.hypothesis_table import HypothesisTable
-from activetouch.perception.reader import TactileReader
+from activetouch.perception.reader import HypothesisTable, TactileReader
 from activetouch.recorded import RecordedTouches, read_recorded
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
 from belief import Probe, Touch
@@ -23,8 +22,7 @@ from belief.errors import ActiveTouchError, InvalidArgument
 from belief.observation_model import RigidBodyModel
 from belief.seeding import arrangement_rng, touch_rng
 from belief.synthetic import sample_arrangement
-from experiments.search.live import Live
-from experiments.search.live_protocol import MOST_BYTES, Conversation, converse, requests
+from experiments.search.live import MOST_BYTES, Conversation, Live, converse, requests
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.usefixtures("sensors_loaded_once")]
 KEY = (7, 3, 0)  # of sensor.search("cone", seed=7)

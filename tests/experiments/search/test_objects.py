@@ -15,8 +15,8 @@ from belief.references import BadReference
 from experiments.command_line.arguments import BadArgument
 from experiments.scene_choice import SceneChoice, named_scene, renderer_named
 from experiments.search.compare import Compare
+from experiments.search.play import Setting
 from experiments.search.replay import Replay
-from experiments.search.setting import Setting
 from planners import SequentialDecider, make_decider
 from planners.probing import FixedOrder
 from planners.stopping import PosteriorThresholds

@@ -12,9 +12,8 @@ from belief.errors import BrokenContract, CodeFailed
 from experiments.cli import main
 from experiments.scene_choice import SceneChoice
 from experiments.search.comparison import prepared
-from experiments.search.play import Seconds, play_episodes
+from experiments.search.play import Seconds, Setting, play_episodes
 from experiments.search.run import read_episode
-from experiments.search.setting import Setting
 from planners import Decision, SequentialDecider, search_lockstep
 from planners.fingerprint import fingerprint
 from planners.other_agents import FunctionPolicy

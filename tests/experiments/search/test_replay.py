@@ -9,11 +9,10 @@ from scipy.special import logsumexp
 
 from experiments.scene_choice import SceneChoice
 from experiments.search.comparison import prepared
-from experiments.search.play import play_episodes
+from experiments.search.play import Setting, play_episodes, replay
 from experiments.search.replay import NoSuchEpisode, Replay
-from experiments.search.replay_figures import Bodies, draw_search, replay
+from experiments.search.replay_figures import Bodies, draw_search
 from experiments.search.run import read_episode
-from experiments.search.setting import Setting
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch]
 COARSE = Setting(SceneChoice("coarse", fidelity="quasistatic"))

@@ -1,6 +1,7 @@
 """Files of results are paired by task and seed, and what is wrong with a file is said."""
 
 import csv
+import gzip
 import json
 import sys
 from dataclasses import replace
@@ -44,6 +45,22 @@ def test_episodes_are_paired_by_task_and_seed_whatever_their_order_and_the_rest_
     tasks = [found.differences["two", task] for task in ("lift", "push")]  # two questions, corrected together
     assert min(one.p_value for one in tasks) == 2 * min(one.mcnemar.mid_p_value for one in tasks)
     assert "1 episodes of one are not in all others; left out." in found.verdict()
+
+
+def test_results_are_the_same_in_every_format_of_columns(tmp_path):
+    rows = outcomes(0, 0.7)
+    write(tmp_path / "a.csv", rows)
+    (tmp_path / "b.csv.gz").write_bytes(gzip.compress((tmp_path / "a.csv").read_bytes()))
+    names = HEADER.split(",")
+    arrays = {name: np.array([row[i] for row in rows]) for i, name in enumerate(names)}
+    np.savez(tmp_path / "c.npz", note=np.zeros(3), **arrays)
+    found = compare_results([tmp_path / name for name in ("a.csv", "b.csv.gz", "c.npz")])
+    first = found.success["a"], found.length["a"]
+    for name in ("b.csv", "c"):
+        np.testing.assert_array_equal((found.success[name], found.length[name]), first)
+    np.savez(tmp_path / "d.npz", seed=np.zeros(2), task=np.zeros(3), success=np.ones(2))
+    with pytest.raises(BadArgument, match=r"d\.npz: .* must be rows of one length"):
+        compare_results([tmp_path / "d.npz"])
 
 
 def test_subtracting_controls_changes_the_sign_where_the_policies_fail_without_a_perturbation(tmp_path):
@@ -111,7 +128,7 @@ def test_files_of_lerobot_are_read_in_both_forms(tmp_path):
         (f"{HEADER}\n1,a,maybe,3\n", "line 2: success must be 1, 0, true or false, got 'maybe'"),
         (f"{HEADER}\n1,a,1,inf\n", "line 2: length must be a number"),
         (f"{HEADER}\n1,a,1,-3\n", "line 2: length must be a number"),
-        (f"{HEADER}\n1,a,1\n", "line 2: 3 cells under 4 columns"),
+        (f"{HEADER}\n1,a,1\n", "line 2 of .* has 3 cells, the header has 4"),
         (f"{HEADER}\n1,a,1,3\n,a,1,3\n", "line 3: the seed is missing"),
         (f"{HEADER}\n1,all,1,3\n", "a task cannot be called 'all'"),
         ('seed,task,success\n1,"a,1\n', "is not CSV"),

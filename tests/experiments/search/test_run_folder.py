@@ -12,11 +12,10 @@ from experiments.command_line.arguments import BadArgument
 from experiments.scene_choice import SceneChoice
 from experiments.search.comparison import Comparison, prepared
 from experiments.search.export import Export
-from experiments.search.play import EPISODES_PER_BATCH, Seconds
+from experiments.search.play import EPISODES_PER_BATCH, Seconds, Setting
 from experiments.search.replay import Replay
 from experiments.search.results import compare_results
 from experiments.search.run import Batch, RunFolder, RunMismatch, _file_name
-from experiments.search.setting import Setting
 
 CELL = ("threshold", "cone")
 ARGUMENTS = {"deciders": ["threshold"], "targets": ["cone"], "episodes": 50, "seed": 0, "setting": None}

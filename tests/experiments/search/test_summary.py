@@ -16,8 +16,7 @@ from experiments.meshes.find import Found
 from experiments.meshes.identify import Identified
 from experiments.search.play import Seconds
 from experiments.search.summary import Summary, calibration_of_confirmations, prob_best, summarise
-from experiments.search.tables import comparison_tables, terminal_table
-from experiments.search.verdict import verdict_sentences
+from experiments.search.verdict import comparison_tables, terminal_table, verdict_sentences
 from planners import Decision, Episode, Outcome, Step
 
 PROBLEM = SearchProblem(("a", "b"), ("p",), num_objects=2, touch_cost=0.1)

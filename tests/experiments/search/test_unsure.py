@@ -6,8 +6,7 @@ import pytest
 from belief import Belief, Confirm, Probe, SearchProblem, Touch, Unsure
 from experiments.search.play import Seconds
 from experiments.search.summary import ALL, Summary
-from experiments.search.tables import comparison_tables, terminal_table
-from experiments.search.verdict import verdict_sentences
+from experiments.search.verdict import comparison_tables, terminal_table, verdict_sentences
 from planners import Decision, Episode, Outcome, Step
 
 PROBLEM = SearchProblem(("a", "b"), ("p",), num_objects=2, touch_cost=0.1, unsure_reward=-0.25)

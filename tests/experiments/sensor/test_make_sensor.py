@@ -8,7 +8,7 @@ import activetouch
 from activetouch import SCENES, Quasistatic, Scene, TactileSensor
 from activetouch.errors import LabelMismatch
 from activetouch.named_scenes import as_named
-from activetouch.pressing.pad import Pad
+from activetouch.pressing.contact import Pad
 from belief.references import UnknownName
 from experiments.command_line.arguments import BadArgument
 from experiments.sensor.calibrate import Calibrate, TooFewObjects

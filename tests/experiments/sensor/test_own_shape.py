@@ -11,7 +11,7 @@ from activetouch.sensor_files import READER_FILE
 from activetouch.shapes import Mesh
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
-from experiments.search.setting import Setting
+from experiments.search.play import Setting
 from experiments.sensor.calibrate import Calibrate
 from experiments.sensor.collect import Collect, PlanArguments
 from experiments.sensor.train import Changes, Train

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from belief.validation import Floats
-from planners.pomdp.problem import Stage, StagedProblem
+from planners.touch_problem import Stage, StagedProblem
 
 _LEAST_GAIN = 1e-5  # in value at its own belief, for a vector to be kept
 _BLOCK = 3_000_000  # numbers in the largest array
