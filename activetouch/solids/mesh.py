@@ -12,10 +12,11 @@ import numpy as np
 import scipy  # whose parts load at first use
 
 from activetouch.errors import BadMesh, MeshWarning
+from activetouch.solids.examination import examined
 from activetouch.solids.raster import Surface
 from activetouch.solids.sizes import size_problem
 from activetouch.solids.solid import Floats, Geom, Ints
-from activetouch.solids.triangles import examined, is_convex
+from activetouch.solids.triangles import is_convex
 from belief.errors import InvalidArgument
 
 _VAST = 1e100  # squares of longer lengths may not be finite [m]
