@@ -117,10 +117,12 @@ def first_met(vertices: Floats, faces: Ints, is_sound: bool = False) -> tuple[In
     of triangles are so large that most rays pass through most of them. Those that miss are left out.
     """
     views, num_faces, num_pixels = _views().copy(), len(faces), _NUM_PIXELS
-    across = (vertices @ view[1:].T for view in views)
-    bounds = np.array([(flat.min(axis=0), np.maximum(np.ptp(flat, axis=0), 1e-12)) for flat in across])
-    views[:, 1:] /= bounds[:, 1, :, None]  # they map the surface to a square of one metre,
-    places = -bounds[:, 0] / bounds[:, 1] - 0.5  # which these move to the middle
+    across = (axes @ vertices.T for axes in np.split(views[:, 1:].reshape(-1, 3), _PROBES))  # some views at a time
+    bounds = np.concatenate([np.stack([flat.min(axis=1), flat.max(axis=1)], axis=1) for flat in across])
+    low, high = bounds.T.reshape(2, -1, 2)
+    extents = np.maximum(high - low, 1e-12)
+    views[:, 1:] /= extents[:, :, None]  # they map the surface to a square of one metre,
+    places = -low / extents - 0.5  # which these move to the middle
     if num_faces * num_pixels**2 * _NUM_DIRECTIONS > _MOST_PAIRS:
         probes = zip(views[::_PROBES], places[::_PROBES], strict=True)
         num_pairs = sum(_num_pairs(vertices @ view[1:].T + place, faces) for view, place in probes)
