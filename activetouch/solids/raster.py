@@ -21,7 +21,12 @@ _PORTION = 1 << 14  # pixels, or triangles, at a time, so that arrays stay in th
 _NARROW = 1e-6  # triangles that are narrower along the rows are level there [pixels]
 _FLAT = 1e-30  # smallest extent of an edge across the rows [pixels]
 _SLACK = 1e-9  # widening of triangles along the rows, far above rounding [pixels]
-_STARTS, _ENDS = (0, 0, 1), (2, 1, 2)  # corners of the edges low to high, low to middle, middle to high
+_STARTS, _ENDS = np.array([(0, 0, 1), (2, 1, 2)])  # corners of the edges low to high, low to middle, middle to high
+_NEXT, _BITS = np.array([1, 2, 0]), np.array([1, 2, 4], np.int8)
+# Of the column at the long edge, its height, and the column at the other edge, for the lower and the upper half: where
+# rows are counted from, values there, both among (row, column, height) × corners, and slopes, among (column, height) ×
+# edges.
+_ORIGINS, _BASES, _SLOPES = np.array([(0, 0, 0, 0, 0, 1), (3, 3, 6, 6, 3, 4), (0, 0, 3, 3, 1, 2)])
 # Low, middle and high corner by a > b, b > c, c > a, in binary from the right; the last cannot be.
 _ORDERS = np.array([(0, 1, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0), (0, 1, 2), (1, 0, 2), (0, 2, 1), (0, 1, 2)]).T.copy()
 _MARGIN = 1e-6  # by which triangles that are left out miss every pixel, above the slack and rounding [pixels]
@@ -145,14 +150,14 @@ def foremost(surface: Surface, turn: Floats, place: Floats, pixel: float, num_pi
     _keep_freed_memory()
     reached = np.empty((num_pixels, num_pixels))
     reached.fill(-np.inf)
-    axes = turn[::-1] / [[pixel], [pixel], [-1.0]]
+    axes = turn[::-1] / np.array(((pixel,), (pixel,), (-1.0,)))
     corners = axes @ surface.vertices  # row and column [pixels] and height [m], (3, v)
     corners[:2] += (place[::-1] / pixel + (num_pixels - 1) / 2)[:, None]
     is_small = surface.faces.shape[1] <= _FEW
     lowest = -np.inf if is_small else _highest(corners, num_pixels) - _DROP * pixel  # at most the greatest height
-    one, other, third = surface.faces
     while True:
         if lowest > -np.inf:  # few of these face away, and none of those is the foremost
+            one, other, third = surface.faces
             reaching = corners[2] >= lowest - within
             shown = reaching.take(one)
             shown |= reaching.take(other)
@@ -194,8 +199,8 @@ def _draw(point: Floats, size: int, image: Floats | float, pixels: NDArray[Any],
         less: what is subtracted from the heights of each, which are rounded before, ``(k,)``.
     """
     row, number = point[0], point.shape[2]
-    greater = (row > row.take((1, 2, 0), axis=0)).view(np.int8)
-    order = _ORDERS.take(greater[0] + 2 * greater[1] + 4 * greater[2], axis=1)  # low, middle, high
+    greater = (row > row.take(_NEXT, axis=0)).view(np.int8)
+    order = _ORDERS.take(_BITS @ greater, axis=1)  # low, middle, high
     order *= number
     order += np.arange(number)
     point = point.reshape(3, -1).take(order, axis=1)
@@ -209,15 +214,13 @@ def _draw(point: Floats, size: int, image: Floats | float, pixels: NDArray[Any],
     first, count = begin[:2], (begin[1:] - begin[:2]).astype(np.intp).ravel()  # rows of the lower and of the upper half
     column, height = point[1:, 0] + edge[0, 1] * slope[:, 0] - point[1:, 1]  # of the long edge beside the middle corner
     column[np.abs(column) < _NARROW] = np.inf
-    half = np.empty(
-        (9 if less is None else 10, *first.shape)
-    )  # column and height at the long edge, column at the other, place in the maps,
-    half[4:6], half[6], half[7] = slope[:, :1], slope[0, 1:], size  # their slopes along the rows,
-    half[8] = height / column  # and that of the height along the columns
-    np.multiply(first - point[0, 0], half[4:6], out=half[:2])
-    half[:2] += point[1:, :1]
-    np.multiply(first - point[0, :2], half[6], out=half[2])
-    half[2] += point[1, :2]
+    half = np.empty((9 if less is None else 10, *first.shape))  # the three values, place in the maps,
+    slope.reshape(6, -1).take(_SLOPES, axis=0, out=half[4:7].reshape(6, -1))  # their slopes along the rows,
+    half[7], half[8] = size, height / column  # and that of the height along the columns
+    corner = point.reshape(9, -1)
+    np.subtract(first, corner.take(_ORIGINS, axis=0).reshape(3, 2, -1), out=half[:3])
+    half[:3] *= half[4:7]
+    half[:3] += corner.take(_BASES, axis=0).reshape(3, 2, -1)
     np.multiply(first, size, out=half[3])
     half[3] += image
     if less is not None:
@@ -231,9 +234,7 @@ def _draw_rows(half: Floats, count: Ints, size: int, pixels: NDArray[Any]) -> No
     """Write halves of triangles with ``count`` rows each; see :func:`_draw`."""
     owner = np.arange(len(count)).repeat(count)
     row = half.take(owner, axis=1, mode="clip")  # in half the time of repeat
-    step = np.arange(len(owner))
-    step -= (count.cumsum() - count).take(owner)
-    row[4:8] *= step
+    row[4:8] *= _counted(count, owner)
     row[:4] += row[4:8]
     column, value, other, place, *_, slope = row[:9]
     less = row[9] if len(row) > 9 else None
@@ -258,15 +259,20 @@ def _draw_pixels(
     place: Ints, value: Floats, slope: Floats, count: Ints, pixels: NDArray[Any], less: Floats | None
 ) -> None:
     """Write parts of rows that begin at ``place``, with ``count`` pixels each."""
-    before = count.cumsum()
-    index = np.arange(before[-1] if len(count) else 0)
     owner = np.arange(len(count)).repeat(count)
-    before -= count
-    values = (index - before.take(owner)) * slope.take(owner)
-    values += value.take(owner)
+    values = _counted(count, owner)
+    index = values.astype(np.intp)
+    values *= slope.take(owner, mode="clip")
+    values += value.take(owner, mode="clip")
     if less is not None:
         np.rint(values, out=values)
-        values -= less.take(owner)
-    place -= before
-    index += place.take(owner)
+        values -= less.take(owner, mode="clip")
+    index += place.take(owner, mode="clip")
     np.maximum.at(pixels, index, values.astype(pixels.dtype, copy=False))
+
+
+def _counted(count: Ints, owner: Ints) -> Floats:
+    """Numbers from 0 up within each group of ``count`` elements, which ``owner`` names."""
+    number = np.arange(float(len(owner)))
+    number -= (count.cumsum() - count).astype(np.float64).take(owner, mode="clip")
+    return number
