@@ -29,11 +29,8 @@ _THINNEST = 1e-6  # extent of a flat sheet across itself, relative to its extent
 class Examined(NamedTuple):
     """Triangles that face outwards, and what was found about them.
 
-    Attributes:
-        faces: ``(f, 3)``.
-        centre: the centre of mass ``(3,)`` [m].
-        remarks: what the surface has beyond one closed solid, as text.
-        problem: the reason why it is no solid, or None.
+    The centre of mass is ``(3,)`` [m]. Remarks are what the surface has beyond one closed solid; the problem is why it
+    is no solid, or None.
     """
 
     faces: Ints
@@ -49,10 +46,7 @@ def examined(vertices: Floats, faces: Ints) -> Examined:
     outwards if it is closed, else so that the rays from outside meet its front rather than its back. The centre of mass
     is that of all closed patches that the rays meet, filled with one material; where they overlap they count twice. If
     one of the patches is open, its volume is unknown, and the centre is that of the surface that the rays meet.
-
-    Args:
-        vertices: ``(v, 3)`` [m], finite.
-        faces: ``(f, 3)``, at least one.
+    Vertices ``(v, 3)`` [m] are finite; there is at least one triangle in ``faces (f, 3)``.
     """
     middle = vertices.mean(axis=0)  # for accuracy far from the origin
     vertices = vertices - middle
@@ -143,11 +137,8 @@ def _num_pairs(flat: Floats, faces: Ints) -> int:
 
 
 def _patches(faces: Ints) -> tuple[Ints, NDArray[np.bool_]]:
-    """The patch of each triangle, ``(f,)``, and whether to turn it so that its patch has one orientation, ``(f,)``.
-
-    Triangles that share an edge of two triangles are neighbours. Each triangle is a pair of nodes, as it is and turned;
-    neighbours are linked such that both are the same way round.
-    """
+    """The patch of each triangle, ``(f,)``, and whether to turn it so that its patch has one orientation, ``(f,)``."""
+    # Each triangle is two nodes, as it is and turned. Triangles at an edge of two are linked the same way round.
     size, owner = len(faces), np.repeat(np.arange(len(faces)), 3)
     directed, edge, sharing = edges(faces)
     order = np.argsort(edge, kind="stable")
@@ -163,10 +154,7 @@ def _patches(faces: Ints) -> tuple[Ints, NDArray[np.bool_]]:
 
 
 def _openness(faces: Ints, patch: Ints, num_patches: int) -> tuple[int, int, NDArray[np.bool_]]:
-    """How many edges are of one triangle and of more than two, and whether each patch is open.
-
-    A patch is closed if it runs along each edge as often in one direction as in the other.
-    """
+    """Numbers of edges of one triangle and of more than two; patches that run along an edge more in one direction."""
     _, edge, sharing = edges(faces)
     start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     owner = np.repeat(patch, 3)

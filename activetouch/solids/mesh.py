@@ -32,7 +32,7 @@ class Mesh:
     hull, of a hollow mesh with that of what lies in front of the pad.
 
     Args:
-        centred: whether to move the centre of mass to the origin. See :func:`triangles.examined` for where it is if
+        centred: whether to move the centre of mass to the origin. See :func:`examination.examined` for where it is if
             there are several bodies or holes.
         remarks: what :meth:`from_file` has to say beside the warnings below; None for other callers.
         scale: metres per unit of the file that the vertices are from, for the message about a size.

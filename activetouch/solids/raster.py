@@ -94,18 +94,16 @@ def heights(
     Returns:
         ``(n, num_pixels, num_pixels)`` [m], rows along z, columns along y; ``-inf`` where there is no surface.
     """
-    _keep_freed_memory()
     maps = np.full((len(turns), num_pixels, num_pixels), -np.inf, dtype)
     _render(surface, turns, places, pixel, maps)
     return maps
 
 
 def first_faces(surface: Surface, turns: Floats, places: Floats, pixel: float, num_pixels: int, same: float) -> Ints:
-    """The triangle that :func:`heights` shows over every pixel with any, ``(n,)``, if no triangle that faces away is.
+    """The triangle of a surface with normals that :func:`heights` shows over each pixel that shows one, ``(n,)``.
 
-    Of several whose heights differ by less than about ``same`` [m], it is the one with the least number.
+    Of triangles whose heights are the same when rounded to ``same`` [m], it is the one with the least number.
     """
-    _keep_freed_memory()
     keys = np.full((len(turns), num_pixels, num_pixels), -np.inf)
     steps = 1 << surface.faces.shape[1].bit_length()
     reach = np.linalg.norm(surface.vertices, axis=0).max() * np.linalg.norm(turns[:, 0], axis=1).max()
@@ -117,11 +115,12 @@ def first_faces(surface: Surface, turns: Floats, places: Floats, pixel: float, n
 
 def _render(surface: Surface, turns: Floats, places: Floats, pixel: float, maps: NDArray[Any], steps: int = 0) -> None:
     """Write a surface into maps ``(n, m, m)``: heights; or with ``steps``, these rounded, less face / steps."""
+    _keep_freed_memory()
     num_pixels = maps.shape[1]
     axes = turns.transpose(1, 0, 2)[::-1] * np.array([1 / pixel, 1 / pixel, -1.0])[:, None, None]
     shifts = places.T[::-1, :, None] / pixel + (num_pixels - 1) / 2
     faces, num_faces, num_vertices = surface.faces, surface.faces.shape[1], surface.vertices.shape[1]
-    step = max(1, _PORTION // max(num_pixels**2, num_faces))
+    step = max(1, _PORTION // max(num_pixels**2, num_faces // 2))  # half of them face away
     for first in range(0, len(turns), step):
         some = slice(first, first + step)
         corners = axes[:, some] @ surface.vertices  # row and column [pixels] and height [m], (3, b, v)

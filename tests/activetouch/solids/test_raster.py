@@ -110,6 +110,18 @@ def assert_rays_meet(mesh, found):
 
 
 @every_mesh
+@pytest.mark.parametrize("num", [3, 16, 64])
+def test_a_map_is_the_same_to_the_last_bit_without_the_triangles_that_miss_every_pixel(
+    mesh, star_shaped, num, monkeypatch, rng
+):
+    surface, turns = Surface.of(mesh.vertices, mesh.faces), np.array([to_matrix(random_orientation(rng))] * 3)
+    places = rng.uniform(-0.004, 0.004, (3, 2))
+    without = heights(surface, turns, places, 0.03 / num, num)
+    monkeypatch.setattr(raster, "_MARGIN", np.inf)
+    np.testing.assert_array_equal(without, heights(surface, turns, places, 0.03 / num, num))
+
+
+@every_mesh
 def test_the_triangles_that_are_met_first_are_what_rays_say_one_by_one(mesh, star_shaped):
     assert_rays_meet(mesh, first_met(mesh.vertices, mesh.faces))
     if star_shaped:
