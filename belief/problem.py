@@ -87,7 +87,7 @@ class Touch(FrozenArrays):
             object.__setattr__(self, "logits", scores)
             if scores.ndim != 1 or not scores.size or not scores.max() < np.inf:  # NaN fails too
                 raise InvalidArgument(f"a touch needs a row of logits without NaN and +inf, got {scores.tolist()}")
-            if scores.min() >= 0.0 and np.count_nonzero(scores) > 1:
+            if scores[0] >= 0.0 and scores.min() >= 0.0 and np.count_nonzero(scores) > 1:
                 warn_of_probs(scores, "logits", "take the logarithms of probabilities")
         if self.features is not None:
             object.__setattr__(self, "features", as_real(self.features, "features of a touch"))

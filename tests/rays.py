@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from activetouch.solids.triangles import around_origin, portions
-from activetouch.solids.vectors import frame_across
+from activetouch.solids.triangles import portions
+from activetouch.solids.vectors import frame_across, on_spiral
 
 _MOST_PAIRS = 1 << 18
 
@@ -46,3 +46,38 @@ def first_entry(vertices, faces, origins, direction):
         ahead = distance >= 0.0
         np.minimum.at(nearest, order[ray[hit[ahead]]], distance[ahead])
     return nearest
+
+
+def first_met_one_by_one(vertices, faces, num_directions=32, num_pixels=32):
+    """The oracle of :func:`activetouch.solids.examination.first_met`: it tests each ray with each box that holds it."""
+    found = []
+    for direction in on_spiral(1 - 2 * (np.arange(num_directions) + 0.5) / num_directions):
+        across, depth = vertices @ (frame_across(direction) * [[1.0], [-1.0]]).T, vertices @ direction
+        across = (across - across.min(axis=0)) / np.maximum(np.ptp(across, axis=0), 1e-12) * num_pixels - 0.5
+        corners = across[faces]
+        first, last = np.ceil(corners.min(axis=1)).astype(int), np.floor(corners.max(axis=1)).astype(int)
+        size = np.maximum(last - first + 1, 0)
+        num = size.prod(axis=1)
+        triangle = np.repeat(np.arange(len(faces)), num)
+        place = np.arange(len(triangle)) - np.repeat(np.cumsum(num) - num, num)
+        pixel = first[triangle] + np.column_stack(np.divmod(place, size[triangle, 1]))
+        hit, weights, area = around_origin((corners[triangle] - pixel[:, None]).transpose(1, 2, 0))
+        ray, triangle, is_back = pixel[hit] @ (num_pixels, 1), triangle[hit], area > 0.0
+        distance = (weights * depth[faces[triangle]].T).sum(axis=0) / area
+        order = np.lexsort((is_back, np.round(distance / 1e-9), ray))
+        nearest = order[np.unique(ray[order], return_index=True)[1]]
+        found.append((triangle[nearest], is_back[nearest]))
+    return tuple(map(np.concatenate, zip(*found, strict=True)))
+
+
+def around_origin(corners):
+    """Which triangles of a plane ``(3, 2, n)`` hold its origin: numbers ``(h,)``, weights ``(3, h)``, and their sum.
+
+    A weight is twice the signed area between the origin and the opposite edge. Those of two triangles with a common
+    edge differ only in sign, so that no origin is between them.
+    """
+    a, b, c = corners
+    weights = np.stack([b[0] * c[1] - b[1] * c[0], c[0] * a[1] - c[1] * a[0], a[0] * b[1] - a[1] * b[0]])
+    area = weights.sum(axis=0)
+    hit = np.flatnonzero(((weights.min(axis=0) >= 0.0) | (weights.max(axis=0) <= 0.0)) & (area != 0.0))
+    return hit, weights[:, hit], area[hit]

@@ -14,7 +14,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import cache, cached_property
+from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, ClassVar, NamedTuple, Protocol
 
 import numpy as np
@@ -203,16 +203,6 @@ def missed(pad: Pad) -> Contact:
     return Contact(pad, np.full_like(zeros, np.inf), 0.0, zeros, zeros)
 
 
-@cache
-def _keep_freed_memory() -> None:
-    """Let the C library of Linux keep the memory that presses need.
-
-    It returns free memory above twice its largest freed block to the system, and asks for it again in the next press,
-    which can double the time of the height map. After a block of 8 MB it does not.
-    """
-    np.empty(2**20)
-
-
 def surface_gap(pad: Pad, placement: Placement) -> Floats:
     """Gap between the pad and an object that just touches it, ``(num_taxels, num_taxels)`` [m].
 
@@ -224,7 +214,6 @@ def surface_gap(pad: Pad, placement: Placement) -> Floats:
 
 def first_touch(pad: Pad, placement: Placement) -> tuple[Floats, float]:
     """:func:`surface_gap`, and the distance of the object's centre from the pad [m], ``nan`` for a miss."""
-    _keep_freed_memory()
     shape, turn = placement.shape, to_matrix(placement.orientation) * placement.scale
     within = np.inf if shape.geom.presses == "surface" else pad.max_depth  # all of what a simulation takes a hull of
     pixel = 2 * pad.half_width / pad.num_taxels

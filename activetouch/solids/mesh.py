@@ -12,10 +12,11 @@ import numpy as np
 import scipy  # whose parts load at first use
 
 from activetouch.errors import BadMesh, MeshWarning
+from activetouch.solids.examination import examined
 from activetouch.solids.raster import Surface
 from activetouch.solids.sizes import size_problem
 from activetouch.solids.solid import Floats, Geom, Ints
-from activetouch.solids.triangles import examined, is_convex
+from activetouch.solids.triangles import is_convex
 from belief.errors import InvalidArgument
 
 _VAST = 1e100  # squares of longer lengths may not be finite [m]
@@ -31,7 +32,7 @@ class Mesh:
     hull, of a hollow mesh with that of what lies in front of the pad.
 
     Args:
-        centred: whether to move the centre of mass to the origin. See :func:`triangles.examined` for where it is if
+        centred: whether to move the centre of mass to the origin. See :func:`examination.examined` for where it is if
             there are several bodies or holes.
         remarks: what :meth:`from_file` has to say beside the warnings below; None for other callers.
         scale: metres per unit of the file that the vertices are from, for the message about a size.

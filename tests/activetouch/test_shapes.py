@@ -25,8 +25,9 @@ from activetouch.shapes import (
     Torus,
     Wedge,
 )
+from activetouch.solids.examination import examined
 from activetouch.solids.primitives import TOLERANCE
-from activetouch.solids.triangles import are_star_shaped, examined
+from activetouch.solids.triangles import are_star_shaped
 from tests.rays import entry
 
 FACETS = TOLERANCE + 1e-9  # [m]

@@ -8,7 +8,7 @@ import trimesh
 
 from activetouch.errors import MeshWarning
 from activetouch.shapes import Mesh
-from activetouch.solids.triangles import MOST_INSIDE, examined
+from activetouch.solids.examination import MOST_INSIDE, examined
 
 CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * 0.012
 QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]

@@ -9,8 +9,9 @@ import trimesh
 from activetouch.poses import random_orientation, to_matrix
 from activetouch.shapes import Box
 from activetouch.solids import raster
+from activetouch.solids.examination import first_met
 from activetouch.solids.raster import Surface, foremost, heights
-from tests.rays import entry
+from tests.rays import entry, first_met_one_by_one
 
 PIXEL, NUM = 0.001, 40
 BALL = trimesh.creation.icosphere(subdivisions=3, radius=0.014)
@@ -41,7 +42,7 @@ def ray_heights(vertices, faces, turn, place, pixel=PIXEL, num=NUM):
     return (0.2 - found * scale).reshape(num, num)
 
 
-@pytest.mark.parametrize(
+every_mesh = pytest.mark.parametrize(
     ("mesh", "star_shaped"),
     [
         (BALL, True),
@@ -68,6 +69,9 @@ def ray_heights(vertices, faces, turn, place, pixel=PIXEL, num=NUM):
         "crosses itself",
     ],
 )
+
+
+@every_mesh
 def test_a_map_is_what_rays_say_one_by_one(mesh, star_shaped, rng):
     surface = Surface.of(mesh.vertices, mesh.faces)
     assert (surface.normals is not None) == star_shaped
@@ -78,6 +82,65 @@ def test_a_map_is_what_rays_say_one_by_one(mesh, star_shaped, rng):
         expected = ray_heights(mesh.vertices, mesh.faces, turn, place)
         assert np.isfinite(expected).sum() > 50
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11)
+
+
+def random_bodies(seed):
+    """Boxes and balls at random places, some of them with holes, inside out, or with turned triangles."""
+    rng, parts = np.random.default_rng(seed), []
+    for _ in range(rng.integers(1, 6)):
+        part = trimesh.creation.box(rng.uniform(0.005, 0.03, 3)) if rng.uniform() < 0.6 else BALL.copy()
+        part.apply_transform(trimesh.transformations.random_rotation_matrix(rng.uniform(size=3)))
+        part.apply_translation(rng.uniform(-0.012, 0.012, 3))
+        kept = rng.uniform(size=len(part.faces)) > rng.choice([0.0, 0.0, 0.1])
+        turned = rng.uniform(size=len(part.faces)) < rng.choice([0.0, 0.0, 0.3, 1.0])
+        faces = np.where(turned[:, None], part.faces[:, ::-1], part.faces)
+        parts.append(trimesh.Trimesh(part.vertices, faces[kept], process=False))
+    return trimesh.util.concatenate([*parts, *parts[: rng.integers(2)]])  # the first may be there twice
+
+
+def assert_rays_meet(mesh, found):
+    """The triangles that rays meet first, and their sides, are those of the oracle; the order does not matter."""
+    wanted = first_met_one_by_one(mesh.vertices, mesh.faces)
+    for one, other in zip(found, wanted, strict=True):
+        assert one.dtype == other.dtype
+    sides = [
+        np.bincount(2 * triangle + is_back, minlength=2 * len(mesh.faces)) for triangle, is_back in (found, wanted)
+    ]
+    np.testing.assert_array_equal(*sides)
+
+
+@every_mesh
+@pytest.mark.parametrize("num", [3, 16, 64])
+def test_a_map_is_the_same_to_the_last_bit_without_the_triangles_that_miss_every_pixel(
+    mesh, star_shaped, num, monkeypatch, rng
+):
+    surface, turns = Surface.of(mesh.vertices, mesh.faces), np.array([to_matrix(random_orientation(rng))] * 3)
+    places = rng.uniform(-0.004, 0.004, (3, 2))
+    without = heights(surface, turns, places, 0.03 / num, num)
+    monkeypatch.setattr(raster, "_MARGIN", np.inf)
+    np.testing.assert_array_equal(without, heights(surface, turns, places, 0.03 / num, num))
+
+
+@every_mesh
+def test_the_triangles_that_are_met_first_are_what_rays_say_one_by_one(mesh, star_shaped):
+    assert_rays_meet(mesh, first_met(mesh.vertices, mesh.faces))
+    if star_shaped:
+        assert_rays_meet(mesh, first_met(mesh.vertices, mesh.faces, is_sound=True))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_triangles_of_random_bodies_that_are_met_first_are_what_rays_say_one_by_one(seed):
+    mesh = random_bodies(seed)
+    assert_rays_meet(mesh, first_met(mesh.vertices, mesh.faces))
+
+
+def test_fewer_rays_meet_thousands_of_triangles_that_most_of_them_pass_through():
+    cubes = trimesh.util.concatenate([trimesh.creation.box(np.full(3, 0.02 + i * 1e-6)) for i in range(200)])
+    triangle, is_back = first_met(cubes.vertices, cubes.faces)
+    all_rays, _ = first_met(CUBE.vertices, CUBE.faces)
+    assert 0.5 < len(triangle) / len(all_rays) < 0.9
+    assert (triangle >= len(cubes.faces) - 12).all()  # those of the largest
+    assert not is_back.any()
 
 
 @pytest.mark.parametrize("towards", [(1, 0, 0), (1, 1, 0), (1, 1, 1), (3, 4, 0)])
