@@ -1,12 +1,18 @@
-"""Every command line of README and docs is one that the command accepts as it stands."""
+"""Every command line of README and docs is accepted as it stands; options and functions that pages promise exist."""
 
+import ast
+import builtins
 import re
 import shlex
+from functools import cache
 from pathlib import Path
 
 import pytest
 
-from experiments.cli import REGISTRY, _parsed
+from activetouch.named_scenes import SCENES
+from experiments.cli import OPEN, REGISTRY, _parsed
+from experiments.command_line.help import help_of
+from planners.registry import DECIDERS
 
 ROOT = Path(__file__).parent.parent
 PAGES = ["README.md", "CONTRIBUTING.md", *sorted(path.relative_to(ROOT).as_posix() for path in ROOT.glob("docs/*.md"))]
@@ -92,3 +98,93 @@ def test_every_decision_has_a_record_or_a_line_on_the_page_of_what_was_tried():
     ]
     named = {number for path in code for number in re.findall(r"decisions? (\d{4})", path.read_text())}
     assert named <= records.union(lines)
+
+
+PROMISES = ["CHANGELOG.md", *PAGES]
+WITHDRAWN = {  # on purpose; the changelog says so
+    *(
+        "--robot",
+        "--readers",
+        "collect --from-manifest",
+        "compare --part/--merge",
+        "live --serve",
+        "robustness --abstain",
+    ),
+    *("touch --csv", "tradeoff --vary", "ConfusionModel(confidence_edges=)", "ObjectTestGoal", "SceneBelief.known"),
+    *("activetouch.alike", "activetouch.solids.round", "straight", "entry_distance"),
+}
+OF_OTHERS = (
+    "--index-url",
+    "--extra-index-url",
+    "CalibratedClassifierCV",
+    "VecNormalize",
+    "AutoresetMode",
+    "reset_mask",
+)
+COLUMNS = {"success_low"}  # made of two words
+FOLDERS = ("activetouch", "belief", "planners", "experiments", "examples")
+TREES = [ast.parse(path.read_text()) for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")]
+CLASSES = {node.name: node for tree in TREES for node in ast.walk(tree) if isinstance(node, ast.ClassDef)}
+
+
+def in_backticks(page):
+    """Code in the sentences of a page, without files, lines of a shell, and what is at an earlier commit."""
+    prose = re.sub(r"```.*?```", "", (ROOT / page).read_text(), flags=re.S)
+    found = re.findall(r"`([^`]+)`( at `[0-9a-f]{8}`)?", prose)
+    codes = {" ".join(code.split()) for code, commit in found if not commit}
+    return {code for code in codes if not re.match(r"(python|make|pip|uv) |.*\.jsonl?$", code)}
+
+
+@cache
+def options_of(name):
+    """The options in the help of a command."""
+    listed = [line for line in help_of(REGISTRY[name].load(), name).splitlines() if line.startswith("  -")]
+    return {OPEN, "--help", "--version", *re.findall(r"--[a-z][\w.-]*", " ".join(listed))}
+
+
+def defined_in(tree):
+    """Names of functions, classes, attributes, arguments and imports in code; of a class with those of its bases."""
+    names = set()
+    for node in ast.walk(tree):
+        named = [getattr(node, key, None) for key in ("name", "arg", "asname")]
+        if isinstance(node, ast.Assign | ast.AnnAssign):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            named += [getattr(target, "id", getattr(target, "attr", None)) for target in targets]
+        names |= {name for name in named if isinstance(name, str)}
+    for base in getattr(tree, "bases", ()):
+        if isinstance(base, ast.Name) and base.id in CLASSES:
+            names |= defined_in(CLASSES[base.id])
+    return names
+
+
+NAMES = set().union(*map(defined_in, TREES)) | {*REGISTRY, *DECIDERS, *SCENES, *COLUMNS, *dir(builtins)}
+
+
+def lacks_an_option(code):
+    """Whether the command that is named, or every command if none is, lacks an option that is named."""
+    name = code.removeprefix("activetouch ").split()[0]
+    known = options_of(name) if name in REGISTRY else set().union(*map(options_of, REGISTRY))
+    return any(option not in known for option in re.findall(r"(?<![\w-])--[a-z][\w.-]*", code))
+
+
+def lacks_a_name(code, is_bare_too):
+    """Whether there is no such function, class or attribute: ``a.b(c=1)``, ``Class.b``, and ``b`` where that counts."""
+    if (found := re.fullmatch(r"((?:\w+\.)*)(\w+)(\(.*\))?", code)) is None:
+        return False
+    *above, name = (found[1] + found[2]).split(".")
+    if above and above[-1] in CLASSES:
+        return name not in defined_in(CLASSES[above[-1]])
+    if not (found[3] or is_bare_too) or any(ROOT.joinpath(*above, file).exists() for file in (name, f"{name}.py")):
+        return False
+    if above and above[0] in FOLDERS:
+        homes = [ROOT.joinpath(*above, "__init__.py"), ROOT.joinpath(*above).with_suffix(".py")]
+        return not any(re.search(rf"\b{name}\b", home.read_text()) for home in homes if home.exists())
+    return not {name, *re.findall(r"(\w+)=", found[3] or "")} <= NAMES
+
+
+@pytest.mark.parametrize("page", PROMISES)
+def test_the_options_and_functions_that_a_page_promises_exist(page):
+    is_changelog = page == "CHANGELOG.md"
+    said = [code for code in in_backticks(page) if not any(other in code for other in OF_OTHERS)]
+    missing = {code for code in said if lacks_an_option(code) or lacks_a_name(code, is_changelog)}
+    assert missing == (WITHDRAWN if is_changelog else set())

@@ -1,7 +1,9 @@
 """A user's own decider, scene and renderer run from the command line; the package is not touched."""
 
 import json
+import re
 import runpy
+import shlex
 import shutil
 import sys
 from pathlib import Path
@@ -22,7 +24,8 @@ def activetouch(tmp_path, monkeypatch, capfd):
     used = []
 
     def run(example, *words):
-        shutil.copy(ROOT / "examples" / f"{example}.py", tmp_path)
+        if not (tmp_path / f"{example}.py").exists():
+            shutil.copy(ROOT / "examples" / f"{example}.py", tmp_path)
         used.append(example)
         monkeypatch.setattr(sys, "argv", ["activetouch", *words])
         main()
@@ -70,6 +73,35 @@ def test_the_example_of_a_renderer_is_touched_and_compared(activetouch, tmp_path
     )
     assert "renderer is own_renderer.Outline" in told.err
     assert len(episodes(tmp_path / "run")) == 1
+
+
+PAGE = (ROOT / "docs" / "extending.md").read_text()
+FILES = dict(re.findall(r"^```python\n# (\w+)\.py\n(.*?)^```", PAGE, flags=re.M | re.S))
+COMMANDS = re.findall(r"^((?:activetouch|python) .*\bmy_.*)$", PAGE, flags=re.M)
+FEW = ("--fidelity", "quasistatic", "--episodes", "1", "--jobs", "1")
+FEWER = {
+    "my_decider compare": (*FEW, "--targets", "cube"),
+    "my_scene compare": (*FEW, "--targets", "brick", "--deciders", "random_confirm"),
+    "my_scene explain": ("--presses", "1"),
+}
+
+
+@pytest.mark.parametrize("command", [line for line in COMMANDS if line != "python my_model.py"])  # test_readme runs it
+def test_a_file_of_the_page_runs_by_the_commands_of_the_page(command, activetouch, few_hypotheses, tmp_path, capfd):
+    [name] = set(re.findall(r"\bmy_\w+", command))
+    (tmp_path / f"{name}.py").write_text(FILES[name])
+    program, *words = shlex.split(command)
+    if program == "python":
+        runpy.run_path(words[0], run_name="__main__")
+        assert "keeps the contract" in capfd.readouterr().out
+    else:
+        told = activetouch(name, *words, *FEWER.get(f"{name} {words[0]}", ())).out
+        assert {"compare": "report.html", "explain": "ball, brick, hat", "touch": "wrote brick.png"}[words[0]] in told
+
+
+def test_the_page_has_a_file_for_a_decider_a_scene_and_a_model_and_runs_each():
+    assert list(FILES) == ["my_decider", "my_scene", "my_model"]
+    assert all(any(name in command for command in COMMANDS) for name in FILES)
 
 
 @pytest.mark.parametrize("example", ["own_decider", "own_renderer"])

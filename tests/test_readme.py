@@ -180,6 +180,26 @@ def test_the_six_nouns_come_first_and_each_names_its_file():
         assert re.search(rf"^class {noun}\b", (ROOT / file).read_text(), flags=re.M)
 
 
+def functions_of(path):
+    """Names of the functions of a file, and of the methods of its classes as ``Class.method``."""
+    tree = ast.parse((ROOT / path).read_text())
+    groups = [("", tree), *((f"{node.name}.", node) for node in tree.body if isinstance(node, ast.ClassDef))]
+    return {prefix + node.name for prefix, group in groups for node in group.body if isinstance(node, ast.FunctionDef)}
+
+
+def test_the_functions_on_the_way_of_a_touch_exist_and_readme_names_that_of_evidence():
+    text = (ROOT / "docs" / "architecture.md").read_text()
+    rows = re.findall(r"^\| (\w+) \| \[`(.+?)::(.+?)`\]\(\.\./(.+?)\) \|", text, flags=re.M)
+    assert [step for step, *_ in rows] == ["loop", "press", "image", "read", "evidence", "belief", "decision"]
+    for _, file, function, linked in rows:
+        assert file == linked
+        assert function in functions_of(file)
+    readme = (ROOT / "README.md").read_text()
+    [(file, function)] = [(file, function) for step, file, function, _ in rows if step == "evidence"]
+    assert f"`{function}` (`{file}`)" in readme
+    assert "docs/architecture.md#the-way-of-a-touch" in readme
+
+
 def test_the_layout_names_every_folder_of_the_packages():
     text = (ROOT / "docs" / "architecture.md").read_text()
     named = set(re.findall(r"^\| `([\w/]+)/` \|", text, flags=re.M))
