@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Sequence
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,11 +23,13 @@ from belief.errors import ImpossibleObservation, InvalidArgument, ZeroPriorTarge
 from belief.frozen import frozen
 from belief.naming import Name, index_of
 from belief.observation_model.evidence import ObjectEvidence, start
-from belief.observation_model.model import ObservationModel
-from belief.observation_model.sensor_health import SensorEvidence, SensorHealthModel
-from belief.observation_model.sensor_worlds import SensorHealth
+from belief.observation_model.model import CouplesObjects, ObservationModel
 from belief.problem import SearchProblem, Touch, TouchHistory
 from belief.validation import Floats, require_index
+
+if TYPE_CHECKING:
+    from belief.observation_model.sensor_health import SensorEvidence
+    from belief.observation_model.sensor_worlds import SensorHealth
 
 UNKNOWN = -1
 """Marks an object of unknown shape in an arrangement."""
@@ -221,7 +223,7 @@ class SceneBelief(ReadableScene):
         self._log_likelihoods = np.zeros((problem.num_objects, problem.num_shapes))
         self._touches = [TouchHistory() for _ in range(problem.num_objects)]
         self._evidence = [start(model)] * problem.num_objects
-        self._sensor = model if isinstance(model, SensorHealthModel) else None
+        self._sensor = model if isinstance(model, CouplesObjects) else None
         like = self._evidence[0].log_bets if self._sensor is None else self._sensor.health().log_bets
         self._earlier_bets = continued_bets(log_bets, like)
         self._health = None if self._sensor is None else self._sensor.health(self._earlier_bets)
@@ -274,7 +276,7 @@ class SceneBelief(ReadableScene):
         return self.belief(object_index)
 
     def _coupled(
-        self, sensor: SensorHealthModel, object_index: int, touches: tuple[Touch, ...]
+        self, sensor: CouplesObjects, object_index: int, touches: tuple[Touch, ...]
     ) -> tuple[Floats, dict[int, SensorEvidence], SensorHealth]:
         """Log-likelihoods of all objects after new touches of one, which also tell about the sensor of all."""
         assert self._health is not None, "set with the sensor"

@@ -62,6 +62,26 @@ class ObservationModel(Protocol):
 
 
 @runtime_checkable
+class CouplesObjects(Protocol):
+    """An observation model in which touches of one object tell about the sensor that touches all.
+
+    See :class:`~belief.observation_model.sensor_health.SensorHealthModel`, whose methods these are.
+    """
+
+    def health(self, log_bets: ArrayLike = 0.0, is_clear: bool = True) -> Any:
+        """What is known about the sensor after earlier searches."""
+
+    def start(self) -> Any:
+        """The evidence about an object before its first touch."""
+
+    def start_in(self, awake: NDArray[np.int64]) -> Any:
+        """The same, in which only some worlds of the sensor are evaluated."""
+
+    def over_objects(self, evidence: Sequence[Any], log_bets: ArrayLike) -> tuple[Floats, Any]:
+        """Log likelihoods of the shapes of all touched objects, each given all others, and what is then known."""
+
+
+@runtime_checkable
 class GivesLogits(Protocol):
     """An observation model of embeddings that says what one touch alone tells about the shapes."""
 
