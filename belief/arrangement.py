@@ -172,7 +172,12 @@ def log_at_most_one_marginals(log_weights: ArrayLike, target: int) -> Floats:
 
 
 def prob_at_most_one_present(marginals: Floats, target: int, shape: int) -> float:
-    """Probability that an object has a shape, from the marginals ``(N, K)`` of :func:`log_at_most_one_marginals`."""
+    """Probability that an object has a shape, from the marginals ``(N, K)`` of :func:`log_at_most_one_marginals`.
+
+    >>> marginals = np.exp(log_at_most_one_marginals(np.zeros((2, 3)), target=0))
+    >>> [round(prob_at_most_one_present(marginals, 0, shape), 3) for shape in range(3)]
+    [0.667, 0.583, 0.583]
+    """
     here = marginals[:, target]
     if shape == target:
         return min(float(here.sum()), 1.0)

@@ -188,7 +188,8 @@ def report(rule: str, touched: list[Touched]) -> None:
     """Print accuracy by touches, stops, and times."""
     found = [one.naming for one in touched]
     truths = np.array([one.truth for one in found])
-    logs = np.stack([one.log_probs for one in found])
+    length = max(len(one.log_probs) for one in found)  # one that is certain to the last bit has ended before
+    logs = np.stack([np.pad(one.log_probs, [(0, length - len(one.log_probs)), (0, 0)], "edge") for one in found])
     print(f"\n{rule}: {len(found)} objects")
     for count in COUNTS:
         if count > logs.shape[1]:

@@ -211,7 +211,7 @@ def identify(
         model: likelihood of touches; its labels are equally probable before the first.
         pose_labels: names of the P poses.
         seed: seed of the touches and of the decider.
-        threshold: probability at which to stop, in (0, 1]; 1 never stops.
+        threshold: probability at which to stop, in (0, 1].
         max_touches: ≥ 1.
 
     Raises:
@@ -260,8 +260,7 @@ class _Certain:
 
     def stop(self, info: InformationState) -> Decision | None:
         stated = float(np.exp(info.belief.log_probs.max()))
-        is_certain = stated >= self.threshold < 1.0
-        return Decision(Unsure()) if is_certain or len(info.history) >= self.max_touches else None
+        return Decision(Unsure()) if stated >= self.threshold or len(info.history) >= self.max_touches else None
 
 
 @dataclass(frozen=True)

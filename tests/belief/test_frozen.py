@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from belief import Belief, BeliefTracker, SceneBelief, SearchProblem, Touch
 from belief.calibration import CALIBRATIONS, TemperatureScaling
+from belief.coarse_to_fine import NestedCells
 from belief.conflict import ConflictTest, Novelty, UsualMisfit
 from belief.frozen import FrozenArrays, frozen
 from belief.metrics import reliability_curve
@@ -27,6 +28,7 @@ from belief.observation_model import (
 )
 from belief.observation_model.action_kernel import ActionKernelModel
 from belief.observation_model.calibration_data import LabelledTouches
+from belief.observation_model.nested_bodies import NestedBodyModel
 from belief.observation_model.outcome_mixture import OutcomeMixture, SharedMixture, Views
 from belief.observation_model.plda import Components, LogitEmbedding
 from belief.problem import Elsewhere
@@ -75,6 +77,10 @@ HOLDERS = {
     "RatioModel": (
         lambda a, b: RatioModel(LABELS, TemperatureScaling(), a, 0.5, b),
         [np.array([0.5, 0.5]), ROWS[None]],
+    ),
+    "NestedBodyModel": (
+        lambda a, b: NestedBodyModel(LABELS, NestedCells((np.ones(1),)), None, 1.0, 0.0, a, b),
+        [np.ones((3, 4), np.float32), np.zeros(3, np.float32)],
     ),
     "ActionKernelModel": (
         lambda a, b: ActionKernelModel(LABELS, a, b),
