@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.special import log_softmax
 
 from belief import Belief, Touch
-from belief.calibration import CALIBRATIONS, PerPose
+from belief.calibration import CALIBRATIONS, PerPose, logits_from_probs
 from belief.observation_model import calibration_of_stops, certified_stops, fit_observation_model
 from belief.synthetic import random_model
 
@@ -224,6 +224,20 @@ def test_bad_data_are_refused_with_the_reason(name, logits, labels, message):
 
 
 @every_calibration
+@pytest.mark.parametrize("weights", [[0.0, 0.0], [1.0, -1.0], [np.nan, 1.0], [np.inf, 1.0], [1.0], "ab"])
+def test_weights_that_are_none_are_refused(name, weights):
+    with pytest.raises(ValueError, match="weight"):
+        CALIBRATIONS[name]().fit(np.eye(2) - 0.5, [0, 1], weights)
+
+
+def test_logits_of_certain_probabilities_are_as_sure_as_the_floor_allows():
+    np.testing.assert_allclose(logits_from_probs([0.0, 1.0], floor=1e-6)[:, 1], [np.log(1e-6), 0.0])
+    for probs in ([1.5], [[np.nan, 1.0]]):
+        with pytest.raises(ValueError, match=r"1\.5|nan"):
+            logits_from_probs(probs)
+
+
+@every_calibration
 @pytest.mark.parametrize(
     ("logits", "message"),
     [(np.zeros((0, 3)), "none of the axes empty"), (1.0, "need logits"), ([[np.nan] * 3], "row 0 are not finite")],
@@ -303,19 +317,3 @@ def test_labels_of_one_shape_are_said_to_tell_nothing_about_the_others(labels, r
     ):
         with pytest.warns(UserWarning, match=rf"all \d+ labels are {labels[0]}: .* nothing about the other 2"):
             call()
-
-
-@every_calibration
-@pytest.mark.filterwarnings("error")
-def test_probabilities_are_not_taken_for_logits_in_silence(name, rng):
-    logits, labels = sample(rng)
-    probs, poses = np.exp(log_softmax(logits, axis=1)), np.zeros(300, int)
-    unfitted = CALIBRATIONS[name]()
-    for call in (
-        lambda: unfitted.fit(probs, labels),
-        lambda: PerPose(unfitted).fit(probs, labels, poses),
-    ):
-        with pytest.warns(UserWarning, match="take the logarithms of probabilities") as caught:
-            call()
-        assert [one.filename for one in caught] == [__file__]
-    unfitted.fit(probs + 0.1, labels).predict_proba(probs - 0.1)

@@ -392,6 +392,8 @@ def test_arrays_that_do_not_fit_are_refused(world):
             fitted.with_hypotheses(FixedHypotheses(table), number)
     with pytest.raises(ValueError, match=r"must be \(P, K, N, D\), got \(4, 4\)"):
         FixedHypotheses(np.zeros((4, 4)))
+    with pytest.raises(ValueError, match=r"at most 1e.06"):
+        FixedHypotheses(np.full((P, K, N, D), 1e7))
     with pytest.raises(ValueError, match=r"groups \(0, 1, 2\) need hypotheses embedded by pose"):
         replace(fitted, groups=(0, 1, 2)).with_hypotheses(world.embed)
 
