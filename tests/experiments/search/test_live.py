@@ -26,7 +26,7 @@ from belief.synthetic import sample_arrangement
 from experiments.search.live import Live
 from experiments.search.live_protocol import MOST_BYTES, Conversation, converse, requests
 
-pytestmark = [pytest.mark.mujoco, pytest.mark.usefixtures("sensors_loaded_once")]
+pytestmark = pytest.mark.mujoco
 KEY = (7, 3, 0)  # of sensor.search("cone", seed=7)
 
 
