@@ -87,8 +87,13 @@ def _shipped_sensors_loaded_once():
 
 @pytest.fixture
 def few_hypotheses(monkeypatch):
-    """Readers of any object predict 128 contacts for each shape and pose: what is run counts, not how well it reads."""
+    """Sensors of any object are prepared with few contacts and touches: what is run counts, not how well it reads."""
+    from activetouch.perception import preparation
     from activetouch.perception.contacts import hypotheses
 
-    monkeypatch.setattr(hypotheses, "FEWEST", 128)
-    monkeypatch.setattr(hypotheses, "MOST", 128)
+    for module, name, number in (
+        (hypotheses, "FEWEST", 64),
+        (hypotheses, "MOST", 64),
+        (preparation, "_TOUCHES", 10),
+    ):
+        monkeypatch.setattr(module, name, number)

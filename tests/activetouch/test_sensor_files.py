@@ -12,8 +12,6 @@ from activetouch import SCENES, TactileSensor
 from activetouch.distributions import Constant, Uniform
 from activetouch.errors import LabelMismatch, NoIndependentModel, SceneShift, WrongScene
 from activetouch.orientations import Upright
-from activetouch.perception import preparation
-from activetouch.perception.contacts import hypotheses
 from activetouch.pressing.press import Quasistatic
 from activetouch.rendering import Blur, Noise, Quantisation
 from activetouch.sensor_files import (
@@ -100,14 +98,6 @@ def test_another_pad_is_refused_with_its_difference(changes, told):
             load(FOLDER, scene)
 
 
-@pytest.fixture
-def few(tmp_path, monkeypatch):
-    monkeypatch.setenv("ACTIVETOUCH_CACHE", str(tmp_path / "cache"))
-    for name in ("FEWEST", "MOST"):
-        monkeypatch.setattr(hypotheses, name, 16)
-    monkeypatch.setattr(preparation, "_TOUCHES", 10)
-
-
 @pytest.mark.parametrize("left", [READER_FILE, OBSERVATION_FILE])
 def test_a_sensor_that_lost_a_file_is_not_replaced_by_the_reader_of_any_object(left, tmp_path):
     for name in (ANY_OBJECT_FILE, left):
@@ -117,7 +107,7 @@ def test_a_sensor_that_lost_a_file_is_not_replaced_by_the_reader_of_any_object(l
         TactileSensor.load(tmp_path, COARSE)
 
 
-def test_a_folder_with_the_reader_of_any_object_alone_is_a_sensor(few, tmp_path):
+def test_a_folder_with_the_reader_of_any_object_alone_is_a_sensor(few_hypotheses, tmp_path):
     shutil.copy(FOLDER / ANY_OBJECT_FILE, tmp_path / ANY_OBJECT_FILE)
     scene = replace(COARSE, shapes=BRICKS, poses={"front": COARSE.rotations["front"]}, press_model=Quasistatic())
     assert reader_file(tmp_path, COARSE).name == ANY_OBJECT_FILE
