@@ -15,9 +15,8 @@ from belief import (
     SearchProblem,
     Touch,
 )
-from belief.arrangement import arrangement_marginals, log_arrangement_marginals
-from belief.bayes import entropy, expected_information_gain, target_information_gain, update
-from belief.validation import normalise_log_probs, normalise_probs
+from belief.arrangement import arrangement_marginals
+from belief.bayes import entropy, update
 
 LABELS = ("a", "b", "c")
 
@@ -66,22 +65,6 @@ def extremes(draw, *shape, dtypes=(np.float64, np.float32, np.float16)):
         return values.astype(draw(st.sampled_from(dtypes)))
 
 
-@st.composite
-def probs_or_worse(draw, *shape):
-    """Distributions, some of them with zeros or tiny entries, some of them spoilt."""
-    values = draw(arrays(np.float64, shape, elements=st.sampled_from([0.0, 1.0, 0.5, 1e-300, 5e-324])))
-    totals = values.sum(axis=-1, keepdims=True)
-    values = np.divide(values, totals, out=np.full(shape, 1.0 / shape[-1]), where=totals > 0.1)
-    if draw(st.booleans()):
-        values[draw(st.tuples(*[st.integers(0, size - 1) for size in shape]))] = draw(st.sampled_from(EXTREMES))
-    return values
-
-
-def logs(values):
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.log(values)
-
-
 def answer(call):
     """What a call returns; None if it refuses."""
     try:
@@ -93,73 +76,6 @@ def answer(call):
 def assert_log_posterior(log_posterior):
     assert not np.isnan(log_posterior).any()
     np.testing.assert_allclose(np.exp(log_posterior).sum(axis=-1), 1.0, rtol=1e-12)
-
-
-@given(probs_or_worse(3, 3), extremes(3, 3))
-def test_updates_of_logarithms_answer_or_refuse(prior, scores):
-    for some_prior, some_scores in ((prior, scores), (prior[0], scores), (prior[0], scores[0]), (prior, scores[0])):
-        result = answer(lambda p=some_prior, s=some_scores: update(logs(p), s))
-        if result is not None:
-            assert_log_posterior(result[0])
-            assert np.isfinite(result[1]).all()
-            assert np.isneginf(result[0][np.broadcast_to(some_prior == 0.0, result[0].shape)]).all()
-
-
-@given(probs_or_worse(3, 3), probs_or_worse(2, 3, 4), st.integers(-1, 3))
-def test_information_answers_or_refuses(belief, table, target):
-    for result, most in (
-        (answer(lambda: entropy(belief)), np.log(3)),
-        (answer(lambda: expected_information_gain(belief, table)), np.log(3)),
-        (answer(lambda: target_information_gain(belief, table, target)), np.log(2)),
-    ):
-        if result is not None:
-            assert ((result >= 0.0) & (result <= most + 1e-12)).all()
-
-
-@given(extremes(2, 3))
-def test_information_about_extremes_answers_or_refuses(values):
-    table = np.broadcast_to(values[:, :, None], (2, 3, 2))
-    for call in (
-        lambda: entropy(values),
-        lambda: expected_information_gain(values, table),
-        lambda: target_information_gain(values[0], table, 1),
-    ):
-        result = answer(call)
-        assert result is None or np.isfinite(result).all()
-
-
-@given(extremes(2, 3))
-def test_checks_of_rows_answer_or_refuse(values):
-    for axis in (0, 1):
-        result = answer(lambda axis=axis: normalise_probs(values, axis=axis))
-        if result is not None:
-            np.testing.assert_allclose(result.sum(axis=axis), 1.0, rtol=1e-12)
-    result = answer(lambda: normalise_log_probs(values))
-    if result is not None:
-        assert_log_posterior(result)
-
-
-@given(extremes(3, 3), st.sampled_from([None, (1, 1, 1), (3, 0, 2), (1, 2, 0), (2**53, 1, 1), (0, 0, 0)]))
-def test_arrangements_answer_or_refuse(weights, counts):
-    result = answer(lambda: log_arrangement_marginals(weights, counts))
-    if result is not None:
-        assert_log_posterior(result)
-        bag = np.array((1, 1, 1) if counts is None else counts)
-        assert (np.exp(result).sum(axis=0) <= bag * (1.0 + 1e-9) + 1e-9).all()
-        assert arrangement_marginals(weights, counts).tolist() == np.exp(result).tolist()
-
-
-@pytest.mark.filterwarnings("ignore:log_likelihood has no negative number and sums to one")
-@given(extremes(3), extremes(3))
-def test_beliefs_answer_or_refuse(values, scores):
-    for belief in (answer(lambda: Belief.from_probs(LABELS, values)), answer(lambda: Belief(LABELS, values))):
-        if belief is not None:
-            assert_log_posterior(belief.log_probs)
-            assert 0.0 <= belief.entropy <= np.log(3) + 1e-12
-            assert str(belief)
-            after = answer(lambda belief=belief: belief.update(scores))
-            if after is not None:
-                assert_log_posterior(after.log_probs)
 
 
 @pytest.mark.filterwarnings("ignore:logits has no negative number")

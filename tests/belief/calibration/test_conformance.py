@@ -143,6 +143,8 @@ def test_any_leading_axes_are_kept(name, rng):
         ([[1e308, -1e308, 0.0]], [1], "anti_informative"),
         ([[5e-324, 0.0, 0.0]], [0], "separable"),
         ([[0.0, 0.0, 0.0]], [1], "uninformative"),
+        ([[1.0, 0.0], [1.0, 0.0]], [0, 1], "uninformative"),
+        ([[0.1, -0.1, 0.6]] * 3, [0, 1, 2], "uninformative"),
     ],
 )
 def test_data_without_an_ordinary_optimum_get_a_status_and_finite_probabilities(name, logits, labels, status):
@@ -151,7 +153,8 @@ def test_data_without_an_ordinary_optimum_get_a_status_and_finite_probabilities(
     log_probs = fitted.predict_log_proba(logits)
     assert_distributions(log_probs)
     assert log_probs.min() > -40.0  # floored: no touch is worth more than that
-    assert_distributions(fitted.predict_log_proba([[1e308, -1e308, 0.0], [5e-324, 0.0, 0.0]]))
+    extremes = np.array([[1e308, -1e308, 0.0], [5e-324, 0.0, 0.0]])
+    assert_distributions(fitted.predict_log_proba(extremes[:, : log_probs.shape[1]]))
 
 
 @every_calibration
