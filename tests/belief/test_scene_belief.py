@@ -13,6 +13,7 @@ from hypothesis.extra.numpy import arrays
 
 from belief import (
     Belief,
+    BeliefTracker,
     Counts,
     ImpossibleObservation,
     SceneBelief,
@@ -40,7 +41,8 @@ class Told:
     shape_labels = LABELS
 
     def log_likelihood(self, touches):
-        return np.sum([touch.logits for touch in touches], axis=0) if touches else np.zeros(3)
+        with np.errstate(over="ignore", invalid="ignore"):
+            return np.sum([touch.logits for touch in touches], axis=0) if touches else np.zeros(3)
 
 
 def scene_of(composition, num_objects=3, **options):
@@ -95,6 +97,43 @@ def test_beliefs_presence_and_contradictions_equal_enumeration_of_all_tables(com
     for target in range(3):
         present = posterior[(tables == target).any(axis=1)].sum()
         assert scene.prob_present(target) == pytest.approx(present, abs=1e-12)
+
+
+EXTREMES = (0.0, -0.0, 1.0, 0.25, 1e-3, np.inf, -np.inf, np.nan, 5e-324, 1e-310, 1e-300, 1e308, -1e308, -1.0, 6e4)
+
+
+@pytest.mark.filterwarnings("ignore:logits has no negative number")
+@given(
+    st.sampled_from(["distinct", "independent", Counts({"a": 2, "b": 1}), Counts({"a": 2**53, "c": 1})]),
+    st.lists(
+        st.tuples(st.integers(0, 2), arrays(np.float64, 3, elements=st.sampled_from(EXTREMES))), min_size=1, max_size=4
+    ),
+)
+def test_extreme_touches_are_evidence_or_refused_and_then_leave_scene_and_tracker_as_they_were(composition, rounds):
+    scene, tracker = scene_of(composition), BeliefTracker(Belief.from_probs(LABELS, [0.5, 0.5, 0.0]), Told())
+    for index, scores in rounds:
+        before, belief = scene.log_marginals(), tracker.belief
+        try:
+            scene.update(index, [Touch(0, scores)])
+        except ValueError:
+            assert (scene.log_marginals() == before).all()
+        try:
+            tracker.update(Touch(0, scores))
+        except ValueError:
+            assert tracker.belief is belief
+        for logs in (scene.log_marginals(), tracker.belief.log_probs):
+            np.testing.assert_allclose(np.exp(logs).sum(axis=-1), 1.0, rtol=1e-12)
+        assert np.isfinite(tracker.log_evidence)
+        assert all(0.0 <= scene.prob_present(target) <= 1.0 for target in range(3))
+
+
+def test_certainty_about_a_scene_is_undone_by_as_much_evidence_against():
+    scene = scene_of("distinct")
+    scene.update(0, felt([5000.0, 0.0, 0.0]))
+    assert scene.belief(1).prob("a") == 0.0
+    assert np.isfinite(scene.log_marginals()).all()
+    scene.update(0, felt([-5000.0, 0.0, 0.0]))
+    np.testing.assert_allclose(scene.marginals(), 1 / 3, rtol=1e-12)
 
 
 @compositions

@@ -1,7 +1,5 @@
 """Trackers against enumeration of the joint distribution of a small scene."""
 
-import itertools
-
 import numpy as np
 import pytest
 
@@ -13,42 +11,6 @@ from belief.observation_model import ConfusionModel
 def problem(num_objects, composition=Composition.DISTINCT, num_shapes=4):
     labels = tuple(f"shape_{k}" for k in range(num_shapes))
     return SearchProblem(labels, ("p0", "p1", "p2"), num_objects, composition)
-
-
-def joint_marginals(model, touches_by_object, composition, num_shapes=4):
-    """p(shape of each object | all touches), by summing over every assignment of shapes."""
-    totals = np.zeros((len(touches_by_object), num_shapes))
-    for shapes in itertools.product(range(num_shapes), repeat=len(touches_by_object)):
-        if composition is Composition.DISTINCT and len(set(shapes)) < len(shapes):
-            continue
-        weight = 1.0
-        for shape, touches in zip(shapes, touches_by_object, strict=True):
-            for touch in touches:
-                weight *= model.probs[touch.pose, shape, touch.logits.argmax()]
-        for i, shape in enumerate(shapes):
-            totals[i, shape] += weight
-    return totals / totals.sum(axis=1, keepdims=True)
-
-
-@pytest.mark.parametrize("composition", list(Composition))
-def test_scene_belief_equals_enumeration_of_the_joint(model, rng, composition):
-    scene = SceneBelief(problem(3, composition), model)
-    touches = [model.sample(shape, poses, rng) for shape, poses in ((2, [0, 1, 1]), (0, [2]), (1, []))]
-    for i, some in enumerate(touches):
-        for touch in some:
-            scene.update(i, [touch])
-    np.testing.assert_allclose(scene.marginals(), joint_marginals(model, touches, composition), atol=1e-12)
-
-
-def test_order_of_touches_across_objects_does_not_matter(model, rng):
-    events = [(i, touch) for i, shape in enumerate((3, 1, 0)) for touch in model.sample(shape, [0, 1, 2], rng)]
-    results = []
-    for order in (range(len(events)), rng.permutation(len(events))):
-        scene = SceneBelief(problem(3), model)
-        for index in order:
-            scene.update(events[index][0], [events[index][1]])
-        results.append(scene.marginals())
-    np.testing.assert_allclose(results[0], results[1], atol=1e-9)
 
 
 def test_touching_one_object_informs_about_the_others_only_when_shapes_are_distinct(model, rng):
@@ -77,7 +39,7 @@ def certain_model():
 def test_impossible_touch_raises_and_leaves_the_tracker_as_it_was():
     tracker = BeliefTracker(Belief.uniform(("a", "b")), certain_model())
     tracker.update(Touch(0, np.array([1.0, 0.0])))
-    with pytest.raises(ImpossibleObservation, match=r"pose 0, Belief\(a 1.000, b 0.000\)"):
+    with pytest.raises(ImpossibleObservation, match=r"pose 0, Belief\(a 1.000, b 0.000\).*log-likelihood \[-inf, "):
         tracker.update(Touch(0, np.array([0.0, 1.0])))
     assert tracker.belief.probs.tolist() == [1.0, 0.0]
     assert len(tracker.touches) == 1

@@ -213,24 +213,6 @@ def test_free_touches_need_a_limit():
     assert 0.8 < solve(uniform(NINE_OF_TEN, touch_cost=0.0, discount=0.99)).lower_bound < 1.0
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"target": 2}, "target"),
-        ({"touch_cost": -0.1}, "touch_cost"),
-        ({"touch_cost": np.nan}, "touch_cost"),
-        ({"discount": 0.0}, "discount"),
-        ({"prior": [0.5, 0.6]}, "prior"),
-        ({"prior": [np.nan, 1.0]}, "prior"),
-        ({"outcome_probs": NINE_OF_TEN[0]}, "probs"),
-    ],
-)
-def test_what_is_no_problem_is_refused_by_name(change, message):
-    arguments = {"outcome_probs": NINE_OF_TEN, "prior": [0.5, 0.5], "target": 0, "touch_cost": 0.1}
-    with pytest.raises(ValueError, match=message):
-        TouchProblem(**arguments | change)
-
-
 # Searches
 
 

@@ -106,15 +106,6 @@ def test_useless_poses_and_dear_touches_are_never_bought(depth, rng):
         assert decider.decide(state(one_object(3, 2, cost), [0.4, 0.3, 0.3]), rng).action == Reject()
 
 
-@pytest.mark.parametrize("depth", [1, 2])
-def test_a_perfect_pose_is_touched_once(depth, rng):
-    table = OutcomeTable([np.full((3, 3), 1 / 3), np.eye(3)])
-    decider, problem = ValueOfInformation(table, depth), one_object(3, 2)
-    assert decider.decide(state(problem, [1 / 3] * 3), rng).action == Probe(1)
-    assert decider.decide(state(problem, [1.0, 0.0, 0.0], [1]), rng).action == Confirm()
-    assert decider.decide(state(problem, [0.0, 1.0, 0.0], [1]), rng).action == Reject()
-
-
 def test_equal_poses_give_the_lowest(rng):
     table = OutcomeTable(np.tile([[0.9, 0.1], [0.1, 0.9]], (3, 1, 1)))
     assert ValueOfInformation(table).decide(state(one_object(2, 3), [0.5, 0.5]), rng).action == Probe(0)
@@ -128,15 +119,6 @@ def test_a_target_ruled_out_is_rejected_even_where_nothing_is_left_to_gain(rng):
     info = InformationState.of(problem, 0, scene, 1)
     assert prob_missed(info) == 1.0
     assert ValueOfInformation(model.table).decide(info, rng).action == Reject()
-
-
-def test_the_last_of_all_distinct_objects_is_confirmed_untouched(rng):
-    model = TabularModel(("a", "b"), OutcomeTable([[[0.8, 0.2], [0.2, 0.8]]]))
-    problem = SearchProblem(("a", "b"), ("p",), 2)
-    scene = SceneBelief(problem, model)
-    scene.update(0, [Touch(0, np.log([0.4, 0.6]))])
-    info = InformationState.of(problem, 0, scene, 1)
-    assert ValueOfInformation(model.table).decide(info, rng).action == Confirm()
 
 
 def test_free_touches_never_exceed_an_equal_share_of_the_limit():
