@@ -261,7 +261,7 @@ def exact_marginals(weights, counts):
     return found
 
 
-@settings(max_examples=80)
+@settings(max_examples=40)
 @given(st.lists(st.lists(st.sampled_from(SIZES), min_size=3, max_size=3), min_size=1, max_size=3), st.booleans())
 @example([[1e16, 1e300, 1e16], [1.0, 1e308, 0.5], [1.5, 1.0, 0.5]], True)
 @example([[-np.inf, -1.797e308, -np.inf], [-1.797e308, -1e300, 1e300], [-1e300, -0.5, 1.797e308]], False)
