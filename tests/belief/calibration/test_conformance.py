@@ -288,8 +288,9 @@ TAKE_LOGITS = {
 }
 
 
-@pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize("name", TAKE_LOGITS)
+@pytest.mark.parametrize(
+    ("name", "form"), [*(("a touch", form) for form in FORMS), *((name, "two decimals") for name in TAKE_LOGITS)]
+)
 @pytest.mark.filterwarnings("error")
 def test_no_form_of_probabilities_is_taken_for_logits_in_silence(name, form, rng):
     logits, labels = sample(rng)
