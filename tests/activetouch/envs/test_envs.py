@@ -165,7 +165,7 @@ def test_a_search_in_the_environment_is_the_search_of_the_loop(composition, unsu
         touches=sampled, target="shape_0", composition=composition, touch_limit=9, unsure_reward=unsure_reward
     )
     num_unsure = 0
-    for number in range(60):
+    for number in range(30):
         key = (0, 0, number)
         env.reset(options={"seed": key})
         world = SyntheticWorld(model, env.arrangement)
@@ -184,7 +184,7 @@ def test_a_search_in_the_environment_is_the_search_of_the_loop(composition, unsu
         is_unsure = episode.outcome is Outcome.UNSURE
         assert info.get("is_unsure") == (None if unsure_reward is None else is_unsure)
         num_unsure += is_unsure
-    assert (num_unsure > 5) == (unsure_reward is not None)
+    assert (num_unsure > 2) == (unsure_reward is not None)
 
 
 def test_being_unsure_ends_an_episode_and_is_no_action_by_default(sampled):
