@@ -25,7 +25,7 @@ from activetouch.sensor_files import (
 )
 from activetouch.shapes import Box, Cylinder
 from activetouch.solids.family import Family
-from belief.errors import CorruptFile
+from belief.errors import CorruptFile, UnknownName
 from belief.files import sealed_json, unsealed_json
 
 COARSE = SCENES["coarse"].scene
@@ -157,6 +157,17 @@ def test_a_damaged_file_is_refused_by_name_and_no_code_in_it_runs(name, what, tm
     with pytest.raises(CorruptFile, match=name):
         TactileSensor.load(tmp_path, COARSE)
     assert not (tmp_path / "unpickled").exists()
+
+
+def test_a_sensor_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(UnknownName, match="Did you mean 'gel'"):
+        TactileSensor.shipped("gell")
+    (tmp_path / READER_FILE).symlink_to(FOLDER / READER_FILE)
+    for folder in (tmp_path, tmp_path / "nowhere"):
+        with pytest.raises(CorruptFile, match=folder.name):
+            TactileSensor.load(folder, COARSE)
+    with pytest.raises(CorruptFile, match="cannot be read"):
+        fitted_model(tmp_path)
 
 
 @pytest.mark.parametrize(
