@@ -146,28 +146,6 @@ def test_one_or_two_objects_are_no_special_case(composition, num_objects):
     np.testing.assert_allclose(scene.marginals(), joint(composition, np.exp(weights))[0], atol=1e-14)
 
 
-@compositions
-@given(weights=arrays(np.float64, (3, 3), elements=st.floats(-10, 10)), order=st.permutations(range(3)))
-def test_objects_are_touched_in_any_order(composition, weights, order):
-    def happen(events):
-        scene = scene_of(composition)
-        for event in events:
-            scene.update(event, felt(weights[event]))
-        return scene
-
-    one, other = happen(range(3)), happen(order)
-    np.testing.assert_allclose(one.log_marginals(), other.log_marginals(), atol=1e-9)
-
-
-@given(arrays(np.float64, (3, 3), elements=st.floats(-10, 10)))
-def test_distinct_is_a_bag_with_one_of_each(weights):
-    distinct, bag = scene_of("distinct"), scene_of(Counts(dict.fromkeys(LABELS, 1)))
-    for i, row in enumerate(weights):
-        distinct.update(i, felt(row))
-        bag.update(i, felt(row))
-    assert distinct.log_marginals().tolist() == bag.log_marginals().tolist()
-
-
 def test_before_any_touch_presence_is_the_problems_own():
     for composition in COMPOSITIONS.values():
         problem = SearchProblem(LABELS, ("p",), 2, composition)

@@ -87,15 +87,6 @@ def test_complementary_poses_are_found_two_touches_ahead_and_never_one_ahead(rng
         assert sum(e.success for e in episodes) == right
 
 
-@settings(max_examples=15)
-@given(seeds)
-def test_two_touches_ahead_are_worth_at_least_one_ahead(seed):
-    rng = np.random.default_rng(seed)
-    table, info = random_table(rng), state(one_object(3, 3), rng.dirichlet(np.ones(3)))
-    one, two = (ValueOfInformation(table, depth) for depth in (1, 2))
-    assert (two.probe_values(info, two.payoffs(info)) >= one.probe_values(info, one.payoffs(info)) - 1e-12).all()
-
-
 @pytest.mark.parametrize("depth", [1, 2])
 def test_useless_poses_and_dear_touches_are_never_bought(depth, rng):
     useless = OutcomeTable(np.full((2, 3, 2), 0.5))
