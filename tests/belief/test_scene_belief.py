@@ -241,3 +241,36 @@ def test_a_copy_and_what_was_copied_do_not_share_what_they_are_told(kind, copied
     tell(first, 1)
     assert (len(told(first)[1]), len(told(twin)[1])) == (2, 2)
     assert told(first)[0] != told(twin)[0]
+
+
+def test_a_tracker_is_bayes_rule_on_all_touches_at_once(model, rng):
+    tracker = BeliefTracker(Belief.uniform(model.shape_labels), model)
+    touches = model.sample(1, [0, 1, 2, 0], rng)
+    for touch in touches:
+        belief = tracker.update(touch)
+    expected = Belief.uniform(model.shape_labels).update(model.log_likelihood(touches))
+    np.testing.assert_allclose(belief.probs, expected.probs, atol=1e-12)
+    assert tracker.touches == tuple(touches)
+
+
+def test_an_impossible_touch_is_named_and_leaves_tracker_and_scene_as_they_were():
+    [cube], [cone] = felt([0.0, -np.inf, -np.inf]), felt([-np.inf, 0.0, -np.inf])
+    tracker, scene = BeliefTracker(Belief.uniform(LABELS), Told()), scene_of("distinct")
+    tracker.update(cube)
+    scene.update(0, [cube])
+    with pytest.raises(ImpossibleObservation, match=r"pose 0, Belief\(a 1.000, .*log-likelihood \[-inf, "):
+        tracker.update(cone)
+    with pytest.raises(ImpossibleObservation, match="touching object 1 in poses"):
+        scene.update(1, [cube])
+    assert (tracker.belief.probs.tolist(), len(tracker.touches)) == ([1.0, 0.0, 0.0], 1)
+    assert scene.marginals().tolist() == [[1.0, 0.0, 0.0], [0.0, 0.5, 0.5], [0.0, 0.5, 0.5]]
+    assert scene.touches(1) == ()
+
+
+def test_a_model_of_other_shapes_is_refused(model):
+    for make in (
+        lambda: SceneBelief(SearchProblem(LABELS, ("p",), 2), model),
+        lambda: BeliefTracker(Belief.uniform(LABELS), model),
+    ):
+        with pytest.raises(ValueError, match="the model about"):
+            make()
