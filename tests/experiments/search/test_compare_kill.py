@@ -14,14 +14,14 @@ from experiments.search.run import RunFolder
 from experiments.search.setting import Setting
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch, pytest.mark.slow]
-SMALL = {"deciders": ("threshold", "random_confirm"), "targets": ("sphere",), "episodes": 50}
+SMALL = {"deciders": ("threshold", "random_confirm"), "targets": ("sphere",), "episodes": 60}
 OPTIONS = [
     "--deciders",
     *SMALL["deciders"],
     "--targets",
     *SMALL["targets"],
     "--episodes",
-    "50",
+    "60",
     *("--scene", "coarse", "--fidelity", "quasistatic", "--num-objects", "1"),
 ]
 
@@ -64,12 +64,12 @@ def test_a_run_that_was_killed_ends_like_one_that_was_not(whole, tmp_path):
     assert process.wait() == -signal.SIGKILL
     process.stderr.close()
     kept = batches(tmp_path / "killed")
-    assert 2 <= len(kept) < 4
+    assert 2 <= len(kept) < 6
     lines = finish(tmp_path / "killed")
     after = batches(tmp_path / "killed")
     assert {name: after[name] for name in kept} == kept
-    assert len(after) == 4  # two batches of each decider
-    assert lines.count(b"\n") == len(set(lines.splitlines())) == 2 * 50
+    assert len(after) == 6  # three batches of each decider
+    assert lines.count(b"\n") == len(set(lines.splitlines())) == 2 * 60
     assert lines == finish(whole)
     assert {key: one.lines for key, one in after.items()} == {key: one.lines for key, one in batches(whole).items()}
 
