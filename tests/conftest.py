@@ -1,7 +1,7 @@
 import os
 import sys
 from collections import Counter
-from functools import cache
+from functools import cache, wraps
 from pathlib import Path
 
 import numpy as np
@@ -62,6 +62,7 @@ def _shipped_sensors_loaded_once():
     def is_shipped(path):
         return sensor_files.MODELS in Path(path).parents
 
+    @wraps(fit)  # so that the code of a run is not that of the tests
     def fit_or_share(folder, independent=False):
         if not is_shipped(folder):
             return fit(folder, independent)
