@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.special import log_softmax
@@ -176,6 +176,7 @@ def test_whatever_the_numbers_there_is_an_error_or_a_distribution(name, logits, 
 
 
 @every_calibration
+@settings(max_examples=60)
 @given(
     logits=arrays(np.float64, (6, 3), elements=st.sampled_from(ODD_NUMBERS)),
     labels=arrays(np.int64, 6, elements=st.integers(0, 2)),
