@@ -15,7 +15,7 @@ sys.dont_write_bytecode = False
 collect_ignore = [] if find_spec("pomdp_py") else ["planners/pomdp_py_adapter.py"]
 
 if find_spec("ap_gym") is None:
-    collect_ignore = ["activetouch/envs/apgym.py"]  # it has no examples, and is not imported without ap_gym
+    collect_ignore.append("activetouch/envs/apgym.py")  # it has no examples, and is not imported without ap_gym
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -1,6 +1,8 @@
 import os
+import sys
 from collections import Counter
-from functools import cache
+from functools import cache, wraps
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ os.environ["HF_HUB_OFFLINE"] = "1"  # before transformers is imported
 
 # Seeds are fixed so that a failure is a finding, not weather; the machine's speed must not fail a test.
 settings.register_profile(
-    "default", derandomize=True, max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow]
+    "default", derandomize=True, max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow]
 )
 settings.load_profile("default")
 
@@ -45,25 +47,54 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(0)
 
 
-@pytest.fixture(scope="module")
-def sensors_loaded_once():
-    """Shipped sensors are loaded once for a file of tests, however many scripts or blocks of code ask for them."""
-    from activetouch import TactileSensor
+@pytest.fixture(scope="session", autouse=True)
+def _shipped_sensors_loaded_once():
+    """Sensors that come with the package are loaded once for all tests, and compute once what they keep."""
+    if "activetouch.sensor.tactile" not in sys.modules:  # no test of this run has one
+        yield
+        return
+    from activetouch import TactileSensor, sensor_files
+    from activetouch.perception.reader import TactileReader
+
+    read, fit, make = TactileReader.load, sensor_files.fitted_model, TactileSensor._model
+    read_once, fit_once, shipped, made = cache(read), cache(fit), [], []
+
+    def is_shipped(path):
+        return sensor_files.MODELS in Path(path).parents
+
+    @wraps(fit)  # so that the code of a run is not that of the tests
+    def fit_or_share(folder, independent=False):
+        if not is_shipped(folder):
+            return fit(folder, independent)
+        shipped.append(fit_once(folder, independent).model)
+        return fit_once(folder, independent)
+
+    def make_or_share(reader, scene, fitted, unknown_state):
+        is_known = fitted is not None and not unknown_state and reader.card.imaging is None
+        if not is_known or not any(model is fitted.model for model in shipped):
+            return make(reader, scene, fitted, unknown_state)
+        for model, hypotheses, of_scene, found in made:
+            if model is fitted.model and hypotheses is reader.hypotheses and of_scene == scene:
+                return found
+        made.append((fitted.model, reader.hypotheses, scene, make(reader, scene, fitted, unknown_state)))
+        return made[-1][-1]
 
     with pytest.MonkeyPatch.context() as patch:
-        shipped, kept = TactileSensor.shipped, cache(TactileSensor.shipped)
-
-        def once(*which, **more):
-            return (shipped if more or len(which) > 1 else kept)(*which, **more)
-
-        patch.setattr(TactileSensor, "shipped", once)
+        patch.setattr(TactileReader, "load", staticmethod(lambda path: (read_once if is_shipped(path) else read)(path)))
+        patch.setattr(sensor_files, "fitted_model", fit_or_share)
+        patch.setattr(TactileSensor, "_model", staticmethod(make_or_share))
         yield
 
 
 @pytest.fixture
 def few_hypotheses(monkeypatch):
-    """Readers of any object predict 128 contacts for each shape and pose: what is run counts, not how well it reads."""
+    """Sensors of any object are prepared with few contacts and touches: what is run counts, not how well it reads."""
+    from activetouch.perception import preparation
     from activetouch.perception.contacts import hypotheses
 
-    monkeypatch.setattr(hypotheses, "FEWEST", 128)
-    monkeypatch.setattr(hypotheses, "MOST", 128)
+    for module, name, number in (
+        (hypotheses, "FEWEST", 64),
+        (hypotheses, "MOST", 64),
+        (preparation, "_TOUCHES", 10),
+    ):
+        monkeypatch.setattr(module, name, number)

@@ -15,7 +15,7 @@ FOLDER = Path(__file__).parent.parent / "examples" / "foreign"
 
 
 @pytest.fixture
-def run(tmp_path, monkeypatch, sensors_loaded_once, few_hypotheses):
+def run(tmp_path, monkeypatch, few_hypotheses):
     """Runs a script or a command in a folder that holds the examples alone."""
     shutil.copytree(FOLDER, tmp_path, dirs_exist_ok=True)
     for name, of_users, few in (

@@ -19,7 +19,7 @@ NEEDS = {"digits_through_crops": "sklearn", "a_real_sensor": "sklearn", "train_p
 @pytest.mark.mujoco
 @pytest.mark.torch
 @pytest.mark.parametrize("script", gallery.scripts(), ids=lambda script: script.stem)
-def test_a_script_of_the_gallery_runs_in_short_form(script, sensors_loaded_once, tmp_path, monkeypatch, capsys):
+def test_a_script_of_the_gallery_runs_in_short_form(script, tmp_path, monkeypatch, capsys):
     if script.stem in NEEDS and find_spec(NEEDS[script.stem]) is None:
         pytest.skip(f"{NEEDS[script.stem]} is not installed")
     monkeypatch.chdir(tmp_path)

@@ -33,7 +33,7 @@ def test_every_decider_and_every_scene_is_described(made, page):
 
 
 @pytest.mark.parametrize("name", sorted(NEED_FILES))
-def test_the_code_on_the_page_of_a_decider_with_files_runs(made, name, sensors_loaded_once):
+def test_the_code_on_the_page_of_a_decider_with_files_runs(made, name):
     [code] = re.findall(r"```python\n(.*?)```", made[f"deciders/{name}.md"], flags=re.S)
     exec(compile(code, name, "exec"), {})
 

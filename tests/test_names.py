@@ -10,7 +10,6 @@ from activetouch.named_scenes import SCENES
 from belief import Belief, Confirm, Probe, Reject, SceneBelief, SearchProblem, Touch
 from belief.errors import InvalidArgument, UnknownName
 from belief.naming import index_of
-from belief.seeding import checked_key
 from belief.synthetic import SyntheticWorld, random_model
 from planners import Decision, search, search_lockstep
 
@@ -74,28 +73,6 @@ def test_an_unknown_name_suggests_the_nearest(call, nearest):
 def test_what_is_neither_a_name_nor_an_index_is_refused(wrong):
     with pytest.raises(InvalidArgument):
         index_of("shape", ("sphere", "cone"), wrong)
-
-
-@pytest.mark.parametrize("wrong", [-1, 1.5, True, "7", (1, -1), ("a",), None])
-def test_what_is_no_seed_is_refused(wrong):
-    with pytest.raises(InvalidArgument, match="seed"):
-        checked_key(wrong)
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"press_model": "dynamic"},
-        {"press_model": Quasistatic},
-        {"presentation": "upright"},
-        {"pad": 8},
-        {"variation": 1},
-    ],
-)
-def test_a_scene_refuses_a_wrong_type_when_it_is_made(wrong):
-    [name] = wrong
-    with pytest.raises(InvalidArgument, match=name):
-        Scene(**wrong)
 
 
 def test_what_people_print_is_one_short_line():

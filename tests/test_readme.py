@@ -51,7 +51,7 @@ PRINTS = {
 @pytest.mark.mujoco
 @pytest.mark.torch
 @pytest.mark.parametrize("code", [block for block in BLOCKS if "your_classifier.md" not in str(block.id)])
-def test_every_block_of_code_runs(code, sensors_loaded_once, few_hypotheses, tmp_path, monkeypatch, capsys, request):
+def test_every_block_of_code_runs(code, few_hypotheses, tmp_path, monkeypatch, capsys, request):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "tests").symlink_to(ROOT / "tests")
     block = request.node.callspec.id

@@ -31,3 +31,10 @@ def test_draws_follow_the_law_and_fill_its_support(distribution, law, rng):
 def test_every_parameter_of_a_distribution_is_finite(make, bad):
     with pytest.raises(ValueError, match="must be a finite number"):
         make(bad)
+
+
+def test_low_is_below_high_and_above_zero_where_logarithms_are_drawn():
+    with pytest.raises(ValueError, match="low must not exceed high"):
+        Uniform(2.0, 1.0)
+    with pytest.raises(ValueError, match="0 < low"):
+        LogUniform(0.0, 1.0)

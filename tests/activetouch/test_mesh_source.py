@@ -74,7 +74,7 @@ def test_a_file_is_read_and_what_is_unusual_is_said_once(name, said, extent, fol
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
         [mesh] = read_meshes(folder / name).values()
-    assert size(mesh) == pytest.approx(extent, abs=1e-9)
+    assert size(mesh) == pytest.approx(extent, abs=1e-5)
     assert len(told) == (said is not None)
     if said is not None:
         with pytest.warns(MeshWarning, match=said):
@@ -238,7 +238,7 @@ def test_the_line_about_another_format_writes_a_file_that_is_read(ending, tmp_pa
     monkeypatch.setattr(sys, "argv", [option, given])
     exec(code, {})
     [mesh] = read_meshes(f"{path}.stl").values()
-    assert size(mesh) == pytest.approx([0.024] * 3, abs=1e-8)
+    assert size(mesh) == pytest.approx([0.024] * 3, abs=1e-5)
 
 
 @pytest.mark.parametrize("scale", ["mm", "", "0x1"])

@@ -143,10 +143,16 @@ def test_a_path_stands_for_the_mesh_in_the_file(tmp_path):
         Scene(shapes={"mine": path})
 
 
-@pytest.mark.parametrize("part", [{"press_model": Quasistatic}, {"press_model": "dynamic"}, {"presentation": Upright}])
-def test_a_way_to_press_or_to_lie_that_is_none_is_refused_when_the_scene_is_made(part):
-    with pytest.raises(InvalidArgument, match=f"{next(iter(part))} must be an object such as"):
-        Scene(**part)
+@pytest.mark.parametrize(
+    ("name", "wrong"),
+    [
+        *[("press_model", Quasistatic), ("press_model", "dynamic")],
+        *[("presentation", Upright), ("presentation", "upright"), ("pad", 8), ("variation", 1)],
+    ],
+)
+def test_a_part_of_a_wrong_type_is_refused_when_the_scene_is_made(name, wrong):
+    with pytest.raises(InvalidArgument, match=f"{name} must be"):
+        Scene(**{name: wrong})
 
 
 @pytest.mark.parametrize("given", [2.0, Uniform])

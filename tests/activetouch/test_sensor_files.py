@@ -1,17 +1,17 @@
 """Which of its two readers a sensor reads a scene with, and what it says where neither can."""
 
+import pickle
 import shutil
 import warnings
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from activetouch import SCENES, TactileSensor
 from activetouch.distributions import Constant, Uniform
-from activetouch.errors import NoIndependentModel, SceneShift, WrongScene
+from activetouch.errors import LabelMismatch, NoIndependentModel, SceneShift, WrongScene
 from activetouch.orientations import Upright
-from activetouch.perception import preparation
-from activetouch.perception.contacts import hypotheses
 from activetouch.pressing.contact import Quasistatic
 from activetouch.rendering import Blur, Noise, Quantisation
 from activetouch.sensor_files import (
@@ -25,7 +25,7 @@ from activetouch.sensor_files import (
 )
 from activetouch.shapes import Box, Cylinder
 from activetouch.solids.family import Family
-from belief.errors import CorruptFile
+from belief.errors import CorruptFile, UnknownName
 from belief.files import sealed_json, unsealed_json
 
 COARSE = SCENES["coarse"].scene
@@ -98,14 +98,6 @@ def test_another_pad_is_refused_with_its_difference(changes, told):
             load(FOLDER, scene)
 
 
-@pytest.fixture
-def few(tmp_path, monkeypatch):
-    monkeypatch.setenv("ACTIVETOUCH_CACHE", str(tmp_path / "cache"))
-    for name in ("FEWEST", "MOST"):
-        monkeypatch.setattr(hypotheses, name, 16)
-    monkeypatch.setattr(preparation, "_TOUCHES", 10)
-
-
 @pytest.mark.parametrize("left", [READER_FILE, OBSERVATION_FILE])
 def test_a_sensor_that_lost_a_file_is_not_replaced_by_the_reader_of_any_object(left, tmp_path):
     for name in (ANY_OBJECT_FILE, left):
@@ -115,7 +107,7 @@ def test_a_sensor_that_lost_a_file_is_not_replaced_by_the_reader_of_any_object(l
         TactileSensor.load(tmp_path, COARSE)
 
 
-def test_a_folder_with_the_reader_of_any_object_alone_is_a_sensor(few, tmp_path):
+def test_a_folder_with_the_reader_of_any_object_alone_is_a_sensor(few_hypotheses, tmp_path):
     shutil.copy(FOLDER / ANY_OBJECT_FILE, tmp_path / ANY_OBJECT_FILE)
     scene = replace(COARSE, shapes=BRICKS, poses={"front": COARSE.rotations["front"]}, press_model=Quasistatic())
     assert reader_file(tmp_path, COARSE).name == ANY_OBJECT_FILE
@@ -133,6 +125,65 @@ def test_a_damaged_reader_of_any_object_is_refused_where_it_would_be_asked(tmp_p
     for scene in (OTHER["other shapes"], TOLD["noise"], COARSE):
         with pytest.raises(CorruptFile, match=ANY_OBJECT_FILE):
             TactileSensor.load(tmp_path / "sensor", scene)
+
+
+DAMAGES = {
+    "truncated": lambda path: path.read_bytes()[:999],
+    "empty": lambda path: b"",
+    "changed in one bit": lambda path: (data := path.read_bytes())[:-9] + bytes([data[-9] ^ 1]) + data[-8:],
+    "a text": lambda path: b"I am no file of yours\n",
+    "a pickle": lambda path: pickle.dumps(Trap(path.with_name("unpickled"))),
+}
+
+
+class Trap:
+    """Leaves a file behind where it is unpickled."""
+
+    def __init__(self, bait):
+        self.bait = bait
+
+    def __reduce__(self):
+        return Path.touch, (self.bait,)
+
+
+@pytest.mark.parametrize("what", DAMAGES)
+@pytest.mark.parametrize("name", [READER_FILE, OBSERVATION_FILE])
+def test_a_damaged_file_is_refused_by_name_and_no_code_in_it_runs(name, what, tmp_path):
+    for file in (READER_FILE, OBSERVATION_FILE):
+        (tmp_path / file).symlink_to(FOLDER / file)
+    content = DAMAGES[what](tmp_path / name)
+    (tmp_path / name).unlink()
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(CorruptFile, match=name):
+        TactileSensor.load(tmp_path, COARSE)
+    assert not (tmp_path / "unpickled").exists()
+
+
+def test_a_sensor_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(UnknownName, match="Did you mean 'gel'"):
+        TactileSensor.shipped("gell")
+    (tmp_path / READER_FILE).symlink_to(FOLDER / READER_FILE)
+    for folder in (tmp_path, tmp_path / "nowhere"):
+        with pytest.raises(CorruptFile, match=folder.name):
+            TactileSensor.load(folder, COARSE)
+    with pytest.raises(CorruptFile, match="cannot be read"):
+        fitted_model(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "told"),
+    [
+        ({"model": "oracle"}, CorruptFile, "unknown kind 'oracle'"),
+        ({"shape_labels": [*"abcd"]}, LabelMismatch, "the scene has"),
+        ({"shape_labels": None}, CorruptFile, "no observation model"),
+    ],
+)
+def test_a_sealed_observation_model_of_something_else_is_refused(change, error, told, tmp_path):
+    (tmp_path / READER_FILE).symlink_to(FOLDER / READER_FILE)
+    fields = unsealed_json((FOLDER / OBSERVATION_FILE).read_text())
+    (tmp_path / OBSERVATION_FILE).write_text(sealed_json(fields | change))
+    with pytest.raises(error, match=told):
+        TactileSensor.load(tmp_path, COARSE)
 
 
 @pytest.mark.parametrize(

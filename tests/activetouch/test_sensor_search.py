@@ -12,7 +12,7 @@ from activetouch.errors import LabelMismatch
 from belief.errors import InvalidArgument, UnknownName
 from planners import Episode, make_decider
 
-pytestmark = [pytest.mark.mujoco, pytest.mark.usefixtures("sensors_loaded_once")]
+pytestmark = pytest.mark.mujoco
 
 
 def test_a_search_is_the_one_that_compare_plays_with_the_same_seed(tmp_path):

@@ -6,8 +6,6 @@ from dataclasses import fields, replace
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from activetouch.poses import random_orientation, to_matrix
 from activetouch.pressing.rig import build_spec
@@ -66,18 +64,6 @@ def random_rays(rng, reach=0.06, n=400):
     return rotation.T @ starts, rotation.T[:, 0]
 
 
-def assert_first_contact(name, origins, direction, tolerance):
-    """Every ray that enters ends on the surface, and no ray crosses the solid before its end."""
-    level = LEVEL[name]
-    distance = entry(EXTENDED_SHAPES[name], origins, direction)
-    assert not np.isnan(distance).any()
-    hit = np.isfinite(distance)
-    np.testing.assert_allclose(level(*origins[:, hit] + np.outer(direction, distance[hit])), 0.0, atol=tolerance)
-    for fraction in np.linspace(0.02, 0.999, 60):
-        before = origins + np.outer(direction, fraction * np.where(hit, distance, 0.15))
-        assert level(*before).min() > -tolerance
-
-
 def mujoco_distances(shape, rays):
     """Distances by mj_ray on the shape's own collision geom, one after the other; inf where a ray misses."""
     spec = mujoco.MjSpec()
@@ -104,11 +90,11 @@ def mujoco_distances(shape, rays):
 
 def errors_against_mujoco(shape, rng, most_missed):
     """Differences on rays both hit; rays only one of them hits may only be grazing ones, at most this share."""
-    rays = [random_rays(rng, n=40) for _ in range(100)]
+    rays = [random_rays(rng, n=40) for _ in range(30)]
     ours = np.concatenate([entry(shape, *ray) for ray in rays])
     theirs = mujoco_distances(shape, rays)
     hit = np.isfinite(ours) & np.isfinite(theirs)
-    assert hit.sum() > 300
+    assert hit.sum() > 90
     assert (np.isfinite(ours) != np.isfinite(theirs)).mean() < most_missed
     return np.abs(ours[hit] - theirs[hit])
 
@@ -144,16 +130,14 @@ def test_round_solids_agree_with_their_polygonal_meshes_up_to_the_facets(shape, 
 
 
 @every_shape
-def test_every_ray_ends_where_it_first_meets_the_surface(name, rng):
-    for _ in range(20):
-        assert_first_contact(name, *random_rays(rng), tolerance=FACETS)
-    distance = entry(EXTENDED_SHAPES[name], *random_rays(rng))
-    assert np.isfinite(distance).sum() > 50
-
-
-@every_shape
-def test_the_triangles_of_a_solid_are_closed_and_face_outwards(name):
-    vertices, faces = EXTENDED_SHAPES[name].triangles()
+def test_the_triangles_of_a_solid_lie_on_its_surface_are_closed_and_face_outwards(name):
+    shape = EXTENDED_SHAPES[name]
+    vertices, faces = shape.triangles()
+    shares = np.array([(1, 0, 0), (0, 1, 0), (0, 0, 1), (0.5, 0.5, 0), (0.5, 0, 0.5), (0, 0.5, 0.5), (1 / 3,) * 3])
+    points = np.einsum("sc,fci->isf", shares, vertices[faces]).reshape(3, -1)
+    np.testing.assert_allclose(LEVEL[name](*points), 0.0, atol=FACETS)
+    assert np.linalg.norm(points, axis=0).max() <= shape.bounding_radius + 1e-5
+    assert 0.019 < shape.bounding_radius < 0.034  # sizes of the tables are alike
     assert are_star_shaped(vertices, faces) or name == "torus"
     found = examined(vertices, faces)
     assert (found.problem, found.remarks) == (None, ())
@@ -168,49 +152,6 @@ def test_a_ball_of_any_size_is_right_to_what_a_pad_feels_and_no_finer(radius):
     inside, outside = radius - nearest.min(), np.linalg.norm(vertices, axis=1).max() - radius
     assert 0.3 * TOLERANCE < inside < 1.01 * TOLERANCE
     assert outside == pytest.approx(TOLERANCE)
-
-
-@every_shape
-@pytest.mark.parametrize("axis", range(3))
-@pytest.mark.parametrize("sign", [-1.0, 1.0])
-def test_rays_along_faces_edges_and_axes_are_sound(name, axis, sign):
-    # The grid has points on every face, edge and rim of the shapes.
-    ticks = np.array([0.0, 0.007, 0.008, 0.009, 0.010, 0.016, 0.018, 0.020, 0.023, 0.024, 0.032 / 3, 0.064 / 3])
-    ticks = np.concatenate([-ticks, ticks])
-    direction = np.roll([sign, 0.0, 0.0], axis)
-    across = np.array(np.meshgrid(ticks, ticks)).reshape(2, -1)
-    origins = np.roll(np.stack([np.full(across.shape[1], -0.06 * sign), *across]), axis, axis=0)
-    assert_first_contact(name, origins, direction, tolerance=FACETS)
-
-
-sizes = st.sampled_from([0.0, 1e-300, 1e-17, 1e-13, 1e-9, 1e-6, 1e-3, 0.5, 1.0])
-tilts = st.tuples(*[st.builds(lambda size, sign: size * sign, sizes, st.sampled_from([-1, 1]))] * 3)
-tilts = tilts.filter(lambda tilt: max(map(abs, tilt)) == 1.0)
-
-
-@given(st.sampled_from(list(EXTENDED_SHAPES)), tilts, st.integers(0, 2**32 - 1))
-def test_rays_nearly_along_faces_edges_and_axes_are_sound(name, tilt, seed):
-    rng = np.random.default_rng(seed)
-    direction = np.array(tilt) / np.linalg.norm(tilt)
-    special = [0.0, 0.010, 0.016, 0.020, 1e-12, 0.016 + 1e-12, 0.020 - 1e-12]
-    points = rng.choice(special, size=(3, 200)) * rng.choice([-1.0, 1.0], size=(3, 200))
-    assert_first_contact(name, points - 0.1 * direction[:, None], direction, tolerance=FACETS)
-
-
-@every_shape
-def test_no_point_lies_outside_the_bounding_radius(name, rng):
-    shape = EXTENDED_SHAPES[name]
-    origins, direction = random_rays(rng)
-    distance = entry(shape, origins, direction)
-    points = (origins + distance * direction[:, None])[:, np.isfinite(distance)]
-    assert np.linalg.norm(points, axis=0).max() <= shape.bounding_radius + 1e-12
-    assert 0.019 < shape.bounding_radius < 0.034  # sizes of the tables are alike
-
-
-@every_shape
-def test_what_lies_behind_a_ray_is_missed(name, rng):
-    origins, direction = random_rays(rng)
-    assert np.isinf(entry(EXTENDED_SHAPES[name], origins, -direction)).all()
 
 
 @pytest.mark.parametrize(
@@ -281,9 +222,9 @@ def test_a_box_and_an_ellipsoid_have_three_lengths(make):
 
 
 @every_shape
-def test_a_shape_is_a_value(name, rng):
+def test_a_shape_is_a_value(name):
     shape = EXTENDED_SHAPES[name]
-    entry(shape, *random_rays(rng))  # fills whatever is cached
+    shape.triangles()  # fills whatever is cached
     twin = eval(repr(shape))  # the repr is complete
     assert (twin, hash(twin), repr(twin)) == (shape, hash(shape), repr(shape))
     assert pickle.loads(pickle.dumps(shape)) == shape

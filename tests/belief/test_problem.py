@@ -85,10 +85,6 @@ def test_a_composition_may_be_given_by_name():
         problem(composition="coupled")
 
 
-def test_more_objects_than_shapes_are_fine_when_independent():
-    assert problem(num_objects=12, composition=Composition.INDEPENDENT).num_objects == 12
-
-
 @pytest.mark.parametrize(
     ("pose", "logits", "message"),
     [

@@ -5,7 +5,9 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from belief import ActiveTouchError, Touch, files, metrics, seeding, statistics, validation
+from belief import ActiveTouchError, Belief, Touch, files, metrics, seeding, statistics, validation
+from belief.arrangement import arrangement_marginals
+from belief.bayes import entropy, update
 from belief.calibration import CALIBRATIONS, PerPose
 from belief.errors import InvalidArgument
 from belief.observation_model import (
@@ -33,6 +35,11 @@ OF_NUMBERS = {
     **{f"fit {name}": (lambda a, kind=kind: kind().fit(a, TRUTH)) for name, kind in CALIBRATIONS.items()},
     **{f"predict {name}": (lambda a, kind=kind: kind().predict_log_proba(a)) for name, kind in CALIBRATIONS.items()},
     "PerPose": lambda a: PerPose().fit(a, TRUTH, np.zeros(4, int)),
+    "update": lambda a: update(np.log([0.5, 0.5]), a),
+    "a prior": lambda a: update(np.log(a) if a.dtype == float and type(a) is np.ndarray else a, [0.0, 0.0]),
+    "entropy": entropy,
+    "Belief": lambda a: Belief.from_probs(("a", "b"), a[0]),
+    "arrangement_marginals": lambda a: arrangement_marginals(a[:2]),
     "accuracy": lambda a: metrics.accuracy(a, TRUTH),
     "brier_score": lambda a: metrics.brier_score(a, TRUTH),
     "expected_calibration_error": lambda a: metrics.expected_calibration_error(a, TRUTH),

@@ -14,6 +14,7 @@ from hypothesis.extra.numpy import arrays
 from belief import (
     AtMostOne,
     Belief,
+    BeliefTracker,
     Counts,
     ImpossibleObservation,
     SceneBelief,
@@ -43,7 +44,8 @@ class Told:
     shape_labels = LABELS
 
     def log_likelihood(self, touches):
-        return np.sum([touch.logits for touch in touches], axis=0) if touches else np.zeros(3)
+        with np.errstate(over="ignore", invalid="ignore"):
+            return np.sum([touch.logits for touch in touches], axis=0) if touches else np.zeros(3)
 
 
 def scene_of(composition, num_objects=3, **options):
@@ -104,6 +106,43 @@ def test_beliefs_presence_and_contradictions_equal_enumeration_of_all_tables(com
         assert scene.prob_present(target) == pytest.approx(present, abs=1e-12)
 
 
+EXTREMES = (0.0, -0.0, 1.0, 0.25, 1e-3, np.inf, -np.inf, np.nan, 5e-324, 1e-310, 1e-300, 1e308, -1e308, -1.0, 6e4)
+
+
+@pytest.mark.filterwarnings("ignore:logits has no negative number")
+@given(
+    st.sampled_from(["distinct", "independent", Counts({"a": 2, "b": 1}), Counts({"a": 2**53, "c": 1})]),
+    st.lists(
+        st.tuples(st.integers(0, 2), arrays(np.float64, 3, elements=st.sampled_from(EXTREMES))), min_size=1, max_size=4
+    ),
+)
+def test_extreme_touches_are_evidence_or_refused_and_then_leave_scene_and_tracker_as_they_were(composition, rounds):
+    scene, tracker = scene_of(composition), BeliefTracker(Belief.from_probs(LABELS, [0.5, 0.5, 0.0]), Told())
+    for index, scores in rounds:
+        before, belief = scene.log_marginals(), tracker.belief
+        try:
+            scene.update(index, [Touch(0, scores)])
+        except ValueError:
+            assert (scene.log_marginals() == before).all()
+        try:
+            tracker.update(Touch(0, scores))
+        except ValueError:
+            assert tracker.belief is belief
+        for logs in (scene.log_marginals(), tracker.belief.log_probs):
+            np.testing.assert_allclose(np.exp(logs).sum(axis=-1), 1.0, rtol=1e-12)
+        assert np.isfinite(tracker.log_evidence)
+        assert all(0.0 <= scene.prob_present(target) <= 1.0 for target in range(3))
+
+
+def test_certainty_about_a_scene_is_undone_by_as_much_evidence_against():
+    scene = scene_of("distinct")
+    scene.update(0, felt([5000.0, 0.0, 0.0]))
+    assert scene.belief(1).prob("a") == 0.0
+    assert np.isfinite(scene.log_marginals()).all()
+    scene.update(0, felt([-5000.0, 0.0, 0.0]))
+    np.testing.assert_allclose(scene.marginals(), 1 / 3, rtol=1e-12)
+
+
 @compositions
 @pytest.mark.parametrize("num_objects", [1, 2])
 def test_one_or_two_objects_are_no_special_case(composition, num_objects):
@@ -112,28 +151,6 @@ def test_one_or_two_objects_are_no_special_case(composition, num_objects):
     for i, row in enumerate(weights):
         scene.update(i, felt(row))
     np.testing.assert_allclose(scene.marginals(), joint(composition, np.exp(weights))[0], atol=1e-14)
-
-
-@compositions
-@given(weights=arrays(np.float64, (3, 3), elements=st.floats(-10, 10)), order=st.permutations(range(3)))
-def test_objects_are_touched_in_any_order(composition, weights, order):
-    def happen(events):
-        scene = scene_of(composition)
-        for event in events:
-            scene.update(event, felt(weights[event]))
-        return scene
-
-    one, other = happen(range(3)), happen(order)
-    np.testing.assert_allclose(one.log_marginals(), other.log_marginals(), atol=1e-9)
-
-
-@given(arrays(np.float64, (3, 3), elements=st.floats(-10, 10)))
-def test_distinct_is_a_bag_with_one_of_each(weights):
-    distinct, bag = scene_of("distinct"), scene_of(Counts(dict.fromkeys(LABELS, 1)))
-    for i, row in enumerate(weights):
-        distinct.update(i, felt(row))
-        bag.update(i, felt(row))
-    assert distinct.log_marginals().tolist() == bag.log_marginals().tolist()
 
 
 def test_before_any_touch_presence_is_the_problems_own():
@@ -255,3 +272,36 @@ def test_at_most_one_target_stands_weights_of_all_sizes(size):
     assert not np.isnan(found).any()
     if size > 1:
         assert np.exp(found[:, 1]).round(9).tolist() == [0.0, 1.0, 0.0]
+
+
+def test_a_tracker_is_bayes_rule_on_all_touches_at_once(model, rng):
+    tracker = BeliefTracker(Belief.uniform(model.shape_labels), model)
+    touches = model.sample(1, [0, 1, 2, 0], rng)
+    for touch in touches:
+        belief = tracker.update(touch)
+    expected = Belief.uniform(model.shape_labels).update(model.log_likelihood(touches))
+    np.testing.assert_allclose(belief.probs, expected.probs, atol=1e-12)
+    assert tracker.touches == tuple(touches)
+
+
+def test_an_impossible_touch_is_named_and_leaves_tracker_and_scene_as_they_were():
+    [cube], [cone] = felt([0.0, -np.inf, -np.inf]), felt([-np.inf, 0.0, -np.inf])
+    tracker, scene = BeliefTracker(Belief.uniform(LABELS), Told()), scene_of("distinct")
+    tracker.update(cube)
+    scene.update(0, [cube])
+    with pytest.raises(ImpossibleObservation, match=r"pose 0, Belief\(a 1.000, .*log-likelihood \[-inf, "):
+        tracker.update(cone)
+    with pytest.raises(ImpossibleObservation, match="touching object 1 in poses"):
+        scene.update(1, [cube])
+    assert (tracker.belief.probs.tolist(), len(tracker.touches)) == ([1.0, 0.0, 0.0], 1)
+    assert scene.marginals().tolist() == [[1.0, 0.0, 0.0], [0.0, 0.5, 0.5], [0.0, 0.5, 0.5]]
+    assert scene.touches(1) == ()
+
+
+def test_a_model_of_other_shapes_is_refused(model):
+    for make in (
+        lambda: SceneBelief(SearchProblem(LABELS, ("p",), 2), model),
+        lambda: BeliefTracker(Belief.uniform(LABELS), model),
+    ):
+        with pytest.raises(ValueError, match="the model about"):
+            make()

@@ -79,6 +79,6 @@ def test_a_single_number_is_a_key_of_one():
     for rng in (keyed_rng, arrangement_rng, deciding_rng, lambda seed: touch_rng(seed, 1, 2, 0)):
         for number in (0, 7, np.int64(7), 2**40):
             assert rng(number).random() == rng((number,)).random() == rng([number]).random()
-        for wrong in (-1, 1.5, "7", None):
+        for wrong in (-1, 1.5, "7", None, True):
             with pytest.raises(InvalidArgument, match="integers"):
                 rng(wrong)

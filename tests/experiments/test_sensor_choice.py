@@ -12,8 +12,6 @@ import tyro
 from activetouch import SCENES
 from activetouch.data.manifest import CollectionPlan, NoCollection, read_manifest
 from activetouch.errors import LabelMismatch, NoIndependentModel, SceneShift, WrongScene
-from activetouch.perception import preparation
-from activetouch.perception.contacts import hypotheses
 from activetouch.sensor import TactileSensor
 from activetouch.sensor_files import INDEPENDENT_FILE, MODELS, OBSERVATION_FILE, READER_FILE, fitted_model
 from belief.errors import CorruptFile
@@ -161,10 +159,7 @@ def test_a_sensor_remembers_the_scene_it_was_calibrated_in(tmp_path):
 
 @pytest.mark.torch
 @pytest.mark.filterwarnings("ignore::activetouch.errors.AlikeShapes")  # as its taxels are too wide for the reader
-def test_a_sensor_of_another_scene_is_used_anyway_when_asked_to(tmp_path, capsys, monkeypatch):
-    for name in ("FEWEST", "MOST"):
-        monkeypatch.setattr(hypotheses, name, 64)
-    monkeypatch.setattr(preparation, "_TOUCHES", 300)
+def test_a_sensor_of_another_scene_is_used_anyway_when_asked_to(few_hypotheses, tmp_path, capsys):
     setting = Setting(QUICK, sensor=GEL, anyway=True)
     with pytest.raises(WrongScene, match="num_taxels"):
         replace(setting, anyway=False).open_sensor()

@@ -11,12 +11,8 @@ import pytest
 from experiments.report import Picture, figure
 
 ROOT = Path(__file__).parents[2]
-STYLES = {
-    "dark": ["dark_background"],
-    "LaTeX": [{"text.usetex": True}],
-    "sketch": [{"path.sketch": (1.0, 100.0, 2.0)}],
-    "large": [{"font.size": 40.0, "figure.dpi": 30.0, "savefig.bbox": "tight", "svg.fonttype": "path"}],
-}
+LARGE = {"font.size": 40.0, "figure.dpi": 30.0, "savefig.bbox": "tight", "svg.fonttype": "path"}
+STYLE = ["dark_background", {"text.usetex": True, "path.sketch": (1.0, 100.0, 2.0)}, LARGE]
 
 
 def draw(axes):
@@ -43,11 +39,10 @@ def of_the_documentation(folder):
 
 
 @pytest.mark.parametrize("made", [of_a_report, of_a_file, of_the_documentation])
-@pytest.mark.parametrize("style", STYLES)
-def test_a_figure_is_the_same_in_every_style_of_the_user(style, made, tmp_path, monkeypatch):
+def test_a_figure_is_the_same_in_every_style_of_the_user(made, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", [*sys.path, str(ROOT / "docs" / "generate")])
     usual = made(tmp_path)
-    with matplotlib.style.context(STYLES[style]):
+    with matplotlib.style.context(STYLE):
         assert made(tmp_path) == usual
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from belief import Belief, Composition, Confirm, Counts, Probe, Reject, SceneBelief, SearchProblem, Touch
 from belief.observation_model import ConfusionModel, OutcomeTable
-from belief.synthetic import random_model, sample_arrangement
+from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
 from planners import InformationState, make_decider, search
 from planners.continuation_value import belief_with_missed
 from planners.point_based import PointBased, stages_by_target
@@ -30,29 +30,13 @@ class FlatRepeats:
         return "FlatRepeats"
 
 
-class SampledWorld:
-    """Objects whose touches come from the model itself."""
-
-    def __init__(self, model, arrangement):
-        self.model, self.arrangement, self.current = model, arrangement, 0
-
-    def touch(self, pose, rng):
-        return self.model.sample(self.arrangement[self.current], [pose], rng)[0]
-
-    def advance(self):
-        self.current += 1
-
-    def reset(self):
-        self.current = 0
-
-
 def problem_of(model, num_objects, composition=Composition.DISTINCT, **options):
     return SearchProblem(model.shape_labels, POSES, num_objects, composition, **options)
 
 
 def play(decider, model, problem, target, number):
     arrangement = sample_arrangement(problem, np.random.default_rng([number, 1]))
-    return search(SampledWorld(model, arrangement), decider, problem, target, model, (number, 0, 7))
+    return search(SyntheticWorld(model, arrangement), decider, problem, target, model, (number, 0, 7))
 
 
 def test_searches_return_what_the_plan_promises():

@@ -165,14 +165,6 @@ def test_the_bounds_enclose_what_brute_force_finds(num_shapes, touch_cost):
         assert policy.lower_bound >= 0.99 * policy.upper_bound
 
 
-def test_relabelling_shapes_changes_nothing():
-    table, order = random_table(3), np.array([2, 0, 1])
-    policy = solve(uniform(table, target=2))
-    other = solve(uniform(table[:, order], target=0))
-    assert other.lower_bound == pytest.approx(policy.lower_bound, abs=2e-3)
-    assert other.upper_bound == pytest.approx(policy.upper_bound, abs=2e-3)
-
-
 def test_the_same_problem_has_the_same_solution():
     one, other = (solve(uniform(random_table(1))) for _ in range(2))
     assert (one.vectors.alphas == other.vectors.alphas).all()
@@ -210,24 +202,6 @@ def test_free_touches_need_a_limit():
         solve(uniform(NINE_OF_TEN, touch_cost=0.0))
     assert finite_horizon_value(uniform(NINE_OF_TEN, touch_cost=0.0), 3) == pytest.approx(0.944, abs=1e-9)
     assert 0.8 < solve(uniform(NINE_OF_TEN, touch_cost=0.0, discount=0.99)).lower_bound < 1.0
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"target": 2}, "target"),
-        ({"touch_cost": -0.1}, "touch_cost"),
-        ({"touch_cost": np.nan}, "touch_cost"),
-        ({"discount": 0.0}, "discount"),
-        ({"prior": [0.5, 0.6]}, "prior"),
-        ({"prior": [np.nan, 1.0]}, "prior"),
-        ({"outcome_probs": NINE_OF_TEN[0]}, "probs"),
-    ],
-)
-def test_what_is_no_problem_is_refused_by_name(change, message):
-    arguments = {"outcome_probs": NINE_OF_TEN, "prior": [0.5, 0.5], "target": 0, "touch_cost": 0.1}
-    with pytest.raises(ValueError, match=message):
-        TouchProblem(**arguments | change)
 
 
 # Searches

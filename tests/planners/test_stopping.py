@@ -2,14 +2,17 @@
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from belief import Belief, Composition, Confirm, Probe, Reject, SearchProblem, Touch
+from belief.errors import InvalidArgument
 from belief.observation_model import OutcomeTable
-from belief.synthetic import SyntheticWorld, random_model
-from planners import InformationState, make_decider, search
+from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
+from planners import Decision, InformationState, Outcome, make_decider, search, search_lockstep
 from planners.decider import SequentialDecider
+from planners.probing import FixedOrder
 from planners.registry import DECIDERS, NEED_FILES
-from planners.stopping import PosteriorThresholds
+from planners.stopping import PosteriorThresholds, StopOverride, ThresholdRule
 
 PROBLEM = SearchProblem(("a", "b", "c", "d"), ("p", "q"), num_objects=4)
 
@@ -106,3 +109,90 @@ def test_deciders_by_value_reject_untouched_only_where_not_even_a_perfect_touch_
         problem = SearchProblem(labels, ("p",), 1, "independent", touch_cost=cost, touch_limit=1)
         info = InformationState(problem, 0, Belief.uniform(labels))
         assert make_decider(name, table).decide(info, np.random.default_rng(0)).action == expected
+
+
+@pytest.mark.parametrize(
+    ("frames", "expected"),
+    [
+        ((), None),
+        ((0.95,), None),
+        ((0.95, 0.95), Confirm()),
+        ((0.95, 0.5, 0.95), None),
+        ((0.5, 0.95, 0.95), Confirm()),
+        ((0.05,), Reject()),
+        ((0.95, 0.05), Reject()),
+        ((0.5, 0.5), None),
+        ((0.5,) * 4, Reject()),
+    ],
+)
+def test_the_papers_rule_looks_at_the_last_two_frames(frames, expected):
+    rule = ThresholdRule(high=0.9, low=0.1, max_touches=4)
+    decision = rule.stop(info(*frames))
+    assert action(decision) == expected
+    if decision is not None:
+        assert decision.scores == pytest.approx({"frame_prob": frames[-1], "target_prob": 0.25})
+
+
+def test_a_frame_at_both_thresholds_neither_confirms_nor_rejects():
+    state = InformationState(PROBLEM, 0, Belief.uniform(PROBLEM.shape_labels), (Touch(0, np.zeros(4)),))
+    assert ThresholdRule(high=0.25, low=0.25, num_consecutive=1).stop(state) is None
+
+
+@pytest.mark.parametrize(("high", "low"), [(1.0, 0.0), (0.0, 0.0), (1.0, 1.0), (0.5, 0.5)])
+def test_thresholds_at_the_ends_and_equal_ones_are_thresholds(high, low):
+    assert ThresholdRule(high=high, low=low).stop(info()) is None
+
+
+def test_the_papers_rule_ignores_the_fused_belief():
+    assert ThresholdRule().stop(info(0.5, posterior=0.999999)) is None
+
+
+def test_touches_without_logits_are_refused():
+    history = (Touch(1, features=np.zeros(3)),)
+    with pytest.raises(InvalidArgument, match="pose 1 has no logits"):
+        ThresholdRule().stop(InformationState(PROBLEM, 0, Belief.uniform(tuple("abcd")), history))
+
+
+class Always:
+    def __init__(self, action):
+        self.action = action
+
+    def decide(self, info, rng):
+        return Decision(self.action, {"own": 7.0})
+
+
+def confident(action):
+    return StopOverride(PosteriorThresholds(0.9, 0.1), Always(action), FixedOrder())
+
+
+@pytest.mark.parametrize("action", [Probe(1), Confirm(), Reject()])
+def test_the_rule_is_asked_first(action, rng):
+    assert confident(action).decide(info(posterior=0.95), rng).action == Confirm()
+    assert confident(action).decide(info(posterior=0.05), rng).action == Reject()
+
+
+def test_otherwise_the_deciders_probe_is_taken_with_its_scores(rng):
+    decision = confident(Probe(1)).decide(info(posterior=0.5), rng)
+    assert decision == Decision(Probe(1), {"own": 7.0})
+
+
+@pytest.mark.parametrize("action", [Confirm(), Reject()])
+def test_a_decider_that_would_stop_too_soon_is_overruled(action, rng):
+    decision = confident(action).decide(info(posterior=0.5), rng)
+    assert decision.action == Probe(0)
+    assert decision.scores["overruled"] == 1.0
+
+
+def test_stops_keep_the_rules_promise_whatever_the_decider():
+    model = random_model(np.random.default_rng(3), sharpness=3.0)
+    problem = SearchProblem(model.shape_labels, ("p0", "p1", "p2"), 4, touch_limit=200)
+    worlds = [SyntheticWorld(model, sample_arrangement(problem, np.random.default_rng([s, 9]))) for s in range(300)]
+    decider = StopOverride(PosteriorThresholds(0.95, 0.05, max_touches=100), Always(Confirm()), FixedOrder())
+    episodes = search_lockstep(worlds, decider, problem, [0] * 300, model, [(s,) for s in range(300)])
+    stops = [
+        e.success
+        for e in episodes
+        if e.outcome is Outcome.CONFIRMED and e.steps[-1].decision.scores["target_prob"] >= 0.95
+    ]
+    assert len(stops) > 200
+    assert stats.binomtest(sum(stops), len(stops), 0.95, alternative="less").pvalue > 1e-3

@@ -87,15 +87,6 @@ def test_complementary_poses_are_found_two_touches_ahead_and_never_one_ahead(rng
         assert sum(e.success for e in episodes) == right
 
 
-@settings(max_examples=15)
-@given(seeds)
-def test_two_touches_ahead_are_worth_at_least_one_ahead(seed):
-    rng = np.random.default_rng(seed)
-    table, info = random_table(rng), state(one_object(3, 3), rng.dirichlet(np.ones(3)))
-    one, two = (ValueOfInformation(table, depth) for depth in (1, 2))
-    assert (two.probe_values(info, two.payoffs(info)) >= one.probe_values(info, one.payoffs(info)) - 1e-12).all()
-
-
 @pytest.mark.parametrize("depth", [1, 2])
 def test_useless_poses_and_dear_touches_are_never_bought(depth, rng):
     useless = OutcomeTable(np.full((2, 3, 2), 0.5))
@@ -104,15 +95,6 @@ def test_useless_poses_and_dear_touches_are_never_bought(depth, rng):
         decider = ValueOfInformation(table, depth)
         assert decider.decide(state(one_object(3, 2, cost), [0.6, 0.2, 0.2]), rng).action == Confirm()
         assert decider.decide(state(one_object(3, 2, cost), [0.4, 0.3, 0.3]), rng).action == Reject()
-
-
-@pytest.mark.parametrize("depth", [1, 2])
-def test_a_perfect_pose_is_touched_once(depth, rng):
-    table = OutcomeTable([np.full((3, 3), 1 / 3), np.eye(3)])
-    decider, problem = ValueOfInformation(table, depth), one_object(3, 2)
-    assert decider.decide(state(problem, [1 / 3] * 3), rng).action == Probe(1)
-    assert decider.decide(state(problem, [1.0, 0.0, 0.0], [1]), rng).action == Confirm()
-    assert decider.decide(state(problem, [0.0, 1.0, 0.0], [1]), rng).action == Reject()
 
 
 def test_equal_poses_give_the_lowest(rng):
@@ -128,15 +110,6 @@ def test_a_target_ruled_out_is_rejected_even_where_nothing_is_left_to_gain(rng):
     info = InformationState.of(problem, 0, scene, 1)
     assert prob_missed(info) == 1.0
     assert ValueOfInformation(model.table).decide(info, rng).action == Reject()
-
-
-def test_the_last_of_all_distinct_objects_is_confirmed_untouched(rng):
-    model = TabularModel(("a", "b"), OutcomeTable([[[0.8, 0.2], [0.2, 0.8]]]))
-    problem = SearchProblem(("a", "b"), ("p",), 2)
-    scene = SceneBelief(problem, model)
-    scene.update(0, [Touch(0, np.log([0.4, 0.6]))])
-    info = InformationState.of(problem, 0, scene, 1)
-    assert ValueOfInformation(model.table).decide(info, rng).action == Confirm()
 
 
 def test_free_touches_never_exceed_an_equal_share_of_the_limit():

@@ -145,6 +145,12 @@ def test_a_problem_out_of_range_is_refused(arguments, message):
             make()
 
 
+@pytest.mark.parametrize("change", [{"prior": [0.5, 0.6]}, {"prior": [NAN, 1.0]}, {"outcome_probs": TABLE[0]}])
+def test_a_prior_or_a_table_that_is_none_is_refused(change):
+    with pytest.raises(ValueError, match=r"prior|probs"):
+        TouchProblem(**{"outcome_probs": TABLE, "prior": [0.5, 0.5], "target": 0, "touch_cost": 0.1} | change)
+
+
 @pytest.mark.parametrize("number", [0, -1, NAN, 1.5, "2"])
 def test_a_search_among_no_number_of_objects_is_refused(number):
     with pytest.raises(InvalidArgument, match="num_objects must be an integer"):

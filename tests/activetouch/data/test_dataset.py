@@ -21,7 +21,7 @@ from activetouch.poses import Placement, multiply
 from activetouch.pressing.contact import Contact, Pad, Press
 from activetouch.scene import Symmetry
 from activetouch.scene_description import scene_fields
-from belief.errors import CorruptFile
+from belief.errors import CorruptFile, UnknownName
 from belief.files import sealed_json, unsealed_json
 
 PLAN = CollectionPlan(train=13, calibration=1, test=1)
@@ -238,6 +238,14 @@ def test_an_unfinished_collection_is_not_used_in_silence(folder):
     shard_path(folder, "train", 1).unlink()
     with pytest.raises(CorruptFile, match=r"1 of 2 shards are missing .*with the command or program that began it"):
         read_split(folder, "train")
+
+
+def test_a_split_without_objects_and_a_misspelt_one_are_refused(folder, tmp_path):
+    write_manifest(tmp_path / "no train", SCENE, replace(PLAN, train=0))
+    with pytest.raises(CorruptFile, match="planned without any train"):
+        read_split(tmp_path / "no train", "train")
+    with pytest.raises(UnknownName, match="Did you mean 'test'"):
+        read_split(folder, "tset")
 
 
 def test_a_shard_truncated_anywhere_is_a_clear_error(folder, rng):

@@ -80,22 +80,19 @@ def test_gymnasium_and_sb3_find_nothing_wrong(name, state):
     check_env_for_sb3(env, skip_render_check=False)
 
 
-@pytest.mark.parametrize(
-    ("imported", "id_"),
-    [
-        ("activetouch, gymnasium", "activetouch/ObjectTest-v0"),
-        ("gymnasium", "activetouch:activetouch/ObjectTest-v0"),
-    ],
-)
-def test_importing_the_package_or_naming_it_in_the_id_is_enough(imported, id_):
-    code = f"import {imported}; env = gymnasium.make({id_!r}, scene='coarse'); print(env.reset(seed=0)[0].shape)"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "(13,)\n"
+def printed(code):
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
 
 
-def test_registering_the_environments_loads_neither_torch_nor_mujoco():
-    code = "import sys, activetouch.envs; print('torch' in sys.modules, 'mujoco' in sys.modules)"
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert run.stdout.split() == ["False", "False"]
+def test_naming_the_package_in_the_id_is_enough():
+    id_ = "activetouch:activetouch/ObjectTest-v0"
+    code = f"import gymnasium; print(gymnasium.make({id_!r}, scene='coarse').reset(seed=0)[0].shape)"
+    assert printed(code) == "(13,)\n"
+
+
+def test_importing_the_package_registers_the_environments_and_loads_neither_torch_nor_mujoco():
+    code = "import sys, activetouch, gymnasium; print('activetouch/ObjectTest-v0' in gymnasium.registry, "
+    assert printed(code + "'torch' in sys.modules, 'mujoco' in sys.modules)") == "True False False\n"
 
 
 @every_id
@@ -168,7 +165,7 @@ def test_a_search_in_the_environment_is_the_search_of_the_loop(composition, unsu
         touches=sampled, target="shape_0", composition=composition, touch_limit=9, unsure_reward=unsure_reward
     )
     num_unsure = 0
-    for number in range(60):
+    for number in range(30):
         key = (0, 0, number)
         env.reset(options={"seed": key})
         world = SyntheticWorld(model, env.arrangement)
@@ -187,7 +184,7 @@ def test_a_search_in_the_environment_is_the_search_of_the_loop(composition, unsu
         is_unsure = episode.outcome is Outcome.UNSURE
         assert info.get("is_unsure") == (None if unsure_reward is None else is_unsure)
         num_unsure += is_unsure
-    assert (num_unsure > 5) == (unsure_reward is not None)
+    assert (num_unsure > 2) == (unsure_reward is not None)
 
 
 def test_being_unsure_ends_an_episode_and_is_no_action_by_default(sampled):

@@ -13,7 +13,6 @@ from scipy.special import logsumexp
 from activetouch import SCENES, Quasistatic, TactileSensor
 from activetouch.distributions import Uniform
 from activetouch.errors import AlikeShapes
-from activetouch.perception import preparation
 from activetouch.perception.card import READER
 from activetouch.perception.contacts import hypotheses
 from activetouch.perception.preparation import prepared
@@ -43,12 +42,9 @@ def reader():
 
 
 @pytest.fixture
-def cache(tmp_path, monkeypatch):
-    """An empty cache, few hypotheses and few touches."""
+def cache(few_hypotheses, tmp_path, monkeypatch):
+    """An empty cache."""
     monkeypatch.setenv("ACTIVETOUCH_CACHE", str(tmp_path / "cache"))
-    for name in ("FEWEST", "MOST"):
-        monkeypatch.setattr(hypotheses, name, 32)
-    monkeypatch.setattr(preparation, "_TOUCHES", 10)
     return tmp_path / "cache"
 
 
@@ -104,7 +100,7 @@ def test_a_reader_that_is_about_no_objects_yet_says_so(reader):
 def test_shape_logits_are_mean_ratios_over_the_hypotheses_of_the_table(reader, cache, monkeypatch, at_once):
     monkeypatch.setattr(hypotheses, "_MOST_SCORES", at_once)
     bound = reader.bound_to(SCENE)
-    table = HypothesisTable(bound, SCENE)(32)  # poses, shapes, hypotheses, numbers
+    table = HypothesisTable(bound, SCENE)(64)  # poses, shapes, hypotheses, numbers
     fixed = np.concatenate([table[0][:, ::2], table[1][:, 1::2]], axis=1)  # taking turns
     read = bound.read(IMAGES)
     wanted = logsumexp(np.einsum("nd,kmd->nkm", read.embeddings, fixed), axis=2) - np.log(fixed.shape[1])

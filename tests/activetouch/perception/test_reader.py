@@ -27,19 +27,7 @@ def sensor():
 
 
 @pytest.mark.mujoco
-def test_the_shipped_classifier_reads_fresh_objects(sensor):
-    # 400 touches of 400 objects nobody has seen, dynamic presses. At the .95 the product promises, fewer than 366
-    # right has probability below 1e-3.
-    right = 0
-    for number in range(400):
-        rng = np.random.default_rng([2026, number])
-        world = TouchWorld.sample(sensor, (number % 4,), rng)
-        right += int(world.touch(number % 6, rng).logits.argmax() == number % 4)
-    assert right >= 366
-
-
-@pytest.mark.mujoco
-@pytest.mark.parametrize("name", [name for name in SCENES if name != "gel"])
+@pytest.mark.parametrize("name", SCENES)
 def test_every_named_scene_has_a_sensor_that_reads_fresh_objects_of_it(name):
     sensor = TactileSensor.shipped(name)
     evaluation = json.loads((MODELS / name / "evaluation.json").read_text())

@@ -28,9 +28,9 @@ def test_the_gap_of_a_press_is_how_far_the_surface_lies_behind_its_highest_point
         gap, touching = first_touch(PAD, Placement(BODIES[name], *placed))
         expected = heights.max() - heights
         felt = expected <= PAD.max_depth
-        np.testing.assert_allclose(gap[felt], expected[felt], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(gap[felt], expected[felt], rtol=0, atol=1e-5)
         assert (gap >= expected - 1e-12).all()  # farther down, a gap may be too large
-        assert heights.max() == pytest.approx(touching, abs=1e-12)
+        assert heights.max() == pytest.approx(touching, abs=1e-5)
 
 
 @pytest.mark.parametrize("name", ["cone", "mesh"])
@@ -41,7 +41,7 @@ def test_a_wider_window_shows_the_same_in_its_middle(name, rng):
     assert wide.edge == pytest.approx(28 * 2 * PAD.half_width / 24)
     inner = predicted_contacts(BODIES[name], rotations, offsets, wide, scales)[:, 2:-2, 2:-2]
     expected = predicted_contacts(BODIES[name], rotations, offsets, Window.of(PAD), scales)
-    np.testing.assert_allclose(inner, expected, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(inner, expected, rtol=0, atol=1e-5)
 
 
 @pytest.mark.parametrize("name", ["wedge", "mesh"])
@@ -50,7 +50,7 @@ def test_a_quarter_turn_about_the_approach_axis_turns_the_map(name, rng):
     upright, rolled = predicted_contacts(
         BODIES[name], [rotation, multiply(quarter, rotation)], [0.0, 0.0], Window(0.04, 30)
     )
-    np.testing.assert_allclose(np.rot90(upright, -1), rolled, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(np.rot90(upright, -1), rolled, rtol=0, atol=1e-5)
 
 
 @pytest.mark.parametrize(

@@ -103,6 +103,12 @@ def test_what_are_no_faults_is_refused_when_the_scene_is_made(faults):
         Scene(faults=faults)
 
 
+@pytest.mark.parametrize("wrong", [{"half_width": np.nan}, {"stiffness": 0.0}, {"max_depth": np.inf}])
+def test_lengths_and_stiffness_of_a_pad_are_positive(wrong):
+    with pytest.raises(ValueError, match="positive"):
+        Pad(**wrong)
+
+
 @pytest.mark.parametrize("number", [0, 16.5, 16.0])
 def test_a_pad_has_a_whole_number_of_taxels(number):
     with pytest.raises(ValueError, match="num_taxels must be an integer"):

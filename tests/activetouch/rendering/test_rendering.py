@@ -195,6 +195,10 @@ def test_faults_are_applied_in_turn_and_end_in_eight_bits(rng):
         lambda: Shift(columns=np.nan),
         lambda: Blur(-1.0),
         lambda: Blur(np.inf),
+        lambda: Noise(np.nan),
+        lambda: Gain(-0.1),
+        lambda: Hysteresis(np.nan),
+        lambda: PressureRenderer(binning=0),
     ],
 )
 def test_a_fault_that_makes_no_sense_is_refused(wrong):

@@ -32,7 +32,7 @@ def test_a_cut_cube_is_the_polyhedron_of_its_remaining_corners(name, rng):
     same = Hull(cut.geom.vertices)
     for _ in range(20):
         some = rays(rng)
-        np.testing.assert_allclose(entry(cut, *some), entry(same, *some), atol=1e-9)
+        np.testing.assert_allclose(entry(cut, *some), entry(same, *some), atol=1e-5)
 
 
 def test_a_union_is_met_at_its_nearest_part_and_hull_and_ball_contain_it(rng):
@@ -65,10 +65,10 @@ def test_every_convex_solid_can_be_cut_and_joined(solid, rng):
     met = (origins + whole * direction[:, None])[0]
     kept = np.isfinite(whole) & (met < plane)
     assert kept.sum() > 20
-    np.testing.assert_allclose(part[kept], whole[kept], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(part[kept], whole[kept], rtol=0, atol=1e-5)
     if direction[0]:
         on_plane = (plane - origins[0]) / direction[0]
-        assert (part >= np.where(np.isfinite(whole), np.minimum(whole, on_plane), np.inf) - 1e-9).all()
+        assert (part >= np.where(np.isfinite(whole), np.minimum(whole, on_plane), np.inf) - 1e-5).all()
     joined = Union((solid, Cylinder(0.005, 0.030)))
     assert joined.bounding_radius == max(part.bounding_radius for part in joined.parts)
 

@@ -33,7 +33,7 @@ def test_each_body_is_turned_outwards_by_itself():
     surface = examined(vertices, faces)
     assert (outwards(vertices, surface.faces) > 0.0).all()
     assert surface.remarks == ("2 separate surfaces, which are felt as their union",)
-    np.testing.assert_allclose(surface.centre, [0.025, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(surface.centre, [0.025, 0, 0], atol=1e-5)
 
 
 def test_a_triangle_that_is_turned_alone_is_turned_back_without_a_word():

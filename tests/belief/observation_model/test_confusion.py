@@ -56,10 +56,6 @@ def test_a_shape_without_touches_gets_a_uniform_row():
         ([Touch(3, np.zeros(2))], [0], {"num_poses": 3}, "touch 0 has pose 3, num_poses is 3"),
         ([Touch(0, np.zeros(2))], [0], {"shape_labels": ("a",)}, "names 1"),
         ([Touch(0, np.zeros(2))], [0], {"shape_labels": ("a", "a")}, "must differ"),
-        ([Touch(0, np.zeros(2))], [0], {"object_ids": [1, 2]}, "one shape and object for each"),
-        ([Touch(0, np.zeros(2))] * 2, [0, 1], {"object_ids": ["x", "x"]}, "object x has shape 0, and in row 1 shape 1"),
-        ([Touch(0, np.zeros(2))] * 2, [0, 0], {"object_ids": [0.0, np.nan]}, "row 1 has no object"),
-        ([Touch(0, np.zeros(2))] * 2, [0, 0], {"object_ids": np.array([0, "x"], object)}, "can be sorted"),
     ],
 )
 def test_bad_calibration_data_raise_and_say_why(touches, shapes, options, message):

@@ -95,15 +95,6 @@ def test_a_hypothesis_is_drawn_as_often_as_its_weight_says(rng):
     assert (same @ np.ones(8) == 4).all()
 
 
-def test_one_hypothesis_of_each_shape_is_an_independent_models_table(rng):
-    model = model_of(rng, num_hypotheses=1)
-    before, later = (after(model, some_touches(model, rng, number)).outcome_mixture(M, 1) for number in (0, 5))
-    np.testing.assert_array_equal(before.table.probs, later.table.probs)
-    both = two_touches(before)
-    independent = np.einsum("pkm,qkn->kpmqn", before.table.probs, before.table.probs)
-    np.testing.assert_allclose(both, independent, atol=1e-6)
-
-
 def test_outcomes_are_evenly_spaced_references_and_never_more_than_there_are(rng):
     evidence = model_of(rng).start()
     assert evidence.outcome_mixture(4, N).table.num_outcomes == 4

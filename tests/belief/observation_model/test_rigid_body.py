@@ -190,16 +190,6 @@ def test_objects_that_were_touched_in_few_of_many_poses_can_be_fitted(num_touche
     assert model.drift < 0.1
 
 
-def test_one_hypothesis_of_each_shape_makes_touches_independent(rng):
-    world = World(rng, num_hypotheses=1)
-    model = RigidBodyModel(
-        ("a", "b"), 1, 1.0, np.zeros((P, 5, D)), np.zeros((P, 5, K)), hypotheses=FixedHypotheses(world.embed(1))
-    )
-    touches = touches_of(world, 0, 0, [0, 1, 1], rng)
-    apart = sum(model.log_likelihood([touch]) for touch in touches)
-    np.testing.assert_allclose(posterior(model.log_likelihood(touches)), posterior(apart), atol=1e-6)
-
-
 def test_its_posterior_is_calibrated_and_ranks_of_bodies_are_uniform(world, rng):
     """Simulation-based calibration: the true body is as often among the likeliest as the posterior says."""
     model = world.model(rng)
@@ -392,6 +382,8 @@ def test_arrays_that_do_not_fit_are_refused(world):
             fitted.with_hypotheses(FixedHypotheses(table), number)
     with pytest.raises(ValueError, match=r"must be \(P, K, N, D\), got \(4, 4\)"):
         FixedHypotheses(np.zeros((4, 4)))
+    with pytest.raises(ValueError, match=r"at most 1e.06"):
+        FixedHypotheses(np.full((P, K, N, D), 1e7))
     with pytest.raises(ValueError, match=r"groups \(0, 1, 2\) need hypotheses embedded by pose"):
         replace(fitted, groups=(0, 1, 2)).with_hypotheses(world.embed)
 

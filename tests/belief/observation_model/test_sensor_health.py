@@ -230,6 +230,10 @@ def test_what_does_not_fit_is_refused(rng):
         assert scene.sensor_health.num_touches == 0
     with pytest.raises(ValueError, match="must be finite, got nan"):
         FixedWorlds(broken)
+    with pytest.raises(ValueError, match=r"must be \(P"):
+        FixedWorlds(broken[0])
+    with pytest.raises(ValueError, match="unknown must be"):
+        spread_prior(2, 0.9, 0.2)
     for prior, expected in (
         (spread_prior(2), "prior must be 5 probabilities"),
         ([0.5, 0.5, 0.5, 0.0, 0.0], "prior must be 5"),

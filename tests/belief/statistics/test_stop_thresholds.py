@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
 
-from belief.observation_model import certified_stops, fit_observation_model
+from belief.observation_model import calibration_of_stops, certified_stops, fit_observation_model
 from belief.observation_model.registry import fits
 from belief.observation_model.selection import log_posteriors_by_touch
 from belief.statistics.stop_thresholds import CandidateStops, certified_thresholds, least_searches
+from belief.synthetic import random_model
 from belief.touch_batch import TouchBatch
 
 
@@ -80,6 +81,13 @@ def test_candidates_that_are_none_are_refused(change):
 def test_a_risk_or_confidence_that_is_no_probability_is_refused(numbers):
     with pytest.raises(ValueError, match="must"):
         certified_thresholds(CandidateStops([], [], [], [], 10), *numbers)
+
+
+def test_from_too_few_objects_arrays_promise_nothing():
+    model, labels = random_model(np.random.default_rng(0), sharpness=0.0), [0, 0, 1, 1]
+    assert set(certified_stops(model, np.zeros((4, 4)), labels, labels).thresholds) == {np.inf}
+    with pytest.raises(ValueError, match="no object reaches"):
+        calibration_of_stops(model, np.zeros((4, 4)), labels, labels)
 
 
 def hard_objects(rng, number):

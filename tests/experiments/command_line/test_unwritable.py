@@ -16,9 +16,10 @@ PICTURES = (Replay, TouchCommand)
 
 
 @pytest.mark.parametrize("command", [*PICTURES, Calibrate, Collect, Compare, Robustness, Tradeoff, TrainPPO])
-def test_a_place_below_a_file_is_refused_at_once(command, tmp_path):
+def test_a_file_where_a_folder_is_needed_is_refused_at_once(command, tmp_path):
     (tmp_path / "file").write_text("mine")
     ending = ".png" if command in PICTURES else ""
-    with pytest.raises(CannotWrite, match="file"):
-        command(out=tmp_path / "file" / f"out{ending}").run()
+    for out in ([] if ending else [tmp_path / "file"]) + [tmp_path / "file" / f"out{ending}"]:
+        with pytest.raises(CannotWrite, match="file"):
+            command(out=out).run()
     assert (tmp_path / "file").read_text() == "mine"

@@ -157,7 +157,8 @@ def test_an_unknown_condition_is_refused_with_the_nearest(tmp_path):
 @pytest.mark.torch
 @pytest.mark.mujoco
 @pytest.mark.slow
-def test_the_command_writes_a_page_and_the_same_numbers_as_the_function(tmp_path):
+def test_the_command_writes_a_page_and_the_same_numbers_as_the_function(tmp_path, monkeypatch):
+    monkeypatch.setattr("experiments.robustness.robustness._PRESSES", 24)
     Robustness("coarse", conditions=("noise × 2",), searches=1, seed=3, out=tmp_path, jobs=1).run()
     numbers = json.loads((tmp_path / "robustness.json").read_text())
     again = robustness(
@@ -170,7 +171,7 @@ def test_the_command_writes_a_page_and_the_same_numbers_as_the_function(tmp_path
         assert found["number"] == 4
         assert row[1] == found["changed"] / found["presses"]
         assert row[4:] == [found[name] for name in ("touches", "stated", "achieved")]
-    assert [row["changed"] for row in numbers["conditions"].values()] == [0, 160]
+    assert [row["changed"] for row in numbers["conditions"].values()] == [0, 24]
     assert "hardly anything" not in table.note
     assert "Largest gap: " in table.note
     assert (tmp_path / "robustness.md").read_text().count("\n| noise × 2 |") == 1

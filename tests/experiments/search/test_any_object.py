@@ -7,8 +7,6 @@ import pytest
 import tyro
 
 from activetouch.errors import MeshWarning
-from activetouch.perception import preparation
-from activetouch.perception.contacts import hypotheses
 from belief.errors import ActiveTouchError, InvalidArgument
 from experiments.cli import commands
 from experiments.command_line.arguments import BadArgument
@@ -25,12 +23,9 @@ pytestmark = pytest.mark.filterwarnings("ignore::activetouch.errors.AlikeShapes"
 
 
 @pytest.fixture
-def meshes(tmp_path, monkeypatch):
-    """Two meshes as arguments of a command, an empty cache, few hypotheses and few touches."""
+def meshes(few_hypotheses, tmp_path, monkeypatch):
+    """Two meshes as arguments of a command, and an empty cache."""
     monkeypatch.setenv("ACTIVETOUCH_CACHE", str(tmp_path / "cache"))
-    for name in ("FEWEST", "MOST"):
-        monkeypatch.setattr(hypotheses, name, 32)
-    monkeypatch.setattr(preparation, "_TOUCHES", 10)
     (tmp_path / "brick.obj").write_text(CUBE)
     (tmp_path / "plate.obj").write_text(PLATE)
     return [f"{tmp_path / name}.obj@0.011" for name in ("brick", "plate")]

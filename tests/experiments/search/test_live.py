@@ -24,7 +24,7 @@ from belief.seeding import arrangement_rng, touch_rng
 from belief.synthetic import sample_arrangement
 from experiments.search.live import MOST_BYTES, Conversation, Live, converse, requests
 
-pytestmark = [pytest.mark.mujoco, pytest.mark.usefixtures("sensors_loaded_once")]
+pytestmark = pytest.mark.mujoco
 KEY = (7, 3, 0)  # of sensor.search("cone", seed=7)
 
 

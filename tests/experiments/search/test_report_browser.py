@@ -134,15 +134,11 @@ def test_the_report_steps_fits_and_logs_no_error(report, tmp_path, width):
     assert seen["linked"] == ["step 2", "step 2"]
 
 
-@pytest.mark.parametrize(
-    ("harm", "sign"),
-    [
-        ('<div style="width: 1500px">too wide</div>', "wide"),
-        ('<img src="data:image/png;base64,AAAA">', "broken"),
-        ("<script>missing();</script>", "wrong"),
-        ('<img src="https://example.org/a.png">', "wrong"),
-    ],
-)
-def test_the_probe_notices_what_it_is_there_for(report, tmp_path, harm, sign):
+def test_the_probe_notices_what_it_is_there_for(report, tmp_path):
+    harm = '<div style="width: 1500px">too wide</div><img src="data:image/png;base64,AAAA">'
+    harm += '<script>missing();</script><img src="https://example.org/a.png">'
     seen, _ = look(report.replace("</body>", f"{harm}</body>"), tmp_path, 1280)
-    assert seen[sign]
+    assert seen["wide"]
+    assert seen["broken"]
+    for word in ("missing", "example.org"):
+        assert any(word in wrong for wrong in seen["wrong"]), word

@@ -194,6 +194,16 @@ def test_a_comparison_that_is_killed_keeps_the_one_before_readable(finished):
     assert (folder / "run.json").read_text() == text
 
 
+@pytest.mark.mujoco
+def test_a_run_of_other_versions_is_not_continued(tmp_path):
+    played(tmp_path)
+    fields = json.loads((tmp_path / "run.json").read_text())
+    fields["identity"]["versions"]["onnxruntime"] = "1.0"
+    (tmp_path / "run.json").write_text(sealed_json({key: fields[key] for key in fields if key != "sha256"}))
+    with pytest.raises(RunMismatch, match="other versions"):
+        played(tmp_path)
+
+
 def test_only_the_episodes_of_a_run_stand_for_it(tmp_path):
     (tmp_path / "copy.jsonl").write_text("{}\n")
     with pytest.raises(BadArgument, match="has no column"):

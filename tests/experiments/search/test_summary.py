@@ -15,7 +15,7 @@ from belief.table import Table
 from experiments.meshes.find import Found
 from experiments.meshes.identify import Identified
 from experiments.search.play import Seconds
-from experiments.search.summary import Summary, calibration_of_confirmations, prob_best, summarise
+from experiments.search.summary import ALL, Summary, calibration_of_confirmations, prob_best, summarise
 from experiments.search.verdict import comparison_tables, terminal_table, verdict_sentences
 from planners import Decision, Episode, Outcome, Step
 
@@ -242,6 +242,27 @@ def test_the_interval_of_a_thousand_successes_is_no_point_in_table_and_verdict(r
     assert terminal_table(replace(comparison, cells=cells)).text(100).count("0.996–1.000") == 2
     cells = {key: replace(cell, success_interval=(0.999617, 1.0)) for key, cell in comparison.cells.items()}
     assert "succeeds in 1.000 [0.9996, 1.0000] of" in " ".join(verdict_sentences(replace(comparison, cells=cells)))
+
+
+def test_unsure_searches_are_counted_priced_and_shown(rng):
+    right, wrong = search("tc"), search("tc", arrangement=(1, 0))
+    mixed = [*[right] * 6, wrong, *[search("tu", outcome=Outcome.UNSURE)] * 2, search("t", outcome=Outcome.TRUNCATED)]
+    comparison = Summary.from_episodes(
+        replace(PROBLEM, unsure_reward=-0.25),
+        {("x", "a"): mixed, ("bare", "a"): [right] * 10},
+        {(name, "a"): Seconds(0.1, 0.2, 0.3, 10) for name in ("x", "bare")},
+        "x",
+        rng,
+    )
+    cell = comparison.cells["x", ALL]
+    assert (cell.successes, cell.wrong, cell.none, cell.truncated, cell.unsure) == (6, 1, 0, 1, 2)
+    assert cell.reward == pytest.approx((6 - 1 - 1 - 2 * 0.25) / 10 - 0.1)
+    assert comparison.differences["bare"].mcnemar.first_only == 4  # one that is unsure does not succeed
+    results = {table.name: table for table in comparison_tables(comparison)}["results"]
+    assert results.rows[0][results.headings.index("unsure")] == 2
+    assert "-0.25 for “I do not know”" in results.note
+    assert "unsure" in terminal_table(comparison).headings
+    assert any("in 0.200 of the searches; it is right in 6 of its 7" in said for said in verdict_sentences(comparison))
 
 
 @pytest.mark.parametrize("kind", [Found, Identified])
