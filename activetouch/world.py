@@ -76,10 +76,12 @@ class TouchWorld:
         return cls(sensor, [sensor.scene.sample_object(shape, rng) for shape in arrangement])
 
     @classmethod
-    def of_search(cls, sensor: Presses, problem: SearchProblem, seed: int | Sequence[int]) -> TouchWorld:
-        """The world of a search, which the seed alone determines."""
+    def of_search(
+        cls, sensor: Presses, problem: SearchProblem, seed: int | Sequence[int], target: Name | None = None
+    ) -> TouchWorld:
+        """The world of a search, which the seed determines; with at most one target, also that target."""
         rng = arrangement_rng(seed)
-        return cls.sample(sensor, sample_arrangement(problem, rng), rng)
+        return cls.sample(sensor, sample_arrangement(problem, rng, target), rng)
 
     def __repr__(self) -> str:
         labels = self._sensor.scene.shape_labels

@@ -31,13 +31,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.errors import ImpossibleObservation
+from belief.frozen import FrozenArrays
 from belief.validation import Floats, require_count, require_number
 
 Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
-class NestedCells:
+class NestedCells(FrozenArrays):
     """Prior probabilities ``(N_l,)`` of nested cells by level, coarse to fine; parts share that of their cell."""
 
     shares: tuple[Floats, ...]
@@ -50,6 +51,7 @@ class NestedCells:
                 raise ValueError("the parts of a cell must share its probability")
         if not self.shares or not np.isclose(self.shares[0].sum(), 1.0) or min(map(np.min, self.shares)) <= 0.0:
             raise ValueError("the cells of a level must have positive probabilities that sum to 1")
+        self.freeze()
 
     @cached_property
     def log_shares(self) -> tuple[Floats, ...]:

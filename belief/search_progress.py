@@ -134,7 +134,7 @@ class SearchProgress:
         target: Name | None = None,
         log_bets: ArrayLike = 0.0,
     ) -> None:
-        self.problem = problem
+        self.problem = problem = problem if target is None else problem.seeking(target)
         self.scene = SceneBelief(problem, model, prior, target=target, log_bets=log_bets)
         self._one = BatchedProgress(problem, 1)
         self._see()

@@ -16,6 +16,7 @@ import numpy as np
 
 from belief.composition import AtMostOne, Composition
 from belief.errors import InvalidArgument
+from belief.naming import Name
 from belief.problem import SearchProblem
 
 _MARK = 2**32 - 1  # the largest word: before a number that does not fit below it, or at the end of a short key
@@ -69,8 +70,8 @@ def arrangement_rng(seed: int | Sequence[int]) -> np.random.Generator:
     return _of_episode(seed, _ARRANGING)
 
 
-def sample_arrangement(problem: SearchProblem, rng: np.random.Generator) -> tuple[int, ...]:
-    """True shapes of all objects, drawn from the problem's composition.
+def sample_arrangement(problem: SearchProblem, rng: np.random.Generator, target: Name | None = None) -> tuple[int, ...]:
+    """True shapes of all objects, drawn from the problem's composition; with at most one target, of that target.
 
     >>> from belief import Counts
     >>> bag = Counts({"cube": 2, "cone": 1})
@@ -78,6 +79,7 @@ def sample_arrangement(problem: SearchProblem, rng: np.random.Generator) -> tupl
     >>> sample_arrangement(problem, np.random.default_rng(0))
     (1, 0, 0)
     """
+    problem = problem if target is None else problem.seeking(target)
     if isinstance(problem.composition, AtMostOne):
         target = problem.shape_labels.index(problem.composition.label)
         others = rng.permutation(np.delete(np.arange(problem.num_shapes), target))

@@ -187,10 +187,11 @@ class SceneChoice:
     @property
     def left_out(self) -> list[str]:
         """Lines on the files in folders of meshes that are left out, which say why."""
-        return self._read[1]
+        return self.meshes_read[1]
 
     @cached_property
-    def _read(self) -> tuple[dict[str, Mesh], list[str]]:
+    def meshes_read(self) -> tuple[dict[str, Mesh], list[str]]:
+        """The meshes by label, and a line on each file that is left out."""
         if not self.meshes:
             return {}, []
         from activetouch.mesh_source import read_files
@@ -216,7 +217,7 @@ class SceneChoice:
         if self.meshes:
             from activetouch.mesh_source import warn_of
 
-            added = self._read[0]
+            added = self.meshes_read[0]
             warn_of(self.left_out)
             if taken := [label for label in added if label in own]:
                 raise DuplicateShape(
@@ -244,7 +245,7 @@ class SceneChoice:
 
     def __getstate__(self) -> dict[str, Any]:
         """State for pickling: the names only; the receiving process resolves them."""
-        return {name: value for name, value in vars(self).items() if name not in ("named", "_read")}
+        return {name: value for name, value in vars(self).items() if name not in ("named", "meshes_read")}
 
     def to_dict(self) -> dict[str, Any]:
         """The choice as plain values."""

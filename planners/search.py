@@ -184,8 +184,8 @@ class Identification:
     stated: float
     poses: tuple[int, ...]
     is_certain: bool
-    touches: tuple[Touch, ...] = field(compare=False, repr=False)
-    log_probs: NDArray[np.float32] = field(compare=False, repr=False)
+    touches: tuple[Touch, ...] = field(default=(), compare=False, repr=False)
+    log_probs: NDArray[np.float32] | None = field(default=None, compare=False, repr=False)
 
     @property
     def is_right(self) -> bool:

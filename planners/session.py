@@ -131,13 +131,13 @@ class Session:
             decider = decider if isinstance(decider, Abstaining) else Abstaining(decider)
             problem = problem.with_unsure()
         self.seed, self.target = checked_key(seed), index_of("target", problem.shape_labels, target)
-        self.problem, self.model = problem.seeking(self.target), model
+        self._progress = SearchProgress(problem, model, target=self.target, log_bets=log_bets)
+        self.problem, self.model = self._progress.problem, model
         self.decider, self._log_bets = decider, log_bets
         self._listener = Listener(self.problem, model, reader, least_force, least_area)
         self._journal: Journal | None = None
         self.arrangement = self._shapes([None] * self.problem.num_objects if arrangement is None else arrangement)
         self._rng = deciding_rng(self.seed)
-        self._progress = SearchProgress(self.problem, model, target=self.target, log_bets=log_bets)
         self._events: list[Told | None] = []  # None: the last one that stands is taken back
         self._steps: list[Step] = []
         self._asked: Decision | None = None

@@ -170,7 +170,7 @@ class RecordedSensor:
         """
         problem = self.problem(num_objects, composition, touch_cost)
         shape, key, player = player_of(problem, self.model, target, decider, seed)
-        world = SyntheticWorld(self.model, sample_arrangement(problem.seeking(shape), arrangement_rng(key)))
+        world = SyntheticWorld(self.model, sample_arrangement(problem, arrangement_rng(key), shape))
         return search(world, player, problem, shape, self.model, key)
 
     def session(

@@ -273,7 +273,9 @@ class TactileSensor:
     @property
     def digest(self) -> str:
         """SHA-256 of all that it reads with."""
-        return digest_of([self.reader.digest, self.reader.card.fields(), self.model.to_json({})])
+        written = getattr(self.model, "to_json", None)
+        model = fingerprint(self.model) if written is None else written({})
+        return digest_of([self.reader.digest, self.reader.card.fields(), model])
 
     def problem(
         self,
@@ -309,7 +311,7 @@ class TactileSensor:
 
         problem = self.problem(num_objects, composition, touch_cost)
         shape, key, player = player_of(problem, self.model, target, decider, seed)
-        return search(TouchWorld.of_search(self, problem.seeking(shape), key), player, problem, shape, self.model, key)
+        return search(TouchWorld.of_search(self, problem, key, shape), player, problem, shape, self.model, key)
 
     def session(
         self,

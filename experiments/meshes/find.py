@@ -6,6 +6,7 @@ target's.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from activetouch.errors import MeshWarning
 from activetouch.named_scenes import SCENES, NamedScene
 from belief.claims import ends_claims
 from belief.errors import InvalidArgument
@@ -68,7 +70,8 @@ class Found(MeshResult):
 
     def table(self) -> Table:
         """The rows, and how many are right; with the deciders, if there are several."""
-        return super().table() if len(self.comparison.deciders) > 1 else super().table().without(["decider"])
+        is_one = len({row["decider"] for row in self.rows()}) == 1
+        return super().table().without(["decider"] * is_one)
 
     @staticmethod
     def _place(place: int | None) -> str:
@@ -252,10 +255,14 @@ class Find(MeshOptions):
     @ends_claims
     def run(self) -> None:
         """Read, make views, search, report."""
-        solids, left_out = self.read(self.target)
-        label, number = list(solids)[body_index(solids, self.target)], _num_objects(len(solids), self.objects)
+        setting = self.setting
+        solids, left_out = self.read(self.target, setting.choice)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", MeshWarning)  # what is left out has been said
+            label, labels = list(solids)[body_index(solids, self.target)], setting.choice.named.scene.shape_labels
+        number = _num_objects(len(labels), self.objects)
         run = prepared(
-            replace(self.setting, num_objects=number),
+            replace(setting, num_objects=number),
             self.deciders or _usual_decider(self.threshold, number, self.certificate),
             targets=[label],
             episodes=self.searches,

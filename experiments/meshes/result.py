@@ -38,6 +38,7 @@ from experiments.meshes.setting import (
 )
 from experiments.parallel import default_jobs
 from experiments.report import Report, Reported, Section
+from experiments.scene_choice import SceneChoice
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -147,8 +148,11 @@ class MeshOptions(ABC):
     out: Path
     """Folder for the report."""
 
-    def read(self, body: str | None) -> tuple[dict[str, Mesh], list[str]]:
-        """Check the options and the name of a body, read the meshes, and say what they cost and what is left out."""
+    def read(self, body: str | None, choice: SceneChoice | None = None) -> tuple[dict[str, Mesh], list[str]]:
+        """Check the options and the name of a body, read the meshes, and say what they cost and what is left out.
+
+        With a choice of a scene, the meshes are read there, once.
+        """
         check_arguments(self)
         claim_folder(self.out)
         sources, _ = labelled_sources(*sources_of(self.folder))
@@ -156,7 +160,7 @@ class MeshOptions(ABC):
             body_index(sources, body)
         reader_of(self.sensor)  # which is refused before files are read
         plain_console().print(reading_words(sources))
-        solids, left_out = read_folder(self.folder, self.scale)
+        solids, left_out = read_folder(self.folder, self.scale) if choice is None else choice.meshes_read
         plain_console().print(cost_words(solids, self.sensor, *self._expected(len(solids)), jobs=self.jobs))
         for line in left_out:
             print(line)

@@ -131,7 +131,7 @@ class _WithoutHash:
     [
         (lambda: Family(ROD, half_length=0.02), r"half_length must be a distribution such as .* got 0\.02"),
         (lambda: Family(ROD), r"needs a parameter, such as radius=Uniform"),
-        (lambda: Family(Cone(0.018, 0.036), height=Uniform(0.01, 1e400)), "must be finite"),
+        (lambda: Family(Cone(0.018, 0.036), height=Uniform(0.01, 1e400)), "must be a finite number"),
         (lambda: Family(Torus(0.016, 0.007), tube_radius=Uniform(0.005, 0.02)), r"no solids, at tube_radius=0\.02:"),
         (lambda: Family(_Own(0.02), width=Uniform(-0.01, 0.02)), r"its bounding radius is -0\.01 m"),
         (lambda: Family(_WithoutHash(0.02), width=Uniform(0.01, 0.02)), "unhashable type"),

@@ -78,6 +78,7 @@ HOLDERS = {
         lambda a, b: RatioModel(LABELS, TemperatureScaling(), a, 0.5, b),
         [np.array([0.5, 0.5]), ROWS[None]],
     ),
+    "NestedCells": (lambda a, b: NestedCells((a, b)), [np.full(2, 0.5), np.full(4, 0.25)]),
     "NestedBodyModel": (
         lambda a, b: NestedBodyModel(LABELS, NestedCells((np.ones(1),)), None, 1.0, 0.0, a, b),
         [np.ones((3, 4), np.float32), np.zeros(3, np.float32)],

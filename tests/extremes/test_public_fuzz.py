@@ -157,6 +157,10 @@ CALLS = {
     # arrangement
     "arrangement_marginals": lambda a: at_most(1.0 + 1e-9, arrangement.arrangement_marginals(a[:3]).sum(axis=0)),
     "log_arrangement_marginals": lambda a: normalised(arrangement.log_arrangement_marginals(a[:3])),
+    "log_at_most_one_marginals": lambda a: normalised(arrangement.log_at_most_one_marginals(a[:3], 1)),
+    "prob_at_most_one_present": lambda a: arrangement.prob_at_most_one_present(
+        np.exp(arrangement.log_at_most_one_marginals(a[:3], 1)), 1, 0
+    ),
     "prob_shape_absent": lambda a: arrangement.prob_shape_absent(a[:3], None, 0),
     "blank_objects": lambda a: arrangement.blank_objects(a, (2, 1, 1)),
     "num_states": lambda a: arrangement.num_states(as_labels(a[0]).tolist(), 2),
@@ -252,6 +256,7 @@ CALLS = {
     "checked_pair": lambda a: validation.checked_pair(a, SHAPES)[0],
     "checked_probs": validation.checked_probs,
     "checked_values": lambda a: validation.checked_values("a", a),
+    "log_softmax": lambda a: validation.log_softmax(validation.finite_logits(a)),
     "finite_logits": validation.finite_logits,
     "labelled_logits": lambda a: validation.labelled_logits(a, SHAPES)[0],
     "require_fraction": lambda a: validation.require_fraction("a", float(a[0, 0])),

@@ -105,7 +105,7 @@ def test_what_are_no_faults_is_refused_when_the_scene_is_made(faults):
 
 @pytest.mark.parametrize("wrong", [{"half_width": np.nan}, {"stiffness": 0.0}, {"max_depth": np.inf}])
 def test_lengths_and_stiffness_of_a_pad_are_positive(wrong):
-    with pytest.raises(ValueError, match="positive"):
+    with pytest.raises(ValueError, match="must be a finite number > 0"):
         Pad(**wrong)
 
 

@@ -12,7 +12,7 @@ from belief.observation_model.rigid_body_evidence import RigidBodyEvidence
 from experiments.search.replay_figures import Bodies
 
 N = 512
-BODIES = Bodies(SHAPES, quaternions(N), np.ones(N))
+BODIES = Bodies(SHAPES, [quaternions(N)], np.ones(N))
 
 
 def evidence(log_weights):
@@ -49,7 +49,7 @@ def test_the_outline_of_a_known_body_covers_its_picture(label):
     weights = np.zeros((4, N))
     weights[:, 11] = 50.0
     [(_, _, picture)] = BODIES.likeliest(evidence(weights), np.eye(4)[index], 1)
-    np.testing.assert_array_equal(picture[..., 1], BODIES.outline(label, WorldObject(index, 1.0, BODIES.rests[11])))
+    np.testing.assert_array_equal(picture[..., 1], BODIES.outline(label, WorldObject(index, 1.0, BODIES.rests[0][11])))
     turned = (WorldObject(index, size, turn("x", 0.3)) for size in (0.9, 0.7))
     larger, smaller = (BODIES.outline(label, body).sum() for body in turned)
     assert larger / smaller == pytest.approx((0.9 / 0.7) ** 2, rel=0.05)

@@ -180,7 +180,7 @@ def test_names_of_deciders_are_never_cut(finished, width):
         ({"jobs": 0}, r"--jobs must be an integer, at least 1, got 0"),
         ({"seed": -1}, r"--seed must be an integer, at least 0, got -1"),
         ({"reference": "threshhold"}, "Did you mean 'threshold'"),
-        ({"setting": Setting(num_objects=5)}, "--num-objects 5: .*with the composition independent"),
+        ({"setting": Setting(num_objects=5)}, "--num-objects 5: .*--composition independent"),
         ({"setting": Setting(SceneChoice(scene="course"))}, "Did you mean 'coarse'"),
         ({"setting": Setting(sensor=Path("no/such/folder"))}, "holds no sensor"),
     ],
