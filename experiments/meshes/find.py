@@ -18,12 +18,13 @@ from activetouch.errors import MeshWarning
 from activetouch.named_scenes import SCENES, NamedScene
 from belief.claims import ends_claims
 from belief.errors import InvalidArgument
+from belief.observation_model.nested_bodies import NestedEvidence
 from belief.table import Table
 from belief.validation import require_count
 from experiments.command_line.arguments import Count
 from experiments.meshes.near_twins import near_twins
 from experiments.meshes.result import Bodies, MeshOptions, MeshResult, body_index, solids_of
-from experiments.meshes.setting import SIZES, Possible, model_of, plan_of, possible_after, sensor_of
+from experiments.meshes.setting import SIZES, model_of, plan_of, sensor_of
 from experiments.scene_choice import SceneChoice
 from experiments.search.comparison import Comparison, played, prepared
 from experiments.search.play import Setting
@@ -90,7 +91,7 @@ class Found(MeshResult):
     def _question(self) -> str:
         return f"Where is {self.target}?"
 
-    def _shown(self) -> Iterator[tuple[str, str, Sequence[str], Sequence[Possible]]]:
+    def _shown(self) -> Iterator[tuple[str, str, Sequence[str], Sequence[NestedEvidence]]]:
         from experiments.search.play import replay  # loads matplotlib
 
         for number, one in enumerate(self.comparison.of(self.comparison.reference)[:_PICTURED], 1):
@@ -102,7 +103,7 @@ class Found(MeshResult):
                 if frame.step.touch is not None
             ]
             truth = self._place(one.arrangement.index(one.target) if one.target in one.arrangement else None)
-            after = [possible_after(self.sensor, frame.evidence) for frame in frames]
+            after = [frame.evidence for frame in frames]
             yield f"Search {number}", f"The answer is {self._answer(one)}; the truth is {truth}.", words, after
 
     def save(self, folder: Path | str) -> Path:

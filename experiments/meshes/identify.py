@@ -12,10 +12,11 @@ import numpy as np
 
 from activetouch import TactileSensor, TouchWorld
 from belief.claims import ends_claims
+from belief.observation_model.nested_bodies import NestedEvidence
 from experiments.command_line.arguments import Count
 from experiments.meshes.near_twins import near_twins
 from experiments.meshes.result import Bodies, MeshOptions, MeshResult, body_index, solids_of
-from experiments.meshes.setting import Possible, model_of, plan_of, possible_after, sensor_of
+from experiments.meshes.setting import model_of, plan_of, sensor_of
 from experiments.parallel import Shared, run_tasks
 from planners import Decider
 from planners.decider import ProbeSelector, SequentialDecider
@@ -60,16 +61,16 @@ class Identified(MeshResult):
     def _question(self) -> str:
         return "Which body is it?"
 
-    def _shown(self) -> Iterator[tuple[str, str, Sequence[str], Sequence[Possible]]]:
+    def _shown(self) -> Iterator[tuple[str, str, Sequence[str], Sequence[NestedEvidence]]]:
         labels = self.sensor.shape_labels
         for number, one in enumerate(self.namings[:_PICTURED], 1):
             right = "rightly" if one.is_right else f"wrongly: it is {labels[one.truth]}"
             end = f"named {labels[one.named]} with probability {one.stated:.3f}, {right}"
             sides = [f"side {self.sensor.pose_labels[pose]}" for pose in one.poses]
-            evidence, after = self.sensor.model.start(), []
+            evidence, after = model_of(self.sensor).start(), list[NestedEvidence]()
             for touch in one.touches:
                 evidence = evidence.update(touch)
-                after.append(possible_after(self.sensor, evidence))
+                after.append(evidence)
             yield f"Object {number}", f"After {len(one.poses)} touches {end}.", sides, after
 
 

@@ -22,6 +22,7 @@ from belief.claims import claim_folder
 from belief.constraints import Positive, Share
 from belief.errors import InvalidArgument
 from belief.naming import index_of
+from belief.observation_model.nested_bodies import NestedEvidence
 from belief.statistics import wilson_interval
 from belief.table import Table, Tabular, ends
 from belief.validation import Floats
@@ -29,7 +30,6 @@ from experiments.command_line.arguments import Jobs, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.meshes.near_twins import NearTwins
 from experiments.meshes.setting import (
-    Possible,
     cost_words,
     read_folder,
     reader_of,
@@ -46,6 +46,7 @@ if TYPE_CHECKING:
 Bodies: TypeAlias = Path | str | Sequence[Path | str] | Mapping[str, Shape]
 """A folder of mesh files, mesh files, or solids by label."""
 _MOST_TWINS = 20  # that are printed
+_SHOWN, _PROBABLE = 5, 0.01  # bodies in a picture: at most, and their least probability
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +85,8 @@ class MeshResult(Tabular, Reported):
         """Title of the report."""
 
     @abstractmethod
-    def _shown(self) -> Iterator[tuple[str, str, Sequence[str], Sequence[Possible]]]:
-        """Title, end, touches in words and bodies possible after each, for every object or search with pictures."""
+    def _shown(self) -> Iterator[tuple[str, str, Sequence[str], Sequence[NestedEvidence]]]:
+        """Title, end, touches in words and evidence after each, for every object or search with pictures."""
 
     def __str__(self) -> str:
         return "\n\n".join([*self.left_out, *map(str, self.twins), super().__str__()])
@@ -96,37 +97,36 @@ class MeshResult(Tabular, Reported):
         sections = [Section(self._kind.capitalize(), [], [self.table()]), Section("Bodies that feel alike", alike)]
         sections += [Section("Files that were left out", self.left_out)] if self.left_out else []
         sections += [
-            Section(title, [end], [], _pictures(self.sensor, title, touches, possible))
-            for title, end, touches, possible in self._shown()
+            Section(title, [end], [], _pictures(self.sensor, title, touches, evidence))
+            for title, end, touches, evidence in self._shown()
         ]
         return Report(self._question, sections)
 
 
-def _pictures(sensor: TactileSensor, title: str, touches: Sequence[str], possible: Sequence[Possible]) -> list[Any]:
-    """The bodies that are possible after each touch, as they lie most probably; none where no body stands out."""
-    from activetouch.view.portrait import portraits
+def _pictures(
+    sensor: TactileSensor, title: str, touches: Sequence[str], evidence: Sequence[NestedEvidence]
+) -> list[Any]:
+    """The bodies that are possible after each touch, as they lie in the mean; none where no body stands out."""
     from experiments.report import Picture
+    from experiments.search.replay_figures import Bodies, coloured
 
-    labels, solids = sensor.shape_labels, list(sensor.scene.solids.values())
-    reach = max((solids[body].bounding_radius for each in possible for body, *_ in each), default=0.0)
+    bodies = Bodies.of(sensor)
+    assert bodies is not None, "the belief is about one body"
 
-    def draw(axes: Axes, body: int, prob: float, rest: Floats) -> None:
-        axes.imshow(portraits(solids[body], rest[None], reach)[0], cmap="bone", origin="lower", vmin=0.0, vmax=1.1)
-        axes.set_title(f"{textwrap.fill(labels[body], 18)}\n{prob:.2f}", fontsize=7)
+    def draw(axes: Axes, label: str, prob: float, picture: Floats) -> None:
+        axes.imshow(coloured(picture, prob), origin="lower")
+        axes.set_title(f"{textwrap.fill(label, 18)}\n{prob:.2f}", fontsize=7)
         axes.set_axis_off()
 
     name = title.lower().replace(" ", "")
-    return [
-        Picture(
-            f"{name}-touch{number}",
-            f"After touch {number}: {said}.",
-            [partial(draw, body=body, prob=prob, rest=rest) for body, prob, rest in bodies],
-            size=(1.3, 1.5),
-            is_file=False,
-        )
-        for number, (said, bodies) in enumerate(zip(touches, possible, strict=True), 1)
-        if bodies
-    ]
+    found = []
+    for number, (said, after) in enumerate(zip(touches, evidence, strict=True), 1):
+        probs = after.belief.probs
+        shown = bodies.likeliest(after, probs, min(_SHOWN, int((probs >= _PROBABLE).sum())))
+        parts = [partial(draw, label=label, prob=prob, picture=picture) for label, prob, picture in shown]
+        words = f"After touch {number}: {said}."
+        found += [Picture(f"{name}-touch{number}", words, parts, size=(1.3, 1.5), is_file=False)] if parts else []
+    return found
 
 
 @dataclass(frozen=True, kw_only=True)

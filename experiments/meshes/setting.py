@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -16,17 +16,15 @@ from activetouch.errors import MeshWarning
 from activetouch.mesh_source import MeshSource, read_files
 from activetouch.named_scenes import SCENES
 from activetouch.perception.contacts.hypotheses import ContactHypotheses
-from activetouch.perception.contacts.views import BodySet, ViewPlan
+from activetouch.perception.contacts.views import ViewPlan
 from activetouch.perception.many_bodies import PRESSED, TOUCHES, NestedPlan, is_fitted, to_embed
 from activetouch.perception.reader import TactileReader
-from activetouch.rotation_cells import centres
 from activetouch.scene import Scene
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
 from activetouch.solids.mesh import Mesh
 from activetouch.solids.solid import Shape
 from belief.errors import InvalidArgument
 from belief.observation_model.nested_bodies import NestedBodyModel
-from belief.validation import Floats
 from experiments.sensor_choice import embed_all, num_triangles, view_seconds
 
 SIZES = (0.97, 1.03)
@@ -36,10 +34,6 @@ _MANY = 200  # bodies, above which a touch takes no more time
 _READING = 0.15  # of a megabyte of a file
 _TOUCH, _SEARCHED = 0.0045, 0.04  # of a touch of the fit, and of a search, beside those for each body
 _REPORT = 0.22  # of a touch in the report
-_SHOWN, _PROBABLE = 5, 0.01  # bodies that are still possible: at most, and their least probability
-
-Possible: TypeAlias = tuple[tuple[int, float, Floats], ...]
-"""Probable bodies: index, probability, and how each lies most probably, a unit quaternion ``wxyz``."""
 
 
 def sensor_of(
@@ -75,20 +69,6 @@ def plan_of(plan: ViewPlan | None = None, **others: Any) -> NestedPlan:
     if levels := given.get("levels"):
         given["levels"] = tuple(levels)
     return NestedPlan(**{name: value for name, value in given.items() if value is not None})
-
-
-def possible_after(sensor: TactileSensor, evidence: Any) -> Possible:
-    """The most probable bodies after the touches of one object, at most five."""
-    bodies, belief = model_of(sensor).bodies, evidence.belief
-    assert isinstance(bodies, BodySet), "a sensor gives no others"
-    probs, leaves, found = belief.probs, belief.leaves(_PROBABLE / 100), []
-    for body in np.argsort(-probs)[:_SHOWN].tolist():
-        mine = np.flatnonzero(leaves.body == body)
-        if probs[body] < _PROBABLE or not len(mine):
-            break
-        best = mine[leaves.log_weight[mine].argmax()]
-        found.append((body, float(probs[body]), centres(bodies.levels[leaves.level[best]])[leaves.cell[best]]))
-    return tuple(found)
 
 
 def sources_of(folder: Path | Sequence[Path | str]) -> Sequence[Path | str]:
