@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,17 +11,19 @@ import scipy
 import trimesh
 from scipy.special import logsumexp
 
-from activetouch import TouchWorld
-from activetouch.errors import MeshWarning
+from activetouch import TactileSensor, TouchWorld
+from activetouch.distributions import Uniform
+from activetouch.errors import MeshWarning, WrongScene
 from activetouch.mesh_source import labelled_sources
 from activetouch.named_scenes import SCENES, NamedScene
+from activetouch.orientations import Upright
 from activetouch.perception.contacts.close_look import CloseLook
 from activetouch.perception.contacts.views import BodySet, ViewPlan, are_embedded, embedded_views
-from activetouch.perception.many_bodies import NestedPlan
+from activetouch.perception.many_bodies import NestedPlan, are_many
 from activetouch.poses import POSE_SETS, to_matrices, turned
 from activetouch.pressing.height_maps import predicted_contacts
 from activetouch.rotation_cells import centres, nearest, nested
-from activetouch.shapes import Box, Mesh
+from activetouch.shapes import Box, Cylinder, Family, Mesh
 from belief import Probe, Reject, SceneBelief, SearchProblem
 from belief.coarse_to_fine import CoarseToFine, Effort
 from belief.errors import InvalidArgument, UnknownName
@@ -391,3 +394,22 @@ def test_a_closer_look_finds_how_an_object_lies_and_what_it_is_among_bodies_that
     np.testing.assert_array_equal(never.model.bodies.looked(belief).probs, belief.probs)
     with pytest.raises(InvalidArgument, match="divided"):
         CloseLook(divided=0)
+
+
+def test_a_belief_about_nested_cells_is_for_many_bodies_that_lie_anyhow():
+    boxes = {f"{n}": Box((0.01, 0.01, 0.01 + n / 10_000)) for n in range(46)}
+    scene = scene_of(boxes)
+    assert are_many(scene)
+    assert not are_many(scene_of(dict(list(boxes.items())[1:])))
+    wide = replace(scene.variation, size=Uniform(0.8, 1.2))
+    for changes, reason in (
+        ({"presentation": Upright()}, "presented by Upright"),
+        ({"variation": wide}, "sizes of the objects vary by more than 5 %"),
+        ({"shapes": {**boxes, "family": Family(Cylinder(0.01, 0.02), radius=Uniform(0.01, 0.02))}}, "family vary"),
+    ):
+        other = replace(scene, **changes)
+        assert not are_many(other)
+        with pytest.raises(WrongScene, match=reason):
+            TactileSensor.shipped("gel", other, nested=True)
+    with pytest.raises(InvalidArgument, match="not inferred with a belief about nested cells"):
+        TactileSensor.shipped("gel", scene, unknown_state=True, nested=NestedPlan(FEW, pressed=1))
