@@ -14,7 +14,7 @@ import time
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -73,6 +73,14 @@ def time_into(name: str, owner: type, method: str) -> None:
         return found
 
     setattr(owner, method, timed)
+
+
+@cache
+def start_clocks() -> None:
+    """Begin to add up seconds, once in each process."""
+    time_into("decision", ShapeInformationGain, "choose")
+    time_into("update", NestedEvidence, "update")
+    time_into("looks", CloseContacts, "looked")
 
 
 def best_order(sensor: TactileSensor) -> tuple[str, ...]:
@@ -171,6 +179,7 @@ def searched(
     shared: Shared[tuple[TactileSensor, dict[str, ProbeSelector]]], number: int, truth: int, touches: int
 ) -> list[Touched]:
     """One object, touched by every rule."""
+    start_clocks()
     (sensor, rules), made = shared.value, []
     for rule in rules.values():
         world = TouchWorld.sample(sensor, [truth], np.random.default_rng([7, number]))
@@ -254,9 +263,6 @@ def main() -> None:
         f"embedded and fitted in {time.perf_counter() - started:.0f} s: {model.bodies.table.nbytes / 1e6:.0f} MB in "
         f"memory, cells of levels {model.bodies.levels}, temperature {1 / model.scale:.2f}, drift {model.drift:.3f}"
     )
-    time_into("decision", ShapeInformationGain, "choose")
-    time_into("update", NestedEvidence, "update")
-    time_into("looks", CloseContacts, "looked")
     truths = np.random.default_rng(3).permutation(np.arange(args.searches) % len(solids))
     rules: dict[str, ProbeSelector] = {}
     for rule in args.rules:
