@@ -126,11 +126,11 @@ def open_sensor(
 
 
 def embed_all(reader: TactileReader, scene: Scene, plan: NestedPlan, jobs: int | None = None) -> None:
-    """Make the embeddings that a model of many bodies needs and that are not in the cache, with a progress bar."""
-    from activetouch.perception.many_bodies import to_embed  # few scenes need it
+    """Make the embeddings of bodies that are not in the cache, with a progress bar."""
+    from activetouch.perception.contacts.views import to_embed  # few scenes need it
 
     plain = replace(scene, shapes=SCENES["gel"].scene.shapes)  # a task needs the state of the sensor, not all bodies
-    if missing := to_embed(reader, scene, plan):
+    if missing := to_embed(reader.hypotheses, scene, plan.views):
         tasks = [partial(_embed, reader.hypotheses, plain, solid, plan.views) for solid in missing]
         costs = list(map(view_seconds, missing))
         list(run_tasks(tasks, 1 if len(tasks) == 1 else jobs, f"views of {len(tasks)} bodies", costs))

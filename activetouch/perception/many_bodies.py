@@ -1,14 +1,11 @@
 """The observation model of many bodies for a reader of any object: embedded in views, fitted, nothing is trained.
 
-Temperature and drift are fitted to random bodies that no training has seen, as many as there are bodies, up to 200. So
-a fit follows from the sensor and the size of the set, and is kept in the cache for all sets of about this size.
+Temperature and drift are fitted to simulated touches of some of the bodies, which takes seconds, and are kept in the
+cache for the set.
 """
 
 from __future__ import annotations
 
-import math
-import warnings
-from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from importlib.metadata import version
@@ -19,21 +16,18 @@ import numpy as np
 import scipy  # whose parts load at first use
 from scipy.special import logsumexp
 
-from activetouch.errors import BadMesh, MeshWarning, WrongScene
+from activetouch.errors import WrongScene
 from activetouch.orientations import Inexact, Tumbled
 from activetouch.perception.cached_arrays import announced, cached, is_cached, require_name
-from activetouch.perception.contacts.bodies import HELD_OUT, random_body
 from activetouch.perception.contacts.close_look import CloseContacts, CloseLook
 from activetouch.perception.contacts.hypotheses import CONTACTS_IN_ALL, FEWEST, ContactHypotheses
-from activetouch.perception.contacts.views import BodySet, ViewPlan, are_embedded
+from activetouch.perception.contacts.views import BodySet, ViewPlan
 from activetouch.perception.imaging import Floats32
 from activetouch.perception.reader import TactileReader
 from activetouch.rotation_cells import nested
 from activetouch.scene import Scene
-from activetouch.scene_description import OBJECTS, SURROUNDINGS, scene_fields
+from activetouch.scene_description import SURROUNDINGS, scene_fields
 from activetouch.solids.family import Family
-from activetouch.solids.mesh import Mesh
-from activetouch.solids.solid import Shape
 from belief.coarse_to_fine import Effort
 from belief.codec import array_field, array_from
 from belief.errors import InvalidArgument
@@ -109,22 +103,15 @@ def nested_model(reader: TactileReader, scene: Scene, plan: NestedPlan | None = 
     if not isinstance(hypotheses, ContactHypotheses):
         raise InvalidArgument("only a reader of any object examines many bodies in nested cells of orientations")
     levels = plan.levels_of(len(scene.shapes))
-    with announced(f"fitting the sensor to {plan.pressed} random bodies, once for so many bodies, kept in the cache"):
-        make = partial(_fit, reader, hypotheses, scene, plan)
-        scale, drift, references = cached(_key(reader, scene, plan), ".json", make, _read_fit, _write_fit)
     bodies = CloseContacts.of_scene(hypotheses, scene, plan.views, levels, plan.look)
-    fitted = scale, drift, references, np.zeros(len(references), np.float32), plan.effort
-    model = NestedBodyModel(scene.shape_labels, nested(levels), bodies, *fitted)
+    blank = np.zeros((1, bodies.table.shape[2]), np.float32), np.zeros(1, np.float32)
+    model = NestedBodyModel(scene.shape_labels, nested(levels), bodies, 1.0, 0.06, *blank, plan.effort)
+    with announced(f"fitting the bodies to {plan.pressed} simulated objects, which is kept in the cache"):
+        make = partial(_fit, reader, scene, model, plan.pressed)
+        scale, drift, references = cached(_key(reader, scene, plan), ".json", make, _read_fit, _write_fit)
+    no_constants = np.zeros(len(references), np.float32)
+    model = replace(model, scale=scale, drift=drift, references=references, constants=no_constants)
     return replace(model, constants=_constants(model, bodies))
-
-
-def to_embed(reader: TactileReader, scene: Scene, plan: NestedPlan) -> list[Shape]:
-    """The bodies that :func:`nested_model` embeds first, because they are not in the cache."""
-    hypotheses, solids = reader.hypotheses, list(scene.solids.values())
-    assert isinstance(hypotheses, ContactHypotheses), "checked by the caller"
-    if not is_fitted(reader, scene, plan):
-        solids += _random_scene(scene).solids.values()
-    return [solid for solid in solids if not are_embedded(hypotheses, scene, solid, plan.views)]
 
 
 def is_fitted(reader: TactileReader, scene: Scene, plan: NestedPlan) -> bool:
@@ -132,33 +119,14 @@ def is_fitted(reader: TactileReader, scene: Scene, plan: NestedPlan) -> bool:
     return is_cached(_key(reader, scene, plan), ".json")
 
 
-def _size(scene: Scene) -> int:
-    """Number of random bodies for a fit: the next power of two, at most as many as no training has seen."""
-    return min(2 ** math.ceil(math.log2(max(len(scene.shapes), 2))), HELD_OUT)
-
-
-def _random_scene(scene: Scene) -> Scene:
-    """The scene with random bodies instead of its own."""
-    solids = {}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", MeshWarning)  # they may be of several parts
-        for number in range(_size(scene)):
-            with suppress(BadMesh):
-                surface = random_body(number)
-                solids[f"random {number}"] = Mesh(f"random {number}", surface.vertices.T, surface.faces.T)
-        return replace(scene, shapes=solids)
-
-
 def _key(reader: TactileReader, scene: Scene, plan: NestedPlan) -> dict[str, Any]:
-    """What a fit follows from: all but which bodies there are."""
-    others = {*SURROUNDINGS, *OBJECTS} - {"poses", "aims", "presentation"}
-    fields = {name: value for name, value in scene_fields(scene).items() if name not in others}
+    """What a fit follows from."""
+    fields = {name: value for name, value in scene_fields(scene).items() if name not in SURROUNDINGS}
     return {
         "reader": reader.digest,
         "scene": fields,
         "plan": [asdict(plan.views), plan.pressed, *plan.levels_of(len(scene.shapes))],
         "effort": asdict(plan.effort),
-        "bodies": _size(scene),
         "version": version("activetouch"),
     }
 
@@ -190,14 +158,10 @@ def _constants(model: NestedBodyModel, bodies: BodySet) -> Floats32:
     return np.asarray((logsumexp(parts, axis=0) - np.log(number)) / model.scale, np.float32)
 
 
-def _fit(reader: TactileReader, hypotheses: ContactHypotheses, scene: Scene, plan: NestedPlan) -> Fit:
-    """Temperature and drift with the lowest NLL of a random body after 1 to 12 touches in random directions."""
-    levels, scene = plan.levels_of(len(scene.shapes)), _random_scene(scene)
-    bodies = BodySet.of(hypotheses, scene, scene.solids, plan.views, levels=levels)
-    blank = np.zeros((1, bodies.table.shape[2]), np.float32), np.zeros(1, np.float32)
-    model = NestedBodyModel(scene.shape_labels, nested(levels), bodies, 1.0, 0.06, *blank, plan.effort)
-    rng, logs, number = np.random.default_rng(0xF17), model.cells.log_shares, len(bodies.labels)
-    truths = rng.permutation(np.arange(max(number, plan.pressed)) % number)[: plan.pressed]
+def _fit(reader: TactileReader, scene: Scene, model: NestedBodyModel, pressed: int) -> Fit:
+    """Temperature and drift with the lowest NLL of the body after 1 to 12 touches in random directions."""
+    rng, logs, number = np.random.default_rng(0xF17), model.cells.log_shares, len(model.shape_labels)
+    truths = rng.permutation(np.arange(max(number, pressed)) % number)[:pressed]
     felt, cases = [], []
     for truth in truths.tolist():
         obj, belief = scene.sample_object(truth, rng), model.start().belief

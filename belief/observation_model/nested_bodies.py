@@ -312,8 +312,9 @@ class NestedMixture:
         return {}
 
     def _draw(self, factors: Floats) -> tuple[Floats32, Floats32]:
-        belief, sizes = self.evidence.belief, np.abs(factors)
-        wanted = (sizes / np.sqrt(np.maximum(sizes.sum(axis=1, keepdims=True), _TINY))).sum(axis=0)
+        belief, sizes = self.evidence.belief, np.maximum(np.abs(factors), _TINY)
+        parts = sizes.sum(axis=1, keepdims=True) / sizes.sum()
+        wanted = (sizes * -np.log(parts * (1.0 - 1e-9))).sum(axis=0)  # answers count by what they add to an entropy
         order = np.argsort(-wanted)
         most = np.searchsorted(np.cumsum(wanted[order]), (1.0 - 0.5 / self.number) * wanted.sum())
         leaves = belief.leaves_of(np.sort(order[: most + 1]))

@@ -16,8 +16,8 @@ from activetouch.errors import MeshWarning
 from activetouch.mesh_source import MeshSource, read_files
 from activetouch.named_scenes import SCENES
 from activetouch.perception.contacts.hypotheses import ContactHypotheses
-from activetouch.perception.contacts.views import ViewPlan
-from activetouch.perception.many_bodies import PRESSED, TOUCHES, NestedPlan, is_fitted, to_embed
+from activetouch.perception.contacts.views import ViewPlan, to_embed
+from activetouch.perception.many_bodies import PRESSED, TOUCHES, NestedPlan, is_fitted
 from activetouch.perception.reader import TactileReader
 from activetouch.scene import Scene
 from activetouch.sensor_files import ANY_OBJECT_FILE, MODELS
@@ -123,7 +123,7 @@ def cost_words(solids: Mapping[str, Shape], sensor: str | Path, touches: float, 
     """Words on the cost of bodies that are not in the cache, and of the touches, of which the report shows some."""
     reader, plan, number = reader_of(sensor), NestedPlan(), len(solids)
     scene = scene_of(solids, sensor)
-    missing = to_embed(reader, scene, plan)
+    missing = to_embed(reader.hypotheses, scene, plan.views)
     triangles = float(np.mean([num_triangles(one) for one in solids.values()]))
     views = sum(map(view_seconds, missing)) / jobs
     is_new = not is_fitted(reader, scene, plan)
@@ -133,7 +133,7 @@ def cost_words(solids: Mapping[str, Shape], sensor: str | Path, touches: float, 
     return (
         f"{number} bodies: about {_in_words(views + fit + play + report)}, of which {_in_words(views)} for "
         f"{len(plan.views.orientations)} views of each of {len(missing)} new bodies and {_in_words(fit)} for the "
-        f"fit of so many bodies, once, {_in_words(play)} for about {touches:.0f} touches and {_in_words(report)} for "
+        f"fit of the set, once, {_in_words(play)} for about {touches:.0f} touches and {_in_words(report)} for "
         f"the report; {2 * size:.0f} MB on disk, {4 * size:.0f} MB in memory"
     )
 

@@ -78,6 +78,11 @@ def are_embedded(reader: ContactHypotheses, scene: Scene, solid: Shape, plan: Vi
     return is_cached(_key(reader, scene, solid, plan))
 
 
+def to_embed(reader: Any, scene: Scene, plan: ViewPlan) -> list[Shape]:
+    """The solids of a scene that are not in the cache."""
+    return [solid for solid in scene.solids.values() if not are_embedded(reader, scene, solid, plan)]
+
+
 def _key(reader: ContactHypotheses, scene: Scene, solid: Shape, plan: ViewPlan) -> dict[str, Any]:
     return {
         "reader": reader.digest,
