@@ -254,10 +254,8 @@ def main() -> None:
     solids = bodies(args.folder, args.meshes, args.jobs)
     print(f"{len(solids)} bodies read in {time.perf_counter() - started:.0f} s")
     started, plan = time.perf_counter(), ViewPlan(args.directions, args.rolls, args.width)
-    effort = Effort(splits=args.splits, kept=4 * args.splits)
-    look = CloseLook(args.looked)
-    levels = None if args.levels is None else tuple(args.levels)
-    sensor = sensor_of(solids, plan=NestedPlan(plan, levels, effort, look), jobs=args.jobs)
+    effort, look = Effort(splits=args.splits, kept=4 * args.splits), CloseLook(args.looked)
+    sensor = sensor_of(solids, plan=NestedPlan(plan, args.levels and tuple(args.levels), effort, look), jobs=args.jobs)
     sensor, model = replace(sensor, with_logits=False), sensor.model
     print(
         f"embedded and fitted in {time.perf_counter() - started:.0f} s: {model.bodies.table.nbytes / 1e6:.0f} MB in "
