@@ -184,7 +184,7 @@ def searched(
     for rule in rules.values():
         world = TouchWorld.sample(sensor, [truth], np.random.default_rng([7, number]))
         SPENT.update(dict.fromkeys(SPENT, 0.0))
-        naming = identify(world, rule, sensor.model, sensor.pose_labels, [7, number], 1.0, touches)
+        naming = identify(world, rule, sensor.model, sensor.pose_labels, [7, number], None, touches)
         spent = np.array(list(SPENT.values())) - [0.0, SPENT["looks"], 0.0]
         evidence = sensor.model.start()
         for touch in naming.touches:
@@ -197,8 +197,7 @@ def report(rule: str, touched: list[Touched]) -> None:
     """Print accuracy by touches, stops, and times."""
     found = [one.naming for one in touched]
     truths = np.array([one.truth for one in found])
-    length = max(len(one.log_probs) for one in found)  # one that is certain to the last bit has ended before
-    logs = np.stack([np.pad(one.log_probs, [(0, length - len(one.log_probs)), (0, 0)], "edge") for one in found])
+    logs = np.stack([one.log_probs for one in found])
     print(f"\n{rule}: {len(found)} objects")
     for count in COUNTS:
         if count > logs.shape[1]:

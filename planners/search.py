@@ -199,7 +199,7 @@ def identify(
     model: ObservationModel,
     pose_labels: Sequence[str],
     seed: int | Sequence[int],
-    threshold: float = 0.9,
+    threshold: float | None = 0.9,
     max_touches: int = 12,
 ) -> Identification:
     """Touch the first object of a world until a label has the probability ``threshold``, or ``max_touches`` are made.
@@ -211,7 +211,7 @@ def identify(
         model: likelihood of touches; its labels are equally probable before the first.
         pose_labels: names of the P poses.
         seed: seed of the touches and of the decider.
-        threshold: probability at which to stop, in (0, 1].
+        threshold: probability at which to stop, in (0, 1]; None stops at ``max_touches`` alone.
         max_touches: ≥ 1.
 
     Raises:
@@ -225,7 +225,7 @@ def identify(
     >>> found.is_right, found.is_certain, found.poses
     (True, True, (0,))
     """
-    if not 0.0 < threshold <= 1.0:
+    if threshold is not None and not 0.0 < threshold <= 1.0:
         raise InvalidArgument(f"threshold must be in (0, 1], got {threshold!r}")
     labels, poses = tuple(model.shape_labels), tuple(pose_labels)
     problem = SearchProblem(labels, poses, 1, Composition.INDEPENDENT, touch_limit=max_touches, unsure_reward=0.0)
@@ -243,24 +243,26 @@ def identify(
     best = int(log_probs.argmax())
     stated = float(np.exp(log_probs[best]))
     touches = tuple(step.touch for step in session.steps if step.touch is not None)
-    if stated < threshold and len(touches) < max_touches:
+    is_certain = threshold is not None and stated >= threshold
+    if not is_certain and len(touches) < max_touches:
         raise BrokenContract(f"a selector must choose poses, and {decider!r:.80} ended the search")
     after = [step.belief.log_probs for step in session.steps[1:]] if touches else []
     rows = np.asarray([*after, log_probs][: len(touches)], np.float32).reshape(len(touches), len(labels))
     poses_of = tuple(touch.pose for touch in touches)
-    return Identification(world.arrangement[0], best, stated, poses_of, stated >= threshold, touches, rows)
+    return Identification(world.arrangement[0], best, stated, poses_of, is_certain, touches, rows)
 
 
 @dataclass(frozen=True)
 class _Certain:
     """Stops where a label is probable enough, or after a maximum number of touches."""
 
-    threshold: float
+    threshold: float | None
     max_touches: int
 
     def stop(self, info: InformationState) -> Decision | None:
         stated = float(np.exp(info.belief.log_probs.max()))
-        return Decision(Unsure()) if stated >= self.threshold or len(info.history) >= self.max_touches else None
+        is_certain = self.threshold is not None and stated >= self.threshold
+        return Decision(Unsure()) if is_certain or len(info.history) >= self.max_touches else None
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ def test_it_stops_at_the_threshold_and_is_right_as_often_as_it_states(model):
 
 
 def test_a_given_order_is_kept_and_the_limit_too(model):
-    named = identify(SyntheticWorld(model, [1]), GivenOrder(("c", "a", "b")), model, POSES, 3, 1.0, max_touches=5)
+    named = identify(SyntheticWorld(model, [1]), GivenOrder(("c", "a", "b")), model, POSES, 3, None, max_touches=5)
     assert named.poses == (2, 0, 1, 2, 0)
     assert not named.is_certain
 
