@@ -112,6 +112,7 @@ WITHDRAWN = {  # on purpose; the changelog says so
     ),
     *("touch --csv", "tradeoff --vary", "ConfusionModel(confidence_edges=)", "ObjectTestGoal", "SceneBelief.known"),
     *("activetouch.alike", "activetouch.solids.round", "straight", "entry_distance"),
+    *("activetouch.hypotheses", "belief.categorical", "planners.repeats"),
 }
 OF_OTHERS = (
     "--index-url",
