@@ -157,12 +157,11 @@ class BodySet:
 
     def parts(self, touches: Sequence[Felt], level: int, bodies: Ints, parents: Ints) -> Floats32:
         """See :class:`belief.coarse_to_fine.CellLikelihood`."""
-        cells, wanted = nested(self.levels).parts(level, parents), np.unique(bodies)
+        cells = nested(self.levels).parts(level, parents)
         total = np.zeros(cells.shape, np.float32)
         for touch in touches:
-            for body in wanted[~touch._known[wanted]].tolist():
-                self.view_scores(body, touch)
-            total += touch._scores[bodies[:, None], self.shown(self.levels[level], touch.pose)[cells]]
+            shown = self.shown(self.levels[level], touch.pose)[cells]
+            total += self.table[shown, bodies[:, None]].astype(np.float32, copy=False) @ touch.embedding
         return total
 
     def view_scores(self, body: int, touch: Felt) -> Floats32:
