@@ -15,7 +15,6 @@ from torch.utils.data import DataLoader
 
 from activetouch.errors import ImpossibleRecipe
 from activetouch.perception.card import ClassifierCard
-from activetouch.perception.contacts.bodies import HELD_OUT
 from activetouch.perception.contacts.hypotheses import CONTACTS, EMBEDDING, ContactHypotheses
 from activetouch.perception.contacts.network import ContactNetwork, ContactReader, ImageNetwork, losses
 from activetouch.perception.contacts.touches import Batches
@@ -27,6 +26,8 @@ from activetouch.scene import Scene
 from activetouch.scene_description import scene_fields
 from belief.sealed_tensors import read_tensors, write_tensors
 
+HELD_OUT = 200
+"""Bodies of the lowest numbers, which no training sees."""
 CHECKS = 4
 """Batches of held-out bodies for a report."""
 _SMALLEST_IN_HALF = 16  # edge of an image; in smaller ones, half precision gives NaN

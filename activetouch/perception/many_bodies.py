@@ -109,9 +109,8 @@ def nested_model(reader: TactileReader, scene: Scene, plan: NestedPlan | None = 
     with announced(f"fitting the bodies to {plan.pressed} simulated objects, which is kept in the cache"):
         make = partial(_fit, reader, scene, model, plan.pressed)
         scale, drift, references = cached(_key(reader, scene, plan), ".json", make, _read_fit, _write_fit)
-    no_constants = np.zeros(len(references), np.float32)
-    model = replace(model, scale=scale, drift=drift, references=references, constants=no_constants)
-    return replace(model, constants=_constants(model, bodies))
+    constants = _constants(scale, references, bodies)
+    return replace(model, scale=scale, drift=drift, references=references, constants=constants)
 
 
 def is_fitted(reader: TactileReader, scene: Scene, plan: NestedPlan) -> bool:
@@ -146,16 +145,13 @@ def _write_fit(path: Path, fit: Fit) -> None:
     write_text(path, sealed_json({**fields, "name": path.stem}, indent=None))
 
 
-def _constants(model: NestedBodyModel, bodies: BodySet) -> Floats32:
+def _constants(scale: float, references: Floats32, bodies: BodySet) -> Floats32:
     """Log mean likelihood ratio of each reference over bodies and views, ``(M,)``: a constant of each image."""
     number = len(bodies.labels)
     some = np.linspace(0, number - 1, min(number, _AVERAGED)).astype(int)
-    parts = [
-        logsumexp(np.float32(model.scale) * (bodies.views_of(body) @ model.references.T), axis=0)
-        for body in some.tolist()
-    ]
+    parts = [logsumexp(np.float32(scale) * (bodies.views_of(body) @ references.T), axis=0) for body in some.tolist()]
     number = len(some) * len(bodies.table)
-    return np.asarray((logsumexp(parts, axis=0) - np.log(number)) / model.scale, np.float32)
+    return np.asarray((logsumexp(parts, axis=0) - np.log(number)) / scale, np.float32)
 
 
 def _fit(reader: TactileReader, scene: Scene, model: NestedBodyModel, pressed: int) -> Fit:

@@ -19,8 +19,6 @@ from activetouch.solids.raster import Surface
 from activetouch.solids.triangles import tetrahedra
 from activetouch.solids.vectors import Floats, Triangles
 
-HELD_OUT = 200
-"""Bodies of the lowest numbers, which no training sees."""
 _MM = 1e-3
 _ROUND = 64  # corners of what stands for a circle
 _ALONE = 0.55  # share of bodies of one part

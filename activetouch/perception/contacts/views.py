@@ -94,12 +94,14 @@ def _key(reader: ContactHypotheses, scene: Scene, solid: Shape, plan: ViewPlan) 
 
 @dataclass(eq=False)
 class Felt:
-    """A touch with the embedding of its image, ``(D,)``, and a cache ``exact`` of log likelihoods by hypothesis."""
+    """A touch with the embedding of its image, ``(D,)``, and what is kept of its log likelihoods.
+
+    ``views`` has those of all views, by body, and ``exact`` those of exactly predicted contacts, by hypothesis.
+    """
 
     pose: int
     embedding: Floats32
-    _scores: Floats32 = field(repr=False)
-    _known: NDArray[np.bool_] = field(repr=False)
+    views: dict[int, Floats32] = field(default_factory=dict, repr=False)
     exact: dict[tuple[Any, ...], float] = field(default_factory=dict, repr=False)
 
 
@@ -144,10 +146,7 @@ class BodySet:
 
     def felt(self, pose: int, embedding: NDArray[np.floating]) -> Felt:
         """A touch for :meth:`CoarseToFine.update`."""
-        num_views, num, _ = self.table.shape
-        return Felt(
-            pose, np.asarray(embedding, np.float32), np.empty((num, num_views), np.float32), np.zeros(num, bool)
-        )
+        return Felt(pose, np.asarray(embedding, np.float32))
 
     def coarsest(self, touch: Felt) -> Floats32:
         """See :class:`belief.coarse_to_fine.CellLikelihood`."""
@@ -166,10 +165,9 @@ class BodySet:
 
     def view_scores(self, body: int, touch: Felt) -> Floats32:
         """Log likelihoods of a touch given each view of a body, ``(V,)``."""
-        if not touch._known[body]:
-            touch._scores[body] = self.views_of(body) @ touch.embedding
-            touch._known[body] = True
-        return touch._scores[body]
+        if body not in touch.views:
+            touch.views[body] = self.views_of(body) @ touch.embedding
+        return touch.views[body]
 
     def views_of(self, body: int) -> Floats32:
         """The embeddings of a body in all views, ``(V, D)``."""
