@@ -53,6 +53,22 @@ class ObjectEvidence(Protocol):
         """
 
 
+@runtime_checkable
+class WeighsStrangers(Protocol):
+    """Evidence that also weighs whether the object has none of the shapes: an optional part of :class:`ObjectEvidence`.
+
+    See :attr:`belief.SearchProblem.unlisted`.
+    """
+
+    @property
+    def log_unlisted(self) -> float:
+        """Log p(all these touches | another shape than the listed ones), up to the constant of the log-likelihood.
+
+        Its difference to the log mean of the likelihoods is the log likelihood ratio of an unlisted shape against
+        equally probable listed ones; 0 before the first touch.
+        """
+
+
 class Explains(Protocol):
     """An observation model that has only the likelihood of touches."""
 
