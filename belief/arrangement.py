@@ -105,13 +105,17 @@ def _log_marginals(weights: Floats, bag: tuple[int, ...]) -> Floats:
     return _sum_over_arrangements(weights, bag)
 
 
-def prob_shape_absent(log_weights: ArrayLike, counts: Sequence[int] | None, shape: int) -> float:
+def prob_shape_absent(
+    log_weights: ArrayLike, counts: Sequence[int] | None, shape: int, log_strangers: ArrayLike | None = None
+) -> float:
     """Probability that no object has a shape.
 
     Args:
         log_weights: as for :func:`arrangement_marginals`.
         counts: as for :func:`arrangement_marginals`.
         shape: index of the shape.
+        log_strangers: log probability, given that each object is in a place of this shape in the bag, that a stranger
+            has replaced it (:attr:`belief.SearchProblem.unlisted`), ``(N,)``; -inf by default.
 
     Raises:
         ValueError: a shape out of range, or as :func:`arrangement_marginals`.
@@ -123,7 +127,8 @@ def prob_shape_absent(log_weights: ArrayLike, counts: Sequence[int] | None, shap
     checked, bag = _checked(log_weights, counts)
     require_index("shape", shape, len(bag))
     relative, end, table = _relative(checked, bag)
-    without = np.where(np.arange(len(bag)) == shape, -np.inf, relative)
+    without = relative.copy()
+    without[:, shape] = -np.inf if log_strangers is None else relative[:, shape] + np.asarray(log_strangers)
     with np.errstate(divide="ignore"):
         log_total, log_total_without = (
             _log_sum(_forward(weights, table)[-1] + end, axis=0) for weights in (relative, without)
@@ -173,6 +178,8 @@ def log_at_most_one_marginals(log_weights: ArrayLike, target: int) -> Floats:
 
 def prob_at_most_one_present(marginals: Floats, target: int, shape: int) -> float:
     """Probability that an object has a shape, from the marginals ``(N, K)`` of :func:`log_at_most_one_marginals`.
+
+    The column of the target has the probabilities of its place, the one of another shape may be lower by strangers.
 
     >>> marginals = np.exp(log_at_most_one_marginals(np.zeros((2, 3)), target=0))
     >>> [round(prob_at_most_one_present(marginals, 0, shape), 3) for shape in range(3)]

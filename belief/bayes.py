@@ -20,7 +20,7 @@ only such rows take the careful rule.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import exp, inf, log
 from typing import Any, NoReturn
 
@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import entr
 
 from belief import bayes
-from belief.errors import ImpossibleObservation
+from belief.errors import ImpossibleObservation, InvalidArgument
 from belief.frozen import FrozenArrays
 from belief.naming import Name, checked_names, index_of, one_line
 from belief.validation import (
@@ -42,8 +42,11 @@ from belief.validation import (
     normalise_probs,
     require,
     require_index,
+    require_number,
 )
 
+NONE_OF_THESE = "none of these"
+"""In words: an object whose shape is not listed."""
 _FEW_SHAPES = 16  # up to here plain floats are faster than arrays
 _LEAST_TOTAL = 1e-30  # a smaller sum may have lost terms to underflow: such rows take the careful rule
 _LARGEST = np.finfo(np.float64).max
@@ -241,13 +244,15 @@ def _common_shape(prior: NDArray[np.floating], likelihood: NDArray[np.floating])
 
 @dataclass(frozen=True, eq=False)
 class Belief(FrozenArrays):
-    """Probability distribution over the shape of one object.
+    """Probability distribution over the shape of one object, which may be none of the listed ones.
 
     Immutable: :meth:`update` returns a new belief. A shape of probability zero keeps probability zero.
 
     Attributes:
         labels: names of the K shapes.
-        log_probs: log probabilities, ``(K,)``, normalised at construction, read-only.
+        log_probs: log probabilities, ``(K,)``, normalised at construction, read-only. Those of a search in which an
+            object may have an unlisted shape (:attr:`belief.SearchProblem.unlisted`) sum to 1 - ``unlisted``.
+        unlisted: probability that the object has none of the shapes, in [0, 1].
 
     Raises:
         ValueError: labels that are no sequence of different names; probabilities that hold NaN, do not sum to one, or
@@ -262,6 +267,7 @@ class Belief(FrozenArrays):
 
     labels: tuple[str, ...]
     log_probs: Floats
+    unlisted: float = field(default=0.0, init=False)
 
     def __post_init__(self) -> None:
         log_probs = as_real(self.log_probs, "log_probs")
@@ -276,16 +282,26 @@ class Belief(FrozenArrays):
         return cls(names, np.full(len(names), -np.log(len(names))))
 
     @classmethod
-    def from_probs(cls, labels: Sequence[str], probs: ArrayLike) -> Belief:
-        """A belief from probabilities ``(K,)``; zeros are allowed."""
-        given = normalise_probs(probs)
+    def from_probs(cls, labels: Sequence[str], probs: ArrayLike, unlisted: float = 0.0) -> Belief:
+        """A belief from probabilities ``(K,)`` that sum to 1 - ``unlisted``; zeros are allowed.
+
+        >>> print(Belief.from_probs(["cube", "cone"], [0.6, 0.1], unlisted=0.3))
+        Belief(cube 0.600, cone 0.100, none of these 0.300)
+        """
+        rest = 0.0
+        if unlisted:
+            require_number("unlisted", unlisted, 0.0, 1.0)
+            given = normalise_probs(np.append(as_real(probs, "probs"), unlisted))
+            given, rest = given[:-1], float(given[-1])
+        else:
+            given = normalise_probs(probs)
         names = _checked_labels(labels, given.shape)
         with np.errstate(divide="ignore"):
-            return cls.of_normalised(names, np.log(given))
+            return cls.of_normalised(names, np.log(given), rest)
 
     @classmethod
-    def of_normalised(cls, labels: tuple[str, ...], log_probs: Floats) -> Belief:
-        """A belief from normalised log probabilities ``(K,)``, without any check.
+    def of_normalised(cls, labels: tuple[str, ...], log_probs: Floats, unlisted: float = 0.0) -> Belief:
+        """A belief from log probabilities ``(K,)`` that sum to 1 - ``unlisted``, without any check.
 
         The array is not copied and becomes read-only.
 
@@ -294,7 +310,7 @@ class Belief(FrozenArrays):
         """
         belief = object.__new__(cls)
         log_probs.flags.writeable = False
-        belief.__dict__.update(labels=labels, log_probs=log_probs)
+        belief.__dict__.update(labels=labels, log_probs=log_probs, unlisted=unlisted)
         return belief
 
     @property
@@ -304,8 +320,8 @@ class Belief(FrozenArrays):
 
     @property
     def entropy(self) -> float:
-        """Entropy [nats]."""
-        return float(bayes.entropy(self.probs))
+        """Entropy [nats], in which an unlisted shape is one more answer."""
+        return float(_entropy(np.append(self.probs, self.unlisted)))
 
     def prob(self, label: Name) -> float:
         """Probability of one shape, in [0, 1], by its label or index.
@@ -326,9 +342,12 @@ class Belief(FrozenArrays):
             likelihood: p(observation | shape) instead, up to a factor, ``(K,)``.
 
         Raises:
-            ValueError: NaN, +inf, a negative likelihood, a shape that does not fit, or not exactly one of the two.
+            ValueError: NaN, +inf, a negative likelihood, a shape that does not fit, or not exactly one of the two; a
+                belief in which an unlisted shape is possible.
             ImpossibleObservation: zero likelihood for every shape of positive probability.
         """
+        if self.unlisted:
+            raise InvalidArgument("of an object that may have an unlisted shape, a SceneBelief updates the belief")
         logs = as_logs("log_likelihood", log_likelihood, "likelihood", likelihood)
         log_posterior, _ = bayes.update(self.log_probs, logs)
         if log_posterior.ndim != 1:
@@ -338,11 +357,16 @@ class Belief(FrozenArrays):
     def __repr__(self) -> str:
         likely = np.argsort(-self.log_probs, kind="stable")
         shown = [f"{self.labels[k]} {np.exp(self.log_probs[k]):.3f}" for k in likely[:4]]
-        return one_line(Belief, *shown, *([f"{len(likely) - 4} others"] if len(likely) > 4 else []))
+        others = [f"{len(likely) - 4} others"] if len(likely) > 4 else []
+        return one_line(Belief, *shown, *others, *self._none_of_these)
 
     def __str__(self) -> str:
         pairs = zip(self.labels, self.probs, strict=True)
-        return f"Belief({', '.join(f'{label} {prob:.3f}' for label, prob in pairs)})"
+        return f"Belief({', '.join([*(f'{label} {prob:.3f}' for label, prob in pairs), *self._none_of_these])})"
+
+    @property
+    def _none_of_these(self) -> list[str]:
+        return [f"{NONE_OF_THESE} {self.unlisted:.3f}"] if self.unlisted else []
 
 
 def _checked_labels(labels: Sequence[str], shape: tuple[int, ...]) -> tuple[str, ...]:

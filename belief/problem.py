@@ -8,7 +8,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from numbers import Real
 from typing import TypeAlias, cast
 
@@ -19,7 +19,7 @@ from belief.composition import AtMostOne, Composition, Counts
 from belief.errors import InvalidArgument
 from belief.frozen import FrozenArrays
 from belief.naming import Name, checked_names, index_of, one_line
-from belief.validation import MOST_REPEATED, Floats, are_finite, as_real, require_count, warn_of_probs
+from belief.validation import MOST_REPEATED, Floats, are_finite, as_real, require_count, require_number, warn_of_probs
 
 WHO_GIVES_LOGITS = (
     ", only features, which a joint observation model reads. Logits come from the reader: Touch(pose, logits, "
@@ -186,11 +186,14 @@ class SearchProblem:
             below that of a success (+1). At 0, a searcher that wants the largest return gives an answer if it is more
             probably right than wrong; at c, if it is right with probability above (1 + c) / 2. None: the search does
             not have this answer.
+        unlisted: probability that an object has none of the shapes: each of the objects of the composition is replaced
+            by such a stranger with this probability, independently. Above 0, the observation model must weigh strangers
+            (:class:`belief.observation_model.evidence.WeighsStrangers`).
 
     Raises:
         ValueError: labels that are empty, equal or not strings; a number of objects or touches that is not an integer
             ≥ 1; more objects than the composition allows; a touch cost that is negative or not finite; a reward of
-            "I do not know" outside [-1, 1).
+            "I do not know" outside [-1, 1); a probability of unlisted shapes outside [0, 1).
         UnknownName: the bag holds a shape without a label.
 
     >>> problem = SearchProblem(("sphere", "cube"), ("front",), 2, Counts({"sphere": 1, "cube": 3}))
@@ -205,6 +208,7 @@ class SearchProblem:
     touch_cost: float = 0.02
     touch_limit: int = cast("int", None)
     unsure_reward: float | None = None
+    unlisted: float = 0.0
 
     def __post_init__(self) -> None:
         if not isinstance(self.composition, Counts | AtMostOne):
@@ -235,6 +239,12 @@ class SearchProblem:
                 "unsure_reward must be None, or at least -1 (a wrong answer) and below 1 (a success), "
                 f"got {self.unsure_reward!r}"
             )
+        require_number("unlisted", self.unlisted, 0.0, np.nextafter(1.0, 0.0))
+
+    def __repr__(self) -> str:
+        """As of any dataclass, without unlisted shapes where there are none: runs and certificates hold this text."""
+        names = [field.name for field in fields(self) if field.name != "unlisted" or self.unlisted]
+        return f"SearchProblem({', '.join(f'{name}={getattr(self, name)!r}' for name in names)})"
 
     def with_unsure(self) -> SearchProblem:
         """The search with the answer "I do not know", of reward 0 unless it has one."""
@@ -291,28 +301,38 @@ class SearchProblem:
 
     @property
     def prior_probs(self) -> Floats:
-        """Probability of each shape for an untouched object, ``(K,)``; uniform for independent objects.
+        """Probability of each shape for an untouched object, ``(K,)``; equal for independent objects.
 
-        With "at_most_one" and no target yet, it is that of each shape if it is the target.
+        They sum to 1 - ``unlisted``. With "at_most_one" and no target yet, it is that of each shape if it is the
+        target.
         """
         if self._seeks:
             of_target, of_others = self._prior_absent, (1.0 - self._prior_absent) / (self.num_shapes - 1)
-            return np.where(self._may_be_sought, of_target, of_others)
+            return np.where(self._may_be_sought, of_target, of_others) * (1.0 - self.unlisted)
         counts = np.array(self.counts or (1,) * self.num_shapes, np.float64)
-        return counts / counts.sum()
+        return counts / counts.sum() * (1.0 - self.unlisted)
 
     @property
     def prior_absent_probs(self) -> Floats:
         """Probability before any touch that no object has the shape, ``(K,)``; exactly zero where one must have it."""
         if self._seeks:
-            number, misses = self.num_objects, 1.0 - 1.0 / (self.num_shapes - 1)  # of an object that is no target
+            number, misses = self.num_objects, 1.0 - (1.0 - self.unlisted) / (self.num_shapes - 1)  # by another object
             absent = misses ** (number - 1) * (misses + number) / (number + 1)
-            return np.where(self._may_be_sought, self._prior_absent, absent)
+            of_target = self._prior_absent + self.unlisted * (1.0 - self._prior_absent)
+            return np.where(self._may_be_sought, of_target, absent)
         if self.counts is None:
             return (1.0 - self.prior_probs) ** self.num_objects
-        left = np.array(self.counts, np.float64).sum() - np.arange(self.num_objects)  # in the bag before each draw
-        others = left - np.array(self.counts)[:, None]  # of another shape, given that all earlier draws were
-        return np.asarray(np.prod(np.maximum(others, 0.0) / left, axis=1))
+        counts = np.array(self.counts, np.float64)
+        number, total = self.num_objects, counts.sum()
+        left = total - np.arange(number)  # in the bag before each draw
+        others = left - counts[:, None]  # of another shape, given that all earlier draws were
+        absent = np.prod(np.maximum(others, 0.0) / left, axis=1)
+        if self.unlisted:
+            from scipy.stats import hypergeom
+
+            places = np.arange(number + 1)[:, None]  # of the shape, each of which a stranger may have taken
+            absent = (hypergeom.pmf(places, total, counts, number) * self.unlisted**places).sum(axis=0)
+        return np.asarray(absent)
 
     def reward(
         self,

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.special import logsumexp
 
 from belief.arrangement import (
     log_arrangement_marginals,
@@ -22,7 +23,7 @@ from belief.conflict import continued_bets, log_conflict
 from belief.errors import ImpossibleObservation, InvalidArgument, ZeroPriorTarget
 from belief.frozen import frozen
 from belief.naming import Name, index_of
-from belief.observation_model.evidence import ObjectEvidence, start
+from belief.observation_model.evidence import ObjectEvidence, WeighsStrangers, start
 from belief.observation_model.model import CouplesObjects, ObservationModel
 from belief.problem import SearchProblem, Touch, TouchHistory
 from belief.validation import Floats, require_index
@@ -31,8 +32,20 @@ if TYPE_CHECKING:
     from belief.observation_model.sensor_health import SensorEvidence
     from belief.observation_model.sensor_worlds import SensorHealth
 
-UNKNOWN = -1
-"""Marks an object of unknown shape in an arrangement."""
+UNKNOWN, UNLISTED = -1, -2
+"""Mark an object in an arrangement: nobody knows its shape, and its shape is none of the listed ones."""
+
+
+class Places(NamedTuple):
+    """What is known of the places of a composition, which objects take and strangers may take instead.
+
+    ``log_weights (N, K)`` are log p(touches of each object | its place), ``log_marginals (N, K)`` the log posterior of
+    the places; ``log_strangers (N, K)`` are log p(stranger | place, touches), None where there are no strangers.
+    """
+
+    log_weights: Floats
+    log_marginals: Floats
+    log_strangers: Floats | None = None
 
 
 class ReadableScene:
@@ -50,6 +63,7 @@ class ReadableScene:
     _sought: int | None
     _log_likelihoods: Floats
     _log_marginals: Floats
+    _places: Places
     _touches: Sequence[TouchHistory]
     _evidence: Sequence[ObjectEvidence]
     _earlier_bets: Floats
@@ -69,31 +83,53 @@ class ReadableScene:
         return self._evidence[self._object(object_index)]
 
     def marginals(self) -> Floats:
-        """Posterior over shapes of every object, ``(N, K)``."""
+        """Posterior over shapes of every object, ``(N, K)``; a row sums to 1 less the part of :meth:`unlisted`."""
         return np.exp(self._log_marginals)
+
+    def unlisted(self) -> Floats:
+        """Probability of every object that it has none of the shapes, ``(N,)``."""
+        if self._places.log_strangers is None:
+            return np.zeros(self.num_objects)
+        return np.exp(logsumexp(self._places.log_marginals + self._places.log_strangers, axis=1))
 
     def log_marginals(self) -> Floats:
         """Logarithms of :meth:`marginals`, ``(N, K)``, exact also where a probability underflows; a copy."""
         return self._log_marginals.copy()
 
-    def log_likelihoods(self) -> Floats:
-        """Log p(touches of each object | its shape), ``(N, K)``; a copy."""
-        return self._log_likelihoods.copy()
+    def log_likelihoods(self, target: Name | None = None) -> Floats:
+        """Log p(touches of each object | its shape), ``(N, K)``; a copy.
+
+        With a target, an object of an unlisted shape counts as one of any other shape than the target, equally.
+        """
+        if target is None or self._places.log_strangers is None:
+            return self._log_likelihoods.copy()
+        strangers, is_target = np.exp(self._places.log_strangers), np.arange(len(self.labels)) == self._shape(target)
+        with np.errstate(divide="ignore"):
+            factors = np.log1p(np.where(is_target, -1.0, 1.0 / max(len(self.labels) - 1, 1)) * strangers)
+        return self._places.log_weights + factors
 
     def belief(self, object_index: int) -> Belief:
         """Posterior of one object, given all touches of all objects."""
-        return Belief.of_normalised(self.labels, self._log_marginals[self._object(object_index)].copy())
+        row = self._log_marginals[self._object(object_index)].copy()
+        if self._places.log_strangers is None:
+            return Belief.of_normalised(self.labels, row)
+        return Belief.of_normalised(self.labels, row, float(self.unlisted()[object_index]))
 
     def prob_present(self, target: Name) -> float:
         """Probability that an object has the target shape."""
         target = self._shape(target)
         if self._sought is not None:
-            return prob_at_most_one_present(np.exp(self._log_marginals), self._sought, target)
+            marginals = np.exp(self._log_marginals)
+            if target != self._sought:
+                marginals[:, self._sought] = np.exp(self._places.log_marginals[:, self._sought])
+            return prob_at_most_one_present(marginals, self._sought, target)
         if self._counts is None:
             probs = np.minimum(np.exp(self._log_marginals[:, target]), 1.0)
             with np.errstate(divide="ignore"):
                 return 0.0 - float(np.expm1(np.log1p(-probs).sum()))  # never -0.0
-        return 1.0 - prob_shape_absent(self._log_likelihoods, self._counts, target)
+        strangers = self._places.log_strangers
+        replaced = None if strangers is None else strangers[:, target]
+        return 1.0 - prob_shape_absent(self._places.log_weights, self._counts, target, replaced)
 
     @property
     def sensor_health(self) -> SensorHealth | None:
@@ -228,7 +264,13 @@ class SceneBelief(ReadableScene):
         self._earlier_bets = continued_bets(log_bets, like)
         self._health = None if self._sensor is None else self._sensor.health(self._earlier_bets)
         self._touched: dict[int, SensorEvidence] = {}  # of the objects, in the order of their first touches
-        self._log_marginals = self._compute(self._log_likelihoods)
+        self._log_prior = np.log([1.0 - problem.unlisted, problem.unlisted]) if problem.unlisted else None
+        if self._log_prior is not None and not isinstance(self._evidence[0], WeighsStrangers):
+            raise InvalidArgument(
+                f"the observation model {type(model).__name__} cannot weigh whether an object has none of the shapes; "
+                "leave out unlisted, or use a belief about nested cells (a reader of any object)"
+            )
+        self._places, self._log_marginals = self._compute(self._log_likelihoods, self._evidence)
         if target is not None and np.isneginf(self._log_marginals[:, self._shape(target)]).all():
             label = self.labels[self._shape(target)]
             source = "the prior" if self._counts is None else "the bag"
@@ -261,17 +303,17 @@ class SceneBelief(ReadableScene):
         elif new:
             log_likelihoods, touched, health = self._coupled(self._sensor, object_index, new)
             evidence = touched[object_index]
+        changed = [touched.get(index, one) for index, one in enumerate(self._evidence)]
+        changed[object_index] = evidence
         try:
-            log_marginals = self._compute(log_likelihoods)
+            places, log_marginals = self._compute(log_likelihoods, changed)
         except ImpossibleObservation as error:
             poses = [touch.pose for touch in new]
             raise ImpossibleObservation(
                 f"touching object {object_index} in poses {poses}, {self.belief(object_index)}: {error}"
             ) from error
-        self._log_likelihoods, self._log_marginals = log_likelihoods, log_marginals
-        self._evidence[object_index], self._health, self._touched = evidence, health, touched
-        for index, one in touched.items():
-            self._evidence[index] = one
+        self._log_likelihoods, self._log_marginals, self._places = log_likelihoods, log_marginals, places
+        self._evidence, self._health, self._touched = changed, health, touched
         self._touches[object_index] = self._touches[object_index].extended(new)
         return self.belief(object_index)
 
@@ -293,13 +335,30 @@ class SceneBelief(ReadableScene):
         log_likelihoods[list(found)] = likely
         return log_likelihoods, found, health
 
-    def _compute(self, log_likelihoods: Floats) -> Floats:
+    def _compute(self, log_likelihoods: Floats, evidence: Sequence[ObjectEvidence]) -> tuple[Places, Floats]:
+        """The places of the composition, and the log marginals of every object, ``(N, K)``.
+
+        Each object of the composition is replaced by a stranger with the prior probability of unlisted shapes, so that
+        the likelihood of a place is that of its shape or of a stranger.
+        """
+        if self._log_prior is None:
+            found = self._marginals_of(log_likelihoods)
+            return Places(log_likelihoods, found), found
+        strange = np.array([cast("WeighsStrangers", one).log_unlisted for one in evidence])  # checked at the start
+        both = np.stack([log_likelihoods, np.broadcast_to(strange[:, None], log_likelihoods.shape)])
+        both += self._log_prior[:, None, None]
+        weights = np.logaddexp(*both)
+        found, possible = self._marginals_of(weights), weights > -np.inf
+        log_listed, log_strangers = np.subtract(both, weights, np.full(both.shape, -np.inf), where=possible)
+        return Places(weights, found, log_strangers), found + log_listed
+
+    def _marginals_of(self, log_weights: Floats) -> Floats:
         """Log marginals of every object, ``(N, K)``."""
         if self._sought is not None:
-            return log_at_most_one_marginals(log_likelihoods, self._sought)
+            return log_at_most_one_marginals(log_weights, self._sought)
         if self._counts is None:
-            return update(self._prior.log_probs, log_likelihoods)[0]
-        return log_arrangement_marginals(log_likelihoods, self._counts)
+            return update(self._prior.log_probs, log_weights)[0]
+        return log_arrangement_marginals(log_weights, self._counts)
 
 
 class BeliefTracker:

@@ -1,6 +1,6 @@
 """A decider that answers "I do not know" where its answer would not be reliable.
 
-There are four reasons. The scores of the decision name the one that applied:
+There are five reasons. The scores of the decision name the one that applied:
 
 - ``is_conflict``: the conflict test of the observation model says that the touches do not come from the world that the
   sensor knows, so the posterior means nothing. The test is read before every decision, not only before an answer. Its
@@ -11,6 +11,8 @@ There are four reasons. The scores of the decision name the one that applied:
 - ``is_suspicious``: the decider would answer while the conflict test, without an alarm yet, makes it doubtful that the
   sensor knows this world. An answer is right with its stated probability in the sensor's own world only
   (decision 0061).
+- ``is_unlisted``: the decider would answer, below the promise, because the object has probably none of the listed
+  shapes. More touches make it more certain that it has none, and never a better answer.
 - ``is_cut_off``: the decider would touch once more, and the touch limit of the search forbids it.
 """
 
@@ -29,7 +31,7 @@ from planners.decider import Decider, Decision, InformationState, are_touches_us
 
 CONFLICT, ANSWER = "log_conflict", "answer_prob"
 """Scores of decisions: the statistic of the conflict test, and the stated probability that an answer is right."""
-REASONS = ("is_conflict", "is_doubtful", "is_suspicious", "is_cut_off")
+REASONS = ("is_conflict", "is_doubtful", "is_suspicious", "is_unlisted", "is_cut_off")
 """Scores that say why a search ended with "I do not know"."""
 _LARGEST = 1e150  # a statistic of infinite size is recorded as this: scores are finite
 
@@ -96,7 +98,7 @@ class Abstaining(Checked):
             return Decision(wanted.action, scores)
         scores[ANSWER] = prob
         if prob < self.promise:
-            return _unsure("is_doubtful", scores)
+            return _unsure("is_unlisted" if info.belief.unlisted > 0.5 else "is_doubtful", scores)
         return _unsure("is_suspicious", scores) if conflict >= log(self.suspicion) else Decision(wanted.action, scores)
 
 

@@ -78,7 +78,7 @@ class ContinuationValue:
 def shapes_ahead(problem: SearchProblem, target: int) -> Floats:
     """p(shape of object i) before it is touched, if no earlier object was a target, and if one was, ``(N, 2, K)``.
 
-    That the other shapes differ from each other is ignored.
+    That the other shapes differ from each other is ignored, and an unlisted shape counts as one of them.
     """
     others = np.where(np.arange(problem.num_shapes) == target, 0.0, problem.prior_probs)
     if not others.any():  # every object is a target
@@ -88,7 +88,7 @@ def shapes_ahead(problem: SearchProblem, target: int) -> Floats:
     else:
         count, total = bag
         left = total - np.arange(problem.num_objects)[:, None]  # in the bag before each draw
-        chances = np.minimum([[count, max(count - 1, 0)]], left) / left
+        chances = np.minimum([[count, max(count - 1, 0)]], left) / left * (1.0 - problem.unlisted)
     others /= others.sum() if others.any() else 1.0
     probs = (1.0 - chances)[..., None] * others
     probs[..., target] = chances
@@ -109,7 +109,7 @@ def prob_missed(info: InformationState) -> float:
 
 def belief_with_missed(info: InformationState) -> Floats:
     """p(shape of the current object, whether a target was rejected), ``(2, K)``; not rejected comes first."""
-    here = info.belief.probs
+    here = info.probs
     missed = prob_missed(info) * here
     if _is_only_one(info):
         missed[info.target] = 0.0

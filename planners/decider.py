@@ -22,7 +22,7 @@ from belief.observation_model.evidence import ObjectEvidence
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Confirm, Probe, Reject, SearchProblem, Touch, TouchHistory, Unsure
 from belief.scene_belief import SceneBelief, SceneView
-from belief.validation import are_finite, require_index
+from belief.validation import Floats, are_finite, require_index
 
 
 class BadState(ActiveTouchError, TypeError):
@@ -77,6 +77,35 @@ class InformationState:
     def target_prob(self) -> float:
         """Probability that the current object is the target."""
         return float(np.exp(self.belief.log_probs[self.target]))
+
+    @property
+    def probs(self) -> Floats:
+        """Probabilities of the shapes with a sum of 1, ``(K,)``: of what deciders plan with.
+
+        An object of an unlisted shape is not the target. It counts as one of the other shapes, in their proportion.
+
+        >>> problem = SearchProblem(("cube", "cone", "ball"), ("front",), num_objects=1, unlisted=0.1)
+        >>> InformationState(problem, 0, Belief.from_probs(problem.shape_labels, [0.5, 0.2, 0.0], 0.3)).probs.tolist()
+        [0.5, 0.5, 0.0]
+        """
+        found = self.belief.probs
+        if not self.belief.unlisted:
+            return found
+        others = np.where(np.arange(len(found)) == self.target, 0.0, found)
+        if not others.any():
+            others = np.where(np.arange(len(found)) == self.target, 0.0, 1.0)
+        if not others.any():  # the target alone is listed
+            return np.ones(1)
+        found = np.where(others > 0.0, others * ((1.0 - found[self.target]) / others.sum()), found)
+        return np.asarray(found / found.sum())
+
+    @property
+    def log_probs(self) -> Floats:
+        """Logarithms of :attr:`probs`, exact where no unlisted shape is possible, ``(K,)``."""
+        if not self.belief.unlisted:
+            return self.belief.log_probs
+        with np.errstate(divide="ignore"):
+            return np.log(self.probs)
 
     @property
     def evidence(self) -> ObjectEvidence | None:

@@ -6,11 +6,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from belief.bayes import Belief
+from belief.bayes import NONE_OF_THESE, Belief
 from belief.errors import InvalidArgument
 from belief.naming import one_line
 from belief.problem import Action, Confirm, Probe, Reject, SearchProblem, Touch, Unsure
-from belief.scene_belief import UNKNOWN
+from belief.scene_belief import UNKNOWN, UNLISTED
 from belief.search_progress import Outcome, success_of
 from planners.decider import Decision
 
@@ -45,7 +45,7 @@ class Episode:
         seed: seed of the episode.
         target: index of the shape sought.
         arrangement: true shape of every object, in order of visit; :data:`belief.scene_belief.UNKNOWN` (-1) where
-            nobody knows it.
+            nobody knows it, and :data:`~belief.scene_belief.UNLISTED` (-2) for a shape that is not listed.
         steps: all decisions, oldest first.
         outcome: how the search ended.
     """
@@ -73,7 +73,8 @@ class Episode:
             poses = [step.decision.action.pose for step in steps if isinstance(step.decision.action, Probe)]
             probs = " → ".join(f"{step.belief.probs[self.target]:.3f}" for step in steps)
             end = ACTION_NAMES.get(type(steps[-1].decision.action), "probe beyond the touch limit")
-            name = "of unknown shape" if shape == UNKNOWN else f"a {labels[shape]}"
+            names = {UNKNOWN: "of unknown shape", UNLISTED: NONE_OF_THESE}
+            name = names[shape] if shape in names else f"a {labels[shape]}"
             lines.append(f"  object {number + 1}, {name}: poses {poses}, p({labels[self.target]}) {probs}: {end}")
         return "\n".join(lines)
 
@@ -146,6 +147,7 @@ def _step_to_dict(step: Step) -> dict[str, Any]:
     return {
         "object": step.object_index,
         "belief": step.belief.probs.tolist(),
+        **({"unlisted": step.belief.unlisted} if step.belief.unlisted else {}),
         "action": action.pose if isinstance(action, Probe) else ACTION_NAMES[type(action)],
         "scores": dict(step.decision.scores),
         "logits": None if logits is None else logits.tolist(),
@@ -164,5 +166,5 @@ def _step_from_dict(fields: Mapping[str, Any], shape_labels: tuple[str, ...]) ->
         action = Probe(name)
         if fields["logits"] is not None or "features" in fields:
             touch = Touch(name, fields["logits"], fields.get("features"))
-    belief = Belief.from_probs(shape_labels, fields["belief"])
+    belief = Belief.from_probs(shape_labels, fields["belief"], fields.get("unlisted", 0.0))
     return Step(fields["object"], belief, Decision(action, fields["scores"]), touch)

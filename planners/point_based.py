@@ -19,7 +19,7 @@ which tells more than a first touch: how the object lies is then partly known (d
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -128,7 +128,7 @@ def _belief(policy: SearchPolicy, info: InformationState) -> Floats:
     number, num_shapes = info.object_index, len(info.problem.shape_labels)
     if info.scene is not None:
         if isinstance(policy.problem, SearchTouchProblem):
-            return policy.belief(number, info.scene.log_likelihoods())
+            return policy.belief(number, info.scene.log_likelihoods(info.target))
         from planners.continuation_value import belief_with_missed
 
         return belief_with_missed(info).ravel()
@@ -136,7 +136,7 @@ def _belief(policy: SearchPolicy, info: InformationState) -> Floats:
     shapes = policy.search.stages[number].shapes
     before = policy.belief(number, np.zeros((number + 1, num_shapes)))
     marginal = np.bincount(shapes, before, minlength=num_shapes)
-    ratio = np.divide(info.belief.probs, marginal, out=np.zeros_like(marginal), where=marginal > 0.0)
+    ratio = np.divide(info.probs, marginal, out=np.zeros_like(marginal), where=marginal > 0.0)
     belief = before * ratio[shapes]
     return np.asarray(belief / belief.sum()) if belief.sum() > 0.0 else before
 
@@ -151,5 +151,6 @@ def stages_by_target(problem: SearchProblem, outcome_probs: Floats, target: int,
 
     later = shapes_ahead(problem, target)[1:]
     stages = stages_by_missed(problem.num_shapes, target, later / later.sum(axis=2, keepdims=True))
-    initial = np.concatenate([problem.prior_probs, np.zeros(problem.num_shapes)])
+    prior = replace(problem, unlisted=0.0).prior_probs  # strangers count as other shapes, in the belief
+    initial = np.concatenate([prior, np.zeros(problem.num_shapes)])
     return StagedProblem(tuple(stages), initial, outcome_probs, touch_cost, 1.0)

@@ -178,7 +178,7 @@ class PPODecider:
 
 def shown(info: InformationState, state: str, touch_limit: int) -> Floats:
     """The state vector that an environment with this state and limit shows of the current object, as a batch of one."""
-    log_probs = info.belief.log_probs
+    log_probs = info.log_probs
     situation = situation_of(info.history, log_probs, info.problem.num_poses, touch_limit)
     if state in WITH_GAINS:
         situation = replace(situation, gains=expected_gains(info.evidence, log_probs, info.target)[None])

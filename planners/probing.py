@@ -179,7 +179,7 @@ class TargetInformationGain(Checked):
         """See :class:`planners.decider.ProbeSelector`."""
         require_fit(self.table, info.problem)
         if self.given == "shape":
-            gains = target_information_gain(info.belief.probs, self.table.probs, info.target)
+            gains = target_information_gain(info.probs, self.table.probs, info.target)
             return _best(info, gains, self.repeats.weights(info.uses), rng)
         shares = self._shares(info)
         joint, weights = next_touch(info, shares, self.table, self.repeats, self.outcomes, self.hypotheses)
@@ -187,7 +187,7 @@ class TargetInformationGain(Checked):
 
     def _shares(self, info: InformationState) -> Floats:
         """What the touch is to distinguish: one row for each answer, ``(J, K)``."""
-        return target_shares(info.belief.probs, info.target)
+        return target_shares(info.probs, info.target)
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +202,7 @@ class ShapeInformationGain(TargetInformationGain):
     given: Literal["body"] = field(default="body", init=False)
 
     def _shares(self, info: InformationState) -> Floats:
-        probs = info.belief.probs
+        probs = info.belief.probs  # of listed shapes: what a touch tells about strangers is not predicted
         if len(probs) <= _MOST_ANSWERS:
             return np.diag(probs)
         likely = np.argpartition(-probs, _MOST_ANSWERS)[:_MOST_ANSWERS]

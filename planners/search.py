@@ -14,12 +14,13 @@ from typing import Generic, NamedTuple, Protocol, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from belief.bayes import Belief
 from belief.composition import Composition
 from belief.errors import BrokenContract, InvalidArgument
 from belief.naming import Name, index_of
 from belief.observation_model.model import ObservationModel
 from belief.problem import Probe, SearchProblem, Touch, Unsure
-from belief.scene_belief import SceneBelief
+from belief.scene_belief import UNLISTED, SceneBelief
 from belief.seeding import touch_rng
 from belief.validation import Floats
 from planners.decider import Decider, Decision, InformationState, ProbeSelector, SequentialDecider
@@ -170,13 +171,14 @@ class Identification:
     """An object that was named.
 
     Attributes:
-        truth: its true label.
-        named: the label that is named.
-        stated: probability of that label.
+        truth: its true label; :data:`belief.scene_belief.UNLISTED` for none of them.
+        named: the label that is named, or UNLISTED.
+        stated: probability of that answer.
         poses: of its touches.
         is_certain: whether the probability reached the threshold.
         touches: what was felt.
-        log_probs: log posterior of the labels after each touch, ``(n, K)``, in single precision.
+        log_probs: log posterior of the labels after each touch, ``(n, K)``, in single precision; they sum to 1 less the
+            probability of none of them.
     """
 
     truth: int
@@ -201,6 +203,7 @@ def identify(
     seed: int | Sequence[int],
     threshold: float | None = 0.9,
     max_touches: int = 12,
+    unlisted: float = 0.0,
 ) -> Identification:
     """Touch the first object of a world until a label has the probability ``threshold``, or ``max_touches`` are made.
 
@@ -213,9 +216,10 @@ def identify(
         seed: seed of the touches and of the decider.
         threshold: probability at which to stop, in (0, 1]; None stops at ``max_touches`` alone.
         max_touches: ≥ 1.
+        unlisted: prior probability that the object has none of the labels, which is one more answer, in [0, 1).
 
     Raises:
-        InvalidArgument: the threshold is out of its range.
+        InvalidArgument: the threshold is out of its range, or the model cannot weigh unlisted shapes.
         BrokenContract: the selector chose another action than a touch.
 
     >>> from belief.synthetic import SyntheticWorld, random_model
@@ -228,7 +232,9 @@ def identify(
     if threshold is not None and not 0.0 < threshold <= 1.0:
         raise InvalidArgument(f"threshold must be in (0, 1], got {threshold!r}")
     labels, poses = tuple(model.shape_labels), tuple(pose_labels)
-    problem = SearchProblem(labels, poses, 1, Composition.INDEPENDENT, touch_limit=max_touches, unsure_reward=0.0)
+    problem = SearchProblem(
+        labels, poses, 1, Composition.INDEPENDENT, touch_limit=max_touches, unsure_reward=0.0, unlisted=unlisted
+    )
     rule = _Certain(threshold, max_touches)
     player: Decider
     if isinstance(decider, ProbeSelector):
@@ -239,9 +245,7 @@ def identify(
     world.reset()
     while (request := _next_request(session, world)) is not None:
         session.tell(world.touch(request.pose, request.rng))
-    log_probs = session.belief.log_probs
-    best = int(log_probs.argmax())
-    stated = float(np.exp(log_probs[best]))
+    log_probs, best, stated = session.belief.log_probs, *_answer(session.belief)
     touches = tuple(step.touch for step in session.steps if step.touch is not None)
     is_certain = threshold is not None and stated >= threshold
     if not is_certain and len(touches) < max_touches:
@@ -252,6 +256,13 @@ def identify(
     return Identification(world.arrangement[0], best, stated, poses_of, is_certain, touches, rows)
 
 
+def _answer(belief: Belief) -> tuple[int, float]:
+    """The most probable label, or UNLISTED, and its probability."""
+    best = int(belief.log_probs.argmax())
+    stated = float(np.exp(belief.log_probs[best]))
+    return (UNLISTED, belief.unlisted) if belief.unlisted > stated else (best, stated)
+
+
 @dataclass(frozen=True)
 class _Certain:
     """Stops where a label is probable enough, or after a maximum number of touches."""
@@ -260,7 +271,7 @@ class _Certain:
     max_touches: int
 
     def stop(self, info: InformationState) -> Decision | None:
-        stated = float(np.exp(info.belief.log_probs.max()))
+        _, stated = _answer(info.belief)
         is_certain = self.threshold is not None and stated >= self.threshold
         return Decision(Unsure()) if is_certain or len(info.history) >= self.max_touches else None
 

@@ -30,12 +30,12 @@ from typing import TYPE_CHECKING, Any, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike
 
-from belief.bayes import Belief
+from belief.bayes import NONE_OF_THESE, Belief
 from belief.errors import CorruptFile, InvalidArgument
 from belief.naming import Name, index_of, one_line
 from belief.observation_model.model import ObservationModel
 from belief.problem import Action, Probe, SearchProblem, Touch
-from belief.scene_belief import UNKNOWN, SceneView
+from belief.scene_belief import UNKNOWN, UNLISTED, SceneView
 from belief.search_progress import Outcome, SearchProgress
 from belief.seeding import checked_key, deciding_rng
 from planners.decider import Decider, Decision, InformationState, checked_decision
@@ -87,7 +87,8 @@ class Session:
         target: label or index of the shape sought.
         model: likelihood of touches.
         seed: seed of the decider, one number or several.
-        arrangement: true shape of every object, by label or index, None for one that nobody knows; for scoring only.
+        arrangement: true shape of every object, by label or index, None for one that nobody knows, "none of these" for
+            one whose shape is not listed; for scoring only.
         abstain: whether the decider may answer "I do not know" (:class:`planners.abstaining.Abstaining`); by default,
             if no true shape is given. The problem then has the answer Unsure, with a reward of 0 unless it has one.
         log_bets: log bets of an earlier search with the same set-up (:func:`planners.search.log_bets_after`).
@@ -412,10 +413,14 @@ class Session:
         labels, number = self.problem.shape_labels, self.problem.num_objects
         if isinstance(arrangement, str) or len(arrangement) != number:
             raise InvalidArgument(f"the arrangement must be {number} shapes, None where unknown; got {arrangement!r}")
-        return tuple(UNKNOWN if shape is None else index_of("shape", labels, shape) for shape in arrangement)
+        return tuple(
+            UNKNOWN if shape is None else UNLISTED if shape == NONE_OF_THESE else index_of("shape", labels, shape)
+            for shape in arrangement
+        )
 
     def _named(self, shapes: Sequence[int]) -> list[str | None]:
-        return [None if shape == UNKNOWN else self.problem.shape_labels[shape] for shape in shapes]
+        words = {UNKNOWN: None, UNLISTED: NONE_OF_THESE}
+        return [words[shape] if shape in words else self.problem.shape_labels[shape] for shape in shapes]
 
     @property
     def set_up(self) -> dict[str, Any]:

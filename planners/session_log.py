@@ -240,6 +240,7 @@ def problem_fields(problem: SearchProblem) -> dict[str, Any]:
         "touch_cost": problem.touch_cost,
         "touch_limit": int(problem.touch_limit),
         "unsure_reward": problem.unsure_reward,
+        "unlisted": problem.unlisted,
     }
 
 
@@ -254,6 +255,7 @@ def problem_from(fields: Mapping[str, Any]) -> SearchProblem:
         fields["touch_cost"],
         fields["touch_limit"],
         fields["unsure_reward"],
+        fields.get("unlisted", 0.0),
     )
 
 

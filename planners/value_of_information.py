@@ -65,7 +65,7 @@ class ValueOfInformation:
         """See :class:`planners.decider.Decider`; of equally good actions stopping comes first, then the lowest pose."""
         require_fit(self.table, info.problem)
         payoffs = self.payoffs(info)
-        confirm, reject = (payoffs @ info.belief.probs).tolist()
+        confirm, reject = (payoffs @ info.probs).tolist()
         probes = self.probe_values(info, payoffs)
         scores = {"target_prob": info.target_prob, "value_confirm": confirm, "value_reject": reject}
         scores |= pose_scores("value", info.problem, probes)
@@ -88,10 +88,10 @@ class ValueOfInformation:
 
     def _by_mixture(self, mixture: Outcomes, info: InformationState, payoffs: Floats) -> Floats:
         """:meth:`probe_values` for outcomes that depend on the touches so far."""
-        expected, chance = mixture.payoffs_after(payoffs, info.belief.probs)
+        expected, chance = mixture.payoffs_after(payoffs, info.probs)
         stop = expected.max(axis=0)
         if self.depth == 2:
-            factors = payoffs * info.belief.probs
+            factors = payoffs * info.probs
             best = np.argsort(-stop.sum(axis=1), kind="stable")[:_CANDIDATES]
             for pose in np.sort(best).tolist():
                 second = mixture.two_touches(pose, factors).max(axis=0).sum(axis=2)  # (M, P')
@@ -101,7 +101,7 @@ class ValueOfInformation:
 
     def _by_table(self, info: InformationState, payoffs: Floats) -> Floats:
         """:meth:`probe_values` for touches that are independent given the shape, with the discount of repeats."""
-        belief, cost, uses = info.belief.probs, info.problem.touch_cost, info.uses
+        belief, cost, uses = info.probs, info.problem.touch_cost, info.uses
         num_poses, num_outcomes = self.table.num_poses, self.table.num_outcomes
         now = (payoffs @ belief).max()
         joint = belief[:, None] * self._columns  # (K, P M), p(shape, outcome)

@@ -1,6 +1,7 @@
 """The joint belief about a table against listing every way it can have been laid."""
 
 import copy
+import dataclasses
 import itertools
 import pickle
 import warnings
@@ -56,6 +57,27 @@ def felt(scores):
     return [Touch(0, np.array(scores, np.float64))]
 
 
+@dataclasses.dataclass(frozen=True)
+class Weighed:
+    """Evidence whose touches bring the log-likelihood of each shape as logits, and of a stranger as their feature."""
+
+    log_likelihood: np.ndarray
+    log_unlisted: float = 0.0
+    num_touches: int = 0
+    log_bets: None = None
+
+    def update(self, touch):
+        added = self.log_unlisted + float(touch.features[0])
+        return Weighed(self.log_likelihood + touch.logits, added, self.num_touches + 1)
+
+
+class ToldOfStrangers(Told):
+    """An observation model whose evidence weighs strangers."""
+
+    def start(self):
+        return Weighed(np.zeros(3))
+
+
 def every_table(composition, num_objects):
     """All tables, as shapes ``(tables, N)``, and the probability of each before any touch."""
     if isinstance(composition, AtMostOne):
@@ -104,6 +126,60 @@ def test_beliefs_presence_and_contradictions_equal_enumeration_of_all_tables(com
     for target in range(3):
         present = posterior[(tables == target).any(axis=1)].sum()
         assert scene.prob_present(target) == pytest.approx(present, abs=1e-12)
+
+
+@pytest.mark.filterwarnings("ignore:logits has no negative number")
+@compositions
+@given(
+    weights=arrays(np.float64, (3, 4), elements=scores), unlisted=st.sampled_from([1e-300, 1e-3, 0.05, 0.5, 1 - 1e-9])
+)
+def test_with_unlisted_shapes_beliefs_equal_enumeration_of_all_tables_and_all_strangers(composition, weights, unlisted):
+    listed, found = every_table(composition, 3)
+    rows = []
+    for strange in itertools.product([False, True], repeat=3):
+        with np.errstate(over="ignore"):
+            chance = unlisted ** sum(strange) * (1.0 - unlisted) ** (3 - sum(strange))
+        rows.append((np.where(strange, 3, listed), found * chance))
+    tables, probs = (np.concatenate(part) for part in zip(*rows, strict=True))
+    problem = SearchProblem(LABELS, ("p",), 3, composition, unlisted=unlisted)
+    np.testing.assert_allclose(problem.prior_probs, [probs @ (tables[:, 0] == shape) for shape in range(3)], atol=1e-12)
+    absent = [probs @ (tables != shape).all(axis=1) for shape in range(3)]
+    np.testing.assert_allclose(problem.prior_absent_probs, absent, atol=1e-12)
+    posterior = probs * np.prod([np.exp(weights)[i, tables[:, i]] for i in range(3)], axis=0)
+    if posterior.sum() < 1e-290:
+        return  # no table is possible, or the enumeration has lost it to underflow
+    posterior /= posterior.sum()
+    scene = SceneBelief(problem, ToldOfStrangers())
+    for i, row in enumerate(weights):
+        try:
+            scene.update(i, [Touch(0, row[:3], features=row[3:])])
+        except ValueError:  # a feature must be finite for Touch, or no shape is left
+            assert not np.isfinite(row).all()
+            return
+    for shape in range(3):
+        for i in range(3):
+            assert scene.marginals()[i, shape] == pytest.approx(posterior @ (tables[:, i] == shape), abs=1e-9)
+        assert scene.prob_present(shape) == pytest.approx(posterior @ (tables == shape).any(axis=1), abs=1e-9)
+    if composition == "independent":  # with a target, strangers are other shapes
+        for target in range(3):
+            assumed = np.exp(scene.log_likelihoods(target))
+            np.testing.assert_allclose(
+                assumed[:, target] / assumed.sum(axis=1), scene.marginals()[:, target], atol=1e-9
+            )
+    strange = posterior @ (tables == 3)
+    np.testing.assert_allclose(scene.unlisted(), strange, atol=1e-9)
+    np.testing.assert_allclose(scene.view().unlisted(), strange, atol=1e-9)
+    belief = pickle.loads(pickle.dumps(scene)).belief(1)
+    assert belief.unlisted == pytest.approx(strange[1], abs=1e-9)
+    assert belief.probs.sum() + belief.unlisted == pytest.approx(1.0, abs=1e-9)
+
+
+def test_unlisted_shapes_need_a_model_that_weighs_them_and_a_probability_below_one():
+    with pytest.raises(InvalidArgument, match="Told cannot weigh whether an object has none of the shapes"):
+        SceneBelief(SearchProblem(LABELS, ("p",), 2, unlisted=0.05), Told())
+    for wrong in (1.0, -0.1, np.nan):
+        with pytest.raises(InvalidArgument, match="unlisted"):
+            SearchProblem(LABELS, ("p",), 2, unlisted=wrong)
 
 
 EXTREMES = (0.0, -0.0, 1.0, 0.25, 1e-3, np.inf, -np.inf, np.nan, 5e-324, 1e-310, 1e-300, 1e308, -1e308, -1.0, 6e4)
