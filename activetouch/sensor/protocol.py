@@ -46,6 +46,7 @@ class Sensor(Protocol):
         num_objects: int | None = None,
         composition: Composition | Counts | str | None = None,
         touch_cost: float = 0.02,
+        unlisted: float = 0.0,
     ) -> SearchProblem:
         """The rules of a search; arguments as of :meth:`search`."""
 
@@ -58,6 +59,7 @@ class Sensor(Protocol):
         num_objects: int | None = None,
         composition: Composition | Counts | str | None = None,
         touch_cost: float = 0.02,
+        unlisted: float = 0.0,
     ) -> Episode:
         """Search for an object of the target's shape among simulated objects.
 
@@ -72,6 +74,7 @@ class Sensor(Protocol):
                 default the usual one of the sensor. Where the exact sum over distinct objects is too large, they are
                 then independent, with a warning.
             touch_cost: cost λ of one touch, in units of a success.
+            unlisted: prior probability that an object has none of the shapes (:attr:`belief.SearchProblem.unlisted`).
 
         Returns:
             The episode, which prints as its steps.
@@ -90,6 +93,7 @@ class Sensor(Protocol):
         num_objects: int | None = None,
         composition: Composition | Counts | str | None = None,
         touch_cost: float = 0.02,
+        unlisted: float = 0.0,
         log: str | Path | None = None,
         certificate: str | Path | Certificate | None = None,
         **settings: Unpack[SessionSettings],
@@ -103,6 +107,7 @@ class Sensor(Protocol):
             num_objects: as of :meth:`search`.
             composition: as of :meth:`search`.
             touch_cost: as of :meth:`search`.
+            unlisted: as of :meth:`search`.
             log: file for all that the session receives, on disk before the next question; if it exists, its search
                 continues, with its own settings alone.
             certificate: of :func:`activetouch.certify`, or its file: it says where an object is confirmed.

@@ -149,10 +149,11 @@ class RecordedSensor:
         num_objects: int | None = None,
         composition: Composition | Counts | str | None = None,
         touch_cost: float = 0.02,
+        unlisted: float = 0.0,
     ) -> SearchProblem:
         """The rules of a search; by default of up to four different objects."""
         usual = SearchProblem(self.shape_labels, self.pose_labels, min(4, len(self.shape_labels)))
-        return problem_of(usual, _TOUCHES_PER_OBJECT, num_objects, composition, touch_cost)
+        return problem_of(usual, _TOUCHES_PER_OBJECT, num_objects, composition, touch_cost, unlisted)
 
     def search(
         self,
@@ -163,12 +164,13 @@ class RecordedSensor:
         num_objects: int | None = None,
         composition: Composition | Counts | str | None = None,
         touch_cost: float = 0.02,
+        unlisted: float = 0.0,
     ) -> Episode:
         """Search among objects whose touches are drawn from the observation model, for which it is exact.
 
         ``activetouch recorded`` searches among recordings. See :meth:`Sensor.search`.
         """
-        problem = self.problem(num_objects, composition, touch_cost)
+        problem = self.problem(num_objects, composition, touch_cost, unlisted)
         shape, key, player = player_of(problem, self.model, target, decider, seed)
         world = SyntheticWorld(self.model, sample_arrangement(problem, arrangement_rng(key), shape))
         return search(world, player, problem, shape, self.model, key)
@@ -182,6 +184,7 @@ class RecordedSensor:
         num_objects: int | None = None,
         composition: Composition | Counts | str | None = None,
         touch_cost: float = 0.02,
+        unlisted: float = 0.0,
         log: str | Path | None = None,
         certificate: str | Path | Certificate | None = None,
         **settings: Unpack[SessionSettings],
@@ -192,7 +195,7 @@ class RecordedSensor:
         """
         if certificate is not None:
             raise NotCertified(f"certificates are for sensors with a scene; {NOT_SIMULATED}")
-        problem = self.problem(num_objects, composition, touch_cost)
+        problem = self.problem(num_objects, composition, touch_cost, unlisted)
         shape, key, player = player_of(problem, self.model, target, decider, seed)
         reader, settings = self.image_reader, with_misses(settings)
         return begun(Session(problem, player, shape, self.model, key, reader=reader, **settings), player, log, reader)

@@ -25,6 +25,7 @@ def problem_of(
     num_objects: int | None,
     composition: Composition | Counts | str | None,
     touch_cost: float,
+    unlisted: float,
 ) -> SearchProblem:
     """The usual search with changed rules; objects are independent, with a warning, if the exact sum is too large."""
     if num_objects is None:
@@ -35,6 +36,7 @@ def problem_of(
         num_objects=num_objects,
         composition=Composition(composition) if isinstance(composition, str) else composition or usual.composition,
         touch_cost=touch_cost,
+        unlisted=unlisted,
         touch_limit=touches_per_object * num_objects,
     )
     try:

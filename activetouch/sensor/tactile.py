@@ -282,6 +282,7 @@ class TactileSensor:
         num_objects: int | None = None,
         composition: Composition | Counts | str | None = None,
         touch_cost: float = 0.02,
+        unlisted: float = 0.0,
     ) -> SearchProblem:
         """The rules of a search; by default those of the named scene, or of up to four different objects."""
         from activetouch.sensor.searching import problem_of
@@ -290,7 +291,7 @@ class TactileSensor:
         known = [one for one in SCENES.values() if self.scene in (one.scene, hand and one.scene.with_hand(hand))]
         named = known[0] if known else as_named(self.scene)
         usual = SearchProblem(self.shape_labels, self.pose_labels, named.num_objects, named.composition)
-        return problem_of(usual, named.touches_per_object, num_objects, composition, touch_cost)
+        return problem_of(usual, named.touches_per_object, num_objects, composition, touch_cost, unlisted)
 
     def search(
         self,
@@ -301,6 +302,7 @@ class TactileSensor:
         num_objects: int | None = None,
         composition: Composition | Counts | str | None = None,
         touch_cost: float = 0.02,
+        unlisted: float = 0.0,
     ) -> Episode:
         """Search for an object of the target's shape among simulated objects of the scene.
 
@@ -309,7 +311,7 @@ class TactileSensor:
         """
         from activetouch.sensor.searching import player_of
 
-        problem = self.problem(num_objects, composition, touch_cost)
+        problem = self.problem(num_objects, composition, touch_cost, unlisted)
         shape, key, player = player_of(problem, self.model, target, decider, seed)
         return search(TouchWorld.of_search(self, problem, key, shape), player, problem, shape, self.model, key)
 
@@ -322,6 +324,7 @@ class TactileSensor:
         num_objects: int | None = None,
         composition: Composition | Counts | str | None = None,
         touch_cost: float = 0.02,
+        unlisted: float = 0.0,
         log: str | Path | None = None,
         certificate: str | Path | Certificate | None = None,
         **settings: Unpack[SessionSettings],
@@ -333,7 +336,7 @@ class TactileSensor:
         """
         from activetouch.sensor.searching import begun, player_of, with_misses
 
-        problem = self.problem(num_objects, composition, touch_cost)
+        problem = self.problem(num_objects, composition, touch_cost, unlisted)
         shape, key, player = player_of(problem, self.model, target, decider, seed)
         if certificate is None:
             settings = with_misses(settings)  # a certificate does not cover them

@@ -140,6 +140,7 @@ def find(
     threshold: float = 0.95,
     deciders: Mapping[str, Decider | str] | Sequence[str] | str = (),
     certificate: str | Path | Certificate | None = None,
+    unlisted: float = 0.0,
     out: str | Path | None = None,
     seed: int = 0,
     scale: float | None = None,
@@ -157,6 +158,7 @@ def find(
         deciders: as of :func:`activetouch.compare`; by default that of the certificate, or information gain about the
             target, which stops at the threshold.
         certificate: as of :func:`activetouch.compare`.
+        unlisted: as of :func:`activetouch.compare`.
         out: folder in which finished searches are kept, as of :func:`activetouch.compare`.
         seed: of objects and touches.
         scale: metres per unit of mesh files without a scale of their own.
@@ -173,7 +175,7 @@ def find(
     sensor = sensor_of(solids, setting.pop("sensor", "gel"), plan_of(**setting), jobs)
     named = NamedScene(sensor.scene, number, touches_per_object=_TOUCHES)
     run = prepared(
-        Setting(composition="at_most_one"),
+        Setting(composition="at_most_one", unlisted=unlisted),
         deciders or _usual_decider(threshold, number, certificate),
         named,
         sensor,
@@ -251,7 +253,8 @@ class Find(MeshOptions):
             family=("size={}..{}".format(*SIZES),),
         )
         own = None if is_named else Path(self.sensor)
-        return Setting(choice, own, self.objects, composition="at_most_one", observation_model="nested")
+        rules: dict[str, Any] = {"composition": "at_most_one", "unlisted": self.unlisted}
+        return Setting(choice, own, self.objects, observation_model="nested", **rules)
 
     @ends_claims
     def run(self) -> None:

@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from activetouch import TactileSensor, TouchWorld
+from activetouch.scene import Scene
+from belief.bayes import NONE_OF_THESE
 from belief.claims import ends_claims
+from belief.naming import Name
 from belief.observation_model.nested_bodies import NestedEvidence
+from belief.problem import Touch
+from belief.scene_belief import UNLISTED
+from belief.table import Table
 from experiments.command_line.arguments import Count
 from experiments.meshes.near_twins import near_twins
 from experiments.meshes.result import Bodies, MeshOptions, MeshResult, body_index, solids_of
-from experiments.meshes.setting import model_of, plan_of, sensor_of
+from experiments.meshes.setting import model_of, plan_of, scene_of, sensor_of
 from experiments.parallel import Shared, run_tasks
 from planners import Decider
 from planners.decider import ProbeSelector, SequentialDecider
@@ -34,24 +41,42 @@ class Identified(MeshResult):
     """Simulated objects, and how they were named; prints as their table."""
 
     namings: Sequence[Identification]
+    pressed: Sequence[str] = field(default=(), kw_only=True)
     _kind = "objects"
     _columns = ("body", ""), ("named", ""), ("stated", ".3f"), ("touches", "d")
     _note = "{right} of {number} named rightly, {low} to {high}; stated {stated:.2f} in the mean."
 
     def rows(self) -> list[dict[str, Any]]:
         """One row for each object: its body, the named one, the stated probability, and touches."""
-        labels = self.sensor.shape_labels
         return [
             {
-                "body": labels[one.truth],
-                "named": labels[one.named],
+                "body": self._name(one.truth) if not self.pressed else self.pressed[number],
+                "named": self._name(one.named),
                 "right": one.is_right,
                 "stated": one.stated,
+                "certain": one.is_certain,
                 "touches": len(one.poses),
                 "directions": " ".join(self.sensor.pose_labels[pose] for pose in one.poses),
             }
-            for one in self.namings
+            for number, one in enumerate(self.namings)
         ]
+
+    def _name(self, index: int) -> str:
+        return NONE_OF_THESE if index == UNLISTED else self.sensor.shape_labels[index]
+
+    def table(self) -> Table:
+        """The rows, and how many are right; where answers are certain, how many of these."""
+        found, certain = super().table(), [one for one in self.namings if one.is_certain]
+        if len(certain) == len(self.namings):
+            return found
+        named = [one for one in certain if one.named != UNLISTED]
+        none = [one for one in certain if one.named == UNLISTED]
+        said = (
+            f" {len(named)} reached the threshold, {sum(one.is_right for one in named)} of them rightly; "
+            f"{len(none)} are certainly {NONE_OF_THESE}, {sum(one.is_right for one in none)} of them rightly; "
+            f"{len(self.namings) - len(certain)} stayed open."
+        )
+        return replace(found, note=found.note + said)
 
     @property
     def _title(self) -> str:
@@ -62,10 +87,9 @@ class Identified(MeshResult):
         return "Which body is it?"
 
     def _shown(self) -> Iterator[tuple[str, str, Sequence[str], Sequence[NestedEvidence]]]:
-        labels = self.sensor.shape_labels
         for number, one in enumerate(self.namings[:_PICTURED], 1):
-            right = "rightly" if one.is_right else f"wrongly: it is {labels[one.truth]}"
-            end = f"named {labels[one.named]} with probability {one.stated:.3f}, {right}"
+            right = "rightly" if one.is_right else f"wrongly: it is {self._name(one.truth)}"
+            end = f"named {self._name(one.named)} with probability {one.stated:.3f}, {right}"
             sides = [f"side {self.sensor.pose_labels[pose]}" for pose in one.poses]
             evidence, after = model_of(self.sensor).start(), list[NestedEvidence]()
             for touch in one.touches:
@@ -82,6 +106,8 @@ def identify(
     threshold: float = 0.95,
     max_touches: int = 16,
     decider: str | Decider = "shape_information_gain",
+    unlisted: float = 0.0,
+    pressed: Bodies | None = None,
     seed: int = 0,
     scale: float | None = None,
     jobs: int | None = None,
@@ -97,6 +123,9 @@ def identify(
         max_touches: of an object.
         decider: its name, as of :func:`activetouch.compare`, or a decider. One that stops by the probability of the
             target chooses the poses alone; any other one is asked about the most probable body, and stops, too.
+        unlisted: prior probability that an object is none of the bodies, which is one more answer.
+        pressed: bodies of which the objects are, instead, such as scans: as ``bodies``. One without a body of its label
+            is none of these.
         seed: of objects and touches.
         scale: metres per unit of mesh files without a scale of their own.
         jobs: number of processes; as many as processors by default.
@@ -107,18 +136,24 @@ def identify(
         InvalidArgument: no mesh can be read, or the sensor has no reader of any object.
     """
     solids, left_out = solids_of(bodies, scale)
-    chosen = None if body is None else body_index(solids, body)
-    sensor = replace(
-        sensor_of(solids, setting.pop("sensor", "gel"), plan_of(**setting), jobs), with_logits=_reads_logits(decider)
-    )
-    truths = np.random.default_rng([seed, 5]).permutation(np.arange(num_objects) % len(solids)).tolist()
-    shared = Shared((sensor, _player(decider, sensor)))
+    objects = solids if pressed is None else solids_of(pressed, scale)[0]
+    chosen = None if body is None else body_index(objects, body)
+    own = setting.pop("sensor", "gel")
+    sensor = replace(sensor_of(solids, own, plan_of(**setting), jobs), with_logits=_reads_logits(decider))
+    world = _Pressed(sensor, sensor.scene if pressed is None else scene_of(objects, own))
+    truths = np.random.default_rng([seed, 5]).permutation(np.arange(num_objects) % len(objects)).tolist()
+    truths = truths if chosen is None else [chosen] * num_objects
+    shared = Shared((world, _player(decider, sensor)))
     tasks = [
-        partial(_name_one, shared, truth if chosen is None else chosen, (seed, number), max_touches, threshold)
+        partial(_name_one, shared, truth, (seed, number), max_touches, threshold, unlisted)
         for number, truth in enumerate(truths)
     ]
     namings = list(run_tasks(tasks, jobs, "objects"))
-    return Identified(sensor, near_twins(model_of(sensor)), namings, left_out=left_out)
+    if pressed is None:
+        return Identified(sensor, near_twins(model_of(sensor)), namings, left_out=left_out)
+    names, places = [list(objects)[truth] for truth in truths], {label: row for row, label in enumerate(solids)}
+    namings = [replace(one, truth=places.get(name, UNLISTED)) for one, name in zip(namings, names, strict=True)]
+    return Identified(sensor, near_twins(model_of(sensor)), namings, left_out=left_out, pressed=names)
 
 
 def _reads_logits(decider: str | Decider) -> bool:
@@ -134,16 +169,28 @@ def _player(decider: str | Decider, sensor: TactileSensor) -> Decider | ProbeSel
     return made
 
 
+@dataclass(frozen=True, eq=False)
+class _Pressed:
+    """Presses objects of a scene that may differ from that of the sensor, which reads the images."""
+
+    sensor: TactileSensor
+    scene: Scene
+
+    def read(self, images: NDArray[np.uint8], poses: Sequence[Name]) -> list[Touch]:
+        return self.sensor.read(images, poses)
+
+
 def _name_one(
-    shared: Shared[tuple[TactileSensor, Decider | ProbeSelector]],
+    shared: Shared[tuple[_Pressed, Decider | ProbeSelector]],
     truth: int,
     seed: tuple[int, ...],
     max_touches: int,
     threshold: float,
+    unlisted: float,
 ) -> Identification:
-    sensor, player = shared.value
-    world = TouchWorld.sample(sensor, [truth], np.random.default_rng([*seed, 0]))
-    return name_first(world, player, sensor.model, sensor.pose_labels, seed, threshold, max_touches)
+    pressed, player = shared.value
+    sensor, world = pressed.sensor, TouchWorld.sample(pressed, [truth], np.random.default_rng([*seed, 0]))
+    return name_first(world, player, sensor.model, sensor.pose_labels, seed, threshold, max_touches, unlisted)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,12 +204,16 @@ class Identify(MeshOptions):
         activetouch identify scans
         activetouch identify scans --body mug --objects 5 --out runs/mug
         activetouch identify scans --scale 0.001 --decider value_of_information
+        activetouch identify drawings --pressed scans --unlisted 0.3
     """
 
     body: str | None = None
     """Label of the body that is pressed; random ones by default."""
     objects: Count = 20
     """Number of objects to name."""
+    pressed: Path | None = None
+    """Folder of the meshes of which the objects are, instead, such as scans; one that has no file of its name in the
+    first folder is none of these."""
     max_touches: Count = 16
     """Touches of an object."""
     decider: str = "shape_information_gain"
@@ -177,12 +228,13 @@ class Identify(MeshOptions):
     @ends_claims
     def run(self) -> None:
         """Read, make views, name, report."""
-        solids, left_out = self.read(self.body)
+        solids, left_out = self.read(None if self.pressed else self.body)
         found = identify(
             solids,
             body=self.body,
             num_objects=self.objects,
             max_touches=self.max_touches,
+            pressed=self.pressed,
             decider=self.decider,
             **self.common,
         )

@@ -19,7 +19,7 @@ from activetouch.solids.mesh import Mesh
 from activetouch.solids.mesh_file import ENDINGS
 from activetouch.solids.solid import Shape
 from belief.claims import claim_folder
-from belief.constraints import Positive, Share
+from belief.constraints import Positive, Probability, Share
 from belief.errors import InvalidArgument
 from belief.naming import index_of
 from belief.observation_model.nested_bodies import NestedEvidence
@@ -137,6 +137,8 @@ class MeshOptions(ABC):
     """Folder of mesh files, [@SCALE], of what the objects may be; subfolders too."""
     threshold: Share = 0.95
     """Probability of the answer at which to stop."""
+    unlisted: Probability = 0.0
+    """Prior probability that an object is none of the bodies, such as 0.05."""
     scale: Positive | None = None
     """Metres per unit of the files, such as 0.001."""
     sensor: str = "gel"
@@ -173,7 +175,7 @@ class MeshOptions(ABC):
     @property
     def common(self) -> dict[str, Any]:
         """The arguments of the functions that follow from them."""
-        names = ("threshold", "seed", "jobs", "sensor")
+        names = ("threshold", "unlisted", "seed", "jobs", "sensor")
         return {name: getattr(self, name) for name in names}
 
     def report(self, found: MeshResult) -> None:

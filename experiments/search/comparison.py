@@ -122,6 +122,7 @@ def compare(
     num_objects: int | None = None,
     composition: CompositionName | None = None,
     touch_cost: float = 0.02,
+    unlisted: float = 0.0,
     abstain: float | None = None,
     certificate: str | Path | Certificate | None = None,
     anyway: bool = False,
@@ -147,6 +148,7 @@ def compare(
         composition: "distinct", "independent", or "at_most_one", for many shapes: one object has the target's shape, or
             none. That of the scene by default.
         touch_cost: cost λ of one touch, in units of a success.
+        unlisted: prior probability that an object has none of the shapes; the simulated ones all have one of them.
         abstain: false-alarm rate of the conflict test, with which every decider can answer "I do not know"; not by
             default.
         certificate: from :func:`activetouch.certify`, or its file; its decider also plays stopping by it, as
@@ -170,7 +172,8 @@ def compare(
         print(comparison)
         comparison.save("runs/cone")
     """
-    rules = {"num_objects": num_objects, "composition": composition, "touch_cost": touch_cost, "abstain": abstain}
+    rules = {"num_objects": num_objects, "composition": composition, "touch_cost": touch_cost}
+    rules |= {"unlisted": unlisted, "abstain": abstain}
     setting, named, own_sensor = setting_of(scene, sensor, **rules, anyway=anyway)
     run = prepared(
         setting,

@@ -23,7 +23,7 @@ from activetouch import RecordedSensor, TactileSensor
 from activetouch.named_scenes import SCENES
 from activetouch.sensor_files import INDEPENDENT_SUFFIX, RECORDED_FILE
 from belief.composition import Counts
-from belief.constraints import NotNegative
+from belief.constraints import NotNegative, Probability
 from belief.errors import InvalidArgument, UnknownName
 from belief.journal import array_from
 from belief.problem import Probe, Touch
@@ -177,6 +177,7 @@ class Conversation:
             "success": session.episode.success if over else None,
             "num_touches": sum(step.touch is not None for step in session.steps),
             "beliefs": [dict(zip(labels, row, strict=True)) for row in marginals.tolist()],
+            **({"unlisted": session.scene.unlisted().tolist()} if session.problem.unlisted else {}),
             "log_marginals": session.scene.log_marginals().clip(-1e300).tolist(),
             "log_conflict": min(max(float(session.scene.log_conflict), -1e300), 1e300),
         }
@@ -279,6 +280,8 @@ class Live:
     """nested: orientations are weighed coarse to fine, for hundreds of meshes; the default where they are so many."""
     touch_cost: NotNegative = 0.02
     """Cost λ of one touch, in units of a success."""
+    unlisted: Probability = 0.0
+    """Prior probability that an object has none of the shapes, such as 0.05. Needs a belief about nested cells."""
     seed: Seed = 0
     """Seed of the decider."""
     never_unsure: bool = False
@@ -334,6 +337,7 @@ class Live:
                 num_objects=self.objects,
                 composition=composition,
                 touch_cost=self.touch_cost,
+                unlisted=self.unlisted,
                 log=log,
                 abstain=not self.never_unsure,
                 least_force=self.least_force,

@@ -26,7 +26,7 @@ from activetouch.sensor_files import ANY_OBJECT_FILE, observation_file, reader_f
 from activetouch.world import TouchTime, touch_many
 from belief.codec import from_fields, to_fields
 from belief.composition import Composition
-from belief.constraints import Fraction, NotNegative
+from belief.constraints import Fraction, NotNegative, Probability
 from belief.errors import CorruptFile, InvalidArgument
 from belief.problem import Action, Probe, Reject, SearchProblem, Touch
 from belief.scene_belief import SceneBelief
@@ -66,6 +66,8 @@ class Setting:
     image. Needs a reader of any object."""
     touch_cost: NotNegative = 0.02
     """Cost λ of one touch, in units of a success."""
+    unlisted: Probability = 0.0
+    """Prior probability that an object has none of the shapes, such as 0.05. Needs a belief about nested cells."""
     abstain: Fraction | None = None
     """False-alarm rate of the conflict test, such as 0.02: deciders can answer "I do not know"."""
     anyway: bool = False
@@ -141,6 +143,7 @@ class Setting:
                 touch_cost=self.touch_cost,
                 touch_limit=named.touches_per_object * number,
                 unsure_reward=None if self.abstain is None else 0.0,
+                unlisted=self.unlisted,
             )
         except ValueError as error:
             raise BadArgument(str(error)) from error
