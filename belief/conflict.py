@@ -57,6 +57,8 @@ _QUANTILES = 40  # in each half of a distribution
 _POWERS = np.array([[0.0, 0.8, 0.5, 0.0], [0.0, 0.0, 0.0, 0.4], [0.0, 0.8, 0.5, 0.0]])
 """Exponents κ of bets (1 - κ) p^-κ: on a high novelty, a low one, and a high misfit. A strategy is a column of the
 first two rows with one of the first three columns of the third."""
+ON_MISFIT = slice(1, 3)
+"""The strategies of :attr:`ObjectConflict.log_bets` that bet on a high misfit alone."""
 _LOG_KEPT = np.log1p(-_POWERS)
 _LARGEST = 1e30  # number in an embedding
 _LARGEST_SINGLE = float(np.finfo(np.float32).max)

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from belief.observation_model.sensor_health import SensorEvidence
     from belief.observation_model.sensor_worlds import SensorHealth
 
+_LARGEST = 1e300  # log ratio
 UNKNOWN, UNLISTED = -1, -2
 """Mark an object in an arrangement: nobody knows its shape, and its shape is none of the listed ones."""
 
@@ -40,12 +41,14 @@ class Places(NamedTuple):
     """What is known of the places of a composition, which objects take and strangers may take instead.
 
     ``log_weights (N, K)`` are log p(touches of each object | its place), ``log_marginals (N, K)`` the log posterior of
-    the places; ``log_strangers (N, K)`` are log p(stranger | place, touches), None where there are no strangers.
+    the places. None where there are no strangers: ``log_strangers (N, K)``, log p(stranger | place, touches), and
+    ``log_fit (N,)``, log p(touches | listed shape or stranger) less that of a listed shape.
     """
 
     log_weights: Floats
     log_marginals: Floats
     log_strangers: Floats | None = None
+    log_fit: Floats | None = None
 
 
 class ReadableScene:
@@ -151,12 +154,16 @@ class ReadableScene:
     def log_bets(self) -> Floats:
         """Log wealth of every strategy of the conflict test after all touches, ``(J,)``; 0.0 without a test.
 
+        Where objects may have an unlisted shape, they bet against touches of listed shapes and of strangers alike.
+
         Give it to the next search with the same robot and sensor, so that its test continues this one. For a model with
         several worlds of the sensor it holds what is known about them.
         """
         if self._health is not None:
             return self._health.log_bets
-        bets = (evidence.log_bets for evidence in self._evidence if evidence.log_bets is not None)
+        bets = [np.zeros(1) if one.log_bets is None else one.log_bets for one in self._evidence]
+        for index, fit in enumerate([] if self._places.log_fit is None else self._places.log_fit):
+            bets[index] = bets[index] - fit
         return np.asarray(sum(bets, start=self._earlier_bets))
 
     def _object(self, object_index: int) -> int:
@@ -350,7 +357,10 @@ class SceneBelief(ReadableScene):
         weights = np.logaddexp(*both)
         found, possible = self._marginals_of(weights), weights > -np.inf
         log_listed, log_strangers = np.subtract(both, weights, np.full(both.shape, -np.inf), where=possible)
-        return Places(weights, found, log_strangers), found + log_listed
+        mean = logsumexp(log_likelihoods, axis=1) - np.log(log_likelihoods.shape[1])
+        ratios = np.minimum(np.subtract(strange, mean, np.full(len(mean), _LARGEST), where=mean > -np.inf), _LARGEST)
+        log_fit = np.logaddexp(self._log_prior[0], self._log_prior[1] + ratios)
+        return Places(weights, found, log_strangers, log_fit), found + log_listed
 
     def _marginals_of(self, log_weights: Floats) -> Floats:
         """Log marginals of every object, ``(N, K)``."""

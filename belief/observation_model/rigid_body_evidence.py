@@ -22,8 +22,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import logsumexp
 
-from belief.conflict import MOST_TOUCHES, ObjectConflict, log_conflict
+from belief.conflict import MOST_TOUCHES, ON_MISFIT, ObjectConflict, log_conflict
+from belief.errors import InvalidArgument
 from belief.frozen import Kind, frozen
 from belief.observation_model.evidence import ObjectEvidence
 from belief.observation_model.outcome_mixture import (
@@ -125,6 +127,23 @@ class RigidBodyEvidence:
     def log_bets(self) -> Floats | None:
         """See :class:`~belief.observation_model.evidence.ObjectEvidence`."""
         return None if self.conflict is None else self.conflict.log_bets
+
+    @cached_property
+    def log_unlisted(self) -> float:
+        """See :class:`~belief.observation_model.evidence.WeighsStrangers`.
+
+        A stranger looks familiar from each side, but its sides do not fit one body. So the likelihood ratio of an
+        unlisted shape is the e-value of the bets of the conflict test on a high misfit alone (decision 0057).
+        """
+        if self.conflict is None:
+            raise InvalidArgument(
+                "this observation model has no conflict test, by which it would tell whether an object has none of the "
+                "shapes; leave out unlisted"
+            )
+        if not self.num_touches:
+            return 0.0
+        mean = float(logsumexp(self.log_likelihood)) - np.log(len(self.log_likelihood))
+        return mean + log_conflict([self.conflict.log_bets[ON_MISFIT]])
 
     def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> OutcomeMixture | SharedMixture:
         """See :class:`~belief.observation_model.evidence.ObjectEvidence`; outcomes are the model's reference touches.

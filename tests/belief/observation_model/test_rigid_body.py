@@ -11,8 +11,10 @@ import pytest
 from scipy.special import log_softmax, logsumexp
 from scipy.stats import kstest
 
-from belief import Touch
+from belief import SceneBelief, SearchProblem, Touch
 from belief.bayes import update
+from belief.conflict import ON_MISFIT, log_conflict
+from belief.errors import InvalidArgument
 from belief.observation_model import FittedRigidBody, FixedHypotheses, RigidBodyModel, read_observation_model
 from belief.observation_model.model import check_observation_model
 from belief.touch_batch import TouchBatch
@@ -214,6 +216,7 @@ def posterior_rows(log_likelihoods):
 
 @pytest.mark.parametrize(("too_sure", "error"), [(3.0, 0.05), (200.0, 0.3), (0.02, 0.3)])  # the prior is at 1
 def test_a_reader_that_is_too_sure_or_too_modest_gets_a_temperature(world, rng, too_sure, error):
+    world.points *= 5.0  # so that a touch tells the body
     touches, shapes, ids = [], [], []
     for number in range(120):
         shape, body = int(rng.integers(K)), int(rng.integers(N))
@@ -433,3 +436,40 @@ def test_logits_are_of_no_account_to_it(world, rng):
     np.testing.assert_array_equal(model.log_likelihood(bare), model.log_likelihood(touches))
     ours, theirs = (reduce(lambda e, touch: e.update(touch), some, model.start()) for some in (bare, touches))
     np.testing.assert_array_equal(ours.log_weights, theirs.log_weights)
+
+
+def test_an_object_whose_sides_fit_no_body_is_a_stranger_and_then_no_conflict(world, rng):
+    world.points *= 5.0  # so that a touch tells the body
+    touches, shapes, ids = [], [], []
+    for number in range(120):
+        shape, body = number % K, int(rng.integers(N))
+        touches += touches_of(world, shape, body, [0, 1, 2, 0], rng)
+        shapes, ids = shapes + [shape] * 4, ids + [number] * 4
+    fitted = RigidBodyModel.fit(touches, shapes, ids, shape_labels=tuple("ab"), embed=world.embed, num_hypotheses=N)
+    start = fitted.start()
+    assert start.log_unlisted == 0.0
+    usual, strange = start, start
+    for touch in touches_of(world, 0, 3, [0, 1, 2], rng):
+        usual = usual.update(touch)
+    for pose in [0, 1, 2, 0]:
+        strange = strange.update(world.touch(pose % K, 5 + 7 * strange.num_touches, pose, rng))
+    for evidence in (usual, strange):
+        bets = log_conflict([evidence.log_bets[ON_MISFIT]])
+        ratio = evidence.log_unlisted - (logsumexp(evidence.log_likelihood) - np.log(K))
+        assert ratio == pytest.approx(bets, abs=1e-9)
+    unlisted = [one.log_unlisted - logsumexp(one.log_likelihood) for one in (usual, strange)]
+    assert unlisted[1] > unlisted[0] + 3.0
+    scenes = [SceneBelief(SearchProblem(tuple("ab"), tuple("xyz"), 1, unlisted=share), fitted) for share in (0.0, 0.3)]
+    for pose, body in zip([0, 1, 2, 0, 1, 2], [1, 9, 17, 25, 33, 6], strict=True):
+        touch = world.touch(pose % K, body, pose, rng)
+        closed, open_ = (scene.update(0, [touch]) for scene in scenes)
+    assert closed.unlisted == 0.0
+    assert closed.probs.sum() == pytest.approx(1.0)
+    assert open_.unlisted > 0.8
+    assert scenes[0].log_conflict > scenes[1].log_conflict + 1.0  # a stranger explains it
+
+
+def test_a_model_without_a_conflict_test_cannot_weigh_strangers(world, rng):
+    problem = SearchProblem(tuple("ab"), tuple("xyz"), 2, unlisted=0.05)
+    with pytest.raises(InvalidArgument, match="no conflict test, by which it would tell"):
+        SceneBelief(problem, world.model(rng))
