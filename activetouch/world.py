@@ -11,18 +11,23 @@ all images.
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from activetouch.errors import BadMesh, MeshWarning
 from activetouch.scene import Scene, WorldObject
 from belief.errors import InvalidArgument
-from belief.naming import Name, few, one_line
+from belief.naming import UNLISTED, Name, few, one_line, shape_name
 from belief.problem import SearchProblem, Touch
 from belief.seeding import arrangement_rng, sample_arrangement
+
+_FIRST_STRANGER, _STRANGERS = 60_000_000, 1_000_000  # numbers of random bodies
 
 
 class Presses(Protocol):
@@ -67,13 +72,15 @@ class TouchWorld:
     def sample(cls, sensor: Presses, arrangement: Sequence[Name], rng: np.random.Generator) -> TouchWorld:
         """Objects of the given shapes, by label or index, with random sizes and orientations.
 
+        For :data:`belief.naming.UNLISTED` it is one of a random body.
+
         Raises:
             UnknownName: the scene has no such shape.
             InvalidArgument: the arrangement is one name, or an index is out of range.
         """
         if isinstance(arrangement, str):
             raise InvalidArgument(f"the arrangement must be a list of shapes, such as [{arrangement!r}]; got a name")
-        return cls(sensor, [sensor.scene.sample_object(shape, rng) for shape in arrangement])
+        return cls(sensor, [_object_of(sensor.scene, shape, rng) for shape in arrangement])
 
     @classmethod
     def of_search(
@@ -85,12 +92,12 @@ class TouchWorld:
 
     def __repr__(self) -> str:
         labels = self._sensor.scene.shape_labels
-        objects = few([labels[obj.shape_index] for obj in self._objects], most=8)
+        objects = few([shape_name(labels, obj.shape_index) for obj in self._objects], most=8)
         return one_line(TouchWorld, objects, f"object {self._current} in front of the pad")
 
     @property
     def arrangement(self) -> tuple[int, ...]:
-        """True shape of every object, in order of visit; for scoring only."""
+        """True shape of every object, in order of visit, or UNLISTED; for scoring only."""
         return tuple(obj.shape_index for obj in self._objects)
 
     @property
@@ -125,6 +132,21 @@ class TouchWorld:
     def reset(self) -> None:
         """Bring the first object."""
         self._current = 0
+
+
+def _object_of(scene: Scene, shape: Name, rng: np.random.Generator) -> WorldObject:
+    """An object of a shape, or of a random body that no training and no background knows."""
+    if shape != UNLISTED:
+        return scene.sample_object(shape, rng)
+    from activetouch.perception.contacts.bodies import random_body
+    from activetouch.solids.mesh import Mesh
+
+    while True:
+        surface = random_body(int(_FIRST_STRANGER + rng.integers(_STRANGERS)))
+        with suppress(BadMesh), warnings.catch_warnings():
+            warnings.simplefilter("ignore", MeshWarning)
+            body = Mesh("a random body", surface.vertices.T, surface.faces.T)
+            return replace(scene.sample_object(0, rng), shape_index=UNLISTED, member=body)
 
 
 def touch_many(

@@ -31,7 +31,7 @@ from scipy.special import entr
 from belief import bayes
 from belief.errors import ImpossibleObservation, InvalidArgument
 from belief.frozen import FrozenArrays
-from belief.naming import Name, checked_names, index_of, one_line
+from belief.naming import NONE_OF_THESE, Name, checked_names, index_of, one_line
 from belief.validation import (
     SUM_TOLERANCE,
     Floats,
@@ -45,8 +45,6 @@ from belief.validation import (
     require_number,
 )
 
-NONE_OF_THESE = "none of these"
-"""In words: an object whose shape is not listed."""
 _FEW_SHAPES = 16  # up to here plain floats are faster than arrays
 _LEAST_TOTAL = 1e-30  # a smaller sum may have lost terms to underflow: such rows take the careful rule
 _LARGEST = np.finfo(np.float64).max

@@ -15,7 +15,20 @@ from belief.errors import InvalidArgument, UnknownName
 
 Name: TypeAlias = int | str
 """A shape or a pose: its index, or its label."""
+UNKNOWN, UNLISTED = -1, -2
+"""Mark an object in an arrangement: nobody knows its shape, and its shape is none of the listed ones."""
+NONE_OF_THESE = "none of these"
+"""In words: a shape that is not listed."""
 _WIDTH = 118
+
+
+def shape_name(labels: Sequence[str], shape: int) -> str:
+    """The label of a shape by its index in an arrangement, or that it is none of these.
+
+    >>> [shape_name(("sphere", "cone"), shape) for shape in (1, UNLISTED)]
+    ['cone', 'none of these']
+    """
+    return NONE_OF_THESE if shape == UNLISTED else labels[shape]
 
 
 def index_of(kind: str, labels: Sequence[str], name: Name) -> int:

@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from belief.observation_model.sensor_worlds import SensorHealth
 
 _LARGEST = 1e300  # log ratio
-UNKNOWN, UNLISTED = -1, -2
-"""Mark an object in an arrangement: nobody knows its shape, and its shape is none of the listed ones."""
 
 
 class Places(NamedTuple):
@@ -99,17 +97,9 @@ class ReadableScene:
         """Logarithms of :meth:`marginals`, ``(N, K)``, exact also where a probability underflows; a copy."""
         return self._log_marginals.copy()
 
-    def log_likelihoods(self, target: Name | None = None) -> Floats:
-        """Log p(touches of each object | its shape), ``(N, K)``; a copy.
-
-        With a target, an object of an unlisted shape counts as one of any other shape than the target, equally.
-        """
-        if target is None or self._places.log_strangers is None:
-            return self._log_likelihoods.copy()
-        strangers, is_target = np.exp(self._places.log_strangers), np.arange(len(self.labels)) == self._shape(target)
-        with np.errstate(divide="ignore"):
-            factors = np.log1p(np.where(is_target, -1.0, 1.0 / max(len(self.labels) - 1, 1)) * strangers)
-        return self._places.log_weights + factors
+    def log_likelihoods(self) -> Floats:
+        """Log p(touches of each object | its shape), ``(N, K)``; a copy."""
+        return self._log_likelihoods.copy()
 
     def belief(self, object_index: int) -> Belief:
         """Posterior of one object, given all touches of all objects."""

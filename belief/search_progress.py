@@ -31,10 +31,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.bayes import Belief
-from belief.naming import Name
+from belief.naming import UNKNOWN, Name
 from belief.observation_model.model import ObservationModel
 from belief.problem import Action, Confirm, Probe, Reject, SearchProblem, Touch, Unsure
-from belief.scene_belief import UNKNOWN, SceneBelief
+from belief.scene_belief import SceneBelief
 
 
 class Outcome(StrEnum):
@@ -187,7 +187,7 @@ class SearchProgress:
 def success_of(outcome: Outcome | None, target: int, arrangement: Sequence[int], object_index: int) -> bool | None:
     """Whether a target was confirmed, or all objects were rejected and none was a target; None if that is unknown.
 
-    ``arrangement`` holds the true shape of every object, or :data:`belief.scene_belief.UNKNOWN`.
+    ``arrangement`` holds the true shape of every object, or :data:`belief.naming.UNKNOWN`.
 
     >>> success_of(Outcome.EXHAUSTED, 0, (1, UNKNOWN), 1), success_of(Outcome.EXHAUSTED, 0, (0, UNKNOWN), 1)
     (None, False)

@@ -16,7 +16,7 @@ import numpy as np
 
 from belief.composition import AtMostOne, Composition
 from belief.errors import InvalidArgument
-from belief.naming import Name
+from belief.naming import UNLISTED, Name
 from belief.problem import SearchProblem
 
 _MARK = 2**32 - 1  # the largest word: before a number that does not fit below it, or at the end of a short key
@@ -73,6 +73,8 @@ def arrangement_rng(seed: int | Sequence[int]) -> np.random.Generator:
 def sample_arrangement(problem: SearchProblem, rng: np.random.Generator, target: Name | None = None) -> tuple[int, ...]:
     """True shapes of all objects, drawn from the problem's composition; with at most one target, of that target.
 
+    Where shapes may be unlisted, :data:`belief.naming.UNLISTED` (-2) stands for an object of such a shape.
+
     >>> from belief import Counts
     >>> bag = Counts({"cube": 2, "cone": 1})
     >>> problem = SearchProblem(("cube", "cone", "sphere"), ("front",), num_objects=3, composition=bag)
@@ -93,6 +95,8 @@ def sample_arrangement(problem: SearchProblem, rng: np.random.Generator, target:
     else:
         bag = np.repeat(np.arange(problem.num_shapes), problem.counts)
         shapes = rng.permutation(bag)[: problem.num_objects]
+    if problem.unlisted:
+        shapes = np.where(rng.random(problem.num_objects) < problem.unlisted, UNLISTED, shapes)
     return tuple(int(shape) for shape in shapes)
 
 

@@ -6,11 +6,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from belief.bayes import NONE_OF_THESE, Belief
+from belief.bayes import Belief
 from belief.errors import InvalidArgument
-from belief.naming import one_line
+from belief.naming import NONE_OF_THESE, UNKNOWN, UNLISTED, one_line
 from belief.problem import Action, Confirm, Probe, Reject, SearchProblem, Touch, Unsure
-from belief.scene_belief import UNKNOWN, UNLISTED
 from belief.search_progress import Outcome, success_of
 from planners.decider import Decision
 
@@ -44,8 +43,8 @@ class Episode:
     Attributes:
         seed: seed of the episode.
         target: index of the shape sought.
-        arrangement: true shape of every object, in order of visit; :data:`belief.scene_belief.UNKNOWN` (-1) where
-            nobody knows it, and :data:`~belief.scene_belief.UNLISTED` (-2) for a shape that is not listed.
+        arrangement: true shape of every object, in order of visit; :data:`belief.naming.UNKNOWN` (-1) where
+            nobody knows it, and :data:`~belief.naming.UNLISTED` (-2) for a shape that is not listed.
         steps: all decisions, oldest first.
         outcome: how the search ended.
     """
@@ -74,7 +73,7 @@ class Episode:
             probs = " → ".join(f"{step.belief.probs[self.target]:.3f}" for step in steps)
             end = ACTION_NAMES.get(type(steps[-1].decision.action), "probe beyond the touch limit")
             names = {UNKNOWN: "of unknown shape", UNLISTED: NONE_OF_THESE}
-            name = names[shape] if shape in names else f"a {labels[shape]}"
+            name = names.get(shape) or f"a {labels[shape]}"
             lines.append(f"  object {number + 1}, {name}: poses {poses}, p({labels[self.target]}) {probs}: {end}")
         return "\n".join(lines)
 

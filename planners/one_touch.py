@@ -44,6 +44,8 @@ def one_touch_bound(problem: SearchProblem, target: Name) -> float:
 
     # The largest expected return once all objects are revealed or rejected untouched: no target is among the latter.
     absent = np.append(np.cumprod(1.0 - probs[::-1])[::-1], 1.0)
+    if bag is not None:  # a stranger has taken its place; a touch that shows it tells as much as one of the target
+        absent += (1.0 - absent) * problem.unlisted
     values = 2.0 * absent - 1.0
     for decided in range(number - 1, -1, -1):
         prob = probs[: decided + 1]

@@ -19,7 +19,7 @@ which tells more than a first touch: how the object lies is then partly known (d
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
@@ -113,7 +113,7 @@ class PointBased:
     def _touch_problem(self, problem: SearchProblem, target: int) -> SearchTouchProblem | StagedProblem:
         """The problem to solve: with the exact hidden state, or the abstraction where that is too large."""
         cost, probs = max(problem.touch_cost, LEAST_COST), self.table.probs
-        if isinstance(problem.composition, Composition):
+        if isinstance(problem.composition, Composition) and not problem.unlisted:
             search = SearchTouchProblem(probs, problem.num_objects, problem.composition, target, cost)
             if problem.counts is None or search.num_states <= MAX_STATES:
                 return search
@@ -128,7 +128,7 @@ def _belief(policy: SearchPolicy, info: InformationState) -> Floats:
     number, num_shapes = info.object_index, len(info.problem.shape_labels)
     if info.scene is not None:
         if isinstance(policy.problem, SearchTouchProblem):
-            return policy.belief(number, info.scene.log_likelihoods(info.target))
+            return policy.belief(number, info.scene.log_likelihoods())
         from planners.continuation_value import belief_with_missed
 
         return belief_with_missed(info).ravel()
@@ -149,8 +149,9 @@ def stages_by_target(problem: SearchProblem, outcome_probs: Floats, target: int,
     """
     from planners.continuation_value import shapes_ahead
 
-    later = shapes_ahead(problem, target)[1:]
+    ahead = shapes_ahead(problem, target)
+    later = ahead[1:]
     stages = stages_by_missed(problem.num_shapes, target, later / later.sum(axis=2, keepdims=True))
-    prior = replace(problem, unlisted=0.0).prior_probs  # strangers count as other shapes, in the belief
+    prior = ahead[0, 0] if problem.unlisted else problem.prior_probs  # strangers count as other shapes
     initial = np.concatenate([prior, np.zeros(problem.num_shapes)])
     return StagedProblem(tuple(stages), initial, outcome_probs, touch_cost, 1.0)

@@ -17,10 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 from belief.bayes import Belief
 from belief.composition import Composition
 from belief.errors import BrokenContract, InvalidArgument
-from belief.naming import Name, index_of
+from belief.naming import UNLISTED, Name, index_of
 from belief.observation_model.model import ObservationModel
 from belief.problem import Probe, SearchProblem, Touch, Unsure
-from belief.scene_belief import UNLISTED, SceneBelief
+from belief.scene_belief import SceneBelief
 from belief.seeding import touch_rng
 from belief.validation import Floats
 from planners.decider import Decider, Decision, InformationState, ProbeSelector, SequentialDecider
@@ -171,7 +171,7 @@ class Identification:
     """An object that was named.
 
     Attributes:
-        truth: its true label; :data:`belief.scene_belief.UNLISTED` for none of them.
+        truth: its true label; :data:`belief.naming.UNLISTED` for none of them.
         named: the label that is named, or UNLISTED.
         stated: probability of that answer.
         poses: of its touches.

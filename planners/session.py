@@ -30,12 +30,12 @@ from typing import TYPE_CHECKING, Any, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike
 
-from belief.bayes import NONE_OF_THESE, Belief
+from belief.bayes import Belief
 from belief.errors import CorruptFile, InvalidArgument
-from belief.naming import Name, index_of, one_line
+from belief.naming import NONE_OF_THESE, UNKNOWN, UNLISTED, Name, index_of, one_line
 from belief.observation_model.model import ObservationModel
 from belief.problem import Action, Probe, SearchProblem, Touch
-from belief.scene_belief import UNKNOWN, UNLISTED, SceneView
+from belief.scene_belief import SceneView
 from belief.search_progress import Outcome, SearchProgress
 from belief.seeding import checked_key, deciding_rng
 from planners.decider import Decider, Decision, InformationState, checked_decision

@@ -13,12 +13,10 @@ from numpy.typing import NDArray
 
 from activetouch import TactileSensor, TouchWorld
 from activetouch.scene import Scene
-from belief.bayes import NONE_OF_THESE
 from belief.claims import ends_claims
-from belief.naming import Name
+from belief.naming import NONE_OF_THESE, UNLISTED, Name, shape_name
 from belief.observation_model.nested_bodies import NestedEvidence
 from belief.problem import Touch
-from belief.scene_belief import UNLISTED
 from belief.table import Table
 from experiments.command_line.arguments import Count
 from experiments.meshes.near_twins import near_twins
@@ -62,7 +60,7 @@ class Identified(MeshResult):
         ]
 
     def _name(self, index: int) -> str:
-        return NONE_OF_THESE if index == UNLISTED else self.sensor.shape_labels[index]
+        return shape_name(self.sensor.shape_labels, index)
 
     def table(self) -> Table:
         """The rows, and how many are right; where answers are certain, how many of these."""

@@ -148,7 +148,7 @@ def compare(
         composition: "distinct", "independent", or "at_most_one", for many shapes: one object has the target's shape, or
             none. That of the scene by default.
         touch_cost: cost λ of one touch, in units of a success.
-        unlisted: prior probability that an object has none of the shapes; the simulated ones all have one of them.
+        unlisted: probability that an object has none of the shapes: such objects are of random bodies.
         abstain: false-alarm rate of the conflict test, with which every decider can answer "I do not know"; not by
             default.
         certificate: from :func:`activetouch.certify`, or its file; its decider also plays stopping by it, as

@@ -281,7 +281,7 @@ class Live:
     touch_cost: NotNegative = 0.02
     """Cost λ of one touch, in units of a success."""
     unlisted: Probability = 0.0
-    """Prior probability that an object has none of the shapes, such as 0.05. Needs a belief about nested cells."""
+    """Prior probability that an object has none of the shapes, such as 0.05."""
     seed: Seed = 0
     """Seed of the decider."""
     never_unsure: bool = False

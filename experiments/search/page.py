@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from experiments.report import Picture, Report, Section, data_uri
-from experiments.search.play import Searches, action_words, replay, shown_shapes
+from experiments.search.play import Searches, action_words, body_words, replay, shown_shapes
 from experiments.search.run import RunFolder
 from experiments.search.summary import ALL, Cell, Summary
 from experiments.search.verdict import by_return, comparison_tables
@@ -203,7 +203,7 @@ def _story(searches: Searches, decider: str, episode: Episode) -> dict[str, Any]
     scale = max(1, *largest) if largest else None
     panels = [
         {
-            "heading": f"object {frame.step.object_index + 1}, a {labels[frame.shape]}",
+            "heading": f"object {frame.step.object_index + 1}, {body_words(labels, frame.shape)}",
             "action": action_words(frame.step.decision.action, problem),
             "picture": None if frame.image is None else _picture(frame.image, scale),
             "bars": [

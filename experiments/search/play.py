@@ -28,6 +28,7 @@ from belief.codec import from_fields, to_fields
 from belief.composition import Composition
 from belief.constraints import Fraction, NotNegative, Probability
 from belief.errors import CorruptFile, InvalidArgument
+from belief.naming import NONE_OF_THESE, UNLISTED
 from belief.problem import Action, Probe, Reject, SearchProblem, Touch
 from belief.scene_belief import SceneBelief
 from belief.seeding import touch_rng
@@ -67,7 +68,7 @@ class Setting:
     touch_cost: NotNegative = 0.02
     """Cost λ of one touch, in units of a success."""
     unlisted: Probability = 0.0
-    """Prior probability that an object has none of the shapes, such as 0.05. Needs a belief about nested cells."""
+    """Probability that an object has none of the shapes, such as 0.05: simulated ones are of random bodies."""
     abstain: Fraction | None = None
     """False-alarm rate of the conflict test, such as 0.02: deciders can answer "I do not know"."""
     anyway: bool = False
@@ -269,6 +270,11 @@ def action_words(action: Action, problem: SearchProblem) -> str:
     if isinstance(action, Probe):
         return f"touch {problem.pose_labels[action.pose]}"
     return ACTION_NAMES[type(action)]
+
+
+def body_words(labels: Sequence[str], shape: int) -> str:
+    """What an object is: "a cone", or "none of these"."""
+    return NONE_OF_THESE if shape == UNLISTED else f"a {labels[shape]}"
 
 
 def shown_shapes(posterior: NDArray[np.float64], target: int) -> list[int]:

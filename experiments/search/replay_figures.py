@@ -21,12 +21,13 @@ from activetouch.poses import WorldObject
 from activetouch.rotation_cells import centres
 from activetouch.solids.solid import Shape
 from activetouch.view.portrait import portraits
+from belief.naming import shape_name
 from belief.observation_model.nested_bodies import NestedEvidence
 from belief.observation_model.rigid_body import joint_model
 from belief.observation_model.rigid_body_evidence import RigidBodyEvidence
 from belief.problem import SearchProblem
 from experiments.report import INK, PALETTE, figure
-from experiments.search.play import Frame, action_words, shown_shapes
+from experiments.search.play import Frame, action_words, body_words, shown_shapes
 from planners import Episode, Outcome
 
 Floats = NDArray[np.float64]
@@ -122,13 +123,13 @@ def draw_search(
             top, bottom = grid[0, column], grid[-1, column]
             top.imshow(frame.image, cmap="magma", vmin=0, vmax=255, origin="lower")
             top.set(xticks=[], yticks=[])
-            top.set_title(f"object {frame.step.object_index + 1} (a {labels[frame.shape]})\npose {pose}")
+            top.set_title(f"object {frame.step.object_index + 1} ({body_words(labels, frame.shape)})\npose {pose}")
             _bars(bottom, frame, episode, problem)
             if column:
                 bottom.set_yticks([])
             bottom.set_xlabel(f"→ {action_words(following.step.decision.action, problem)}", fontweight="bold")
             if bodies is not None:
-                _bodies(list(grid[1:-1, column]), frame, bodies, labels[frame.shape])
+                _bodies(list(grid[1:-1, column]), frame, bodies, shape_name(labels, frame.shape))
         if not touched:
             for axes in grid[:, 0]:
                 axes.set_axis_off()

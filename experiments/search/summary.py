@@ -200,11 +200,6 @@ class Summary:
         return list(dict.fromkeys(target for _, target in self.episodes))
 
     @property
-    def played(self) -> SearchProblem:
-        """The problem of the simulated searches, whose objects all have listed shapes, whatever a belief supposes."""
-        return replace(self.problem, unlisted=0.0)
-
-    @property
     def is_selective(self) -> bool:
         """Whether deciders may answer "I do not know"."""
         return self.problem.unsure_reward is not None
@@ -217,7 +212,7 @@ class Summary:
     @property
     def no_touch_baseline(self) -> float:
         """Highest success rate without a touch, mean over targets: confirm any object or reject all of them."""
-        problem = self.played
+        problem = self.problem
         best = np.maximum(problem.prior_probs, problem.prior_absent_probs)
         return float(np.mean([best[problem.shape_labels.index(target)] for target in self.targets]))
 

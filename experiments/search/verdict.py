@@ -86,7 +86,7 @@ def _best(comparison: Summary) -> str:
 
 
 def _frame(comparison: Summary) -> str:
-    most = fmean(one_touch_bound(comparison.played, target) for target in comparison.targets)
+    most = fmean(one_touch_bound(comparison.problem, target) for target in comparison.targets)
     is_above = max(comparison.cells[name, ALL].reward for name in comparison.deciders) > most
     return (
         f"The no-touch baseline succeeds in {_share(comparison.no_touch_baseline)} of searches. With any sensor, the "

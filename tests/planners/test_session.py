@@ -12,8 +12,8 @@ from belief import Composition, Confirm, ImpossibleObservation, Probe, Reject, S
 from belief.calibration import TemperatureScaling
 from belief.errors import CannotWrite, CorruptFile, InvalidArgument, UnknownName
 from belief.journal import Journal, read_journal
+from belief.naming import UNKNOWN
 from belief.observation_model import ConfusionModel
-from belief.scene_belief import UNKNOWN
 from belief.seeding import touch_rng
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
 from planners import Decision, Outcome, Session, make_decider, search
