@@ -11,7 +11,10 @@ from activetouch.poses import Placement
 from activetouch.pressing.contact import Contact, Pad, Press
 from activetouch.sensor_files import MODELS
 from activetouch.world import TouchTime
+from belief import AtMostOne
 from belief.errors import InvalidArgument
+from belief.naming import UNLISTED
+from belief.seeding import sample_arrangement
 
 pytestmark = pytest.mark.torch
 
@@ -70,3 +73,25 @@ def test_objects_come_one_after_the_other_and_from_the_first_again():
     some.reset()
     assert some.current.shape_index == 0
     assert TouchTime(1.0, 2.0, 3) + TouchTime(10.0, 20.0, 30) == TouchTime(11.0, 22.0, 33)
+
+
+def test_an_unlisted_object_is_of_a_random_body_and_the_seed_decides_which():
+    sensor = TactileSensor.shipped("coarse")
+    worlds = [TouchWorld.sample(sensor, (UNLISTED, 1), np.random.default_rng(seed)) for seed in (0, 0, 1)]
+    assert [one.arrangement for one in worlds] == [(UNLISTED, 1)] * 3
+    assert "none of these" in repr(worlds[0])
+    images = [one.press(0, np.random.default_rng(7))[0] for one in worlds]
+    assert (images[0] == images[1]).all()
+    assert (images[0] != images[2]).any()
+
+
+def test_the_rules_say_how_many_simulated_objects_are_unlisted():
+    sensor = TactileSensor.shipped("coarse")
+    for composition in ("distinct", "independent", AtMostOne("cone")):
+        problem = sensor.problem(composition=composition, unlisted=0.25)
+        drawn = [sample_arrangement(problem, np.random.default_rng(seed)) for seed in range(400)]
+        share = np.mean([[shape == UNLISTED for shape in one] for one in drawn])
+        assert 0.2 < share < 0.3
+        listed = sample_arrangement(sensor.problem(composition=composition), np.random.default_rng(3))
+        strangers = sample_arrangement(problem, np.random.default_rng(3))
+        assert all(two in (one, UNLISTED) for one, two in zip(listed, strangers, strict=True))

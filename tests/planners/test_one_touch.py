@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from belief import Counts, SearchProblem
+from belief.seeding import sample_arrangement
 from planners.one_touch import one_touch_bound
 from planners.solve import solve
 from planners.touch_problem import SearchTouchProblem
@@ -39,3 +40,17 @@ def test_free_touches_reveal_everything():
 def test_of_a_thousand_objects_it_is_a_bound_too():
     problem = SearchProblem(("a", "b"), ("front",), 1000, "independent", touch_cost=0.02)
     assert one_touch_bound(problem, "a") == pytest.approx(1.0 - 2 * 0.02)  # every other object is a target
+
+
+@pytest.mark.parametrize("composition", ["distinct", "independent", Counts({"sphere": 1, "cube": 3})])
+def test_with_strangers_a_searcher_that_sees_every_touched_object_does_not_exceed_it(composition):
+    problem = SearchProblem(SHAPES, ("front",), 3, composition, unlisted=0.4)
+    bound, rng = one_touch_bound(problem, "sphere"), np.random.default_rng(0)
+    for most in range(4):  # touches, of the first objects in turn; then no target is claimed
+        returns = []
+        for _ in range(2000):
+            objects = sample_arrangement(problem, rng)
+            touched = objects[: most if 0 not in objects[:most] else objects.index(0) + 1]
+            returns.append((1.0 if 0 in touched or 0 not in objects else -1.0) - 0.02 * len(touched))
+        assert np.mean(returns) <= bound + 0.06
+    assert bound <= 1.0

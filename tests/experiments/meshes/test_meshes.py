@@ -28,6 +28,7 @@ from belief import Probe, Reject, SceneBelief, SearchProblem
 from belief.coarse_to_fine import CoarseToFine, Effort
 from belief.errors import InvalidArgument, UnknownName
 from belief.files import sealed_json, unsealed_json
+from belief.naming import UNLISTED
 from experiments.cli import REGISTRY
 from experiments.meshes import setting as setting_module
 from experiments.meshes.find import Find, find, stated
@@ -101,14 +102,17 @@ def test_views_are_the_contacts_of_their_orientations_turned_by_quarters():
     assert not are_embedded(reader, scene, box(0.012, 0.009, 0.021), PLAN)
 
 
+def write_obj(path, mesh):
+    lines = [f"v {x} {y} {z}" for x, y, z in mesh.vertices] + [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
+    path.write_text("\n".join(lines) + "\n")
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     made = tmp_path_factory.mktemp("meshes")
     (made / "sub").mkdir()
     for name, sides in {"cube": (14, 14, 14), "bar": (8, 8, 24), "sub/plate": (22, 18, 5)}.items():
-        mesh = box(*(side / 1000 for side in sides))
-        lines = [f"v {x} {y} {z}" for x, y, z in mesh.vertices] + [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
-        (made / f"{name}.obj").write_text("\n".join(lines) + "\n")
+        write_obj(made / f"{name}.obj", box(*(side / 1000 for side in sides)))
     (made / "broken.obj").write_text("v 0 0 0\n")
     shutil.copy(made / "bar.obj", made / "same.obj")
     return made
@@ -403,3 +407,17 @@ def test_a_belief_about_nested_cells_is_for_many_bodies_that_lie_anyhow():
             TactileSensor.shipped("gel", other, nested=True)
     with pytest.raises(InvalidArgument, match="not inferred with a belief about nested cells"):
         TactileSensor.shipped("gel", scene, unknown_state=True, nested=NestedPlan(FEW, pressed=1))
+
+
+@pytest.mark.filterwarnings("ignore:.*broken.obj is left out")
+def test_other_meshes_may_be_pressed_than_those_that_are_named(folder, tmp_path):
+    for name, sides in {"cube": (14, 14, 14), "rod": (6, 6, 30)}.items():
+        write_obj(tmp_path / f"{name}.obj", box(*(side / 1000 for side in sides)))
+    plan = {"plan": PLAN, "levels": (0, 1), "pressed": 4}
+    found = identify(folder, pressed=tmp_path, num_objects=4, max_touches=3, jobs=1, **plan)
+    rows = found.rows()
+    assert {row["body"] for row in rows} == {"cube", "rod"}
+    for row, naming in zip(rows, found.namings, strict=True):
+        assert naming.truth == (UNLISTED if row["body"] == "rod" else list(found.sensor.shape_labels).index("cube"))
+        assert row["right"] == (row["named"] == row["body"])
+    assert not any(row["right"] for row in rows if row["body"] == "rod")

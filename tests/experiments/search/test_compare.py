@@ -8,16 +8,18 @@ from dataclasses import replace
 from pathlib import Path
 
 import matplotlib.style
+import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
 from belief.errors import UnknownName
 from belief.files import sealed_json
+from belief.naming import UNLISTED
 from experiments.cli import main
 from experiments.command_line.arguments import Trust
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import BadArgument, Compare
-from experiments.search.comparison import Comparison
+from experiments.search.comparison import Comparison, compare
 from experiments.search.export import Export
 from experiments.search.play import Seconds, Setting, replay
 from experiments.search.replay import Replay
@@ -258,3 +260,25 @@ def test_a_decider_that_was_edited_is_played_again_and_others_are_kept(tmp_path,
     assert episodes(tmp_path / "run") == episodes(tmp_path / "fresh")
     assert kept.read_bytes() == bytes_before
     sys.modules.pop("my_own", None)
+
+
+def test_searches_among_strangers_are_played_reported_and_replayed(tmp_path):
+    deciders = ["information_gain", "value_of_information", "point_based"]
+    closed = compare("gel", deciders, episodes=3, targets="cone", seed=3, jobs=1)
+    found = compare("gel", deciders, episodes=3, targets="cone", seed=3, unlisted=0.5, out=tmp_path, jobs=1)
+    episodes = found.of("information_gain")
+    strangers = [one for one in episodes if UNLISTED in one.arrangement]
+    assert strangers
+    assert all(UNLISTED not in one.arrangement for one in closed.of("information_gain"))
+    assert "none of these" in "".join(map(str, strangers))
+    assert max(step.belief.unlisted for one in strangers for step in one.steps) > 0.8
+    for decider in deciders:
+        assert np.mean([bool(one.success) for one in found.of(decider)]) > 0.5
+    again = Comparison.load(tmp_path).of("information_gain")
+    for one, two in zip(episodes, again, strict=True):
+        assert one.arrangement == two.arrangement
+        assert [step.belief.unlisted for step in one.steps] == [step.belief.unlisted for step in two.steps]
+    assert "none of these" in (tmp_path / "report.html").read_text()
+    number = episodes.index(strangers[0])
+    Replay(tmp_path, decider="information_gain", target="cone", number=number, out=tmp_path / "one.png").run()
+    assert (tmp_path / "one.png").exists()
