@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
@@ -18,7 +18,7 @@ from belief.observation_model.registry import Fit, fits
 from belief.problem import Touch
 from belief.statistics.stop_thresholds import CandidateStops, CertifiedThresholds, certified_thresholds
 from belief.table import Table, Tabular
-from belief.touch_batch import TouchBatch
+from belief.touch_batch import TouchBatch, grouped
 from belief.validation import (
     Floats,
     as_real,
@@ -88,27 +88,6 @@ def log_posteriors_by_touch(model: ArrayModel, batch: TouchBatch) -> Floats:
     (3, 4, 2)
     """
     return np.stack([log_posteriors(model, batch.first(n)) for n in range(1, batch.num_touches + 1)], axis=1)
-
-
-def grouped(batch: TouchBatch, groups: ArrayLike) -> Iterator[tuple[TouchBatch, NDArray[np.int64]]]:
-    """Touches grouped into sequences, each in its original order.
-
-    Args:
-        batch: all touches as one sequence, n of them.
-        groups: sequence of each touch, ``(n,)``; any labels.
-
-    Yields:
-        For each length, the sequences of that length and the rows of their touches, ``(S, length)``.
-
-    >>> batch = TouchBatch(np.zeros((1, 5), int), np.zeros((1, 5, 2)))
-    >>> [rows.tolist() for _, rows in grouped(batch, ["mug", "ball", "mug", "cup", "mug"])]
-    [[[1], [3]], [[0, 2, 4]]]
-    """
-    _, index, sizes = np.unique(np.asarray(groups), return_inverse=True, return_counts=True)
-    order, first = np.argsort(index, kind="stable"), np.concatenate([[0], sizes.cumsum()[:-1]])
-    for size in np.unique(sizes).tolist():
-        rows = order[first[sizes == size][:, None] + np.arange(size)]
-        yield batch.take((0, rows)), rows
 
 
 def _sequence_nll(

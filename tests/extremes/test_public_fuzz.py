@@ -272,7 +272,7 @@ CALLS = {
     "log_posteriors_by_touch": lambda a: selection.log_posteriors_by_touch(
         world(np.full((3, 3), 1 / 3)), TouchBatch.of([touches(a)])
     ),
-    "grouped": lambda a: [index for _, index in selection.grouped(TouchBatch.of([touches(np.eye(4, 3))]), a[:, 0])],
+    "grouped": lambda a: [index for _, index in touch_batch.grouped(TouchBatch.of([touches(np.eye(4, 3))]), a[:, 0])],
     "choose_observation_model": lambda a: selection.choose_observation_model(
         touches(a),
         SHAPES,

@@ -5,11 +5,10 @@ from belief.observation_model import ConfusionModel
 from belief.observation_model.registry import fits
 from belief.observation_model.selection import (
     choose_observation_model,
-    grouped,
     log_posteriors,
 )
 from belief.synthetic import random_model
-from belief.touch_batch import TouchBatch
+from belief.touch_batch import TouchBatch, grouped
 
 
 def loss_of(fit, touches, shapes, ids, num_folds=5):
