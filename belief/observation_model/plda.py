@@ -241,7 +241,7 @@ class PLDAModel(ArrayModel):
         return len(self.means)
 
     def _log_likelihoods(self, batch: TouchBatch) -> Floats:
-        """See :class:`ArrayModel`; without scales, a function of the numbers of touches in each pose and their means."""
+        """See :class:`ArrayModel`; without scales a function of the touches' number and mean in each pose."""
         if not self.spread:
             return self._of_scale_one(*self._in_poses(batch)[1:])
         return np.asarray(scipy.special.logsumexp(self._log_likelihoods_by_scale(batch), axis=2))
