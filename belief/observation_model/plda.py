@@ -62,7 +62,7 @@ class LogitEmbedding(FrozenArrays):
     def fit(cls, batch: TouchBatch) -> LogitEmbedding:
         """The embedding with the range of these touches."""
         away = _centred(batch.require_logits()).reshape(-1, batch.num_shapes)
-        unit = _typical_size(away)
+        unit = typical_size(away)
         most = min(_MOST_UNITS * unit, _LARGEST)
         return cls(np.maximum(away.min(axis=0), -most), np.minimum(away.max(axis=0), most), unit)
 
@@ -87,7 +87,7 @@ def _centred(logits: Floats) -> Floats:
     return np.asarray(z - z.mean(axis=-1, keepdims=True))
 
 
-def _typical_size(away: Floats) -> float:
+def typical_size(away: Floats) -> float:
     """90th percentile of the largest entry of each row ``(n, K)``; 1 if all are zero."""
     sizes = np.sort(np.abs(away).max(axis=1))
     typical = sizes[int(0.9 * (len(sizes) - 1))]
@@ -181,7 +181,7 @@ class PLDAModel(ArrayModel):
         embedding = LogitEmbedding.fit(data.batch)
         vectors, precisions = embedding(data.batch)[0], np.ones(len(data.poses))
         for sweep in range(1 + _SWEEPS * bool(spread)):
-            means, rest = pose_means(vectors, data, weights=precisions)
+            means, rest = pose_means(vectors, data, weights=precisions[:, None])
             components = cls.components_of(rest * np.sqrt(precisions)[:, None], data)
             model = cls(data.shape_labels, embedding, means, components, spread)
             if sweep < _SWEEPS and spread:
@@ -364,13 +364,12 @@ def pose_means(
     """Mean vector of each shape in each pose, ``(P, K, D)``, and the residuals of the touches, ``(n, D)``.
 
     Each mean is shrunk towards the shape's mean over all poses. A shape without touches gets the mean of all touches.
-    ``weights`` are of the touches, ``(n,)``.
+    ``weights`` are of the touches, ``(n, 1)`` or ``(n, D)``.
     """
-    of_touch = np.broadcast_to(weights, len(vectors))[:, None]
     sums = np.zeros((data.num_poses, data.num_shapes, vectors.shape[1]))
-    counts = np.zeros((data.num_poses, data.num_shapes, 1))
-    np.add.at(sums, (data.poses, data.shapes), of_touch * vectors)
-    np.add.at(counts, (data.poses, data.shapes), of_touch)
+    counts = np.zeros_like(sums)
+    np.add.at(sums, (data.poses, data.shapes), weights * vectors)
+    np.add.at(counts, (data.poses, data.shapes), weights)
     seen = counts.sum(axis=0)
     overall = np.where(seen > 0.0, sums.sum(axis=0) / np.where(seen > 0.0, seen, 1.0), vectors.mean(axis=0))
     means = (sums + pooling * overall) / (counts + pooling)
