@@ -206,6 +206,10 @@ CALLS = {
             LABELS, embedding(), a[None, :3, :2], Components(0 * a[:2, :2], 0 * a[:2, :2], a[:2, :2])
         ).log_likelihood([Touch(0, np.zeros(3))]),
     ),
+    "HeavyTailsModel": lambda a: (
+        likelihood(observation_model.HeavyTailsModel)(a),
+        observation_model.HeavyTailsModel(LABELS, 1.0, a[None, :3], a[3], a[3], 0.5).log_likelihood(touches(a)),
+    ),
     "PLDAModel": lambda a: (
         likelihood(observation_model.PLDAModel)(a),
         observation_model.PLDAModel(
