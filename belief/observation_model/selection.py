@@ -72,8 +72,8 @@ class ModelChoice(Tabular):
             return ""
         found, total = self.stops.overall, self.stops.overall.count + self.stops.never
         return (
-            f"At a posterior of {_STOP:g}, {found.count} of {total} held-out objects stop: stated "
-            f"{found.mean_stated:.3f}, right {interval(found.share_right, found.low, found.high, spec='.3f')}."
+            f"Held-out stops at {_STOP:g}: {found.count} of {total}, stated {found.mean_stated:.3f}, "
+            f"right {interval(found.share_right, found.low, found.high, spec='.3f')}."
         )
 
     def table(self) -> Table:

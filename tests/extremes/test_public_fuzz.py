@@ -208,7 +208,7 @@ CALLS = {
     ),
     "HeavyTailsModel": lambda a: (
         likelihood(observation_model.HeavyTailsModel)(a),
-        observation_model.HeavyTailsModel(LABELS, 1.0, a[None, :3], a[3], a[3], 0.5).log_likelihood(touches(a)),
+        observation_model.HeavyTailsModel(LABELS, 1.0, np.stack([a[:3]] * 2), a[3], a[3], 0.5).log_likelihood(touches(a)),
     ),
     "PLDAModel": lambda a: (
         likelihood(observation_model.PLDAModel)(a),
@@ -401,6 +401,7 @@ ORDINARY = {
     "Belief": np.stack([np.full(3, 1 / 3), np.log(np.full(3, 1 / 3))]),
     "Counts": np.array([[2, 1, 0]]),
     "GaussianModel": np.eye(4, 3),
+    "HeavyTailsModel": np.full((4, 3), 0.5),
     "PLDAModel": np.vstack([np.eye(2, 3), np.eye(2, 3)]),
     "RatioModel": np.full((4, 3), 1 / 3),
     "checked_outcomes": np.eye(4, 3),

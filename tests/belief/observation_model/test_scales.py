@@ -5,6 +5,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from belief import Touch
+from belief.errors import OverconfidentStops
 from belief.observation_model import (
     HeavyTailsModel,
     PLDAModel,
@@ -54,6 +55,13 @@ def test_what_is_stated_at_stops_is_right_where_objects_differ_in_scale(kind, na
     assert found.overall.count > 2 * before.overall.count
     assert choice.stops.overall.excess == 0.0
     assert f"right {choice.stops.overall.share_right:.3f}" in choice.at_stops
+
+
+def test_a_fit_warns_where_no_candidate_knows_of_scales(rng):
+    some = {"plda": lambda *data, **labels: PLDAModel.fit(*data, spread=0.0, **labels)}
+    with pytest.warns(OverconfidentStops, match=r"stated 0\.9.* right 0\.[5-8]"):
+        choice = fit_observation_model(*drawn("own scale", 600, rng), candidates=some, num_folds=2)
+    assert choice.stops.overall.excess > 0.03
 
 
 @pytest.mark.parametrize("seed", [0, 1])
