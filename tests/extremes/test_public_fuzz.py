@@ -208,7 +208,9 @@ CALLS = {
     ),
     "HeavyTailsModel": lambda a: (
         likelihood(observation_model.HeavyTailsModel)(a),
-        observation_model.HeavyTailsModel(LABELS, 1.0, np.stack([a[:3]] * 2), a[3], a[3], 0.5).log_likelihood(touches(a)),
+        observation_model.HeavyTailsModel(LABELS, 1.0, a[None, :3], a[3], a[3], 0.5).log_likelihood(
+            [Touch(0, row) for row in a]
+        ),
     ),
     "PLDAModel": lambda a: (
         likelihood(observation_model.PLDAModel)(a),
