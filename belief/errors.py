@@ -98,3 +98,7 @@ class UnknownName(ActiveTouchError, KeyError):
 
 class ZeroPriorTarget(UserWarning):
     """The target shape has prior probability zero, so no touch can find it."""
+
+
+class OverconfidentStops(UserWarning):
+    """An observation model states more at the stops of held-out objects than is right; the message says what to do."""

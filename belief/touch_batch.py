@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from belief.errors import InvalidArgument
 from belief.frozen import FrozenArrays
@@ -155,6 +155,27 @@ class TouchBatch(FrozenArrays):
     def first(self, num_touches: int) -> TouchBatch:
         """The batch of the first touches of every sequence."""
         return self.touches(slice(0, num_touches))
+
+
+def grouped(batch: TouchBatch, groups: ArrayLike) -> Iterator[tuple[TouchBatch, NDArray[np.int64]]]:
+    """Touches grouped into sequences, each in its original order.
+
+    Args:
+        batch: all touches as one sequence, n of them.
+        groups: sequence of each touch, ``(n,)``; any labels.
+
+    Yields:
+        For each length, the sequences of that length and the rows of their touches, ``(S, length)``.
+
+    >>> batch = TouchBatch(np.zeros((1, 5), int), np.zeros((1, 5, 2)))
+    >>> [rows.tolist() for _, rows in grouped(batch, ["mug", "ball", "mug", "cup", "mug"])]
+    [[[1], [3]], [[0, 2, 4]]]
+    """
+    _, index, sizes = np.unique(np.asarray(groups), return_inverse=True, return_counts=True)
+    order, first = np.argsort(index, kind="stable"), np.concatenate([[0], sizes.cumsum()[:-1]])
+    for size in np.unique(sizes).tolist():
+        rows = order[first[sizes == size][:, None] + np.arange(size)]
+        yield batch.take((0, rows)), rows
 
 
 def _stacked(name: str, touches: Sequence[Touch], shape: tuple[int, int]) -> NDArray[Any] | None:

@@ -40,6 +40,11 @@ class StopScore:
         """Whether the mean stated confidence lies in the interval [low, high]."""
         return self.low <= self.mean_stated <= self.high
 
+    @property
+    def excess(self) -> float:
+        """How far the mean stated confidence is above the interval; 0 if it is not."""
+        return max(self.mean_stated - self.high, 0.0)
+
 
 @dataclass(frozen=True)
 class CalibrationAtStop(Tabular):

@@ -17,6 +17,7 @@ from belief.naming import later
 if TYPE_CHECKING:
     from belief.observation_model.confusion import ConfusionModel
     from belief.observation_model.embedded_hypotheses import FixedHypotheses
+    from belief.observation_model.heavy_tails import HeavyTailsModel
     from belief.observation_model.likelihood_ratio import RatioModel
     from belief.observation_model.model import ArrayModel, ObservationModel, check_observation_model
     from belief.observation_model.outcome_table import OutcomeTable
@@ -34,6 +35,7 @@ __all__ = [
     "FixedHypotheses",
     "FixedWorlds",
     "GaussianModel",
+    "HeavyTailsModel",
     "ObservationModel",
     "OutcomeTable",
     "PLDAModel",

@@ -99,6 +99,13 @@ class LabelledTouches(FrozenArrays):
         size = pose_count(batch.poses[0], num_poses)
         return cls(batch, truth, objects, shape_of_object, labels, size)
 
+    def of_rows(self, kept: NDArray[np.bool_]) -> LabelledTouches:
+        """The touches for which ``kept (n,)`` is true; their objects are numbered anew."""
+        numbered = numbered_objects(self.shapes[kept], self.objects[kept])
+        return LabelledTouches(
+            self.batch.touches(np.flatnonzero(kept)), self.shapes[kept], *numbered, self.shape_labels, self.num_poses
+        )
+
     @property
     def logits(self) -> Floats:
         """``(n, K)``."""

@@ -41,6 +41,7 @@ OBSERVATION_MODELS: Mapping[str, type[ArrayModel]] = _Classes(
         "confusion": "confusion.ConfusionModel",
         "gaussian": "plda.GaussianModel",
         "plda": "plda.PLDAModel",
+        "heavy tails": "heavy_tails.HeavyTailsModel",
         "ratio": "likelihood_ratio.RatioModel",
         "rigid body": "rigid_body.RigidBodyModel",
         "action kernel": "action_kernel.ActionKernelModel",

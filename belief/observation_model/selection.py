@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
@@ -11,14 +12,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.bayes import update
+from belief.errors import OverconfidentStops
 from belief.metrics.calibration_at_stop import CalibrationAtStop, calibration_at_stop
 from belief.observation_model.calibration_data import numbered_objects, object_folds
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.registry import Fit, fits
 from belief.problem import Touch
 from belief.statistics.stop_thresholds import CandidateStops, CertifiedThresholds, certified_thresholds
-from belief.table import Table, Tabular
-from belief.touch_batch import TouchBatch
+from belief.table import Table, Tabular, interval
+from belief.touch_batch import TouchBatch, grouped
 from belief.validation import (
     Floats,
     as_real,
@@ -34,6 +36,8 @@ from belief.validation import (
 NUM_FOLDS = 5
 """Default number of folds of whole objects."""
 _LONGEST = 12  # touches of a sequence
+_STOP = 0.95  # posterior at which held-out objects stop
+_EXCESS = 0.03  # of what is stated at stops over what is right, beyond its interval, from which a fit warns
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +48,8 @@ class ModelChoice(Tabular):
         name: of the chosen candidate, a key of ``losses``.
         model: fitted to all touches.
         losses: cross-validated sequence NLL of every candidate [nats]; the chosen one has the least.
+        stops: stated confidence and accuracy of the chosen one where held-out objects, each by a model fitted to other
+            folds, reach a posterior of 0.95 within twelve touches; None if none does, or without cross-validation.
 
     >>> from belief.synthetic import random_model
     >>> choice = ModelChoice("ratio", random_model(np.random.default_rng(0)), {"plda": 0.358, "ratio": 0.357})
@@ -57,12 +63,24 @@ class ModelChoice(Tabular):
     name: str
     model: ArrayModel
     losses: Mapping[str, float]
+    stops: CalibrationAtStop | None = None
+
+    @property
+    def at_stops(self) -> str:
+        """What is stated and what is right at the stops of held-out objects, as a sentence; empty without stops."""
+        if self.stops is None:
+            return ""
+        found, total = self.stops.overall, self.stops.overall.count + self.stops.never
+        return (
+            f"Held-out stops at {_STOP:g}: {found.count} of {total}, stated {found.mean_stated:.3f}, "
+            f"right {interval(found.share_right, found.low, found.high, spec='.3f')}."
+        )
 
     def table(self) -> Table:
         """The losses of the candidates, the least first."""
         ordered: list[tuple[str, float | None]] = [*sorted(self.losses.items(), key=lambda pair: pair[1])]
         rows = [(name, loss, "yes" if name == self.name else "") for name, loss in ordered or [(self.name, None)]]
-        return Table("", ["observation model", ("NLL [nats]", ".4f", "nll"), ("chosen", "")], rows)
+        return Table("", ["observation model", ("NLL [nats]", ".4f", "nll"), ("chosen", "")], rows, self.at_stops)
 
 
 def log_posteriors(model: ArrayModel, batch: TouchBatch) -> Floats:
@@ -88,27 +106,6 @@ def log_posteriors_by_touch(model: ArrayModel, batch: TouchBatch) -> Floats:
     (3, 4, 2)
     """
     return np.stack([log_posteriors(model, batch.first(n)) for n in range(1, batch.num_touches + 1)], axis=1)
-
-
-def grouped(batch: TouchBatch, groups: ArrayLike) -> Iterator[tuple[TouchBatch, NDArray[np.int64]]]:
-    """Touches grouped into sequences, each in its original order.
-
-    Args:
-        batch: all touches as one sequence, n of them.
-        groups: sequence of each touch, ``(n,)``; any labels.
-
-    Yields:
-        For each length, the sequences of that length and the rows of their touches, ``(S, length)``.
-
-    >>> batch = TouchBatch(np.zeros((1, 5), int), np.zeros((1, 5, 2)))
-    >>> [rows.tolist() for _, rows in grouped(batch, ["mug", "ball", "mug", "cup", "mug"])]
-    [[[1], [3]], [[0, 2, 4]]]
-    """
-    _, index, sizes = np.unique(np.asarray(groups), return_inverse=True, return_counts=True)
-    order, first = np.argsort(index, kind="stable"), np.concatenate([[0], sizes.cumsum()[:-1]])
-    for size in np.unique(sizes).tolist():
-        rows = order[first[sizes == size][:, None] + np.arange(size)]
-        yield batch.take((0, rows)), rows
 
 
 def _sequence_nll(
@@ -141,6 +138,7 @@ def choose_observation_model(
 
     The loss is the mean negative log posterior of the true shape after one touch, two, and so on, half of it over
     touches of an object in their order, half over touches in one pose; it is averaged over folds of whole objects.
+    An :class:`~belief.errors.OverconfidentStops` warns if the stops of held-out objects state more than is right.
 
     Args:
         touches: calibration touches.
@@ -173,16 +171,29 @@ def choose_observation_model(
     folds = object_folds(truth, ids, num_folds)
     warn_of_one_shape(truth, len(shape_labels))
     options: dict[str, Any] = {"shape_labels": tuple(shape_labels), "num_poses": num_poses}
-    losses = {}
+    losses: dict[str, float] = {}
+    of_folds: list[ArrayModel] = []  # the models of the best candidate
     for name, fit in candidates.items():
-        each = []
+        each, models = [], []
         for fold in range(num_folds):
             kept, held = np.flatnonzero(folds != fold), np.flatnonzero(folds == fold)
-            model = fit([touches[i] for i in kept.tolist()], truth[kept], ids[kept], **options)
-            each.append(_sequence_nll(model, batch.touches(held), truth[held], ids[held]))
+            models.append(fit([touches[i] for i in kept.tolist()], truth[kept], ids[kept], **options))
+            each.append(_sequence_nll(models[-1], batch.touches(held), truth[held], ids[held]))
         losses[name] = float(np.mean(each))
-    best = min(losses, key=losses.__getitem__)
-    return ModelChoice(best, candidates[best](touches, shapes, object_ids, **options), losses)
+        of_folds = models if min(losses, key=losses.__getitem__) == name else of_folds
+    best, stops = min(losses, key=losses.__getitem__), []
+    for fold, model in enumerate(of_folds):
+        held = np.flatnonzero(folds == fold)
+        stops.append(_candidates(model, batch.touches(held), truth[held], ids[held], _LONGEST))
+    choice = ModelChoice(best, candidates[best](touches, shapes, object_ids, **options), losses, _stopped(stops, _STOP))
+    if choice.stops is not None and choice.stops.overall.excess > _EXCESS:
+        warnings.warn(
+            f"{choice.at_stops} The stated probabilities of {best} are too high for stopping: stop at the thresholds "
+            "of certified_stops, fitted to other objects, or record more objects and touches",
+            OverconfidentStops,
+            stacklevel=2,
+        )
+    return choice
 
 
 def fit_observation_model(
@@ -212,7 +223,9 @@ def fit_observation_model(
         num_folds: folds of whole objects, at most the number of objects.
 
     Returns:
-        The choice, which prints as a table; its ``model`` is ready for a :class:`~belief.BeliefTracker`.
+        The choice, which prints as a table with what is stated and right at the stops of held-out objects; its
+        ``model`` is ready for a :class:`~belief.BeliefTracker`. An :class:`~belief.errors.OverconfidentStops` warns if
+        more is stated than is right.
 
     Raises:
         ValueError: arrays that do not fit, NaN or infinite logits, labels or poses out of range, an object with two
@@ -277,12 +290,10 @@ def calibration_of_stops(
     num_shapes = len(model.shape_labels)
     if threshold * num_shapes <= 1.0:
         raise ValueError(f"threshold must be above 1/K = {1 / num_shapes:.3g}, got {threshold}")
-    candidates = _candidates(model, logits, labels, groups, poses)
-    rows = candidates.stops([threshold])
-    if not len(rows):
+    found = _stopped([_candidates(model, *_batch(logits, labels, groups, poses, 3), groups)], threshold)
+    if found is None:
         raise ValueError(f"no object reaches a posterior of {threshold} with its touches; lower the threshold")
-    found = calibration_at_stop(candidates.probs[rows], ~candidates.is_wrong[rows], candidates.touches[rows])
-    return replace(found, never=candidates.num_searches - len(rows))
+    return found
 
 
 def certified_stops(
@@ -293,6 +304,8 @@ def certified_stops(
     risk: float = 0.05,
     confidence: float = 0.9,
     poses: ArrayLike | None = None,
+    *,
+    by_answer: bool = False,
 ) -> CertifiedThresholds:
     """Posteriors at which to stop, so that at every number of touches at most a given fraction of stops is wrong.
 
@@ -300,6 +313,11 @@ def certified_stops(
     least ``thresholds[k - 1]``, of the last one for more touches. Numbers of touches after which few objects stop are
     pooled in this last one: the promise is for their stops together. :mod:`belief.statistics.stop_thresholds` has the
     theorem and its proof. The promise is for objects drawn as these, touched in the same way.
+
+    This allows that most of the stops that name a rare shape are wrong. ``by_answer`` promises the same for *every
+    shape that is named*, over all numbers of touches together: stop at the first touch at which the most probable shape
+    k has a posterior of at least ``thresholds[k]``. A shape that is too rare, or too often named wrongly, is never
+    named: its threshold is infinite.
 
     The arrays are as of :func:`calibration_of_stops`, of independent objects; stated posteriors need not be right. The
     fraction ``risk``, and the ``confidence`` with which the promise holds, are in (0, 1).
@@ -324,28 +342,53 @@ def certified_stops(
         ≥ 2           0.65    200     12
         Last row: so many touches and more, together. Stops: of the half that tests.
     """
-    candidates = _candidates(model, logits, labels, groups, poses)
+    batch, y = _batch(logits, labels, groups, poses, 3)
+    candidates = _candidates(model, batch, y, groups, by_answer=by_answer)
     place = np.random.default_rng(0).permutation(candidates.num_searches)  # an order that says nothing about them
     candidates = candidates.of(np.argsort(place))
+    if by_answer:
+        return certified_thresholds(candidates, risk, confidence, model.shape_labels)
     earlier = replace(candidates, touches=candidates.touches - 1)  # entry k - 1 is of touch k
     return replace(certified_thresholds(earlier, risk, confidence), first=1)
 
 
 def _candidates(
-    model: ArrayModel, logits: ArrayLike, labels: ArrayLike, groups: ArrayLike, poses: ArrayLike | None
+    model: ArrayModel,
+    batch: TouchBatch,
+    labels: NDArray[np.int64],
+    groups: ArrayLike,
+    most: int | None = None,
+    *,
+    by_answer: bool = False,
 ) -> CandidateStops:
-    """What is stated after each touch of every object, under a uniform prior."""
-    batch, y = _batch(logits, labels, groups, poses, 4)
-    every = [
-        CandidateStops.of_posteriors(log_posteriors_by_touch(model, some), y[rows[:, 0]])
-        for some, rows in grouped(batch, groups)
-    ]
+    """What is stated after each of at most so many touches of every object, under a uniform prior.
+
+    By answer, the most probable shape stands in place of the number of touches.
+    """
+    every: list[CandidateStops] = []
+    for some, rows in grouped(batch, groups):
+        log_probs = log_posteriors_by_touch(model, some.touches(slice(most)))
+        found = CandidateStops.of_posteriors(log_probs, labels[rows[:, 0]])
+        every.append(replace(found, touches=log_probs.argmax(axis=2).ravel()) if by_answer else found)
     before = np.cumsum([0, *(some.num_searches for some in every)])
     searches = [some.searches + first for some, first in zip(every, before[:-1], strict=True)]
     touches, probs, is_wrong = (
         np.concatenate([getattr(some, name) for some in every]) for name in ("touches", "probs", "is_wrong")
     )
     return CandidateStops(np.concatenate(searches), touches, probs, is_wrong, int(before[-1]))
+
+
+def _stopped(candidates: Sequence[CandidateStops], threshold: float) -> CalibrationAtStop | None:
+    """Calibration where searches reach a threshold; None if none does."""
+    rows = [some.stops([threshold]) for some in candidates]
+    stated, is_wrong, touches = (
+        np.concatenate([getattr(some, name)[index] for some, index in zip(candidates, rows, strict=True)])
+        for name in ("probs", "is_wrong", "touches")
+    )
+    if not len(stated):
+        return None
+    never = sum(some.num_searches for some in candidates) - len(stated)
+    return replace(calibration_at_stop(stated, ~is_wrong, touches), never=never)
 
 
 def _batch(

@@ -15,13 +15,14 @@ sequence is tested in its order at level 1 - confidence, and the last τ before 
 (fixed-sequence testing; Angelopoulos et al., *Learn then Test*, arXiv 2110.01052). It can be a wrong one only if the
 first wrong one of the sequence was accepted, which has probability at most 1 - confidence. No correction is needed for
 the number of k or of thresholds. Control conditional on the stopping time: Ringel et al., arXiv 2402.00857, who use the
-same two stages for stops up to a time.
+same two stages for stops up to a time. The proof holds for any k of a candidate: if
+k is the answer instead of the number of touches, the error of every answer is bounded.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -111,8 +112,8 @@ class CertifiedThresholds(Tabular):
 
     ``thresholds`` are stated probabilities from which a search may stop, infinite for never; ``stops`` and ``wrong``
     count stops in the half of the searches that tested them. The first entry is for ``first`` touches; the last one
-    pools its number and more, and the promise is for all of these together. If nothing is promised, ``note``
-    says why.
+    pools its number and more, and the promise is for all of these together. With ``answers``, entries are of these
+    instead, and none is pooled. Where nothing is promised, ``note`` says why.
     """
 
     thresholds: tuple[float, ...]
@@ -120,28 +121,39 @@ class CertifiedThresholds(Tabular):
     wrong: tuple[int, ...]
     first: int = 0
     note: str = ""
+    answers: tuple[str, ...] = ()
 
     def table(self) -> Table:
-        """Thresholds, and the stops that tested them, by number of touches."""
-        numbers = range(self.first, self.first + len(self.stops))
+        """Thresholds, and the stops that tested them, by number of touches or by answer."""
+        numbers = self.answers or range(self.first, self.first + len(self.stops))
         rows: list[tuple[str | int, ...]] = [
             (
-                f"≥ {number}" if number == numbers[-1] else str(number),
+                f"≥ {number}" if number == numbers[-1] and not self.answers else str(number),
                 {0.0: "any", math.inf: "never"}.get(least, f"{least:g}"),
                 *counts,
             )
             for number, least, *counts in zip(numbers, self.thresholds, self.stops, self.wrong, strict=True)
         ]
-        usual = "Last row: so many touches and more, together. Stops: of the half that tests."
-        usual = usual if np.isfinite(self.thresholds).any() else "Nothing is promised."
-        return Table("", ["touches", "stop from", ("stops", "d"), ("wrong", "d")], rows, self.note or usual)
+        usual = "" if self.answers else "Last row: so many touches and more, together. "
+        usual = (
+            usual + "Stops: of the half that tests." if np.isfinite(self.thresholds).any() else "Nothing is promised."
+        )
+        return Table(
+            "",
+            ["answer" if self.answers else "touches", "stop from", ("stops", "d"), ("wrong", "d")],
+            rows,
+            self.note or usual,
+        )
 
 
-def certified_thresholds(candidates: CandidateStops, risk: float, confidence: float = 0.9) -> CertifiedThresholds:
+def certified_thresholds(
+    candidates: CandidateStops, risk: float, confidence: float = 0.9, answers: Sequence[str] = ()
+) -> CertifiedThresholds:
     """Thresholds for which the error at every number of touches is at most ``risk``; the module states the theorem.
 
     ``candidates`` are of independent, equally distributed searches, in an order that says nothing about them. Numbers
-    of touches with too few stops in the first half are pooled at the upper end, and never stopped at elsewhere.
+    of touches with too few stops in the first half are pooled at the upper end, and never stopped at elsewhere. With
+    names of ``answers``, the ``touches`` of candidates are indices of these, and the error of every answer is bounded.
 
     >>> rng = np.random.default_rng(0)
     >>> probs = rng.uniform(0.6, 1.0, 20000)                    # one candidate for each search, which states the truth
@@ -155,20 +167,32 @@ def certified_thresholds(candidates: CandidateStops, risk: float, confidence: fl
         raise ValueError(f"at least two searches are needed, got {candidates.num_searches}")
     level, half = 1.0 - confidence, candidates.num_searches // 2
     proposing, testing = candidates.between(0, half), candidates.between(half, candidates.num_searches)
-    chosen = np.full(_num_levels(proposing, risk, level), math.inf)
+    chosen = np.full(len(answers) or _num_levels(proposing, risk, level), math.inf)
     for proposed in _proposals(proposing, risk, level, len(chosen)):
         if _p_values(testing, proposed, risk).max() > level:
             break
         chosen = proposed
     stops, wrong = testing.counts(chosen)
     note, least = "", least_searches(risk, confidence)
+    if answers and np.isfinite(chosen).any():
+        note = _uncertified(candidates, chosen, answers, least)
     if not np.isfinite(chosen).any():
         note = (
             f"Nothing is promised: of {candidates.num_searches}, too few would stop, or too many stops would be wrong."
         )
         if candidates.num_searches < least:
             note = f"Nothing is promised with {candidates.num_searches}: at least {least} are needed, if none is wrong."
-    return CertifiedThresholds(tuple(chosen.tolist()), tuple(stops.tolist()), tuple(wrong.tolist()), note=note)
+    counts = tuple(stops.tolist()), tuple(wrong.tolist())
+    return CertifiedThresholds(tuple(chosen.tolist()), *counts, note=note, answers=tuple(answers))
+
+
+def _uncertified(candidates: CandidateStops, chosen: NDArray[np.float64], answers: Sequence[str], least: int) -> str:
+    """Which answers are never given, and why; empty if all are."""
+    closed = np.flatnonzero(~np.isfinite(chosen)).tolist()
+    numbers = [len(np.unique(candidates.searches[candidates.touches == k])) for k in closed]
+    few = [f"{answers[k]} (too few, {n} of {least})" for k, n in zip(closed, numbers, strict=True) if n < least]
+    wrong = [f"{answers[k]} (too many wrong)" for k, n in zip(closed, numbers, strict=True) if n >= least]
+    return f"Not certifiable: {', '.join(few + wrong)}." if closed else ""
 
 
 def least_searches(risk: float, confidence: float) -> int:

@@ -157,7 +157,7 @@ class Calibration(Tabular):
                 ),
             ],
             f"Observation model: {self.choice.name}{chosen}. Best order of poses, with the NLL after each on the "
-            f"objects by which they are ranked: {order}.",
+            f"objects by which they are ranked: {order}. {self.choice.at_stops}".rstrip(),
         )
 
 

@@ -9,7 +9,7 @@ from scipy.linalg import helmert
 
 from belief import Touch
 from belief.calibration import TemperatureScaling
-from belief.observation_model import ConfusionModel, GaussianModel, PLDAModel, RatioModel
+from belief.observation_model import ConfusionModel, GaussianModel, HeavyTailsModel, PLDAModel, RatioModel
 from belief.observation_model.plda import Components, LogitEmbedding
 from belief.synthetic import random_model
 
@@ -72,7 +72,10 @@ MODELS = {
     "confusion, impossible outcomes": lambda: parts().impossible,
     "confusion, fitted": lambda: fit(ConfusionModel, parts().data),
     "gaussian": lambda: fit(GaussianModel, parts().data),
+    "heavy tails": lambda: fit(HeavyTailsModel, parts().data),
+    "heavy tails, one touch per object": lambda: fit(HeavyTailsModel, parts().alone),
     "plda": plda_world,
+    "plda, scales of objects": lambda: fit(PLDAModel, parts().data, spread=0.5),
     "plda, fitted": lambda: fit(PLDAModel, parts().data),
     "plda, one touch per object": lambda: fit(PLDAModel, parts().alone),
     "plda, a shape never seen": lambda: fit(PLDAModel, parts().no_cones),
@@ -89,7 +92,7 @@ def any_model(request):
     return model_named(request.param)
 
 
-@pytest.fixture(params=[name for name in MODELS if not name.startswith(("plda", "gaussian"))])
+@pytest.fixture(params=[name for name in MODELS if not name.startswith(("plda", "gaussian", "heavy"))])
 def summarising_model(request):
     """Each model whose evidence is of one size, however many the touches: not PLDA and its relatives."""
     return model_named(request.param)

@@ -20,6 +20,7 @@ from belief.observation_model import (
     FixedHypotheses,
     FixedWorlds,
     GaussianModel,
+    HeavyTailsModel,
     OutcomeTable,
     PLDAModel,
     RatioModel,
@@ -69,6 +70,10 @@ HOLDERS = {
     "GaussianModel": (
         lambda a, b: GaussianModel(LABELS, embedding(), a, Components(0 * b, 0 * b, b)),
         [np.array([[[0.0], [1.0]]]), IDENTITY],
+    ),
+    "HeavyTailsModel": (
+        lambda a, b, c: HeavyTailsModel(LABELS, 1.0, a, b, c, 0.5),
+        [np.eye(2)[None], np.ones(2), np.ones(2)],
     ),
     "PLDAModel": (
         lambda a, b: PLDAModel(LABELS, embedding(), a, Components(b, b, b)),

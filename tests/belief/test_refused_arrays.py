@@ -14,6 +14,7 @@ from belief.observation_model import (
     ConfusionModel,
     FixedHypotheses,
     GaussianModel,
+    HeavyTailsModel,
     OutcomeTable,
     PLDAModel,
     RatioModel,
@@ -83,7 +84,7 @@ def test_masked_labels_are_refused():
 
 
 @pytest.mark.parametrize("options", [{}, {"num_poses": 10**9}])
-@pytest.mark.parametrize("kind", [ConfusionModel, GaussianModel, PLDAModel, RatioModel, PerPose])
+@pytest.mark.parametrize("kind", [ConfusionModel, GaussianModel, HeavyTailsModel, PLDAModel, RatioModel, PerPose])
 def test_a_pose_number_that_no_data_can_have_is_refused_before_it_takes_memory(kind, options):
     poses = [0, 1, 0, 1 if options else 10**9]
     touches = [Touch(pose, row) for pose, row in zip(poses, PROBS, strict=True)]

@@ -206,6 +206,12 @@ CALLS = {
             LABELS, embedding(), a[None, :3, :2], Components(0 * a[:2, :2], 0 * a[:2, :2], a[:2, :2])
         ).log_likelihood([Touch(0, np.zeros(3))]),
     ),
+    "HeavyTailsModel": lambda a: (
+        likelihood(observation_model.HeavyTailsModel)(a),
+        observation_model.HeavyTailsModel(LABELS, 1.0, a[None, :3], a[3], a[3], 0.5).log_likelihood(
+            [Touch(0, row) for row in a]
+        ),
+    ),
     "PLDAModel": lambda a: (
         likelihood(observation_model.PLDAModel)(a),
         observation_model.PLDAModel(
@@ -272,7 +278,7 @@ CALLS = {
     "log_posteriors_by_touch": lambda a: selection.log_posteriors_by_touch(
         world(np.full((3, 3), 1 / 3)), TouchBatch.of([touches(a)])
     ),
-    "grouped": lambda a: [index for _, index in selection.grouped(TouchBatch.of([touches(np.eye(4, 3))]), a[:, 0])],
+    "grouped": lambda a: [index for _, index in touch_batch.grouped(TouchBatch.of([touches(np.eye(4, 3))]), a[:, 0])],
     "choose_observation_model": lambda a: selection.choose_observation_model(
         touches(a),
         SHAPES,
@@ -397,6 +403,7 @@ ORDINARY = {
     "Belief": np.stack([np.full(3, 1 / 3), np.log(np.full(3, 1 / 3))]),
     "Counts": np.array([[2, 1, 0]]),
     "GaussianModel": np.eye(4, 3),
+    "HeavyTailsModel": np.full((4, 3), 0.5),
     "PLDAModel": np.vstack([np.eye(2, 3), np.eye(2, 3)]),
     "RatioModel": np.full((4, 3), 1 / 3),
     "checked_outcomes": np.eye(4, 3),
