@@ -17,7 +17,7 @@ from scipy.special import logsumexp
 from activetouch.perception.contacts.hypotheses import ContactHypotheses
 from activetouch.perception.contacts.views import BodySet, Felt, ViewPlan
 from activetouch.perception.imaging import Floats32, sensor_state
-from activetouch.poses import turned
+from activetouch.poses import multiply, turned
 from activetouch.pressing.height_maps import predicted_contacts
 from activetouch.rotation_cells import centres, nested
 from activetouch.scene import Scene
@@ -29,6 +29,7 @@ from belief.validation import Floats
 
 _AT_ONCE = 256  # contacts
 _PARTS = 8  # parts of a cell
+_FINEST = 4  # level of the smallest cells
 
 
 @dataclass(frozen=True)
@@ -106,13 +107,28 @@ class CloseContacts(BodySet):
 
     def log_evidence(self, few: Ints, touches: Sequence[Felt]) -> Floats:
         """Log evidence of the bodies with indices ``few (n,)``, each in its most probable cells, ``(n,)``."""
+        return self._examined(few, touches)[0]
+
+    def fitted(self, body: int, touches: Sequence[Felt]) -> tuple[Floats, float]:
+        """The orientation ``wxyz``, to about 3°, and the size in which a body explains all touches best."""
+        cell, size = self._examined(np.array([body]), touches)[1][0]
+        return centres(_FINEST)[cell], size
+
+    def contacts(self, body: int, poses: Sequence[int], rest: Floats, size: float) -> Floats32:
+        """Embeddings of the exactly predicted contacts of a body that lies so, in some poses, ``(n, D)``."""
+        turns, window = multiply(self.poses[list(poses)].T, rest).T, self.hypotheses.imaging.wide_window
+        maps = predicted_contacts(self.solids[body], turns, (0.0, 0.0), window, size, np.float32)
+        return self.hypotheses.embed(maps, self.look.widths[-1], self.code)[0]
+
+    def _examined(self, few: Ints, touches: Sequence[Felt]) -> tuple[Floats, list[tuple[int, float]]]:
+        """Log evidence of some bodies, and the best of the finest cells and the size of each; cell 0 without any."""
         look = self.look
         share = look.scale / (1.0 + look.drift * (len(touches) - 1))
-        shares = [np.log(nested((level,)).shares[0]) for level in range(2, 5)]
+        shares = [np.log(nested((level,)).shares[0]) for level in range(2, _FINEST + 1)]
         leaves: list[list[float]] = [[] for _ in few]  # log weights of the cells that are not divided
         cells = [self._proposed(body, touches) for body in few.tolist()]
         sizes = [np.ones(len(each)) for each in cells]
-        found = np.full(len(few), -np.inf)
+        found, best_cells = np.full(len(few), -np.inf), [(0, 1.0)] * len(few)
         alive = list(range(len(few)))
         for step in range(3):
             for place in alive:
@@ -120,6 +136,7 @@ class CloseContacts(BodySet):
                 logs = shares[step][mine] + share * self._scores(body, step, mine, size, touches)
                 if step == 2:
                     logs -= np.log(len(look.sizes))
+                    best_cells[place] = int(mine[logs.argmax()]), float(size[logs.argmax()])
                 elif step == 1:
                     best = np.argsort(-logs)[: look.divided]
                     others = np.array(look.sizes[1:]).repeat(len(best))
@@ -134,7 +151,7 @@ class CloseContacts(BodySet):
                     cells[place] = (mine[best][:, None] * _PARTS + np.arange(_PARTS)).ravel()
                     sizes[place] = size[best].repeat(_PARTS)
             alive = [place for place in alive if found[place] > found.max() - look.behind]
-        return found
+        return found, best_cells
 
     def _proposed(self, body: int, touches: Sequence[Felt]) -> Ints:
         """The most probable cells by the views of a body: the best one of each wide cell."""
