@@ -25,10 +25,10 @@ from activetouch.perception.contacts.close_look import CloseContacts, CloseLook
 from activetouch.perception.contacts.hypotheses import CONTACTS_IN_ALL, FEWEST, ContactHypotheses
 from activetouch.perception.contacts.inexact import inexact
 from activetouch.perception.contacts.random_views import random_views
-from activetouch.perception.contacts.strangers import PROBABLE, Strangers, TwoDensities
 from activetouch.perception.contacts.views import BodySet, ViewPlan
 from activetouch.perception.imaging import Floats32
 from activetouch.perception.reader import TactileReader
+from activetouch.perception.strangers import PROBABLE, Strangers, TwoDensities
 from activetouch.rotation_cells import nested
 from activetouch.scene import Scene
 from activetouch.scene_description import SURROUNDINGS, scene_fields
@@ -60,7 +60,7 @@ class Fit(NamedTuple):
     """What a set of bodies is fitted to.
 
     ``references (M, D)`` are embeddings of touches, in half precision; ``sums`` and ``checks`` are of
-    :class:`activetouch.perception.contacts.strangers.Strangers`.
+    :class:`activetouch.perception.strangers.Strangers`.
     """
 
     scale: float

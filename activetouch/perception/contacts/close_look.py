@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy  # whose parts load at first use
 from scipy.special import logsumexp
 
 from activetouch.perception.contacts.hypotheses import ContactHypotheses
@@ -29,6 +31,7 @@ from belief.validation import Floats
 
 _AT_ONCE = 256  # contacts
 _PARTS = 8  # parts of a cell
+_ALIKE = 3  # bodies: one that is about to be named, and those nearest to it
 _FINEST = 4  # level of the smallest cells
 
 
@@ -40,7 +43,9 @@ class CloseLook(Checked):
         bodies: largest number of examined bodies; 0 for no examination.
         least: posterior from which a body is examined.
         share: posterior that these bodies must have together; before that, a look is too early.
-        touches: number of touches before the first look, as an object may lie in more ways than are weighed.
+        touches: number of touches before the first look, as an object may lie in more ways than are weighed; earlier,
+            only a body that is about to be named is looked at.
+        named: posterior of a body that is about to be named: it is compared with those that feel most like it, too.
         enough: posterior of a body after a look above which there is no other look.
         proposed: number of cells of a body that are weighed.
         divided: number of best cells that are divided, at each of two levels.
@@ -55,6 +60,7 @@ class CloseLook(Checked):
     least: Probability = 0.002
     share: Probability = 0.8
     touches: int = 4
+    named: Probability = 0.9
     enough: Probability = 0.995
     proposed: Count = 12
     divided: Count = 4
@@ -98,12 +104,22 @@ class CloseContacts(BodySet):
     def looked(self, belief: CoarseToFine) -> CoarseToFine:
         """The belief with recomputed evidence of the bodies that are still possible; the others keep theirs."""
         look, probs = self.look, belief.probs
-        few = np.argsort(-probs)[: look.bodies]
+        few, best = np.argsort(-probs)[: look.bodies], int(probs.argmax())
         few = few[probs[few] >= look.least]
-        is_early = len(belief.touches) < look.touches or probs[few].sum() < look.share
-        if is_early or len(few) < 2 or (belief.correction.any() and probs.max() > look.enough):
+        is_named = look.bodies > 0 and probs[best] >= look.named
+        is_early = not is_named and (len(belief.touches) < look.touches or probs[few].sum() < look.share)
+        if is_early or (belief.correction.any() and probs[best] > look.enough):
             return belief
-        return belief.corrected(few, self.log_evidence(few, belief.touches))
+        if is_named:
+            few = np.union1d(few, self._nearest[best])
+        return belief if len(few) < 2 else belief.corrected(few, self.log_evidence(few, belief.touches))
+
+    @cached_property
+    def _nearest(self) -> Ints:
+        """The bodies that feel most like each, by their mean embeddings: itself and the next, ``(K, 3)`` or fewer."""
+        means = self.table.mean(axis=0, dtype=np.float32)
+        number = min(_ALIKE, len(means))
+        return np.asarray(scipy.spatial.cKDTree(means).query(means, number)[1]).reshape(len(means), number)
 
     def log_evidence(self, few: Ints, touches: Sequence[Felt]) -> Floats:
         """Log evidence of the bodies with indices ``few (n,)``, each in its most probable cells, ``(n,)``."""

@@ -9,9 +9,9 @@ from activetouch import TouchWorld
 from activetouch.perception.contacts.bodies import random_body
 from activetouch.perception.contacts.inexact import inexact
 from activetouch.perception.contacts.random_views import FIRST, log_normalisers, random_views
-from activetouch.perception.contacts.strangers import TwoDensities
 from activetouch.perception.contacts.views import ViewPlan
 from activetouch.perception.many_bodies import NestedPlan
+from activetouch.perception.strangers import TwoDensities
 from activetouch.shapes import SHAPES, Box, Mesh
 from belief.problem import Touch
 from experiments.meshes.setting import scene_of, sensor_of

@@ -100,7 +100,7 @@ def _log_density(values: Floats, mean: float, deviation: float) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Strangers:
-    """Weighs whether an object is none of the bodies of a scene (:mod:`activetouch.perception.contacts.strangers`).
+    """Weighs whether an object is none of the bodies of a scene (:mod:`activetouch.perception.strangers`).
 
     Attributes:
         scene: of the simulated presses.
