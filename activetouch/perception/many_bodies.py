@@ -185,7 +185,7 @@ def _write_fit(path: Path, fit: Fit) -> None:
     }
     for name in _DENSITIES:
         both = getattr(fit, name)
-        fields[name] = None if both is None else [both.means.tolist(), both.deviations.tolist()]
+        fields[name] = None if both is None else both.fields()
     write_text(path, sealed_json({**fields, "name": path.stem}, indent=None))
 
 

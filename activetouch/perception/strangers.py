@@ -10,6 +10,7 @@ whose own body is left out of it, come from the simulated objects that the set i
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import scipy  # whose parts load at first use
@@ -76,6 +77,10 @@ class TwoDensities(FrozenArrays):
             deviations.append(np.full(touches, np.sqrt((rest @ rest + _LIKE * _SPREAD**2) / (len(rest) + _LIKE))))
         return cls(np.stack(means), np.stack(deviations))
 
+    def fields(self) -> list[list[list[float]]]:
+        """Means and deviations as JSON types."""
+        return [self.means.tolist(), self.deviations.tolist()]
+
     def log_ratio(self, touches: float, value: float) -> float:
         """Log density of strangers over that of the listed; it never rises with the value."""
         (mean, other), (deviation, wide) = (self._after(part, touches) for part in (self.means, self.deviations))
@@ -128,6 +133,11 @@ class Strangers:
         if self.check and self.checks is not None and likely.max() >= PROBABLE:
             found += self.checks.log_ratio(number, self.surprise_of(evidence, int(likely.argmax())))
         return found
+
+    def fields(self) -> dict[str, Any]:
+        """See :class:`belief.observation_model.nested_bodies.StrangerTest`."""
+        densities = [None if one is None else one.fields() for one in (self.sums, self.checks)]
+        return {"check": self.check, "random": array_digest({"views": self.random}), "densities": densities}
 
     def fit_of(self, evidence: NestedEvidence, log_evidence: Floats) -> float:
         """Log evidence of the best body, less that of random bodies that may be others in every touch."""

@@ -72,6 +72,9 @@ class StrangerTest(Protocol):
     def log_ratio(self, evidence: NestedEvidence) -> float:
         """Log likelihood ratio of all touches, of another body against equally probable listed ones."""
 
+    def fields(self) -> dict[str, Any]:
+        """All that it follows from beside the bodies, as JSON types."""
+
 
 @dataclass(frozen=True, eq=False)
 class NestedBodyModel(ArrayModel):
@@ -201,7 +204,8 @@ class NestedBodyModel(ArrayModel):
         """See :class:`ArrayModel`; no file is read back, as bodies are embedded by the reader."""
         arrays = {name: array_field(getattr(self, name), "float16") for name in ("references", "constants")}
         numbers = {name: getattr(self, name) for name in ("scale", "drift", "correlation")}
-        return {**numbers, **arrays, "effort": vars(self.effort), "bodies": self.bodies.fields()}
+        others = {"effort": vars(self.effort), "bodies": self.bodies.fields()}
+        return {**numbers, **arrays, **others, "strangers": self.strangers and self.strangers.fields()}
 
     @classmethod
     def from_fields(cls, fields: Mapping[str, Any]) -> ArrayModel:
