@@ -1,16 +1,18 @@
 """The observation model of many bodies for a reader of any object: embedded in views, fitted, nothing is trained.
 
 Temperature and drift are fitted to simulated touches of some of the bodies, which takes seconds, and are kept in the
-cache for the set.
+cache for the set. So are the distributions by which strangers are known: of the same touches, with the body of each
+object in the set, and left out of it. The pressed objects differ from their files by a tolerance.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import scipy  # whose parts load at first use
@@ -21,18 +23,23 @@ from activetouch.orientations import Inexact, Tumbled
 from activetouch.perception.cached_arrays import announced, cached, is_cached, require_name
 from activetouch.perception.contacts.close_look import CloseContacts, CloseLook
 from activetouch.perception.contacts.hypotheses import CONTACTS_IN_ALL, FEWEST, ContactHypotheses
+from activetouch.perception.contacts.inexact import inexact
+from activetouch.perception.contacts.random_views import random_views
 from activetouch.perception.contacts.views import BodySet, ViewPlan
 from activetouch.perception.imaging import Floats32
 from activetouch.perception.reader import TactileReader
+from activetouch.perception.strangers import PROBABLE, Strangers, TwoDensities
 from activetouch.rotation_cells import nested
 from activetouch.scene import Scene
 from activetouch.scene_description import SURROUNDINGS, scene_fields
 from activetouch.solids.family import Family
 from belief.coarse_to_fine import Effort
 from belief.codec import array_field, array_from
+from belief.constraints import NOT_NEGATIVE, Checked, CountOrNone
 from belief.errors import InvalidArgument
 from belief.files import require_regular_file, sealed_json, unsealed_json, write_text
 from belief.observation_model.nested_bodies import NestedBodyModel
+from belief.problem import Touch
 from belief.validation import Floats
 
 PRESSED, TOUCHES = 48, 12
@@ -45,12 +52,26 @@ _MANY = 200  # bodies above which the coarsest cells are used for all
 _SIZES = 0.95, 1.05
 _FLAT = 4 * CONTACTS_IN_ALL  # predicted contacts of all hypotheses, above which cells take the place of a table
 
-Fit: TypeAlias = tuple[float, float, Floats32]
-"""Scale and drift of a set of bodies, and references: embeddings of touches in half precision, ``(M, D)``."""
+_DENSITIES = "sums", "checks"
+_CHECKED, _APART = 24, 3  # objects whose probable body is checked, twice, and touches from one check to the other
+
+
+class Fit(NamedTuple):
+    """What a set of bodies is fitted to.
+
+    ``references (M, D)`` are embeddings of touches, in half precision; ``sums`` and ``checks`` are of
+    :class:`activetouch.perception.strangers.Strangers`.
+    """
+
+    scale: float
+    drift: float
+    references: Floats32
+    sums: TwoDensities | None = None
+    checks: TwoDensities | None = None
 
 
 @dataclass(frozen=True)
-class NestedPlan:
+class NestedPlan(Checked):
     """How closely many bodies are examined: the accuracy against the time.
 
     Attributes:
@@ -59,6 +80,10 @@ class NestedPlan:
         effort: limits on the refinement of a belief.
         look: how closely the bodies that are still possible are looked at.
         pressed: number of simulated objects that temperature and drift are fitted to.
+        check: times that a probable body is pressed in simulation in each touched pose before it is named, to see
+            whether it feels like the object; 0 for no check. Only a belief that weighs strangers does it.
+        tolerance: by how much the surface of an object may differ from its file [m], one standard deviation; None for
+            2 % of the radius of each body, 0 for exact files.
     """
 
     views: ViewPlan = field(default_factory=ViewPlan)
@@ -66,6 +91,8 @@ class NestedPlan:
     effort: Effort = field(default_factory=Effort)
     look: CloseLook = field(default_factory=CloseLook)
     pressed: int = PRESSED
+    check: CountOrNone = 8
+    tolerance: Annotated[float | None, NOT_NEGATIVE] = None
 
     def levels_of(self, number: int) -> tuple[int, ...]:
         """The levels of cells for a number of bodies."""
@@ -105,12 +132,20 @@ def nested_model(reader: TactileReader, scene: Scene, plan: NestedPlan | None = 
     levels = plan.levels_of(len(scene.shapes))
     bodies = CloseContacts.of_scene(hypotheses, scene, plan.views, levels, plan.look)
     blank = np.zeros((1, bodies.table.shape[2]), np.float32), np.zeros(1, np.float32)
-    model = NestedBodyModel(scene.shape_labels, nested(levels), bodies, 1.0, 0.06, *blank, plan.effort)
+    strangers = Strangers(scene, reader, bodies, random_views(hypotheses, bodies.code)[0], plan.check)
+    start = NestedBodyModel(scene.shape_labels, nested(levels), bodies, 1.0, 0.06, *blank, plan.effort)
+    model = replace(start, strangers=strangers)
     with announced(f"fitting the bodies to {plan.pressed} simulated objects, which is kept in the cache"):
-        make = partial(_fit, reader, scene, model, plan.pressed)
-        scale, drift, references = cached(_key(reader, scene, plan), ".json", make, _read_fit, _write_fit)
-    constants = _constants(scale, references, bodies)
-    return replace(model, scale=scale, drift=drift, references=references, constants=constants)
+        make = partial(_fit, reader, scene, model, strangers, plan)
+        fit = cached(_key(reader, scene, plan), ".json", make, _read_fit, _write_fit)
+    return replace(
+        model,
+        scale=fit.scale,
+        drift=fit.drift,
+        references=fit.references,
+        constants=_constants(fit.scale, fit.references, bodies),
+        strangers=replace(strangers, sums=fit.sums, checks=fit.checks),
+    )
 
 
 def is_fitted(reader: TactileReader, scene: Scene, plan: NestedPlan) -> bool:
@@ -125,6 +160,7 @@ def _key(reader: TactileReader, scene: Scene, plan: NestedPlan) -> dict[str, Any
         "reader": reader.digest,
         "scene": fields,
         "plan": [asdict(plan.views), plan.pressed, *plan.levels_of(len(scene.shapes))],
+        "strangers": [asdict(plan.look), plan.check, plan.tolerance],
         "effort": asdict(plan.effort),
         "version": version("activetouch"),
     }
@@ -136,12 +172,20 @@ def _read_fit(path: Path) -> Fit:
     scale, drift, references = fields["scale"], fields["drift"], array_from(fields["references"], "float16")
     if not (0.0 < scale < np.inf and 0.0 <= drift < np.inf and references.size and np.isfinite(references).all()):
         raise ValueError(f"{path} has numbers that no fit gives")
-    return scale, drift, references.astype(np.float32)
+    kinds = (fields[name] for name in _DENSITIES)
+    densities = (None if kind is None else TwoDensities(*(np.array(part, float) for part in kind)) for kind in kinds)
+    return Fit(scale, drift, references.astype(np.float32), *densities)
 
 
 def _write_fit(path: Path, fit: Fit) -> None:
-    scale, drift, references = fit
-    fields = {"scale": scale, "drift": drift, "references": array_field(references.astype(float), "float16")}
+    fields = {
+        "scale": fit.scale,
+        "drift": fit.drift,
+        "references": array_field(fit.references.astype(float), "float16"),
+    }
+    for name in _DENSITIES:
+        both = getattr(fit, name)
+        fields[name] = None if both is None else both.fields()
     write_text(path, sealed_json({**fields, "name": path.stem}, indent=None))
 
 
@@ -154,16 +198,18 @@ def _constants(scale: float, references: Floats32, bodies: BodySet) -> Floats32:
     return np.asarray((logsumexp(parts, axis=0) - np.log(number)) / scale, np.float32)
 
 
-def _fit(reader: TactileReader, scene: Scene, model: NestedBodyModel, pressed: int) -> Fit:
+def _fit(reader: TactileReader, scene: Scene, model: NestedBodyModel, strangers: Strangers, plan: NestedPlan) -> Fit:
     """Temperature and drift with the lowest NLL of the body after 1 to 12 touches in random directions."""
     rng, logs, number = np.random.default_rng(0xF17), model.cells.log_shares, len(model.shape_labels)
-    truths = rng.permutation(np.arange(max(number, pressed)) % number)[:pressed]
-    felt, cases = [], []
-    for truth in truths.tolist():
+    truths = rng.permutation(np.arange(max(number, plan.pressed)) % number)[: plan.pressed].tolist()
+    felt, cases, orders = [], [], []
+    for truth in truths:
         obj, belief = scene.sample_object(truth, rng), model.start().belief
+        own = inexact(strangers.bodies.solids[truth], plan.tolerance, rng)
         poses = rng.permutation(model.num_poses)[:TOUCHES].tolist()
-        images = np.stack([scene.press(obj, pose, rng).image for pose in poses])
+        images = np.stack([scene.press(replace(obj, member=own), pose, rng).image for pose in poses])
         felt.append(reader.run(images)[0])
+        orders.append(poses)
         for count, (pose, embedding) in enumerate(zip(poses, felt[-1], strict=True), 1):
             belief = belief.update(model.bodies.felt(pose, embedding))
             if count in _CHECKPOINTS:
@@ -191,4 +237,37 @@ def _fit(reader: TactileReader, scene: Scene, model: NestedBodyModel, pressed: i
     best = scipy.optimize.minimize(loss, simplex[0], **settings).x
     every = np.concatenate(felt)
     some = every[rng.permutation(len(every))[:_REFERENCES]]
-    return float(np.exp(-best[0])), float(best[1]), some.astype(np.float16).astype(np.float32)
+    fitted = replace(model, scale=float(np.exp(-best[0])), drift=float(best[1]))
+    references = some.astype(np.float16).astype(np.float32)
+    return Fit(fitted.scale, fitted.drift, references, *_densities(fitted, strangers, truths, orders, felt))
+
+
+def _densities(
+    model: NestedBodyModel,
+    strangers: Strangers,
+    truths: Sequence[int],
+    orders: Sequence[Sequence[int]],
+    felt: Sequence[Floats32],
+) -> tuple[TwoDensities | None, TwoDensities | None]:
+    """Of sums and checks of :class:`Strangers`: pressed objects in the set, and with their own body left out of it."""
+    if len(model.shape_labels) < 2:
+        return None, None
+    unseen = replace(strangers.bodies, look=replace(strangers.bodies.look, bodies=0))
+    quick = replace(model, bodies=unseen)  # the sums are those of views
+    sums = np.zeros((2, len(truths), TOUCHES))
+    checks: tuple[list[tuple[int, float]], list[tuple[int, float]]] = ([], [])
+    for row, (truth, poses, embeddings) in enumerate(zip(truths, orders, felt, strict=True)):
+        evidence, next_check = quick.start(), [0, 0]
+        for count, (pose, embedding) in enumerate(zip(poses, embeddings, strict=True), 1):
+            evidence = evidence.update(Touch(pose, features=embedding.astype(float)))
+            logs = evidence.belief.log_evidence
+            for kind, listed in enumerate((logs, np.delete(logs, truth))):
+                sums[kind, row, count - 1] = strangers.fit_of(evidence, listed)
+                probs = np.exp(listed - logsumexp(listed))
+                body = int(probs.argmax()) + (kind == 1 and int(probs.argmax()) >= truth)
+                is_due = strangers.check and row < _CHECKED and next_check[kind] <= count
+                if is_due and probs.max() >= PROBABLE and (body == truth) == (kind == 0):
+                    checks[kind].append((count, strangers.surprise_of(evidence, body)))
+                    next_check[kind] = count + _APART if next_check[kind] == 0 else TOUCHES + 1
+    along = TwoDensities.along(np.array(checks[0]), np.array(checks[1]), TOUCHES) if all(checks) else None
+    return TwoDensities.of(sums[0], sums[1]), along

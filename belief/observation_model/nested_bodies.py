@@ -66,6 +66,16 @@ class BodyLikelihood(CellLikelihood, Protocol):
         """All that the likelihoods follow from, as JSON types."""
 
 
+class StrangerTest(Protocol):
+    """Weighs whether an object has none of the bodies."""
+
+    def log_ratio(self, evidence: NestedEvidence) -> float:
+        """Log likelihood ratio of all touches, of another body against equally probable listed ones."""
+
+    def fields(self) -> dict[str, Any]:
+        """All that it follows from beside the bodies, as JSON types."""
+
+
 @dataclass(frozen=True, eq=False)
 class NestedBodyModel(ArrayModel):
     """Joint posterior over one of K bodies and its orientation, coarse to fine.
@@ -80,6 +90,7 @@ class NestedBodyModel(ArrayModel):
         constants: by how much the log likelihood of each reference is too large, ``(M,)``.
         effort: limits on the refinement.
         correlation: ρ in [0, 1] of repeats in one pose.
+        strangers: weighs whether an object has none of the bodies; None: touches tell nothing about that.
     """
 
     name: ClassVar[str] = "nested bodies"
@@ -93,6 +104,7 @@ class NestedBodyModel(ArrayModel):
     constants: Floats32
     effort: Effort = field(default_factory=Effort)
     correlation: Probability = ASSUMED_CORRELATION
+    strangers: StrangerTest | None = None
 
     def __post_init__(self) -> None:
         if self.references.ndim != 2 or not self.references.size or self.constants.shape != self.references.shape[:1]:
@@ -192,7 +204,8 @@ class NestedBodyModel(ArrayModel):
         """See :class:`ArrayModel`; no file is read back, as bodies are embedded by the reader."""
         arrays = {name: array_field(getattr(self, name), "float16") for name in ("references", "constants")}
         numbers = {name: getattr(self, name) for name in ("scale", "drift", "correlation")}
-        return {**numbers, **arrays, "effort": vars(self.effort), "bodies": self.bodies.fields()}
+        others = {"effort": vars(self.effort), "bodies": self.bodies.fields()}
+        return {**numbers, **arrays, **others, "strangers": self.strangers and self.strangers.fields()}
 
     @classmethod
     def from_fields(cls, fields: Mapping[str, Any]) -> ArrayModel:
@@ -228,6 +241,23 @@ class NestedEvidence:
             return frozen(np.zeros(len(self.model.shape_labels)))
         found = self.belief.log_evidence
         return frozen(found - found.max())
+
+    @cached_property
+    def log_unlisted(self) -> float:
+        """See :class:`~belief.observation_model.evidence.WeighsStrangers`; computed when it is asked for."""
+        if not self.in_pose:
+            return 0.0
+        logs, strangers = self.log_likelihood, self.model.strangers
+        ratio = 0.0 if strangers is None else strangers.log_ratio(self)
+        return ratio + float(logsumexp(logs)) - float(np.log(len(logs)))
+
+    @property
+    def effective(self) -> dict[int, Floats32]:
+        """For each touched pose, the sum of embeddings that counts: of repeats, less than all, ``(D,)``."""
+        return {
+            pose: total * np.float32(effective_touches(number, self.model.correlation) / number)
+            for pose, (number, total) in self.in_pose.items()
+        }
 
     def update(self, touch: Touch) -> NestedEvidence:
         """The evidence with one more touch."""

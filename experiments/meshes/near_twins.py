@@ -17,6 +17,8 @@ from belief.validation import Floats
 
 ALIKE = 0.8
 """Information of a touch [nats] below which two bodies are near twins. Most others tell twice as much."""
+NOTHING, MOST = 0.5, 0.5
+"""Information of a touch [nats] that is next to nothing, and share of such touches from which bodies are near twins."""
 _PER_BODY, _MOST_PAIRS = 4, 1200  # pairs that are looked at closely
 _SIDES = 24  # views of the first body
 _LEVEL = 2  # of the rotations from one body to the other
@@ -28,15 +30,18 @@ class NearTwins:
     """Labels of two bodies that are hard to tell apart, and the expected information of a touch [nats].
 
     It is for the touched body against the other in the relative orientation in which it tells least, on a grid of 13°
-    and by quarter turns; the smaller of the two ways.
+    and by quarter turns; the smaller of the two ways. ``silent`` is the largest share of touches that tell next to
+    nothing, in any such orientation: bodies that differ in one place, such as a handle, are alike elsewhere.
     """
 
     first: str
     second: str
     nats: float
+    silent: float = 0.0
 
     def __str__(self) -> str:
-        return f"{self.first} and {self.second} feel nearly alike: a touch tells {self.nats:.2f} nats"
+        silent = f", and {self.silent:.0%} of touches tell next to nothing" if self.silent >= MOST else ""
+        return f"{self.first} and {self.second} feel nearly alike: a touch tells {self.nats:.2f} nats{silent}"
 
 
 def near_twins(model: NestedBodyModel) -> list[NearTwins]:
@@ -53,12 +58,15 @@ def near_twins(model: NestedBodyModel) -> list[NearTwins]:
     order = np.argsort(distance, axis=None, kind="stable")
     pairs = list(dict.fromkeys(map(tuple, both[order][both[order, 0] < both[order, 1]].tolist())))
     compare = _comparison(model, bodies)
-    found = [NearTwins(labels[i], labels[j], min(compare(i, j), compare(j, i))) for i, j in pairs[:_MOST_PAIRS]]
-    return sorted([one for one in found if one.nats < ALIKE], key=lambda one: one.nats)
+    found = []
+    for i, j in pairs[:_MOST_PAIRS]:
+        nats, silent = zip(compare(i, j), compare(j, i), strict=True)
+        found.append(NearTwins(labels[i], labels[j], min(nats), max(silent)))
+    return sorted([one for one in found if one.nats < ALIKE or one.silent >= MOST], key=lambda one: one.nats)
 
 
-def _comparison(model: NestedBodyModel, bodies: BodySet) -> Callable[[int, int], float]:
-    """How much a touch of one body tells against another, in the relative orientation in which it tells least."""
+def _comparison(model: NestedBodyModel, bodies: BodySet) -> Callable[[int, int], tuple[float, float]]:
+    """What a touch of one body tells against another, where it tells least, and the largest share of silent touches."""
     references, constants = model.references[:_SUBSET], model.constants[:_SUBSET]
     orientations = bodies.plan.orientations
     sides = np.arange(0, len(orientations), max(1, len(orientations) // _SIDES))[:_SIDES]
@@ -74,10 +82,11 @@ def _comparison(model: NestedBodyModel, bodies: BodySet) -> Callable[[int, int],
         scores *= np.float32(model.scale)
         return np.asarray(scores - scipy.special.logsumexp(scores, axis=1, keepdims=True))
 
-    def told(body: int, other: int) -> float:
+    def told(body: int, other: int) -> tuple[float, float]:
         mine = log_probs(body)[sides]
         probs = np.exp(mine)
         divergence = (probs * mine).sum(axis=1)[:, None] - probs @ log_probs(other).T
-        return max(0.0, float(np.take_along_axis(divergence, shown, axis=1).mean(axis=0).min()))  # but for rounding
+        each = np.take_along_axis(divergence, shown, axis=1)  # of the sides, in each relative orientation
+        return max(0.0, float(each.mean(axis=0).min())), float((each < NOTHING).mean(axis=0).max())  # but for rounding
 
     return told

@@ -33,6 +33,7 @@ _MANY = 200  # bodies, above which a touch takes no more time
 # Seconds of one core, roughly, by time.process_time, of 4 to 100 icospheres of 320 to 82 000 triangles with waves:
 _READING = 0.15  # of a megabyte of a file
 _TOUCH, _SEARCHED = 0.0045, 0.04  # of a touch of the fit, and of a search, beside those for each body
+_CHECKS = 35.0  # of the presses of probable bodies in the fit
 _REPORT = 0.22  # of a touch in the report
 
 
@@ -127,7 +128,7 @@ def cost_words(solids: Mapping[str, Shape], sensor: str | Path, touches: float, 
     triangles = float(np.mean([num_triangles(one) for one in solids.values()]))
     views = sum(map(view_seconds, missing)) / jobs
     is_new = not is_fitted(reader, scene, plan)
-    fit = is_new * PRESSED * TOUCHES * (_TOUCH + 2.5e-4 * min(number, _MANY))
+    fit = is_new * (_CHECKS + PRESSED * TOUCHES * (_TOUCH + 5e-4 * min(number, _MANY)))
     play = touches * (_SEARCHED + 2.2e-3 * min(number, _MANY) + 5e-6 * triangles) / jobs
     report, size = 1.0 + _REPORT * pictured, number * len(plan.views.orientations) * reader.card.embedding / 1e6
     return (

@@ -9,15 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy  # whose parts load at first use
 from scipy.special import logsumexp
 
 from activetouch.perception.contacts.hypotheses import ContactHypotheses
 from activetouch.perception.contacts.views import BodySet, Felt, ViewPlan
 from activetouch.perception.imaging import Floats32, sensor_state
-from activetouch.poses import turned
+from activetouch.poses import multiply, turned
 from activetouch.pressing.height_maps import predicted_contacts
 from activetouch.rotation_cells import centres, nested
 from activetouch.scene import Scene
@@ -29,6 +31,8 @@ from belief.validation import Floats
 
 _AT_ONCE = 256  # contacts
 _PARTS = 8  # parts of a cell
+_ALIKE = 3  # bodies: one that is about to be named, and those nearest to it
+_FINEST = 4  # level of the smallest cells
 
 
 @dataclass(frozen=True)
@@ -39,7 +43,9 @@ class CloseLook(Checked):
         bodies: largest number of examined bodies; 0 for no examination.
         least: posterior from which a body is examined.
         share: posterior that these bodies must have together; before that, a look is too early.
-        touches: number of touches before the first look, as an object may lie in more ways than are weighed.
+        touches: number of touches before the first look, as an object may lie in more ways than are weighed; earlier,
+            only a body that is about to be named is looked at.
+        named: posterior of a body that is about to be named: it is compared with those that feel most like it, too.
         enough: posterior of a body after a look above which there is no other look.
         proposed: number of cells of a body that are weighed.
         divided: number of best cells that are divided, at each of two levels.
@@ -54,6 +60,7 @@ class CloseLook(Checked):
     least: Probability = 0.002
     share: Probability = 0.8
     touches: int = 4
+    named: Probability = 0.9
     enough: Probability = 0.995
     proposed: Count = 12
     divided: Count = 4
@@ -97,22 +104,47 @@ class CloseContacts(BodySet):
     def looked(self, belief: CoarseToFine) -> CoarseToFine:
         """The belief with recomputed evidence of the bodies that are still possible; the others keep theirs."""
         look, probs = self.look, belief.probs
-        few = np.argsort(-probs)[: look.bodies]
+        few, best = np.argsort(-probs)[: look.bodies], int(probs.argmax())
         few = few[probs[few] >= look.least]
-        is_early = len(belief.touches) < look.touches or probs[few].sum() < look.share
-        if is_early or len(few) < 2 or (belief.correction.any() and probs.max() > look.enough):
+        is_named = look.bodies > 0 and probs[best] >= look.named
+        is_early = not is_named and (len(belief.touches) < look.touches or probs[few].sum() < look.share)
+        if is_early or (belief.correction.any() and probs[best] > look.enough):
             return belief
-        return belief.corrected(few, self.log_evidence(few, belief.touches))
+        if is_named:
+            few = np.union1d(few, self._nearest[best])
+        return belief if len(few) < 2 else belief.corrected(few, self.log_evidence(few, belief.touches))
+
+    @cached_property
+    def _nearest(self) -> Ints:
+        """The bodies that feel most like each, by their mean embeddings: itself and the next, ``(K, 3)`` or fewer."""
+        means = self.table.mean(axis=0, dtype=np.float32)
+        number = min(_ALIKE, len(means))
+        return np.asarray(scipy.spatial.cKDTree(means).query(means, number)[1]).reshape(len(means), number)
 
     def log_evidence(self, few: Ints, touches: Sequence[Felt]) -> Floats:
         """Log evidence of the bodies with indices ``few (n,)``, each in its most probable cells, ``(n,)``."""
+        return self._examined(few, touches)[0]
+
+    def fitted(self, body: int, touches: Sequence[Felt]) -> tuple[Floats, float]:
+        """The orientation ``wxyz``, to about 3°, and the size in which a body explains all touches best."""
+        cell, size = self._examined(np.array([body]), touches)[1][0]
+        return centres(_FINEST)[cell], size
+
+    def contacts(self, body: int, poses: Sequence[int], rest: Floats, size: float) -> Floats32:
+        """Embeddings of the exactly predicted contacts of a body that lies so, in some poses, ``(n, D)``."""
+        turns, window = multiply(self.poses[list(poses)].T, rest).T, self.hypotheses.imaging.wide_window
+        maps = predicted_contacts(self.solids[body], turns, (0.0, 0.0), window, size, np.float32)
+        return self.hypotheses.embed(maps, self.look.widths[-1], self.code)[0]
+
+    def _examined(self, few: Ints, touches: Sequence[Felt]) -> tuple[Floats, list[tuple[int, float]]]:
+        """Log evidence of some bodies, and the best of the finest cells and the size of each; cell 0 without any."""
         look = self.look
         share = look.scale / (1.0 + look.drift * (len(touches) - 1))
-        shares = [np.log(nested((level,)).shares[0]) for level in range(2, 5)]
+        shares = [np.log(nested((level,)).shares[0]) for level in range(2, _FINEST + 1)]
         leaves: list[list[float]] = [[] for _ in few]  # log weights of the cells that are not divided
         cells = [self._proposed(body, touches) for body in few.tolist()]
         sizes = [np.ones(len(each)) for each in cells]
-        found = np.full(len(few), -np.inf)
+        found, best_cells = np.full(len(few), -np.inf), [(0, 1.0)] * len(few)
         alive = list(range(len(few)))
         for step in range(3):
             for place in alive:
@@ -120,6 +152,7 @@ class CloseContacts(BodySet):
                 logs = shares[step][mine] + share * self._scores(body, step, mine, size, touches)
                 if step == 2:
                     logs -= np.log(len(look.sizes))
+                    best_cells[place] = int(mine[logs.argmax()]), float(size[logs.argmax()])
                 elif step == 1:
                     best = np.argsort(-logs)[: look.divided]
                     others = np.array(look.sizes[1:]).repeat(len(best))
@@ -134,7 +167,7 @@ class CloseContacts(BodySet):
                     cells[place] = (mine[best][:, None] * _PARTS + np.arange(_PARTS)).ravel()
                     sizes[place] = size[best].repeat(_PARTS)
             alive = [place for place in alive if found[place] > found.max() - look.behind]
-        return found
+        return found, best_cells
 
     def _proposed(self, body: int, touches: Sequence[Felt]) -> Ints:
         """The most probable cells by the views of a body: the best one of each wide cell."""

@@ -23,7 +23,7 @@ from activetouch.perception.many_bodies import NestedPlan, are_many
 from activetouch.poses import POSE_SETS, to_matrices, turned
 from activetouch.pressing.height_maps import predicted_contacts
 from activetouch.rotation_cells import centres, nearest, nested
-from activetouch.shapes import Box, Cylinder, Family, Mesh
+from activetouch.shapes import SHAPES, Box, Cylinder, Family, Mesh
 from belief import Probe, Reject, SceneBelief, SearchProblem
 from belief.coarse_to_fine import CoarseToFine, Effort
 from belief.errors import InvalidArgument, UnknownName
@@ -33,7 +33,7 @@ from experiments.cli import REGISTRY
 from experiments.meshes import setting as setting_module
 from experiments.meshes.find import Find, find, stated
 from experiments.meshes.identify import Identify, identify
-from experiments.meshes.near_twins import near_twins
+from experiments.meshes.near_twins import MOST, near_twins
 from experiments.meshes.setting import (
     cost_words,
     read_folder,
@@ -162,6 +162,34 @@ def test_twins_are_named_before_the_first_touch(sensor):
     assert {found[0].first, found[0].second} == {"bar", "same"}
     assert found[0].nats == pytest.approx(0.0, abs=1e-3)
     assert "a touch tells 0.00 nats" in str(found[0])
+
+
+def test_bodies_that_differ_in_one_place_are_twins_by_the_touches_that_tell_nothing():
+    block, knob = box(0.015, 0.012, 0.018), box(0.004, 0.004, 0.014)
+    corners = np.concatenate([block.vertices, knob.vertices + np.array([0.019, 0.0, 0.0])])
+    with pytest.warns(MeshWarning, match="2 separate surfaces"):
+        handled = Mesh("handled", corners, np.concatenate([block.faces, knob.faces + len(block.vertices)]))
+    model = sensor_of(
+        {"plain": block, "handled": handled, "ball": SHAPES["sphere"]}, plan=NestedPlan(PLAN), jobs=1
+    ).model
+    (twins,) = near_twins(model)
+    assert {twins.first, twins.second} == {"plain", "handled"}
+    assert twins.silent >= MOST
+    assert "of touches tell next to nothing" in str(twins)
+
+
+def test_a_body_that_is_about_to_be_named_is_looked_at_beside_its_nearest_after_any_number_of_touches(sensor):
+    bodies, rng = sensor.model.bodies, np.random.default_rng(4)
+    world, belief = TouchWorld.sample(sensor, [0], rng), sensor.model.start().belief
+    for pose in (0, 9, 17):
+        belief = belief.update(bodies.felt(pose, world.touch(pose, rng).features))
+    assert belief.probs.max() < 0.6  # bar and same are one body
+    assert bodies.looked(belief) is belief  # three touches are early
+    probable = replace(bodies, look=CloseLook(named=0.4))
+    assert probable.looked(belief).correction.any()
+    assert set(bodies._nearest[0].tolist()) >= {0, 2}
+    never = replace(bodies, look=CloseLook(0, named=0.0))
+    assert never.looked(belief) is belief
 
 
 def test_bodies_are_named_and_the_report_shows_those_that_are_possible(folder, tmp_path):
