@@ -23,7 +23,7 @@ from belief.table import Table
 from belief.validation import require_count
 from experiments.command_line.arguments import Count
 from experiments.meshes.near_twins import near_twins
-from experiments.meshes.result import Bodies, MeshOptions, MeshResult, body_index, solids_of
+from experiments.meshes.result import UNLISTED_SHARE, Bodies, MeshOptions, MeshResult, body_index, solids_of
 from experiments.meshes.setting import SIZES, model_of, plan_of, sensor_of
 from experiments.scene_choice import SceneChoice
 from experiments.search.comparison import Comparison, played, prepared
@@ -140,7 +140,7 @@ def find(
     threshold: float = 0.95,
     deciders: Mapping[str, Decider | str] | Sequence[str] | str = (),
     certificate: str | Path | Certificate | None = None,
-    unlisted: float = 0.0,
+    unlisted: float = UNLISTED_SHARE,
     out: str | Path | None = None,
     seed: int = 0,
     scale: float | None = None,

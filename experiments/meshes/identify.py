@@ -20,7 +20,7 @@ from belief.problem import Touch
 from belief.table import Table
 from experiments.command_line.arguments import Count
 from experiments.meshes.near_twins import near_twins
-from experiments.meshes.result import Bodies, MeshOptions, MeshResult, body_index, solids_of
+from experiments.meshes.result import UNLISTED_SHARE, Bodies, MeshOptions, MeshResult, body_index, solids_of
 from experiments.meshes.setting import model_of, plan_of, scene_of, sensor_of
 from experiments.parallel import Shared, run_tasks
 from planners import Decider
@@ -104,8 +104,8 @@ def identify(
     threshold: float = 0.95,
     max_touches: int = 16,
     decider: str | Decider = "shape_information_gain",
-    unlisted: float = 0.0,
-    pressed: Bodies | None = None,
+    unlisted: float = UNLISTED_SHARE,
+    press: Bodies | None = None,
     seed: int = 0,
     scale: float | None = None,
     jobs: int | None = None,
@@ -122,7 +122,7 @@ def identify(
         decider: its name, as of :func:`activetouch.compare`, or a decider. One that stops by the probability of the
             target chooses the poses alone; any other one is asked about the most probable body, and stops, too.
         unlisted: prior probability that an object is none of the bodies, which is one more answer.
-        pressed: bodies of which the objects are, instead, such as scans: as ``bodies``. One without a body of its label
+        press: bodies of which the objects are, instead, such as scans: as ``bodies``. One without a body of its label
             is none of these.
         seed: of objects and touches.
         scale: metres per unit of mesh files without a scale of their own.
@@ -134,11 +134,11 @@ def identify(
         InvalidArgument: no mesh can be read, or the sensor has no reader of any object.
     """
     solids, left_out = solids_of(bodies, scale)
-    objects = solids if pressed is None else solids_of(pressed, scale)[0]
+    objects = solids if press is None else solids_of(press, scale)[0]
     chosen = None if body is None else body_index(objects, body)
     own = setting.pop("sensor", "gel")
     sensor = replace(sensor_of(solids, own, plan_of(**setting), jobs), with_logits=_reads_logits(decider))
-    world = _Pressed(sensor, sensor.scene if pressed is None else scene_of(objects, own))
+    world = _Pressed(sensor, sensor.scene if press is None else scene_of(objects, own))
     truths = np.random.default_rng([seed, 5]).permutation(np.arange(num_objects) % len(objects)).tolist()
     truths = truths if chosen is None else [chosen] * num_objects
     shared = Shared((world, _player(decider, sensor)))
@@ -147,7 +147,7 @@ def identify(
         for number, truth in enumerate(truths)
     ]
     namings = list(run_tasks(tasks, jobs, "objects"))
-    if pressed is None:
+    if press is None:
         return Identified(sensor, near_twins(model_of(sensor)), namings, left_out=left_out)
     names, places = [list(objects)[truth] for truth in truths], {label: row for row, label in enumerate(solids)}
     namings = [replace(one, truth=places.get(name, UNLISTED)) for one, name in zip(namings, names, strict=True)]
@@ -202,14 +202,14 @@ class Identify(MeshOptions):
         activetouch identify scans
         activetouch identify scans --body mug --objects 5 --out runs/mug
         activetouch identify scans --scale 0.001 --decider value_of_information
-        activetouch identify drawings --pressed scans --unlisted 0.3
+        activetouch identify drawings --press scans --unlisted 0.3
     """
 
     body: str | None = None
     """Label of the body that is pressed; random ones by default."""
     objects: Count = 20
     """Number of objects to name."""
-    pressed: Path | None = None
+    press: Path | None = None
     """Folder of the meshes of which the objects are, instead, such as scans; one that has no file of its name in the
     first folder is none of these."""
     max_touches: Count = 16
@@ -226,13 +226,13 @@ class Identify(MeshOptions):
     @ends_claims
     def run(self) -> None:
         """Read, make views, name, report."""
-        solids, left_out = self.read(None if self.pressed else self.body)
+        solids, left_out = self.read(None if self.press else self.body)
         found = identify(
             solids,
             body=self.body,
             num_objects=self.objects,
             max_touches=self.max_touches,
-            pressed=self.pressed,
+            press=self.press,
             decider=self.decider,
             **self.common,
         )

@@ -45,6 +45,8 @@ if TYPE_CHECKING:
 
 Bodies: TypeAlias = Path | str | Sequence[Path | str] | Mapping[str, Shape]
 """A folder of mesh files, mesh files, or solids by label."""
+UNLISTED_SHARE = 0.05
+"""Usual prior probability that an object is none of the bodies."""
 _MOST_TWINS = 20  # that are printed
 _SHOWN, _PROBABLE = 5, 0.01  # bodies in a picture: at most, and their least probability
 
@@ -137,8 +139,8 @@ class MeshOptions(ABC):
     """Folder of mesh files, [@SCALE], of what the objects may be; subfolders too."""
     threshold: Share = 0.95
     """Probability of the answer at which to stop."""
-    unlisted: Probability = 0.0
-    """Prior probability that an object is none of the bodies, such as 0.05."""
+    unlisted: Probability = UNLISTED_SHARE
+    """Prior probability that an object is none of the bodies; 0 for a closed world, which is faster."""
     scale: Positive | None = None
     """Metres per unit of the files, such as 0.001."""
     sensor: str = "gel"

@@ -119,6 +119,7 @@ def certify(
     num_objects: int | None = None,
     composition: CompositionName | None = None,
     touch_cost: float = 0.02,
+    unlisted: float = 0.0,
     max_touches: int = 6,
     anyway: bool = False,
     jobs: int | None = None,
@@ -142,6 +143,7 @@ def certify(
         num_objects: number of objects in a search; that of the scene by default.
         composition: as of :func:`activetouch.compare`.
         touch_cost: cost λ of one touch, in units of a success.
+        unlisted: as of :func:`activetouch.compare`; 0.05 for :func:`activetouch.find`.
         max_touches: of one object, after which it is not touched again for the certificate.
         anyway: whether to accept a sensor that was made for another scene.
         jobs: number of processes; all cores by default.
@@ -160,6 +162,7 @@ def certify(
         activetouch.compare("coarse", "information_gain", certificate=certificate)
     """
     rules = {"num_objects": num_objects, "composition": composition, "touch_cost": touch_cost}
+    rules |= {"unlisted": unlisted}
     setting, named, own = setting_of(scene, sensor, **rules, anyway=anyway)
     asked = Certify(
         decider,
