@@ -130,6 +130,18 @@ def reader_file(folder: Path, scene: Scene, independent: bool = False, unknown_s
     return other if not independent and differs_from_training(read_card(other).imaging, scene) else own
 
 
+def doubting_file(folder: Path, own: Path, scene: Scene, independent: bool = False) -> Path:
+    """The reader of any object with which a sensor, whose own reader lies in a file, may doubt its description."""
+    other = folder / ANY_OBJECT_FILE
+    if own == other or not other.exists() or independent or scene.hand is not None:
+        raise InvalidArgument(
+            f"only a sensor without a hand whose own reader and joint model fit the scene, and which also has a reader "
+            f"of any object, doubts its description where touches are odd; {folder} does not: infer its state from the "
+            "start (unknown_state=True, --unknown-state)"
+        )
+    return other
+
+
 def require_simulated(folder: Path) -> None:
     """Raise WrongScene where a folder holds a sensor of recorded touches, which work in no scene."""
     if (folder / RECORDED_FILE).exists():

@@ -63,10 +63,12 @@ class Touch(FrozenArrays):
         features: the reader's embedding of the image, ``(D,)``, or None.
         elsewhere: where it was made, if that is none of the poses; ``pose`` is then the nearest one. Only a joint
             observation model of one rigid body takes such a touch.
+        image: what was felt, bytes of any shape, or None. No likelihood reads it; a sensor that doubts its own state
+            reads it again in other states.
 
     Raises:
         InvalidArgument: a pose that is not an integer ≥ 0; logits that are not a row of real numbers, or hold NaN or
-            +inf; neither logits nor features.
+            +inf; neither logits nor features; an image that is no array of bytes.
 
     >>> Touch(2, features=np.ones(64, np.float32))
     Touch(pose 2, no logits, 64 features)
@@ -76,6 +78,7 @@ class Touch(FrozenArrays):
     logits: Floats | None = None
     features: NDArray[np.floating] | None = None
     elsewhere: Elsewhere | None = None
+    image: NDArray[np.uint8] | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.pose, int | np.integer) or isinstance(self.pose, bool) or self.pose < 0:
@@ -91,6 +94,8 @@ class Touch(FrozenArrays):
                 warn_of_probs(scores, "logits", "take the logarithms of probabilities")
         if self.features is not None:
             object.__setattr__(self, "features", as_real(self.features, "features of a touch"))
+        if self.image is not None and not (isinstance(self.image, np.ndarray) and self.image.dtype == np.uint8):
+            raise InvalidArgument(f"the image of a touch must be an array of bytes, got {self.image!r:.80}")
         self.freeze()
 
     def require_logits(self) -> Floats:

@@ -28,7 +28,7 @@ from activetouch.sensor_files import (
     require_simulated,
 )
 from activetouch.solids.solid import Shape
-from belief.errors import ActiveTouchError
+from belief.errors import ActiveTouchError, InvalidArgument
 from experiments.parallel import Shared, run_tasks
 from experiments.scene_choice import SceneChoice, choice_name, command, in_file_names, named_scene
 from planners.registry import trained_state
@@ -88,7 +88,7 @@ def open_sensor(
     choice: SceneChoice | NamedScene,
     anyway: bool = False,
     independent: bool = False,
-    unknown_state: bool = False,
+    unknown_state: bool | None = False,
     jobs: int | None = None,
     nested: bool | None = None,
 ) -> TactileSensor:
@@ -106,7 +106,7 @@ def open_sensor(
             none = f"no sensor comes with the scene {name}; name one with --sensor"
             raise NoSensor(f"{where if chosen.parent != MODELS else none}. {_remedy(choice, name, scene)}")
     try:
-        path, fitted, _ = files_for(chosen, scene, anyway, independent, unknown_state or nested is True)
+        path, fitted, _ = files_for(chosen, scene, anyway, independent, bool(unknown_state) or nested is True)
         if jobs is not None and fitted is None:
             from activetouch.perception.preparation import hypotheses_of
 
@@ -123,6 +123,13 @@ def open_sensor(
     for sentence in shift_sentences(sensor.shift):
         print(f"warning: {sentence}", file=sys.stderr)
     return sensor
+
+
+def asked_state(unknown: bool, doubted: bool) -> bool | None:
+    """Whether a sensor infers its state: always, never, or where touches are odd (None)."""
+    if unknown and doubted:
+        raise InvalidArgument("--unknown-state and --doubted-state contradict each other; leave one of them out")
+    return None if doubted else unknown
 
 
 def embed_all(reader: TactileReader, scene: Scene, plan: NestedPlan, jobs: int | None = None) -> None:

@@ -22,9 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.distributions import Bodies
+from activetouch.perception.cached_arrays import announced
 from activetouch.perception.contacts.hypotheses import ContactHypotheses
 from activetouch.perception.imaging import BROKEN, Imaging, SensorState, sensor_state
-from activetouch.perception.reader import TactileReader
+from activetouch.perception.reader import HypothesisTable, TactileReader
 from activetouch.scene import Scene
 from belief.errors import InvalidArgument
 from belief.frozen import frozen
@@ -60,13 +61,17 @@ def changed_worlds(imaging: Imaging, usual: SensorState) -> tuple[tuple[str, ...
         cells = np.zeros((BROKEN, BROKEN))
         cells[row, column] = 1.0
         found.append((f"{name} taxels in row {row + 1}, column {column + 1} of {BROKEN}", {name: cells}))
+    for name, axis, line in product(("stuck", "dead"), (0, 1), range(BROKEN)):
+        cells = np.zeros((BROKEN, BROKEN))
+        cells[(line, slice(None)) if axis == 0 else (slice(None), line)] = 1.0
+        found.append((f"{name} {('row', 'column')[axis]} {line + 1} of {BROKEN}", {name: cells}))
     for name, share in product(("stuck", "dead"), _SHARES):
         found.append((f"{share:.1%} of the taxels {name}", {name: np.full((BROKEN, BROKEN), share)}))
-    states = [_with(imaging, usual, changed) for _, changed in found]
+    states = [with_changes(imaging, usual, changed) for _, changed in found]
     return tuple(label for label, _ in found), SensorState(*map(np.concatenate, zip(*states, strict=True)))
 
 
-def _with(imaging: Imaging, usual: SensorState, changed: dict[str, Any]) -> SensorState:
+def with_changes(imaging: Imaging, usual: SensorState, changed: dict[str, Any]) -> SensorState:
     """A state with changed numbers, clipped to the training of readers."""
     found, limits = usual._asdict(), imaging.limits
     for name, value in changed.items():
@@ -118,6 +123,15 @@ class EmbeddedWorlds:
         for pose in range(len(self.scene.poses)):
             self.in_pose(pose)
         return {name: value for name, value in vars(self).items() if name != "_kept"}
+
+
+def in_unknown_state(reader: TactileReader, scene: Scene) -> SensorHealthModel:
+    """The model of a sensor in an unknown state, fitted to the objects of a scene and kept in the cache."""
+    from activetouch.perception.preparation import prepared  # sensors of known objects do not need it
+
+    with announced("preparing other states of the sensor: up to two minutes the first time, then kept in the cache"):
+        model = prepared(reader, scene).with_hypotheses(HypothesisTable(reader, scene))
+        return sensor_health(model, reader, scene)
 
 
 def sensor_health(model: ArrayModel, reader: TactileReader, scene: Scene) -> SensorHealthModel:

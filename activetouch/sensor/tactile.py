@@ -24,6 +24,7 @@ from activetouch.sensor_files import (
     MODELS,
     RECORDED_FILE,
     FittedModel,
+    doubting_file,
     files_for,
     is_of_objects,
     require_model,
@@ -90,7 +91,7 @@ class TactileSensor:
         scene: Scene,
         anyway: bool = False,
         independent: bool = False,
-        unknown_state: bool = False,
+        unknown_state: bool | None = False,
         nested: bool | NestedPlan | None = None,
     ) -> TactileSensor: ...
 
@@ -101,7 +102,7 @@ class TactileSensor:
         scene: Scene | None = None,
         anyway: bool = False,
         independent: bool = False,
-        unknown_state: bool = False,
+        unknown_state: bool | None = False,
         nested: bool | NestedPlan | None = None,
     ) -> TactileSensor | RecordedSensor:
         """The sensor whose reader and observation model lie in a folder.
@@ -116,6 +117,8 @@ class TactileSensor:
             independent: whether to use its model that takes touches as independent given the shape.
             unknown_state: whether the state of the sensor is inferred from its touches: forces, stiffness, noise,
                 broken taxels, a shifted or blurred image, hysteresis. Its reader of any object then reads all scenes.
+                None: only where touches are odd for the sensor as described, which then reads with its own reader; it
+                needs both readers (:mod:`belief.observation_model.doubted_sensor`).
             nested: whether the belief is about nested cells of orientations, for hundreds of shapes, or how closely
                 (:class:`activetouch.perception.many_bodies.NestedPlan`). By default where a table of all
                 hypotheses would take more than ten minutes.
@@ -135,7 +138,7 @@ class TactileSensor:
         if not isinstance(scene, Scene):
             raise InvalidArgument(f"the scene must be a Scene, such as SCENES['coarse'].scene; got {scene!r:.80}")
         plan = cls.nested_plan(scene, independent, nested)
-        path, fitted, shift = files_for(folder, scene, anyway, independent, unknown_state or plan is not None)
+        path, fitted, shift = files_for(folder, scene, anyway, independent, bool(unknown_state) or plan is not None)
         reader = TactileReader.load(path).bound_to(scene)
         if plan is not None:
             from activetouch.perception.many_bodies import nested_model
@@ -148,7 +151,11 @@ class TactileSensor:
             model: ArrayModel = nested_model(reader, scene, plan)
         else:
             with announced("preparing the sensor: up to two minutes the first time, then kept in the cache"):
-                model = cls._model(reader, scene, fitted, unknown_state)
+                model = cls._model(reader, scene, fitted, bool(unknown_state))
+            if unknown_state is None:
+                from activetouch.perception.sensor_doubts import doubted  # other sensors do not need it
+
+                model = doubted(model, doubting_file(folder, path, scene, independent), scene)
         if shift and not anyway:
             warnings.warn(
                 f"the sensor in {folder} is used outside the scene it was made for: {in_words(shift)}",
@@ -194,7 +201,7 @@ class TactileSensor:
         scene: Scene | None = None,
         anyway: bool = False,
         *,
-        unknown_state: bool = False,
+        unknown_state: bool | None = False,
         nested: bool | NestedPlan | None = None,
     ) -> TactileSensor:
         """A sensor that comes with the package, in the scene that it was made for or in another. See :meth:`load`.
@@ -260,15 +267,24 @@ class TactileSensor:
         read, features = self.reader.run(images)
         if (hypotheses := self.reader.hypotheses) is None:
             return [Touch(*touch) for touch in zip(indices, read, features, strict=True)]
+        keeps = isinstance(images, np.ndarray) and images.dtype == np.uint8 and self._keeps_images
+        kept = list(images) if keeps else [None] * len(indices)
         if not self.with_logits:
-            return [Touch(pose, None, row) for pose, row in zip(indices, read, strict=True)]
+            each = zip(indices, read, kept, strict=True)
+            return [Touch(pose, None, row, image=image) for pose, row, image in each]
         own = self.model.logits if isinstance(self.model, GivesLogits) else None
         # The logits of one image at a time, as their last bits depend on those they are computed with.
         logits = [
             hypotheses.shape_logits(row[None])[0] if own is None else own(pose, row)
             for pose, row in zip(indices, read, strict=True)
         ]
-        return [Touch(*touch) for touch in zip(indices, logits, read, strict=True)]
+        each_read = zip(indices, logits, read, kept, strict=True)
+        return [Touch(pose, own_logits, row, image=image) for pose, own_logits, row, image in each_read]
+
+    @property
+    def _keeps_images(self) -> bool:
+        """Whether touches keep their images: for a model that may read them again."""
+        return hasattr(self.model, "doubts")
 
     @property
     def digest(self) -> str:

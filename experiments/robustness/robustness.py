@@ -19,6 +19,7 @@ from activetouch.named_scenes import NamedScene
 from activetouch.scene import Scene
 from activetouch.sensor import TactileSensor
 from belief.claims import claim_folder, ends_claims
+from belief.constraints import Fraction
 from belief.seeding import keyed_rng
 from belief.statistics import wilson_interval
 from belief.table import Table, Value, interval
@@ -29,7 +30,7 @@ from experiments.robustness.conditions import AS_TRAINED, applicable_conditions
 from experiments.scene_choice import SceneChoice, in_file_names
 from experiments.search.comparison import compare
 from experiments.search.summary import ALL
-from experiments.sensor_choice import open_sensor
+from experiments.sensor_choice import asked_state, open_sensor
 
 _DECIDER = "information_gain"
 _PRESSES = 160  # of the same objects in every condition
@@ -46,13 +47,15 @@ class RobustnessReport(Reported):
         """The table of the searches, and one of the conditions that do not apply, if there are any."""
         rows = self.numbers["conditions"]
         first = next(iter(rows.values()))
-        headings = ["condition", ("changed", ".2f"), "success", "wrong"]
+        is_selective = self.numbers["abstain"] is not None
+        headings = ["condition", ("changed", ".2f"), "success", "wrong", *["unsure"] * is_selective]
         headings += [("touches", ".2f"), ("stated", ".3f"), ("right", ".3f")]
         cells: list[list[Value]] = []
         for name, row in rows.items():
             ends = row["touches"], row["stated"], row["achieved"]
             success, wrong = interval(row["success"], *row["interval"]), interval(*row["wrong"])
-            cells.append([name, row["changed"] / row["presses"], success, wrong, *ends])
+            unsure = [interval(*row["unsure"])] * is_selective
+            cells.append([name, row["changed"] / row["presses"], success, wrong, *unsure, *ends])
         gaps = {name: row["stated"] - row["achieved"] for name, row in rows.items() if row["stated"] is not None}
         notes = [
             f"Changed: images that differ by more than 1 of 255 levels, of {first['presses']} presses of the same "
@@ -87,11 +90,13 @@ def robustness(
     conditions: Sequence[str] = (),
     searches: int = 25,
     seed: int = 0,
+    abstain: float | None = None,
     jobs: int = 1,
 ) -> RobustnessReport:
     """Search among the same objects under changed conditions, keys of ``conditions.CONDITIONS``, all by default.
 
-    There are so many ``searches`` for every target, by information gain, under every condition.
+    There are so many ``searches`` for every target, by information gain, under every condition. ``abstain`` is as of
+    :func:`activetouch.compare`.
     """
     scenes, left_out = applicable_conditions(named.scene, conditions)
     shared = Shared(scenes)
@@ -99,7 +104,8 @@ def robustness(
     found: dict[str, dict[str, Any]] = {}
     for condition, scene in scenes.items():
         changed, world = replace(sensor, scene=scene), replace(named, scene=scene)
-        comparison = compare(world, [_DECIDER], episodes=searches, seed=seed, sensor=changed, anyway=True, jobs=jobs)
+        options: dict[str, Any] = {"seed": seed, "abstain": abstain, "anyway": True, "jobs": jobs}
+        comparison = compare(world, [_DECIDER], episodes=searches, sensor=changed, **options)
         cell, stops = comparison.cells[_DECIDER, ALL], comparison.calibration[_DECIDER]
         pairs = zip(images[AS_TRAINED], images[condition], strict=True)
         found[condition] = {
@@ -110,11 +116,19 @@ def robustness(
             "interval": list(cell.success_interval),
             "touches": cell.touches,
             "wrong": [cell.wrong / cell.num_episodes, *wilson_interval(cell.wrong, cell.num_episodes)],
+            "unsure": [cell.unsure / cell.num_episodes, *wilson_interval(cell.unsure, cell.num_episodes)],
             "stated": None if stops is None else stops.overall.mean_stated,
             "achieved": None if stops is None else stops.overall.share_right,
         }
     return RobustnessReport(
-        {"scene": name, "seed": seed, "conditions": found, "left_out": left_out, "shift": list(sensor.shift)}
+        {
+            "scene": name,
+            "seed": seed,
+            "abstain": abstain,
+            "conditions": found,
+            "left_out": left_out,
+            "shift": list(sensor.shift),
+        }
     )
 
 
@@ -151,6 +165,7 @@ class Robustness:
 
         activetouch robustness --scene gel --searches 50
         activetouch robustness --scene coarse --conditions "noise × 2" "size ± 25 %"
+        activetouch robustness --scene coarse --conditions "noise × 2" --doubted-state --abstain 0.02
     """
 
     scene: str = "gel"
@@ -164,6 +179,12 @@ class Robustness:
     """Number of live searches for every target, by information gain, under every condition."""
     seed: Seed = 0
     """Seed of the searches."""
+    unknown_state: bool = False
+    """Infer the state of the sensor from the touches, as of compare."""
+    doubted_state: bool = False
+    """The same, but only where touches are odd, as of compare."""
+    abstain: Fraction | None = None
+    """False-alarm rate of the conflict test, such as 0.02: searches can end with "I do not know"."""
     out: Path | None = None
     """Folder for the results; runs/robustness-SCENE by default."""
     jobs: Jobs = field(default_factory=default_jobs)
@@ -178,7 +199,8 @@ class Robustness:
         choice = SceneChoice(self.scene)
         out = self.out if self.out is not None else Path(f"runs/robustness-{in_file_names(self.scene)}")
         claim_folder(out)
-        sensor = open_sensor(self.sensor, choice, self.anyway)
+        unknown = asked_state(self.unknown_state, self.doubted_state)
+        sensor = open_sensor(self.sensor, choice, self.anyway, unknown_state=unknown)
         found = robustness(
             sensor,
             choice.named,
@@ -186,6 +208,7 @@ class Robustness:
             conditions=self.conditions,
             searches=self.searches,
             seed=self.seed,
+            abstain=self.abstain,
             jobs=self.jobs,
         )
         for table in found.tables():

@@ -32,7 +32,7 @@ from belief.validation import as_real
 from experiments.command_line.arguments import BadArgument, Count, Seed, check_arguments
 from experiments.scene_choice import SceneChoice
 from experiments.search.play import CompositionName
-from experiments.sensor_choice import open_sensor, sensor_folder
+from experiments.sensor_choice import asked_state, open_sensor, sensor_folder
 from planners import Session
 from planners.episode import ACTION_NAMES
 from planners.session_log import OtherModel, problem_fields
@@ -298,6 +298,8 @@ class Live:
     unknown_state: bool = False
     """Infer from the touches what is the matter with the sensor: forces, stiffness, noise, broken taxels, a shifted
     image. Needs a reader of any object."""
+    doubted_state: bool = False
+    """The same, but only where touches are odd for the sensor as described. Needs both readers."""
 
     def run(self) -> None:
         """Answer requests until the input ends; an error at the start is one line of JSON, too."""
@@ -356,4 +358,5 @@ class Live:
         if of_scene in SCENES and choice.scene == SceneChoice.scene:
             choice = replace(choice, scene=of_scene)
         nested = True if self.observation_model == "nested" else None
-        return open_sensor(given, choice, self.anyway, unknown_state=self.unknown_state, nested=nested)
+        unknown = asked_state(self.unknown_state, self.doubted_state)
+        return open_sensor(given, choice, self.anyway, unknown_state=unknown, nested=nested)

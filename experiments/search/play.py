@@ -34,7 +34,7 @@ from belief.scene_belief import SceneBelief
 from belief.seeding import touch_rng
 from experiments.command_line.arguments import BadArgument, Count, Trust, check_arguments
 from experiments.scene_choice import SceneChoice
-from experiments.sensor_choice import open_sensor, sensor_folder
+from experiments.sensor_choice import asked_state, open_sensor, sensor_folder
 from planners import Decider, Episode, InformationState, Step, search_lockstep
 from planners.episode import ACTION_NAMES
 from planners.fingerprint import digest_of, fingerprint, versions
@@ -65,6 +65,8 @@ class Setting:
     unknown_state: bool = False
     """Infer from the touches what is the matter with the sensor: forces, stiffness, noise, broken taxels, a shifted
     image. Needs a reader of any object."""
+    doubted_state: bool = False
+    """The same, but only where touches are odd for the sensor as described. Needs both readers."""
     touch_cost: NotNegative = 0.02
     """Cost λ of one touch, in units of a success."""
     unlisted: Probability = 0.0
@@ -118,7 +120,8 @@ class Setting:
         scene = self.choice if named is None else named
         model = self.observation_model
         nested = True if model == "nested" else None
-        return open_sensor(self.sensor, scene, self.anyway, model == "independent", self.unknown_state, jobs, nested)
+        unknown = asked_state(self.unknown_state, self.doubted_state)
+        return open_sensor(self.sensor, scene, self.anyway, model == "independent", unknown, jobs, nested)
 
     @property
     def problem(self) -> SearchProblem:

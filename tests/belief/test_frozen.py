@@ -2,6 +2,8 @@
 
 import copy
 import pickle
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -29,6 +31,7 @@ from belief.observation_model import (
 )
 from belief.observation_model.action_kernel import ActionKernelModel
 from belief.observation_model.calibration_data import LabelledTouches
+from belief.observation_model.doubted_sensor import DoubtedSensorModel
 from belief.observation_model.nested_bodies import NestedBodyModel
 from belief.observation_model.outcome_mixture import OutcomeMixture, SharedMixture, Views
 from belief.observation_model.plda import Components, LogitEmbedding
@@ -54,6 +57,7 @@ def embedding():
 HOLDERS = {
     "Belief": (lambda a: Belief(LABELS, a), [np.log([0.25, 0.75])]),
     "Touch": (lambda a, b: Touch(0, a, b), [ROWS[0], np.ones(3, np.float32)]),
+    "Touch with an image": (lambda a, b: replace(Touch(0, a), image=b), [ROWS[0], np.ones((2, 2), np.uint8)]),
     "Elsewhere": (lambda a: Elsewhere((1.0, 0.5), a), [np.ones((2, 3, 4), np.float32)]),
     "TouchBatch": (TouchBatch, [np.zeros((1, 4), np.int64), ROWS[None], np.ones((1, 4, 3))]),
     "TouchBatch of touches": (lambda a: TouchBatch.of([[Touch(0, row) for row in a]]), [ROWS]),
@@ -110,6 +114,12 @@ HOLDERS = {
             b,
         ),
         [np.ones((1, 1, 2, 3, 4), np.float32), np.array([0.8, 0.1, 0.1])],
+    ),
+    "DoubtedSensorModel": (
+        lambda a, b, c: DoubtedSensorModel(
+            RigidBodyModel(LABELS, 3, 1.0, b, c, hypotheses=FixedHypotheses(a)), SimpleNamespace(labels=("soft",))
+        ),
+        [np.ones((1, 2, 3, 4), np.float32), np.ones((1, 5, 4)), np.ones((1, 5, 2))],
     ),
     "Novelty": (Novelty, [ROWS, np.eye(2), np.zeros(4), np.ones(4)]),
     "UsualMisfit": (UsualMisfit, [np.zeros((3, 1)), np.zeros((3, 2)), np.ones((3, 2))]),

@@ -1,0 +1,330 @@
+"""A sensor whose description is doubted when there is a reason, and which then asks what is the matter.
+
+As long as nothing is odd, the evidence is that of the joint model of one rigid body, to the last bit. Before an answer
+may be given, a :class:`Doubts` is asked about all touches. In doubt, their images are read again under many states of
+the sensor (:class:`~belief.observation_model.sensor_health.SensorHealthModel`), and a component that explains nothing
+takes part with the evidence that no state explains what was felt: under it every shape is equally probable.
+
+A sensor that doubts from the start and finds that its embeddings have the wrong sign:
+
+>>> from belief.observation_model import FixedHypotheses, FixedWorlds, RigidBodyModel, spread_prior
+>>> table = np.array([[[[2.0, 0.0]], [[0.0, 2.0]]]], np.float32)                        # one pose, two shapes
+>>> one = np.ones((1, 1, 2))
+>>> nominal = RigidBodyModel(("mug", "cup"), 1, 1.0, one, one, hypotheses=FixedHypotheses(table))
+>>> states = SensorHealthModel(nominal, FixedWorlds(-table[:, None]), ("wrong sign",), spread_prior(1))
+>>> class Always:
+...     labels = ("wrong sign",)
+...     def are_odd(self, objects, log_conflict): return True
+...     def states(self): return states
+...     def read_again(self, touch): return touch
+...     def explained(self, objects, log_likelihoods, health): return Explanation(log_likelihoods, str(health), -2.0)
+>>> model = DoubtedSensorModel(nominal, Always())
+>>> cup = Touch(0, features=np.array([0.0, -3.0]), image=np.zeros((1, 1), np.uint8))
+>>> evidence = [model.start().update(cup).update(cup) for _ in range(3)]
+>>> log_likelihoods, health = model.over_objects(evidence, 0.0)
+>>> print(health)
+nearest of the listed states: wrong sign 1.00
+>>> log_likelihoods.argmax(axis=1).tolist(), evidence[0].log_likelihood.argmax()
+([1, 1, 1], np.int64(0))
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from belief.conflict import log_conflict
+from belief.frozen import frozen
+from belief.observation_model.model import ArrayModel, Reads
+from belief.observation_model.outcome_mixture import OutcomeMixture, SharedMixture
+from belief.observation_model.outcome_table import OutcomeTable
+from belief.observation_model.rigid_body import FittedRigidBody, RigidBodyModel
+from belief.observation_model.rigid_body_evidence import Diagnostics, RigidBodyEvidence
+from belief.observation_model.sensor_health import SensorEvidence, SensorHealthModel
+from belief.observation_model.sensor_worlds import AS_DESCRIBED, SensorHealth
+from belief.problem import Touch
+from belief.validation import Floats
+
+if TYPE_CHECKING:
+    from belief.touch_batch import TouchBatch
+
+UNEXPLAINED = 0.005
+"""Prior probability, in doubt, that no listed or composed state of the sensor explains the touches."""
+_MOST_KEPT = 4.0  # log Bayes factor of the unexplained that one search may leave to the next
+
+
+class Explanation(NamedTuple):
+    """What states of a sensor say about touches of n objects.
+
+    Attributes:
+        log_likelihoods: of the shapes of each object, up to a constant of each, ``(n, K)``.
+        words: the likeliest states, for people.
+        log_unexplained: log Bayes factor of "none of these states" against them.
+    """
+
+    log_likelihoods: Floats
+    words: str
+    log_unexplained: float
+
+
+class Doubts(Protocol):
+    """Says when the description of a sensor is doubted, and reads its images in other states."""
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names of the W states that :meth:`states` weighs beside the described one."""
+
+    def are_odd(self, objects: Sequence[DoubtedEvidence], log_conflict: float) -> bool:
+        """Whether the touches of some objects are odd for the sensor as described; asked after every touch."""
+
+    def states(self) -> SensorHealthModel:
+        """The model with other states of the sensor, which may take a minute to prepare."""
+
+    def read_again(self, touch: Touch) -> Touch:
+        """A touch from the image of another, as the model of states reads it."""
+
+    def explained(
+        self, objects: Sequence[DoubtedEvidence], log_likelihoods: Floats, health: SensorHealth
+    ) -> Explanation:
+        """What the listed states, or composed ones, say; given what the listed ones say, ``(n, K)``."""
+
+
+@dataclass(frozen=True, eq=False)
+class DoubtedSensorModel(ArrayModel):
+    """The joint model of one rigid body, whose sensor may be in another state than described.
+
+    :class:`~belief.scene_belief.SceneBelief` couples the objects. Elsewhere, and for touches without an image, this is
+    the nominal model. Samples, tables, predicted outcomes and the file are those of the nominal model.
+
+    Attributes:
+        nominal: the sensor as described.
+        doubts: says when that is doubted, and what may be the matter.
+    """
+
+    name: ClassVar[str] = FittedRigidBody.name
+    reads: ClassVar[Reads] = "embeddings"
+    nominal: RigidBodyModel
+    doubts: Doubts
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "shape_labels", self.nominal.shape_labels)
+        self.freeze()
+
+    def start(self) -> DoubtedEvidence:
+        """See :class:`ArrayModel`."""
+        return DoubtedEvidence(self, self.nominal.start())
+
+    def start_in(self, awake: NDArray[np.int64]) -> DoubtedEvidence:
+        """See :class:`~belief.observation_model.model.CouplesObjects`; all states are asked in doubt."""
+        return self.start()
+
+    def health(self, log_bets: ArrayLike = 0.0, is_clear: bool = True) -> DoubtedHealth:
+        """What is known after a session with these bets (:attr:`DoubtedHealth.log_bets`), or before any."""
+        bets, in_doubt, unexplained, told = self._apart(log_bets)
+        words = "as before" if in_doubt else AS_DESCRIBED
+        return DoubtedHealth(bets, in_doubt, unexplained, told, words)
+
+    def over_objects(self, evidence: Sequence[DoubtedEvidence], log_bets: ArrayLike) -> tuple[Floats, DoubtedHealth]:
+        """Log likelihoods of the shapes of n touched objects, ``(n, K)``, each given all others, and the health.
+
+        Args:
+            evidence: about each object, in the order of their first touches.
+            log_bets: of the session before these objects (:attr:`DoubtedHealth.log_bets`), or zeros.
+        """
+        bets, was_doubted, before, told = self._apart(log_bets)
+        likely = np.stack([one.nominal.log_likelihood for one in evidence])
+        known = DoubtedHealth(bets, was_doubted, before, told, AS_DESCRIBED, tuple(evidence))
+        if not all(one.has_images for one in evidence):
+            return likely, known
+        if not (was_doubted or self.doubts.are_odd(evidence, known.log_conflict)):
+            return likely, known
+        inferred = [one.inferred for one in evidence]
+        found, health = self.doubts.states().over_objects(inferred, told)
+        found, words, unexplained = self.doubts.explained(evidence, found, health)
+        unexplained += before
+        odds = unexplained + np.log(UNEXPLAINED) - np.log1p(-UNEXPLAINED)
+        found = found - np.logaddexp.reduce(found, axis=1, keepdims=True) + np.log(found.shape[1])
+        mixed = np.logaddexp(found, odds) - np.logaddexp(0.0, odds)
+        return mixed, DoubtedHealth(bets, True, unexplained, health.log_bets, words, tuple(evidence))
+
+    def _apart(self, log_bets: ArrayLike) -> tuple[Floats, bool, float, Floats]:
+        """Bets of the conflict test, whether there was doubt, log Bayes factor of the unexplained, bets of states."""
+        nominal = self.nominal.start().log_bets
+        number = 1 if nominal is None else len(nominal)
+        given = np.zeros(number + 2 + len(self.doubts.labels) + 3) + np.asarray(log_bets, np.float64)
+        return given[:number], bool(given[number] > 0.5), float(given[number + 1]), given[number + 2 :]
+
+    @property
+    def num_poses(self) -> int:
+        """See :class:`ArrayModel`."""
+        return self.nominal.num_poses
+
+    @property
+    def repeat_correlation(self) -> float | None:
+        """See :class:`ArrayModel`."""
+        return self.nominal.repeat_correlation
+
+    def _log_likelihoods(self, batch: TouchBatch) -> Floats:
+        return self.nominal._log_likelihoods(batch)
+
+    def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
+        return self.nominal._sample(shape, poses, rng)
+
+    def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
+        return self.nominal._tabulate(num_outcomes, rng)
+
+    def to_fields(self) -> dict[str, Any]:
+        """See :class:`ArrayModel`: the file is that of the nominal model."""
+        return self.nominal.to_fields()
+
+    @classmethod
+    def from_fields(cls, fields: Mapping[str, Any]) -> FittedRigidBody:
+        """See :class:`ArrayModel`: the nominal model."""
+        return FittedRigidBody.from_fields(fields)
+
+
+@dataclass(frozen=True, eq=False)
+class DoubtedEvidence:
+    """Evidence about one object: the nominal one, and, once asked for, the evidence in other states of the sensor.
+
+    ``again`` are its touches as the model of states reads them, and ``inferred`` their evidence; both are made at first
+    use, and continued from then on.
+    """
+
+    model: DoubtedSensorModel
+    nominal: RigidBodyEvidence
+    touches: tuple[Touch, ...] = ()
+
+    def update(self, touch: Touch) -> DoubtedEvidence:
+        """The evidence with one more touch."""
+        found = DoubtedEvidence(self.model, self.nominal.update(touch), (*self.touches, touch))
+        if touch.image is not None:
+            if "again" in vars(self):
+                found.__dict__["again"] = (*self.again, self.model.doubts.read_again(touch))
+            if "inferred" in vars(self):
+                found.__dict__["inferred"] = self.inferred.update(found.again[-1])
+        return found
+
+    def updated(self, touches: Sequence[Touch]) -> DoubtedEvidence:
+        """The evidence with more touches, one after the other."""
+        found = self
+        for touch in touches:
+            found = found.update(touch)
+        return found
+
+    @cached_property
+    def has_images(self) -> bool:
+        """Whether all touches can be read again: they have an image, and were made in poses of the problem."""
+        return all(touch.image is not None and touch.elsewhere is None for touch in self.touches)
+
+    @cached_property
+    def again(self) -> tuple[Touch, ...]:
+        """The touches as the model of states reads them."""
+        return tuple(self.model.doubts.read_again(touch) for touch in self.touches)
+
+    @cached_property
+    def inferred(self) -> SensorEvidence:
+        """The evidence of these touches in all states of the sensor."""
+        return self.model.doubts.states().start().updated(self.again)
+
+    @cached_property
+    def kept(self) -> dict[Any, Any]:
+        """What a :class:`Doubts` has computed about these touches."""
+        return {}
+
+    @property
+    def num_touches(self) -> int:
+        """See :class:`~belief.observation_model.evidence.ObjectEvidence`."""
+        return self.nominal.num_touches
+
+    @property
+    def log_likelihood(self) -> Floats:
+        """See :class:`~belief.observation_model.evidence.ObjectEvidence`: if the sensor is as described."""
+        return self.nominal.log_likelihood
+
+    @property
+    def log_bets(self) -> Floats | None:
+        """See :class:`~belief.observation_model.evidence.ObjectEvidence`."""
+        return self.nominal.log_bets
+
+    @property
+    def has_sleepers(self) -> bool:
+        """See :class:`~belief.observation_model.sensor_health.SensorEvidence`; no state ever sleeps."""
+        return False
+
+    def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> OutcomeMixture | SharedMixture:
+        """See :class:`~belief.observation_model.evidence.ObjectEvidence`: if the sensor is as described."""
+        return self.nominal.outcome_mixture(num_outcomes, num_hypotheses)
+
+    @property
+    def diagnostics(self) -> Diagnostics:
+        """See :class:`~belief.observation_model.rigid_body_evidence.Diagnostics`; of the nominal hypotheses."""
+        return self.nominal.diagnostics
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The state for another process, without what can be computed anew."""
+        return {name: vars(self)[name] for name in ("model", "nominal", "touches")}
+
+
+@dataclass(frozen=True, eq=False)
+class DoubtedHealth:
+    """What a session knows about its sensor. A frozen value.
+
+    Attributes:
+        earlier_bets: log wealth of the conflict test before these objects, ``(J,)``.
+        in_doubt: whether the description of the sensor is doubted.
+        log_unexplained: log Bayes factor of "no state explains the touches"; 0 before any doubt.
+        told: log bets of the states (:attr:`SensorHealth.log_bets`), zeros before any doubt.
+        words: the likeliest states.
+        evidence: about the objects of the search.
+    """
+
+    earlier_bets: Floats
+    in_doubt: bool
+    log_unexplained: float
+    told: Floats
+    words: str
+    evidence: tuple[DoubtedEvidence, ...] = ()
+    is_clear: ClassVar[bool] = True
+
+    @property
+    def awake(self) -> NDArray[np.int64]:
+        """See :class:`SensorHealth`; nothing is kept asleep."""
+        return np.zeros(0, np.int64)
+
+    @property
+    def probs(self) -> Floats:
+        """Probability of all states together, and that none explains the touches, ``(2,)``; without doubt, 1 and 0."""
+        odds = self.log_unexplained + np.log(UNEXPLAINED) - np.log1p(-UNEXPLAINED)
+        return np.exp(-np.logaddexp(0.0, [odds, -odds])) if self.in_doubt else np.array([1.0, 0.0])
+
+    @cached_property
+    def log_bets(self) -> Floats:
+        """What the next search of the session begins with."""
+        kept = min(self.log_unexplained, _MOST_KEPT)
+        return frozen(np.concatenate([self._bets, [float(self.in_doubt), kept], self.told]))
+
+    @cached_property
+    def _bets(self) -> Floats:
+        bets = (one.nominal.log_bets for one in self.evidence)
+        return np.asarray(sum((some for some in bets if some is not None), start=self.earlier_bets))
+
+    @cached_property
+    def log_conflict(self) -> float:
+        """Without doubt, that of the conflict test; in doubt, the log Bayes factor that no state explains the touches.
+
+        A conflict with the sensor as described is the reason of a doubt, and explained by another state.
+        """
+        return self.log_unexplained if self.in_doubt else log_conflict([self._bets])
+
+    def __str__(self) -> str:
+        """The likeliest states of the sensor."""
+        if not self.in_doubt or self.words == AS_DESCRIBED:
+            return self.words
+        odds = self.log_unexplained + np.log(UNEXPLAINED)
+        return f"{'none explains the touches; ' if odds > 0.0 else ''}nearest of the listed states: {self.words}"

@@ -1,0 +1,124 @@
+"""A sensor whose description is doubted: nothing changes without a reason, and in doubt other states are asked."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+from belief import SceneBelief, SearchProblem, Touch
+from belief.errors import InvalidArgument
+from belief.observation_model import (
+    FixedHypotheses,
+    FixedWorlds,
+    RigidBodyModel,
+    SensorHealthModel,
+    check_observation_model,
+    spread_prior,
+)
+from belief.observation_model.doubted_sensor import DoubtedSensorModel, Explanation
+
+LABELS = ("mug", "cup")
+TABLE = np.array([[[[2.0, 0.0]], [[0.0, 2.0]]]], np.float32)
+ONE = np.ones((1, 1, 2))
+IMAGE = np.zeros((2, 2), np.uint8)
+PROBLEM = SearchProblem(LABELS, ("front",), 2, "independent")
+
+
+def nominal():
+    return RigidBodyModel(LABELS, 1, 1.0, ONE, ONE, hypotheses=FixedHypotheses(TABLE))
+
+
+class Doubting:
+    """Doubts where asked to; the embeddings of the one other state have the wrong sign."""
+
+    labels = ("wrong sign",)
+
+    def __init__(self, is_odd=True, log_unexplained=-2.0):
+        self.is_odd, self.log_unexplained, self.prepared = is_odd, log_unexplained, 0
+
+    def are_odd(self, objects, log_conflict):
+        return self.is_odd
+
+    def states(self):
+        self.prepared += 1
+        return SensorHealthModel(nominal(), FixedWorlds(-TABLE[:, None]), self.labels, spread_prior(1))
+
+    def read_again(self, touch):
+        return touch
+
+    def explained(self, objects, log_likelihoods, health):
+        return Explanation(log_likelihoods, str(health), self.log_unexplained)
+
+
+def touched(model, touches, log_bets=0.0):
+    scene = SceneBelief(PROBLEM, model, log_bets=log_bets)
+    for place, touch in enumerate(touches):
+        scene.update(place % 2, [touch])
+    return scene
+
+
+def touches_of(rng, number=6, image=IMAGE):
+    return [Touch(0, features=row, image=image) for row in rng.normal(size=(number, 2))]
+
+
+def test_without_a_reason_nothing_changes_and_nothing_is_prepared(rng):
+    doubts, touches = Doubting(is_odd=False), touches_of(rng)
+    scene, plain = touched(DoubtedSensorModel(nominal(), doubts), touches), touched(nominal(), touches)
+    np.testing.assert_array_equal(scene.log_marginals(), plain.log_marginals())
+    assert scene.log_conflict == plain.log_conflict
+    assert str(scene.sensor_health) == "as described"
+    assert not doubts.prepared
+    assert not scene.log_bets[1:].any()
+
+
+def test_touches_without_an_image_cannot_be_read_again(rng):
+    touches = touches_of(rng, image=None)
+    scene = touched(DoubtedSensorModel(nominal(), Doubting()), touches)
+    np.testing.assert_array_equal(scene.log_marginals(), touched(nominal(), touches).log_marginals())
+
+
+def test_another_state_explains_what_the_described_one_reads_wrongly():
+    cup = Touch(0, features=np.array([0.0, -3.0]), image=IMAGE)
+    model = DoubtedSensorModel(nominal(), Doubting())
+    scene = touched(model, [cup] * 6)
+    assert scene.marginals().argmax(axis=1).tolist() == [1, 1]
+    assert touched(nominal(), [cup] * 6).marginals().argmax(axis=1).tolist() == [0, 0]
+    assert scene.view().log_conflict == -2.0
+    assert str(scene.sensor_health) == "nearest of the listed states: wrong sign 1.00"
+    model.doubts.is_odd = False
+    later = touched(model, [cup], scene.log_bets)  # the next search of the set-up begins in doubt
+    assert later.sensor_health.in_doubt
+    assert later.marginals()[0].argmax() == 1
+
+
+def test_what_no_state_explains_tells_nothing_about_the_shapes():
+    cup = Touch(0, features=np.array([0.0, -3.0]), image=IMAGE)
+    scene = touched(DoubtedSensorModel(nominal(), Doubting(log_unexplained=20.0)), [cup] * 6)
+    np.testing.assert_allclose(scene.marginals(), 0.5, atol=1e-4)
+    assert scene.log_conflict == 20.0
+    assert str(scene.sensor_health).startswith("none explains the touches; nearest")
+    assert scene.sensor_health.probs[1] > 0.99
+    assert scene.log_bets[2] <= 4.0  # the next search may find an explanation
+
+
+def test_the_order_of_updates_and_another_process_change_nothing(rng):
+    model, touches = DoubtedSensorModel(nominal(), Doubting()), touches_of(rng)
+    one_by_one, at_once = SceneBelief(PROBLEM, model), SceneBelief(PROBLEM, model)
+    for touch in touches:
+        one_by_one.update(0, [touch])
+    at_once.update(0, touches)
+    np.testing.assert_allclose(one_by_one.log_marginals(), at_once.log_marginals())
+    sent = pickle.loads(pickle.dumps(one_by_one.evidence(0)))
+    np.testing.assert_array_equal(sent.log_likelihood, one_by_one.evidence(0).log_likelihood)
+    np.testing.assert_array_equal(sent.inferred.log_likelihood, one_by_one.evidence(0).inferred.log_likelihood)
+
+
+def test_it_is_an_observation_model(rng):
+    model = DoubtedSensorModel(nominal(), Doubting())
+    check_observation_model(model, rng, 4)
+    assert type(model).from_fields(model.to_fields()).shape_labels == LABELS
+
+
+def test_an_image_is_bytes():
+    with pytest.raises(InvalidArgument, match="array of bytes"):
+        Touch(0, features=np.ones(2), image=np.zeros((2, 2)))
