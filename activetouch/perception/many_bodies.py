@@ -53,7 +53,7 @@ _SIZES = 0.95, 1.05
 _FLAT = 4 * CONTACTS_IN_ALL  # predicted contacts of all hypotheses, above which cells take the place of a table
 
 _DENSITIES = "sums", "checks"
-_CHECKED, _APART = 24, 3  # objects whose probable body is checked, twice, and touches from one check to the other
+_CHECKED, _APART = 12, 3  # objects whose probable body is checked, twice, and touches from one check to the other
 
 
 class Fit(NamedTuple):
