@@ -23,7 +23,7 @@ from activetouch.orientations import Inexact, Tumbled
 from activetouch.perception.cached_arrays import announced, cached, is_cached, require_name
 from activetouch.perception.contacts.close_look import CloseContacts, CloseLook
 from activetouch.perception.contacts.hypotheses import CONTACTS_IN_ALL, FEWEST, ContactHypotheses
-from activetouch.perception.contacts.inexact import inexact
+from activetouch.perception.contacts.inexact import USUAL, inexact
 from activetouch.perception.contacts.random_views import random_views
 from activetouch.perception.contacts.views import BodySet, ViewPlan
 from activetouch.perception.imaging import Floats32
@@ -53,7 +53,7 @@ _SIZES = 0.95, 1.05
 _FLAT = 4 * CONTACTS_IN_ALL  # predicted contacts of all hypotheses, above which cells take the place of a table
 
 _DENSITIES = "sums", "checks"
-_CHECKED, _APART = 24, 3  # objects whose probable body is checked, twice, and touches from one check to the other
+_CHECKED, _APART = 12, 3  # objects whose probable body is checked, twice, and touches from one check to the other
 
 
 class Fit(NamedTuple):
@@ -83,7 +83,7 @@ class NestedPlan(Checked):
         check: times that a probable body is pressed in simulation in each touched pose before it is named, to see
             whether it feels like the object; 0 for no check. Only a belief that weighs strangers does it.
         tolerance: by how much the surface of an object may differ from its file [m], one standard deviation; None for
-            2 % of the radius of each body, 0 for exact files.
+            1 % of the radius of each body, 0 for exact files.
     """
 
     views: ViewPlan = field(default_factory=ViewPlan)
@@ -160,7 +160,7 @@ def _key(reader: TactileReader, scene: Scene, plan: NestedPlan) -> dict[str, Any
         "reader": reader.digest,
         "scene": fields,
         "plan": [asdict(plan.views), plan.pressed, *plan.levels_of(len(scene.shapes))],
-        "strangers": [asdict(plan.look), plan.check, plan.tolerance],
+        "strangers": [asdict(plan.look), plan.check, USUAL if plan.tolerance is None else [plan.tolerance]],
         "effort": asdict(plan.effort),
         "version": version("activetouch"),
     }

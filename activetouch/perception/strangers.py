@@ -65,17 +65,17 @@ class TwoDensities(FrozenArrays):
     def along(cls, listed: Floats, strangers: Floats, touches: int) -> TwoDensities:
         """Of pairs of a number of touches and the statistic then, ``(n, 2)`` of either kind.
 
-        Means are linear in the root of the number of touches, and deviations do not depend on it.
+        Means are linear in the root of the number of touches, and variances rise in proportion to a part of it.
         """
-        roots, means, deviations = np.sqrt(np.arange(1, touches + 1)), [], []
+        every, means, variances = np.arange(1, touches + 1), [], []
         for numbers, values in (listed.T, strangers.T):
-            from_mean = np.sqrt(numbers) - np.sqrt(numbers).mean()
-            slope = (from_mean @ values) / (from_mean @ from_mean + 1.0)
-            level = values.mean() - slope * np.sqrt(numbers).mean()
-            rest = values - level - slope * np.sqrt(numbers)
-            means.append(level + slope * roots)
-            deviations.append(np.full(touches, np.sqrt((rest @ rest + _LIKE * _SPREAD**2) / (len(rest) + _LIKE))))
-        return cls(np.stack(means), np.stack(deviations))
+            slope, level = _line(np.sqrt(numbers), values)
+            squares = (values - level - slope * np.sqrt(numbers)) ** 2
+            growth = float(np.clip(_line(numbers, squares)[0], 0.0, squares.mean() / numbers.mean()))
+            start = squares.mean() - growth * numbers.mean()
+            means.append(level + slope * np.sqrt(every))
+            variances.append((len(squares) * (start + growth * every) + _LIKE * _SPREAD**2) / (len(squares) + _LIKE))
+        return cls(np.stack(means), np.sqrt(np.stack(variances)))
 
     def fields(self) -> list[list[list[float]]]:
         """Means and deviations as JSON types."""
@@ -97,6 +97,13 @@ class TwoDensities(FrozenArrays):
         if touches > number > 4:
             found += (rows[:, -1] - rows[:, -5]) / 4.0 * (touches - number)
         return np.asarray(found).tolist()
+
+
+def _line(places: Floats, values: Floats) -> tuple[float, float]:
+    """Slope and level of a line through points, flat where all are at one place."""
+    from_mean = places - places.mean()
+    slope = float(from_mean @ values / (from_mean @ from_mean + 1.0))
+    return slope, float(values.mean() - slope * places.mean())
 
 
 def _log_density(values: Floats, mean: float, deviation: float) -> Floats:

@@ -33,7 +33,7 @@ _MANY = 200  # bodies, above which a touch takes no more time
 # Seconds of one core, roughly, by time.process_time, of 4 to 100 icospheres of 320 to 82 000 triangles with waves:
 _READING = 0.15  # of a megabyte of a file
 _TOUCH, _SEARCHED = 0.0045, 0.04  # of a touch of the fit, and of a search, beside those for each body
-_CHECKS = 35.0  # of the presses of probable bodies in the fit
+_CHECKS = 18.0  # of the presses of probable bodies in the fit
 _REPORT = 0.22  # of a touch in the report
 
 

@@ -11,7 +11,7 @@ from activetouch.solids.mesh import Mesh
 from activetouch.solids.solid import Shape
 from activetouch.solids.vectors import Triangles
 
-USUAL = 0.02
+USUAL = 0.01
 """Tolerance by default, in radii of a body."""
 _CORRELATION = 1 / 6  # length over which the error of a surface is alike, in radii
 _WAVES = 48
@@ -24,7 +24,7 @@ def inexact(solid: Shape, tolerance: float | None, rng: np.random.Generator) -> 
     Args:
         solid: the exact one; its triangles are divided until they can follow the noise.
         tolerance: standard deviation of the displacement of the surface, and of the centre, along each axis [m]; None
-            for 2 % of the radius, 0 for the solid itself.
+            for 1 % of the radius, 0 for the solid itself.
         rng: generator of the noise.
     """
     radius = float(np.linalg.norm(solid.surface.vertices, axis=0).max())

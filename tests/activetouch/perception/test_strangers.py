@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from activetouch import TouchWorld
 from activetouch.perception.contacts.bodies import random_body
 from activetouch.perception.contacts.inexact import inexact
 from activetouch.perception.contacts.random_views import FIRST, log_normalisers, random_views
@@ -58,18 +57,24 @@ def test_scores_less_the_normaliser_are_ratios_to_some_body(sensor):
     assert (0.8 * own > log_normalisers(bank, felt[:4], 0.8)).all()
 
 
-def test_what_no_body_feels_like_is_probably_unlisted(sensor):
-    usual = np.array([log_ratio(one) for one in pressed(sensor, FILES, 6)])
-    rng, world = np.random.default_rng(3), TouchWorld.sample(sensor, [0, 1, 2], np.random.default_rng(1))
-    scene, obj = sensor.scene, world.current
-    images = np.stack([scene.press(obj, pose, rng).image for pose in (0, 4, 9, 13)])
-    broken = images.copy()
-    broken[:, len(images[0]) // 2 :] = 0
-    for changed in (rng.integers(0, 256, images.shape).astype(np.uint8), broken):
+@pytest.mark.parametrize("truth", [0, 1, 2])
+def test_what_no_body_feels_like_is_probably_unlisted(sensor, truth):
+    rng, scene, poses = np.random.default_rng(truth), sensor.scene, (0, 4, 9, 13)
+    obj = scene.sample_object(truth, rng)
+    images = np.stack([scene.press(obj, pose, rng).image for pose in poses])
+    rows = np.arange(images.shape[1])[None, :, None]
+
+    def ratio(changed):
         evidence = sensor.model.start()
-        for pose, embedding in zip((0, 4, 9, 13), sensor.reader.run(changed)[0], strict=True):
+        for pose, embedding in zip(poses, sensor.reader.run(np.ascontiguousarray(changed))[0], strict=True):
             evidence = evidence.update(Touch(pose, features=embedding.astype(float)))
-        assert log_ratio(evidence) > np.median(usual)
+        return log_ratio(evidence)
+
+    usual = ratio(images)
+    assert usual < 0.0
+    assert ratio(rng.integers(0, 256, images.shape).astype(np.uint8)) > usual + 5.0
+    assert ratio(np.where(rows < images.shape[1] // 2, images, 0).astype(np.uint8)) > usual + 5.0  # dead rows
+    assert ratio(images[:, :, ::-1]) > usual + 5.0  # mirrored
 
 
 def test_strangers_have_more_evidence_than_bodies_of_the_set(sensor):
@@ -113,7 +118,7 @@ def test_an_inexact_object_differs_from_its_file_by_the_tolerance():
     moved = np.concatenate([(one.vertices - exact[0].T).ravel() for one in found])
     assert 0.0004 < moved.std() < 0.0011  # noise and the displacement of the centre
     usual = inexact(box, None, rng).vertices - exact[0].T
-    assert 0.3 < usual.std() / (0.02 * np.linalg.norm([0.012, 0.009, 0.02])) < 2.5
+    assert 0.3 < usual.std() / (0.01 * np.linalg.norm([0.012, 0.009, 0.02])) < 2.5
     assert len(found[0].faces) > 100
 
 

@@ -170,7 +170,7 @@ def test_bodies_that_differ_in_one_place_are_twins_by_the_touches_that_tell_noth
     with pytest.warns(MeshWarning, match="2 separate surfaces"):
         handled = Mesh("handled", corners, np.concatenate([block.faces, knob.faces + len(block.vertices)]))
     model = sensor_of(
-        {"plain": block, "handled": handled, "ball": SHAPES["sphere"]}, plan=NestedPlan(PLAN), jobs=1
+        {"plain": block, "handled": handled, "ball": SHAPES["sphere"]}, plan=NestedPlan(PLAN, pressed=6), jobs=1
     ).model
     (twins,) = near_twins(model)
     assert {twins.first, twins.second} == {"plain", "handled"}
