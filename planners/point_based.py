@@ -64,7 +64,7 @@ class PointBased:
     def policy(self, problem: SearchProblem, target: int) -> SearchPolicy:
         """The policy for a search, solved once in each process."""
         require_fit(self.table, problem)
-        key = (*self._identity, repr(problem), target)
+        key = (*self._identity, problem, target)
         if key not in _POLICIES:
             touch_problem = self._touch_problem(problem, target)
             _POLICIES[key] = solve(touch_problem, rounds=self.rounds, repeat_weights=self._weights)
