@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from activetouch import TactileSensor, TouchWorld
 from activetouch.scene import Scene
 from belief.claims import ends_claims
+from belief.constraints import CountOrNone, NotNegative
 from belief.naming import NONE_OF_THESE, UNLISTED, Name, shape_name
 from belief.observation_model.nested_bodies import NestedEvidence
 from belief.problem import Touch
@@ -74,6 +75,8 @@ class Identified(MeshResult):
             f"{len(none)} are certainly {NONE_OF_THESE}, {sum(one.is_right for one in none)} of them rightly; "
             f"{len(self.namings) - len(certain)} stayed open."
         )
+        if none:
+            said += " A body that differs from its file, such as a scan, is none of these: say by how much (tolerance)."
         return replace(found, note=found.note + said)
 
     @property
@@ -214,6 +217,10 @@ class Identify(MeshOptions):
     first folder is none of these."""
     max_touches: Count = 16
     """Touches of an object."""
+    check: CountOrNone = 8
+    """Presses of a probable body, in simulation, in each touched pose, before it is named; 0 for no check."""
+    tolerance: NotNegative | None = None
+    """By how much the surface of an object may differ from its file [m]; 1 % of the radius by default."""
     decider: str = "shape_information_gain"
     """Decider, as of compare; one that stops by the target's probability chooses the sides alone."""
     out: Path = Path("runs/identify")
@@ -233,6 +240,8 @@ class Identify(MeshOptions):
             num_objects=self.objects,
             max_touches=self.max_touches,
             press=self.press,
+            check=self.check,
+            tolerance=self.tolerance,
             decider=self.decider,
             **self.common,
         )
