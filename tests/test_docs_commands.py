@@ -108,7 +108,6 @@ WITHDRAWN = {  # on purpose; the changelog says so
         "collect --from-manifest",
         "compare --part/--merge",
         "live --serve",
-        "robustness --abstain",
     ),
     *("touch --csv", "tradeoff --vary", "ConfusionModel(confidence_edges=)", "ObjectTestGoal", "SceneBelief.known"),
     *("activetouch.alike", "activetouch.solids.round", "straight", "entry_distance"),
