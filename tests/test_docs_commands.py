@@ -110,7 +110,7 @@ WITHDRAWN = {  # on purpose; the changelog says so
         "live --serve",
         "robustness --abstain",
     ),
-    *("touch --csv", "tradeoff --vary", "ConfusionModel(confidence_edges=)", "ObjectTestGoal", "SceneBelief.known"),
+    *("tradeoff --vary", "ConfusionModel(confidence_edges=)", "ObjectTestGoal", "SceneBelief.known"),
     *("activetouch.alike", "activetouch.solids.round", "straight", "entry_distance"),
     *("activetouch.hypotheses", "belief.categorical", "planners.repeats"),
 }
