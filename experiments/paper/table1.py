@@ -129,12 +129,16 @@ class Result:
 
 @dataclass(frozen=True)
 class Settings:
-    """Number of images and the training of both classifiers, by default the paper's; ``input_size`` in pixels."""
+    """Number of images and the training of both classifiers, by default the paper's; ``input_size`` in pixels.
+
+    ``weights`` are those of :class:`experiments.sensor.train.Train`; random ones by default.
+    """
 
     images: WindowPlan = field(default_factory=WindowPlan)
     backbone: str = "tiny"
     input_size: int = 128
     recipe: TrainingRecipe = RECIPES["paper"]
+    weights: str | None = None
 
 
 def both_splits(
@@ -151,7 +155,7 @@ def both_splits(
         train, held_out = split(images, SHARE, np.random.default_rng(seed))
         card = card_for(train, settings.backbone, settings.input_size, scene.shape_labels, scene.pose_labels)
         state = folder / name.replace(" ", "-") / STATE_FILE
-        classifier = new_classifier(card, settings.recipe.seed)
+        classifier = new_classifier(card, settings.recipe.seed, settings.weights)
         trainer = Trainer(classifier, settings.recipe, train, held_out, state, scene.symmetry)
         run_to_the_end(trainer)
         classifier = trainer.finish()
