@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import tyro
 from numpy.typing import NDArray
-from rich.progress import track
 
 from activetouch.poses import Placement
 from activetouch.rendering import RENDERERS
@@ -21,6 +20,7 @@ from belief.constraints import Ending
 from belief.files import atomic_path, require_writable_file
 from belief.seeding import keyed_rng
 from experiments.command_line.arguments import BadArgument, Count, Picture, Seed, check_arguments
+from experiments.parallel import progress_bar
 from experiments.scene_choice import SceneChoice
 
 if TYPE_CHECKING:
@@ -69,12 +69,13 @@ def close_hand(
 def press_all(scene: Scene, seed: int) -> Mapping[tuple[str, str, str], NDArray[np.float64]]:
     """Images of an object of every shape in every pose by every renderer, by (shape, renderer, pose)."""
     images: dict[tuple[str, str, str], NDArray[np.float64]] = {}
-    for shape_index, shape in enumerate(track(scene.shape_labels, "pressing")):
-        pressed = scene.sample_object(shape_index, keyed_rng([seed, shape_index], is_fixed_length=True))
-        for pose_index, pose in enumerate(scene.pose_labels):
-            rng = keyed_rng([seed, shape_index, pose_index], is_fixed_length=True)
-            contact = scene.press(pressed, pose_index, rng).contact
-            images |= {(shape, name, pose): renderer(contact) for name, renderer in RENDERERS.items()}
+    with progress_bar() as progress:
+        for shape_index, shape in enumerate(progress.track(scene.shape_labels, description="pressing")):
+            pressed = scene.sample_object(shape_index, keyed_rng([seed, shape_index], is_fixed_length=True))
+            for pose_index, pose in enumerate(scene.pose_labels):
+                rng = keyed_rng([seed, shape_index, pose_index], is_fixed_length=True)
+                contact = scene.press(pressed, pose_index, rng).contact
+                images |= {(shape, name, pose): renderer(contact) for name, renderer in RENDERERS.items()}
     return images
 
 

@@ -276,10 +276,13 @@ def require_weights(weights: str | None, backbone: str) -> None:
 
 
 def run_to_the_end(trainer: Trainer) -> None:
-    """Run the epochs that are left, with a progress bar."""
+    """Run the epochs that are left, with a progress bar over all of them, which patience may end early."""
+    epochs, images = trainer.recipe.epochs, len(trainer.train.images)
     with progress_bar() as progress:
+        bar = progress.add_task("", total=epochs * images, completed=trainer.epochs_done * images)
         while not trainer.is_finished:
-            bar = progress.add_task(f"epoch {trainer.epochs_done + 1}", total=len(trainer.train.images))
+            done = trainer.epochs_done
+            progress.update(bar, description=f"epoch {done + 1} of {epochs}", completed=done * images)
             report = trainer.run_epoch(partial(progress.advance, bar))
-            progress.remove_task(bar)  # the report takes its place
             progress.console.print(report.words, highlight=False)
+        progress.remove_task(bar)  # the reports take its place
