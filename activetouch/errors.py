@@ -49,6 +49,10 @@ class MeshWarning(UserWarning):
     """A mesh is read, and is not quite what its file says, or not one closed solid; the message says what it means."""
 
 
+class MissingWeights(ActiveTouchError, OSError):
+    """Published weights are not there, or are of another network."""
+
+
 class ImpossibleRecipe(ActiveTouchError, ValueError):
     """A setting of a training is out of its range."""
 

@@ -33,7 +33,7 @@ COMMAND_GROUPS: dict[str, dict[str, Command]] = {
         "export": Command("search.export", "Export", "write a run's figures and tables"),
     },
     "Look at touches": {
-        "touch": Command("press.touch", "TouchCommand", "draw presses, watch one, or write them as time series"),
+        "touch": Command("press.touch", "TouchCommand", "draw presses, watch one, or log every time step"),
         "explain": Command("press.explain", "Explain", "list what a scene models, and which shapes feel alike"),
     },
     "Make a sensor or a policy": {

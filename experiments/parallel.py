@@ -1,4 +1,4 @@
-"""Run independent tasks on several processes, with a progress bar; yield results as tasks finish."""
+"""Run independent tasks on several processes, with a progress bar or lines; yield results as tasks finish."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import time
 import warnings
 import weakref
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from functools import lru_cache, partial
 from multiprocessing import resource_tracker
 from pathlib import Path
@@ -20,7 +20,17 @@ from pickle import PicklingError
 from types import FrameType
 from typing import Any, Generic, TypeAlias, TypeVar
 
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+)
+from rich.progress import Task as Row
+from rich.text import Text
 
 from activetouch.errors import MeshWarning
 from belief.errors import BrokenContract, CannotWrite
@@ -39,15 +49,80 @@ def default_jobs() -> int:
     return joblib.cpu_count()
 
 
+SECONDS_PER_LINE = 60.0
+"""Time between two lines about the progress where there is no terminal."""
+
+
+def time_left(row: Row) -> str:
+    """The time that is left at the mean speed of this process so far, as h:mm:ss; "-:--:--" before anything is done.
+
+    rich's own estimate looks back half a minute, in which a task of ours may not end.
+    """
+    done = row.completed - row.fields["begun"]
+    if row.total is None or not row.elapsed or done <= 0:
+        return "-:--:--"
+    return _clock(row.elapsed / done * (row.total - row.completed))
+
+
+def _clock(seconds: float) -> str:
+    minutes, rest = divmod(round(max(seconds, 0.0)), 60)
+    return f"{minutes // 60}:{minutes % 60:02d}:{rest:02d}"
+
+
+class _TimeLeft(ProgressColumn):
+    """Remaining time."""
+
+    def render(self, task: Row) -> Text:
+        return Text(time_left(task), style="progress.remaining")
+
+
+class _Progress(Progress):
+    """A progress bar; where there is no terminal, a line about every minute says how far its tasks are."""
+
+    def add_task(
+        self,
+        description: str,
+        start: bool = True,
+        total: float | None = 100.0,
+        completed: int = 0,
+        visible: bool = True,
+        **fields: Any,
+    ) -> TaskID:
+        """Add a task; what is completed already does not count in the speed."""
+        return super().add_task(description, start, total, completed, visible, begun=completed, **fields)
+
+    def start(self) -> None:
+        """Show the bar, or begin to print lines."""
+        super().start()
+        self._ended = threading.Event()
+        if not (self.console.is_terminal or self.console.is_jupyter):
+            threading.Thread(target=self._print_lines, name="progress", daemon=True).start()
+
+    def stop(self) -> None:
+        """Show the bar a last time."""
+        self._ended.set()
+        super().stop()
+
+    def _print_lines(self) -> None:
+        while not self._ended.wait(SECONDS_PER_LINE):
+            for row in self.tasks:
+                if row.total and row.completed < row.total:
+                    words = (
+                        f"{int(row.completed)}/{int(row.total)}, {_clock(row.elapsed or 0.0)}, left {time_left(row)}"
+                    )
+                    with suppress(OSError, ValueError):  # the output was closed; whoever prints a result says so
+                        self.console.print(f"{row.description}: {words}", soft_wrap=True)
+
+
 def progress_bar() -> Progress:
-    """The progress bar of all commands: description, progress, elapsed and remaining time."""
-    return Progress(
+    """The progress of all commands: description, progress, elapsed and remaining time; a line a minute in a file."""
+    return _Progress(
         TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
         TextColumn("left"),
-        TimeRemainingColumn(),
+        _TimeLeft(),
         console=plain_console(),
     )
 

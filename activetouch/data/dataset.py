@@ -12,10 +12,10 @@ the plan puts there.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ from belief.errors import CorruptFile, UnknownName
 from belief.files import atomic_path, read_npz, require_regular_file
 from belief.seeding import keyed_rng
 
+T = TypeVar("T")
 _BODY = ("rests", "orientations", "sizes", "offsets", "frictions", "stiffnesses")
 _WIDTHS = {"rests": (4,), "orientations": (4,), "offsets": (2,)}  # of a column's rows; else one number
 _NUMBERS: dict[str, np.dtype[Any]] = dict.fromkeys(("shapes", "object_ids", "poses"), np.dtype(np.int64))
@@ -117,22 +118,31 @@ def record_shard(scene: Scene, plan: CollectionPlan, split: str, objects: range,
     Raises:
         UnstablePress: objects drawn one after the other for the same place could not be pressed.
     """
-    rows = [row for number in objects for row in _touch_object(scene, plan, split, number)]
+    rows = [row for number in objects for row in touch_object(scene, plan, split, number, _touch)]
     columns = zip(TouchSet.__dataclass_fields__, zip(*rows, strict=True), strict=True)
     arrays = {name: np.stack(column) for name, column in columns}
     with atomic_path(path) as temporary:
         np.savez(temporary, **arrays, split=np.array(SPLITS.index(split)))  # type: ignore[arg-type]  # numpy takes it
 
 
-def _touch_object(scene: Scene, plan: CollectionPlan, split: str, number: int) -> list[tuple[object, ...]]:
-    """What a shard says of each touch of an object, or of the next one drawn for its place."""
+def touch_object(
+    scene: Scene,
+    plan: CollectionPlan,
+    split: str,
+    number: int,
+    touch: Callable[[Scene, WorldObject, int, int, np.random.Generator], T],
+) -> list[T]:
+    """The result of ``touch`` for each touch of an object of a plan, or of the next one drawn for its place.
+
+    Its arguments are scene, object, number of the object, pose and generator; see :func:`record_shard`.
+    """
     poses = list(range(len(scene.poses))) * plan.repeats
     shape = number % len(scene.shapes)
     for draw in range(_MOST_DRAWS):
         rng = object_rng(plan, split, number, draw)
         obj = scene.sample_object(shape, rng)
         try:
-            return [_touch(scene, obj, number, pose, rng) for pose in poses]
+            return [touch(scene, obj, number, pose, rng) for pose in poses]
         except UnstablePress as error:
             last = error
     raise UnstablePress(

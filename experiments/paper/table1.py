@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from activetouch.data.dataset import TouchSet
+from activetouch.data.images import window_images
 from activetouch.orientations import Resampled
 from activetouch.perception.reader import resized
 from activetouch.perception.recipe import RECIPES, TrainingRecipe
-from activetouch.rendering import ForcePatchRenderer, read_out
 from activetouch.scene import Scene
 from belief.metrics import ShapeScore, shape_scores
 from belief.seeding import keyed_rng
@@ -62,23 +62,18 @@ def record_windows(scene: Scene, plan: WindowPlan, stream: int, jobs: int) -> To
 
 
 def _press(scene: Scene, plan: WindowPlan, stream: int, number: int) -> TouchSet:
-    renderer = scene.renderer
-    assert isinstance(renderer, ForcePatchRenderer), "the caller chose a scene with force patches"
     rng = keyed_rng([plan.seed, stream, number], is_fixed_length=True)
     body = scene.sample_object(number % len(scene.shapes), rng)
     images: list[NDArray[np.uint8]] = []
     rows: list[Sequence[float]] = []
     for press in range(plan.presses):
         contact = scene.contact(scene.place(body, 0, rng), rng)
-        assert contact.trace is not None, "guarded moves are always traced"
-        in_contact = contact.trace.time[contact.trace.force.any(axis=1)]
-        windows = list(renderer.windows(contact, np.ptp(in_contact) / plan.images)) if in_contact.size else []
-        for index in np.linspace(0, len(windows) - 1, plan.images).round().astype(int) if windows else ():
-            images.append(read_out(windows[index], scene.faults, rng))
-            rows.append((body.shape_index, number, press, contact.force, contact.depth))
+        taken = window_images(scene, contact, plan.images, rng)
+        images += taken
+        rows += [(body.shape_index, number, press, contact.force, contact.depth)] * len(taken)
     shapes, object_ids, presses, forces, depths = np.reshape(rows, (-1, 5)).T
-    taken = np.reshape(images, (-1, *scene.image_shape)).astype(np.uint8)
-    return TouchSet(taken, shapes.astype(int), object_ids.astype(int), presses.astype(int), forces, depths)
+    stack = np.reshape(images, (-1, *scene.image_shape)).astype(np.uint8)
+    return TouchSet(stack, shapes.astype(int), object_ids.astype(int), presses.astype(int), forces, depths)
 
 
 def split_by_image(touches: TouchSet, share: float, rng: np.random.Generator) -> tuple[TouchSet, TouchSet]:
@@ -134,12 +129,16 @@ class Result:
 
 @dataclass(frozen=True)
 class Settings:
-    """Number of images and the training of both classifiers, by default the paper's; ``input_size`` in pixels."""
+    """Number of images and the training of both classifiers, by default the paper's; ``input_size`` in pixels.
+
+    ``weights`` are those of :class:`experiments.sensor.train.Train`; random ones by default.
+    """
 
     images: WindowPlan = field(default_factory=WindowPlan)
     backbone: str = "tiny"
     input_size: int = 128
     recipe: TrainingRecipe = RECIPES["paper"]
+    weights: str | None = None
 
 
 def both_splits(
@@ -156,7 +155,7 @@ def both_splits(
         train, held_out = split(images, SHARE, np.random.default_rng(seed))
         card = card_for(train, settings.backbone, settings.input_size, scene.shape_labels, scene.pose_labels)
         state = folder / name.replace(" ", "-") / STATE_FILE
-        classifier = new_classifier(card, settings.recipe.seed)
+        classifier = new_classifier(card, settings.recipe.seed, settings.weights)
         trainer = Trainer(classifier, settings.recipe, train, held_out, state, scene.symmetry)
         run_to_the_end(trainer)
         classifier = trainer.finish()

@@ -1,8 +1,9 @@
-"""``activetouch touch``: draw presses of a scene, or their motion."""
+"""``activetouch touch``: draw presses of a scene, their motion, or log every time step."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import csv
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,28 +11,38 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import tyro
 from numpy.typing import NDArray
-from rich.progress import track
 
 from activetouch.poses import Placement
 from activetouch.rendering import RENDERERS
 from activetouch.scene import Scene
 from belief.claims import ends_claims
 from belief.constraints import Ending
-from belief.files import require_writable_file
+from belief.files import atomic_path, require_writable_file
 from belief.seeding import keyed_rng
-from experiments.command_line.arguments import BadArgument, Picture, Seed, check_arguments
+from experiments.command_line.arguments import BadArgument, Count, Picture, Seed, check_arguments
+from experiments.parallel import progress_bar
 from experiments.scene_choice import SceneChoice
 
 if TYPE_CHECKING:
     from activetouch.pressing.closing import Gripper
-    from activetouch.pressing.contact import Contact, Grasp
+    from activetouch.pressing.contact import Contact, Grasp, Trace
+
+LOG_COLUMNS = ("press", "time", "phase", "x", "y", "z", "fx", "fy", "fz", "qw", "qx", "qy", "qz")
+"""Number of the press; time [s] in it and phase; position [m], force of the pad [N] and orientation of the object."""
 
 
 def press_new_object(scene: Scene, shape: str, pose: str, seed: int) -> tuple[Placement, Contact]:
     """Placement and contact of one press of a new random object; raises UnknownName for its shape or the pose."""
+    return next(presses_of_new_object(scene, shape, pose, seed))
+
+
+def presses_of_new_object(scene: Scene, shape: str, pose: str, seed: int) -> Iterator[tuple[Placement, Contact]]:
+    """Placements and contacts of press after press of one new random object, without an end."""
     rng = np.random.default_rng(seed)
-    pressed = scene.press(scene.sample_object(shape, rng), pose, rng)
-    return pressed.placement, pressed.contact
+    pressed = scene.sample_object(shape, rng)
+    while True:
+        found = scene.press(pressed, pose, rng)
+        yield found.placement, found.contact
 
 
 def close_hand(
@@ -58,12 +69,13 @@ def close_hand(
 def press_all(scene: Scene, seed: int) -> Mapping[tuple[str, str, str], NDArray[np.float64]]:
     """Images of an object of every shape in every pose by every renderer, by (shape, renderer, pose)."""
     images: dict[tuple[str, str, str], NDArray[np.float64]] = {}
-    for shape_index, shape in enumerate(track(scene.shape_labels, "pressing")):
-        pressed = scene.sample_object(shape_index, keyed_rng([seed, shape_index], is_fixed_length=True))
-        for pose_index, pose in enumerate(scene.pose_labels):
-            rng = keyed_rng([seed, shape_index, pose_index], is_fixed_length=True)
-            contact = scene.press(pressed, pose_index, rng).contact
-            images |= {(shape, name, pose): renderer(contact) for name, renderer in RENDERERS.items()}
+    with progress_bar() as progress:
+        for shape_index, shape in enumerate(progress.track(scene.shape_labels, description="pressing")):
+            pressed = scene.sample_object(shape_index, keyed_rng([seed, shape_index], is_fixed_length=True))
+            for pose_index, pose in enumerate(scene.pose_labels):
+                rng = keyed_rng([seed, shape_index, pose_index], is_fixed_length=True)
+                contact = scene.press(pressed, pose_index, rng).contact
+                images |= {(shape, name, pose): renderer(contact) for name, renderer in RENDERERS.items()}
     return images
 
 
@@ -71,11 +83,15 @@ def press_all(scene: Scene, seed: int) -> Mapping[tuple[str, str, str], NDArray[
 class TouchCommand:
     """Draw one press: the scene, the height map, the images of three renderers, and the force over time.
 
+    A log (--csv) has a row for every time step: press, time [s], phase (approach, contact, pause, withdraw), position
+    x, y, z of the object [m], force fx, fy, fz of the pad on it [N], and its orientation qw, qx, qy, qz.
+
     For example:
 
         activetouch touch --shape cone --pose corner --out cone.png
         activetouch touch --scene paper --seed 3
         activetouch touch --all --out gallery.png
+        activetouch touch --scene paper --presentation resampled --presses 10 --csv cone.csv --shape cone
         activetouch touch --scene coarse --hand three_finger --view grasp.webp
         activetouch touch --scene coarse --hand allegro --menagerie mujoco_menagerie --out grasp.png
     """
@@ -90,6 +106,10 @@ class TouchCommand:
     """Draw the images of every shape in every pose by every renderer instead."""
     view: Annotated[Path | None, Ending((".gif", ".webp"))] = None
     """Write the motion instead, into a file that ends in .gif or .webp."""
+    csv: Annotated[Path | None, Ending((".csv",))] = None
+    """Write every time step of the presses instead, into a file that ends in .csv."""
+    presses: Count = 1
+    """Presses of the object in a log; --presentation resampled turns it between them, as the paper does."""
     menagerie: Path | None = None
     """A copy of MuJoCo Menagerie, whose Allegro hand closes instead of pads that slide, with --hand allegro."""
     seed: Seed = 0
@@ -99,15 +119,17 @@ class TouchCommand:
 
     @ends_claims
     def run(self) -> None:
-        """Press, and draw."""
+        """Press, and draw or write."""
         check_arguments(self)
-        scene, path = self.choice.named.scene, self.view or self.out
+        scene, path = self.choice.named.scene, self.view or self.csv or self.out
         shape, pose = self.shape or scene.shape_labels[0], self.pose or scene.pose_labels[0]
-        if self.all and self.view is not None:
-            raise BadArgument("--all and --view are different outputs; give one of them")
+        if self.all + (self.view is not None) + (self.csv is not None) > 1:
+            raise BadArgument("--all, --view and --csv are different outputs; give one of them")
+        if self.presses > 1 and self.csv is None:
+            raise BadArgument("--presses is the number of presses in a log; add --csv FILE.csv")
         if self.menagerie is not None and self.choice.hand != "allegro":
             raise BadArgument("--menagerie gives the model of an Allegro hand; add --hand allegro")
-        if scene.hand is not None and (self.all or len(scene.hand) == 1):
+        if scene.hand is not None and (self.all or self.csv is not None or len(scene.hand) == 1):
             raise BadArgument("--hand draws a grasp of several fingers into --out FILE or --view FILE.webp alone")
         require_writable_file(path)
         if scene.hand is not None:
@@ -123,7 +145,10 @@ class TouchCommand:
 
         if self.all:
             return draw_gallery(press_all(scene, self.seed), scene.pose_labels, self.out)
-        placement, contact = press_new_object(scene, shape, pose, self.seed)
+        presses = presses_of_new_object(scene, shape, pose, self.seed)
+        if self.csv is not None:
+            return write_log((next(presses) for _ in range(self.presses)), self.csv)
+        placement, contact = next(presses)
         if self.view is not None:
             return write_press(scene, placement, contact, self.view)
         title = f"a {shape} in pose {pose}: {contact.force:.2f} N, {1e3 * contact.depth:.2f} mm deep"
@@ -145,14 +170,35 @@ class TouchCommand:
         return draw_grasp(f"a {shape} in pose {pose}: {forces} N", view, images, self.out)
 
 
+def write_log(presses: Iterable[tuple[Placement, Contact]], path: Path) -> None:
+    """Write every time step of presses as CSV (paper §5.4); raises BadArgument if nothing moves in them."""
+    with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(LOG_COLUMNS)
+        for number, (placement, contact) in enumerate(presses):
+            trace = _trace(contact)
+            turned = [f"{part:.6f}" for part in placement.orientation]
+            for time, phase, position, force in zip(trace.time, trace.phase, trace.position, trace.force, strict=True):
+                numbers = [f"{one:.9g}" for one in (*position, *force)]
+                writer.writerow([number, f"{time:.9g}", phase.value, *numbers, *turned])
+
+
+def _trace(contact: Contact) -> Trace:
+    """The time series of a press."""
+    if contact.trace is None:
+        raise BadArgument(
+            "nothing moves in a quasistatic press, which has no time; choose --fidelity dynamic or guarded_move"
+        )
+    return contact.trace
+
+
 def write_press(scene: Scene, placement: Placement, contact: Contact, path: Path) -> None:
-    """Write a press as an animation; raises BadArgument if it has no trace, because nothing moves in it."""
+    """Write a press as an animation; raises BadArgument if nothing moves in it."""
     from activetouch.pressing.rig import Rig
     from activetouch.view.picture import write_motion
 
-    if contact.trace is None:
-        raise BadArgument("nothing moves in a quasistatic press; choose --fidelity dynamic or guarded_move")
-    rig = Rig(scene.pad, placement.shape.geom, timestep=float(contact.trace.time[0]), largest_scale=placement.scale)
-    rig.place(float(contact.trace.position[0, 0]), placement)
+    trace = _trace(contact)
+    rig = Rig(scene.pad, placement.shape.geom, timestep=float(trace.time[0]), largest_scale=placement.scale)
+    rig.place(float(trace.position[0, 0]), placement)
     middle, distance = np.array([0.01, 0.0, 0.0]), 5.5 * max(scene.pad.half_width, 0.02)
-    write_motion(path, rig.model, list(contact.trace.position[:, :1]), middle, distance)
+    write_motion(path, rig.model, list(trace.position[:, :1]), middle, distance)

@@ -1,4 +1,4 @@
-"""``activetouch replay``: draw a recorded search."""
+"""``activetouch replay``: draw a recorded search, or animate it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Annotated
 from belief.constraints import Ending
 from belief.errors import ActiveTouchError
 from belief.files import atomic_path, require_writable_file
-from experiments.command_line.arguments import CountOrNone, Trust, check_arguments
+from experiments.command_line.arguments import BadArgument, CountOrNone, Trust, check_arguments
 from experiments.search.play import Setting
 from experiments.search.run import RunFolder, read_episode
 from planners import Episode
@@ -27,6 +27,7 @@ class Replay:
     For example:
 
         activetouch replay --folder runs/compare --decider information_gain --target cone --number 3 --out search.png
+        activetouch replay --folder runs/compare --target cone --out search.webp
     """
 
     folder: Path = Path("runs/compare")
@@ -37,14 +38,19 @@ class Replay:
     """Target of the search."""
     number: CountOrNone = 0
     """Number of the episode, from 0."""
-    out: Annotated[Path, Ending((".png", ".svg", ".pdf"))] = Path("runs/search.png")
-    """File to write. The ending decides the format: .png, .svg or .pdf."""
+    out: Annotated[Path, Ending((".png", ".svg", ".pdf", ".webp", ".gif"))] = Path("runs/search.png")
+    """File to write. The ending decides the format: .png, .svg or .pdf, or .webp or .gif for an animation."""
+    dark: bool = False
+    """Draw an animation on a dark ground."""
     trust: bool = False
     """Run code of your own that the folder names, such as a scene module:attribute."""
 
     def run(self) -> None:
         """Repeat the touches and draw the search."""
         check_arguments(self)
+        is_film = self.out.suffix.lower() in (".webp", ".gif")
+        if self.dark and not is_film:
+            raise BadArgument("--dark is the ground of an animation; add --out FILE.webp or FILE.gif")
         from experiments.search.play import replay
         from experiments.search.replay_figures import Bodies, draw_search
 
@@ -53,8 +59,13 @@ class Replay:
         setting = Setting.from_dict(run["arguments"].get("setting"), Trust(self.folder, everything=self.trust))
         sensor, problem = setting.open_sensor(), setting.problem
         episode = self._episode(tuple(problem.shape_labels))
-        with atomic_path(self.out) as temporary:
-            draw_search(episode, replay(sensor, problem, episode), problem, temporary, Bodies.of(sensor))
+        if is_film:
+            from experiments.search.film import DARK, LIGHT, write_film
+
+            write_film(sensor, problem, episode, self.out, DARK if self.dark else LIGHT)
+        else:
+            with atomic_path(self.out) as temporary:
+                draw_search(episode, replay(sensor, problem, episode), problem, temporary, Bodies.of(sensor))
         print(f"wrote {self.out}")
 
     def _episode(self, labels: tuple[str, ...]) -> Episode:

@@ -25,6 +25,8 @@ from experiments.scene_choice import collection_folder, named_scene, training_fo
 from experiments.sensor_choice import open_collection, require_collection
 
 if TYPE_CHECKING:
+    from torch import nn
+
     from activetouch.perception.card import ClassifierCard
     from activetouch.perception.classifier import TouchClassifier
     from activetouch.perception.training import Trainer
@@ -72,7 +74,7 @@ class Train:
         activetouch train --scene coarse
         activetouch train --scene gel --recipe contacts --steps 2000 --device cuda
         activetouch train --scene hard --recipe worn --change.focus cube cuboid wedge
-        activetouch train --recipe paper --backbone tiny
+        activetouch train --recipe paper --backbone tiny --weights imagenet
         activetouch train --data data/mug --out runs/train-mug --input-size 32 --recipe large --change.epochs 5
     """
 
@@ -86,6 +88,9 @@ class Train:
     """Edge the images are averaged down, or repeated up, to before the network [pixels]; the scene's by default."""
     backbone: BackboneName | None = None
     """The network: a plain small CNN, or a ConvNeXt by size; the scene's by default."""
+    weights: str | None = None
+    """Weights that a ConvNeXt starts from: imagenet (facebook/convnext-tiny-224 on the Hugging Face hub, for the
+    backbone tiny), or a folder with config.json and model.safetensors; random weights by default."""
     recipe: Literal["contacts", "contrast", "worn", "large", "paper"] = "contrast"
     """What to learn, and how."""
     steps: Count | None = None
@@ -104,6 +109,8 @@ class Train:
         require_extra("train")
         named = named_scene(self.scene)
         if self.recipe == "contacts":
+            if self.weights is not None:
+                raise BadArgument("--weights are of a ConvNeXt, and a reader of any object is none; leave them out")
             out = self.out if self.out is not None else training_folder(f"{self.scene}-contacts")
             claim_folder(out)
             train_any_object(named.scene, out, self.steps, self.change.seed, self.device, self.jobs)
@@ -115,13 +122,23 @@ class Train:
         require_collection(data, manifest, None, self.scene if self.out is None else None)
         size = self.input_size if self.input_size is not None else named.input_size
         backbone = self.backbone if self.backbone is not None else named.backbone
-        train_reader(data, out, self.change.of(RECIPES[self.recipe]), backbone, size, self.jobs)
+        require_weights(self.weights, backbone)
+        train_reader(data, out, self.change.of(RECIPES[self.recipe]), backbone, size, self.jobs, self.weights)
 
 
 def train_reader(
-    data: Path, out: Path, recipe: TrainingRecipe, backbone: str, input_size: int, jobs: int = 1
+    data: Path,
+    out: Path,
+    recipe: TrainingRecipe,
+    backbone: str,
+    input_size: int,
+    jobs: int = 1,
+    weights: str | None = None,
 ) -> TactileReader:
-    """Train a network on a collection, or continue; ``input_size`` is the edge that images are brought to [pixels]."""
+    """Train a network on a collection, or continue; ``input_size`` is the edge that images are brought to [pixels].
+
+    ``weights`` are those of :class:`Train`.
+    """
     import torch
 
     from activetouch.perception.export import export_reader, fixed_hypotheses
@@ -137,7 +154,7 @@ def train_reader(
     card = card_for(train, backbone, input_size, manifest.shape_labels, manifest.pose_labels, recipe.embedding)
     words = f"{recipe.words}; {len(train.images)} images"
     card = replace(card, scene=manifest.scene, mujoco_version=manifest.versions["mujoco"], training=words)
-    classifier = new_classifier(card, recipe.seed)
+    classifier = new_classifier(card, recipe.seed, weights)
     print(f"{backbone} at {input_size} pixels, {classifier.card.training}")
     taxels = (manifest.image_shape[0] // train.images.shape[1]) ** 2
     trainer = Trainer(classifier, recipe, train, calibration, out / STATE_FILE, manifest.symmetry, taxels)
@@ -229,23 +246,43 @@ def card_for(
     )
 
 
-def new_classifier(card: ClassifierCard, seed: int) -> TouchClassifier:
-    """A classifier with random weights from a seed, as its card then says."""
+def new_classifier(card: ClassifierCard, seed: int, weights: str | None = None) -> TouchClassifier:
+    """A classifier with random weights from a seed, or with published ones of :class:`Train`, as its card then says."""
     import torch
 
     from activetouch.perception.classifier import TouchClassifier, TouchNetwork
 
-    card = replace(card, training=f"{card.training}, from random weights".removeprefix(", "))
     with torch.random.fork_rng():  # torch draws initial weights from its global generator only
         torch.manual_seed(seed)
-        return TouchClassifier(card, TouchNetwork(card))
+        network = TouchNetwork(card)
+    start = "random weights" if weights is None else load_weights(network.backbone, card.backbone, weights)
+    network.card = replace(card, training=f"{card.training}, from {start}".removeprefix(", "))
+    return TouchClassifier(network.card, network)
+
+
+def load_weights(network: nn.Module, backbone: str, weights: str) -> str:
+    """Let a backbone start from published weights; what they are, in words."""
+    from activetouch.perception.convnext import ConvNeXtFeatures
+
+    if not isinstance(network, ConvNeXtFeatures):
+        raise BadArgument(f"--weights are of a ConvNeXt, and the backbone {backbone!r} is none; add --backbone tiny")
+    return network.load_published(weights)
+
+
+def require_weights(weights: str | None, backbone: str) -> None:
+    """Check, before any work, that a network can start from the weights that it is to start from."""
+    if weights is not None:
+        load_weights(BACKBONES[backbone].build(3), backbone, weights)
 
 
 def run_to_the_end(trainer: Trainer) -> None:
-    """Run the epochs that are left, with a progress bar."""
+    """Run the epochs that are left, with a progress bar over all of them, which patience may end early."""
+    epochs, images = trainer.recipe.epochs, len(trainer.train.images)
     with progress_bar() as progress:
+        bar = progress.add_task("", total=epochs * images, completed=trainer.epochs_done * images)
         while not trainer.is_finished:
-            bar = progress.add_task(f"epoch {trainer.epochs_done + 1}", total=len(trainer.train.images))
+            done = trainer.epochs_done
+            progress.update(bar, description=f"epoch {done + 1} of {epochs}", completed=done * images)
             report = trainer.run_epoch(partial(progress.advance, bar))
-            progress.remove_task(bar)  # the report takes its place
             progress.console.print(report.words, highlight=False)
+        progress.remove_task(bar)  # the reports take its place

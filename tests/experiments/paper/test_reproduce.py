@@ -2,17 +2,18 @@
 
 import json
 import warnings
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from activetouch.distributions import Uniform
+from activetouch.errors import MissingWeights
 from activetouch.named_scenes import SCENES
 from belief.statistics import wilson_interval
 from experiments.paper import table1, table2
-from experiments.paper.reproduce import DEVIATIONS, Reproduce, reproduce
+from experiments.paper.reproduce import DEVIATIONS, Reproduce, Reproduction, reproduce
 from experiments.paper.table1 import WindowPlan, record_windows
 from experiments.paper.table2 import DECIDERS, PAPER, Column, figure3, table
 
@@ -78,7 +79,16 @@ def test_table_2_is_played_with_the_shipped_policies_and_every_file_is_written(t
 def test_the_command_refuses_an_impossible_size_before_any_work(tmp_path):
     with pytest.raises(ValueError, match="--input-size must divide the 128 pixels"):
         Reproduce(input_size=33, out=tmp_path / "out").run()
+    with pytest.raises(MissingWeights, match="there is no such folder"):
+        Reproduce(weights=str(tmp_path / "nowhere"), out=tmp_path / "out").run()
     assert not (tmp_path / "out").exists()
+
+
+def test_weights_of_imagenet_are_no_deviation_from_the_paper():
+    start = "The paper starts from ImageNet weights, we from random weights."
+    for weights in (None, "imagenet"):
+        arguments = asdict(table1.Settings(weights=weights))
+        assert (start in str(Reproduction(None, None, arguments))) == (weights is None)
 
 
 def test_the_tables_of_the_documentation_are_those_that_were_made():

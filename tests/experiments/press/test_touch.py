@@ -1,13 +1,18 @@
 """The command that shows presses writes what it says."""
 
+import csv
+from dataclasses import replace
+
+import numpy as np
 import pytest
 import trimesh
 from PIL import Image
 
+from activetouch.pressing.contact import Phase
 from activetouch.view import picture
 from belief.errors import UnknownName
 from experiments.command_line.arguments import BadArgument
-from experiments.press.touch import TouchCommand, press_new_object
+from experiments.press.touch import LOG_COLUMNS, TouchCommand, press_new_object
 from experiments.scene_choice import SceneChoice
 
 pytestmark = pytest.mark.mujoco
@@ -48,10 +53,41 @@ def test_an_unknown_shape_or_pose_suggests_the_nearest(shape, pose, meant):
 
 
 def test_two_outputs_at_once_and_the_motion_of_what_stands_still_are_refused(tmp_path):
-    with pytest.raises(BadArgument, match="--all and --view"):
+    with pytest.raises(BadArgument, match="--all, --view and --csv"):
         TouchCommand(all=True, view=tmp_path / "a.gif").run()
     with pytest.raises(BadArgument, match="nothing moves"):
         TouchCommand(SceneChoice(fidelity="quasistatic"), view=tmp_path / "a.gif").run()
+    with pytest.raises(BadArgument, match="nothing moves in a quasistatic press, which has no time"):
+        TouchCommand(SceneChoice(fidelity="quasistatic"), csv=tmp_path / "a.csv").run()
+    with pytest.raises(BadArgument, match="--presses is the number of presses in a log"):
+        TouchCommand(presses=2, out=tmp_path / "a.png").run()
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("scene", "fidelity"), [("paper", None), ("coarse", "dynamic")])
+def test_a_log_has_every_time_step_of_the_cycles_of_an_object(scene, fidelity, tmp_path):
+    choice = SceneChoice(scene, fidelity=fidelity, presentation="resampled")
+    TouchCommand(choice, shape="cone", csv=tmp_path / "cone.csv", presses=3).run()
+    with (tmp_path / "cone.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    columns = {name: np.array([float(row[name]) for row in rows]) for name in LOG_COLUMNS if name != "phase"}
+    phases = np.array([row["phase"] for row in rows])
+    for press in range(3):
+        own = columns["press"] == press
+        first = [int(np.flatnonzero(own & (phases == phase))[0]) for phase in ("approach", "pause", "withdraw")]
+        assert first == sorted(first)
+        assert set(phases[own]) <= set(Phase)
+        np.testing.assert_allclose(np.diff(columns["time"][own]), 0.002, rtol=1e-6)
+        assert columns["fx"][own & (phases == "pause")][-1] > 0.2
+        assert columns["fx"][own][0] == 0.0
+    model = choice.named.scene.press_model.with_trace()
+    placement, contact = press_new_object(replace(choice.named.scene, press_model=model), "cone", "front", 0)
+    first = columns["press"] == 0
+    np.testing.assert_allclose(columns["x"][first], contact.trace.position[:, 0], rtol=1e-6)
+    np.testing.assert_allclose(
+        [columns[name][0] for name in ("qw", "qx", "qy", "qz")], placement.orientation, atol=1e-6
+    )
+    assert len(np.unique(columns["qw"])) == 3  # turned between presses
 
 
 def test_a_grasp_and_its_motion_are_drawn(tmp_path, monkeypatch):

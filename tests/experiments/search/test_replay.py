@@ -7,7 +7,10 @@ import pytest
 from PIL import Image
 from scipy.special import logsumexp
 
+from belief.problem import Confirm
+from experiments.command_line.arguments import BadArgument
 from experiments.scene_choice import SceneChoice
+from experiments.search import film
 from experiments.search.comparison import prepared
 from experiments.search.play import Setting, play_episodes, replay
 from experiments.search.replay import NoSuchEpisode, Replay
@@ -60,6 +63,48 @@ def test_a_search_with_a_joint_belief_shows_the_bodies_it_believes_in(tmp_path):
     assert Bodies.of(other.searches.sensor) is None
     shown = replay(other.searches.sensor, other.searches.problem, play(other, [0])[0])
     assert all(frame.evidence is None for frame in shown)
+
+
+@pytest.mark.parametrize("name", ["search.webp", "search.gif"])
+def test_a_search_is_animated_from_its_first_touch_to_its_end(run, name, tmp_path, monkeypatch):
+    monkeypatch.setattr(film, "_DPI", 30)
+    folder, episodes = run
+    episode = min(episodes, key=lambda one: one.num_touches)
+    number = episode.seed[-1]
+    Replay(folder, decider="threshold", target="sphere", number=number, out=tmp_path / name, dark=True).run()
+    with Image.open(tmp_path / name) as moving:
+        first = np.asarray(moving.convert("RGB"))
+        moving.seek(moving.n_frames - 1)
+        assert moving.n_frames == len(episode.steps) + 3 * episode.num_touches
+        assert not np.array_equal(first, np.asarray(moving.convert("RGB")))
+    with pytest.raises(BadArgument, match="--dark is the ground of an animation"):
+        Replay(folder, decider="threshold", target="sphere", out=tmp_path / "a.png", dark=True).run()
+
+
+@pytest.mark.parametrize(
+    "setting",
+    [
+        replace(COARSE, observation_model="independent"),
+        pytest.param(Setting(SceneChoice("coarse", hand="parallel")), marks=pytest.mark.slow),
+        Setting(SceneChoice("hard", fidelity="quasistatic"), unlisted=0.2),
+    ],
+    ids=["without bodies", "hand", "many"],
+)
+def test_every_kind_of_search_has_pictures_that_say_what_happens(setting, monkeypatch):
+    monkeypatch.setattr(film, "_DPI", 30)
+    found = prepared(setting, "threshold", jobs=1)
+    [episode], searches = play(found, [3]), found.searches
+    shown = film.moments(searches.sensor, searches.problem, episode)
+    drawing = film.Film(searches.sensor, searches.problem, episode.target, film.LIGHT)
+    assert drawing.draw(shown[0]).size == drawing.draw(shown[-1]).size == (258, 117)
+    is_confirmed = isinstance(episode.steps[-1].decision.action, Confirm)
+    ended = shown[-1].states[episode.steps[-1].object_index]
+    assert ended == ("rejected" if not is_confirmed else "found" if episode.success else "wrong")
+    assert shown[-1].probs == pytest.approx(episode.steps[-1].belief.probs)
+    monkeypatch.setattr(film, "MOST_PICTURES", 3)
+    few = film.moments(searches.sensor, searches.problem, episode)
+    assert len(few) <= 3
+    assert few[-1].words == shown[-1].words
 
 
 @pytest.mark.parametrize(

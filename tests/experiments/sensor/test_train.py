@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
+import torch
 
 from activetouch import SCENES
 from activetouch.data.dataset import read_split
 from activetouch.errors import ImpossibleRecipe
+from activetouch.perception import classifier
+from activetouch.perception.backbones import ConvNeXt
 from activetouch.perception.reader import TactileReader
 from activetouch.perception.recipe import RECIPES
 from activetouch.sensor_files import READER_FILE
@@ -15,10 +18,11 @@ from belief.synthetic import random_model
 from belief.touch_batch import TouchBatch
 from experiments.command_line.arguments import BadArgument
 from experiments.scene_choice import SceneChoice
+from experiments.sensor import train
 from experiments.sensor.calibrate import best_order
 from experiments.sensor.collect import Collect, PlanArguments
 from experiments.sensor.scores import accuracy_of_objects
-from experiments.sensor.train import Changes, Train, train_any_object
+from experiments.sensor.train import Changes, Train, card_for, new_classifier, train_any_object
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch]
 
@@ -55,9 +59,39 @@ def test_a_trained_classifier_knows_what_it_was_trained_on(data, tmp_path, capsy
     assert "epoch 1 " not in said  # no bar is left of an epoch that is done
 
 
+def test_a_convnext_starts_from_a_folder_of_weights_and_its_reader_says_so(data, tmp_path, monkeypatch):
+    from transformers import ConvNextConfig, ConvNextModel
+
+    small, folder = {"tiny": ConvNeXt((1, 1, 1, 1), (8, 8, 16, 16))}, tmp_path / "published"
+    for module in (classifier, train):
+        monkeypatch.setattr(module, "BACKBONES", small)
+    config = ConvNextConfig(num_channels=3, depths=[1, 1, 1, 1], hidden_sizes=[8, 8, 16, 16])
+    ConvNextModel(config).save_pretrained(folder)
+    first, again, random = (
+        new_classifier(card_for(read_split(data, "train"), "tiny", 32, ("a", "b"), ("front",)), 0, weights)
+        for weights in (str(folder), str(folder), None)
+    )
+    same, other = (
+        [
+            torch.equal(a, b)
+            for a, b in zip(first.network.backbone.parameters(), one.network.backbone.parameters(), strict=True)
+        ]
+        for one in (again, random)
+    )
+    assert all(same)
+    assert not all(other)
+    assert first.card.training == f"from the weights in {folder}"
+    assert random.card.training == "from random weights"
+    change = Changes(epochs=1, batch_size=512)
+    reader = trained(data, tmp_path / "out", backbone="tiny", input_size=32, change=change, weights=str(folder))
+    assert reader.card.training.endswith(f"576 images, from the weights in {folder}")
+
+
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
+        ({"weights": "imagenet"}, "--weights are of a ConvNeXt, and the backbone 'cnn' is none; add --backbone tiny"),
+        ({"weights": "imagenet", "recipe": "contacts"}, "a reader of any object is none; leave them out"),
         ({"input_size": 7}, ("--input-size", "got 7", "1, 2, 4")),
         ({"backbone": "atto", "input_size": 16}, ("--input-size", "at least 32", "got 16")),
         ({"backbone": "grid_cnn", "input_size": 16}, ("--input-size", "at least 17", "got 16")),
