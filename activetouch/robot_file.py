@@ -8,6 +8,7 @@ MuJoCo's viewer shows, or else all of them.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree.ElementTree import Element
@@ -23,6 +24,8 @@ from activetouch.solids.primitives import Box, Capsule, Cylinder, Ellipsoid, Sol
 from activetouch.solids.vectors import Floats, Triangles
 from belief.files import plain_number, require_regular_file
 
+ROBOTS = (".urdf", ".mjcf", ".xml")
+"""Endings of the files that may describe robots."""
 _MOST_BYTES = 16 * 2**20
 _BEGINS = 65536  # bytes in which the root of MJCF is looked for
 _GROUPS_SHOWN = 3
@@ -41,9 +44,10 @@ class Piece:
 
 @dataclass(frozen=True)
 class Robot:
-    """The pieces of each link or body that has any, by its name, and lines on what is left out."""
+    """The pieces of each link or body that has any, by its name, all mesh files, and lines on what is left out."""
 
     pieces: Mapping[str, Sequence[Piece]]
+    meshes: Sequence[str]
     left_out: Sequence[str]
 
 
@@ -75,12 +79,9 @@ def read_robot(path: Path) -> Robot:
 
 def mesh_paths(path: Path, folder: Path, robot: Robot) -> Iterator[Path]:
     """The mesh files of a robot that are there."""
-    for piece in (one for pieces in robot.pieces.values() for one in pieces):
-        if isinstance(piece.source, str):
-            try:
-                yield _found(path, folder, piece.source)
-            except (ValueError, OSError):
-                continue
+    for name in robot.meshes:
+        with suppress(ValueError, OSError):
+            yield _found(path, folder, name)
 
 
 def read_link(path: Path, folder: Path, link: str, scale: float = 1.0) -> Mesh:
@@ -168,7 +169,7 @@ def _urdf(root: Element) -> Robot:
                     left_out.append(f"a {kind} of {name}: {error}")
             if name in pieces:
                 break
-    return Robot(pieces, left_out)
+    return Robot(pieces, [one.get("filename", "") for one in root.iter("mesh")], left_out)
 
 
 def _urdf_piece(element: Element) -> Piece:
@@ -213,14 +214,17 @@ class _Mjcf:
         for world in self.root.findall("worldbody"):
             self._add_body(world, "main", "world")
         shown = {name: [one for is_shown, one in some if is_shown] for name, some in self.pieces.items()}
-        return Robot({name: shown[name] or [one for _, one in some] for name, some in self.pieces.items()}, self.left_out)
+        pieces = {name: shown[name] or [one for _, one in some] for name, some in self.pieces.items()}
+        return Robot(pieces, [self._file(one["file"]) for one in self.meshes.values() if "file" in one], self.left_out)
 
     def _add_defaults(self, element: Element, name: str, above: tuple[dict[str, str], dict[str, str]]) -> None:
-        geom, mesh = ({**each, **dict(element.find(tag).attrib if element.find(tag) is not None else {})}  # type: ignore[union-attr]
-                      for each, tag in zip(above, ("geom", "mesh"), strict=True))
+        geom, mesh = (
+            {**each, **{key: value for one in element.findall(tag) for key, value in one.attrib.items()}}
+            for each, tag in zip(above, ("geom", "mesh"), strict=True)
+        )
         self.defaults[name] = geom, mesh
-        for each in element.findall("default"):
-            self._add_defaults(each, each.get("class", ""), (geom, mesh))
+        for one in element.findall("default"):
+            self._add_defaults(one, one.get("class", ""), (geom, mesh))
 
     def _of_class(self, name: str) -> tuple[dict[str, str], dict[str, str]]:
         if name not in self.defaults:
@@ -274,8 +278,7 @@ class _Mjcf:
             position = position - rotation @ back @ _numbers(mesh.get("refpos"), (0, 0, 0), 3)
             rotation = rotation @ back
         if (file := mesh.get("file")) is not None:
-            name = Path(file.replace("\\", "/")).name if self.strips == "true" else file
-            return Piece(str(Path(self.folder, name)), scales, rotation, position)
+            return Piece(self._file(file), scales, rotation, position)
         vertices = _numbers(mesh.get("vertex"), ()).reshape(-1, 3)
         if len(vertices) < 4:
             raise ValueError("its mesh has neither a file nor four vertices")
@@ -285,6 +288,9 @@ class _Mjcf:
         if faces.min() < 0 or faces.max() >= len(vertices):
             raise ValueError(f"a face has a vertex that is not among the {len(vertices)} vertices")
         return Piece((vertices, faces), scales, rotation, position)
+
+    def _file(self, name: str) -> str:
+        return str(Path(self.folder, Path(name).name if self.strips == "true" else name))
 
     def _pose(self, given: Mapping[str, str]) -> tuple[Floats, Floats]:
         """Rotation and position of a geom or frame."""

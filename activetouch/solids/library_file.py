@@ -61,7 +61,7 @@ def xml_root(content: bytes) -> ElementTree.Element:
     'c'
     """
     found = _ENCODING.match(content)
-    if found and found[1].decode("ascii", "replace").lower() not in _PLAIN or b"\0" in content:
+    if (found and found[1].decode("ascii", "replace").lower() not in _PLAIN) or b"\0" in content:
         raise ValueError("its encoding is not read; save it as UTF-8")
     if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
         raise ValueError("it declares a document type, whose entities are not read; remove the line <!DOCTYPE")
