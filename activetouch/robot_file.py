@@ -34,11 +34,10 @@ _PRIMITIVES = ("sphere", "capsule", "cylinder", "ellipsoid", "box")
 
 @dataclass(frozen=True)
 class Piece:
-    """A geometry of a link: a mesh file's name, or triangles [m], with scales, rotation and position in the link."""
+    """A geometry of a link: a mesh file's name, or triangles [m]; and what turns, scales and moves them in the link."""
 
     source: str | Triangles
-    scales: Floats
-    rotation: Floats
+    matrix: Floats
     position: Floats
 
 
@@ -98,7 +97,7 @@ def read_link(path: Path, folder: Path, link: str, scale: float = 1.0) -> Mesh:
             vertices, faces = _triangles(path, folder, piece.source)
         except (OSError, ValueError) as error:
             raise BadMesh(f"{path.name}#{link}: {error}") from error
-        placed.append(((vertices * piece.scales) @ piece.rotation.T + piece.position, faces))
+        placed.append((vertices @ piece.matrix.T + piece.position, faces))
     name = f"{path.name}#{link}"
     vertices, faces, remarks, used = in_metres(name, *joined(placed), scale)
     return Mesh(name, vertices, faces, centred=True, remarks=remarks, scale=used)
@@ -164,9 +163,11 @@ def _urdf(root: Element) -> Robot:
         for kind in ("visual", "collision"):
             for each in link.findall(kind):
                 try:
-                    pieces.setdefault(name, []).append(_urdf_piece(each))
+                    piece = _urdf_piece(each)
                 except ValueError as error:
                     left_out.append(f"a {kind} of {name}: {error}")
+                else:
+                    pieces.setdefault(name, []).append(piece)
             if name in pieces:
                 break
     return Robot(pieces, [one.get("filename", "") for one in root.iter("mesh")], left_out)
@@ -179,17 +180,17 @@ def _urdf_piece(element: Element) -> Piece:
     origin = element.find("origin")
     given = {} if origin is None else origin.attrib
     rotation = Rotation.from_euler("xyz", _numbers(given.get("rpy"), (0, 0, 0), 3)).as_matrix()
-    position, scales, source = _numbers(given.get("xyz"), (0, 0, 0), 3), np.ones(3), shape.get("filename", "")
+    position = _numbers(given.get("xyz"), (0, 0, 0), 3)
     if shape.tag == "mesh":
-        scales = _numbers(shape.get("scale"), (1, 1, 1)) * np.ones(3)
-        return Piece(source, scales, rotation, position)
+        scales = _numbers(shape.get("scale"), (1, 1, 1))[:3] * np.ones(3)
+        return Piece(shape.get("filename", ""), rotation * scales, position)
     size = _numbers(shape.get("size"), (), 3) / 2
     if shape.tag in ("cylinder", "capsule", "sphere"):
         radius, length = (_numbers(shape.get(each), (0,), 1) for each in ("radius", "length"))
         size = np.concatenate([radius, length / 2])
     elif shape.tag != "box":
         raise ValueError(f"a {shape.tag:.40} is not read")
-    return Piece(_primitive(shape.tag, size), scales, rotation, position)
+    return Piece(_primitive(shape.tag, size), rotation, position)
 
 
 class _Mjcf:
@@ -269,25 +270,23 @@ class _Mjcf:
             return self._mesh_piece(self.meshes[given["mesh"]], *at)
         if kind not in _PRIMITIVES or "mesh" in given:
             raise ValueError(f"a {kind:.40} of {given.get('mesh', 'no mesh'):.40} is not read")
-        return Piece(_primitive(kind, size), np.ones(3), *at)
+        return Piece(_primitive(kind, size), *at)
 
     def _mesh_piece(self, mesh: Mapping[str, str], rotation: Floats, position: Floats) -> Piece:
-        scales = _numbers(mesh.get("scale"), (1, 1, 1), 3)
-        if "refpos" in mesh or "refquat" in mesh:
-            back = _quaternion(_numbers(mesh.get("refquat"), (1, 0, 0, 0), 4)).T
-            position = position - rotation @ back @ _numbers(mesh.get("refpos"), (0, 0, 0), 3)
-            rotation = rotation @ back
+        scales, refpos = (_numbers(mesh.get(key), (each,) * 3, 3) for key, each in (("scale", 1.0), ("refpos", 0.0)))
+        matrix = rotation * scales @ _quaternion(_numbers(mesh.get("refquat"), (1, 0, 0, 0), 4)).T
+        at = matrix, position - matrix @ refpos
         if (file := mesh.get("file")) is not None:
-            return Piece(self._file(file), scales, rotation, position)
+            return Piece(self._file(file), *at)
         vertices = _numbers(mesh.get("vertex"), ()).reshape(-1, 3)
         if len(vertices) < 4:
             raise ValueError("its mesh has neither a file nor four vertices")
         if "face" not in mesh:
-            return Piece(hull(vertices), scales, rotation, position)
+            return Piece(hull(vertices), *at)
         faces = _numbers(mesh["face"], ()).reshape(-1, 3).astype(np.intp)
         if faces.min() < 0 or faces.max() >= len(vertices):
             raise ValueError(f"a face has a vertex that is not among the {len(vertices)} vertices")
-        return Piece((vertices, faces), scales, rotation, position)
+        return Piece((vertices, faces), *at)
 
     def _file(self, name: str) -> str:
         return str(Path(self.folder, Path(name).name if self.strips == "true" else name))

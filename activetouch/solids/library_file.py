@@ -68,7 +68,7 @@ def xml_root(content: bytes) -> ElementTree.Element:
     if (number := content.count(b"<")) > _MOST_TAGS:
         raise ValueError(f"it has {number} tags, {_MOST_TAGS} are the most; simplify it")
     try:
-        root = ElementTree.fromstring(content)
+        root = ElementTree.fromstring(content.strip())
     except ElementTree.ParseError as error:
         raise ValueError(f"it is no XML: {error}") from error
     for element in root.iter():
@@ -77,10 +77,12 @@ def xml_root(content: bytes) -> ElementTree.Element:
 
 
 def below(folder: Path, name: str) -> Path:
-    """The file of a name in a folder; ValueError if it is not below it, FileNotFoundError if it is not there."""
+    """The file of a name in a folder; ValueError if it is not below it."""
     path = (folder / name).resolve()
     if not path.is_relative_to(folder.resolve()):
         raise ValueError(f"it names {name!r:.120}, which is not below {folder}; files elsewhere are not opened")
+    if not path.exists():
+        raise ValueError(f"there is no {name!r:.120} in {folder}")
     return require_regular_file(path, BadMesh)
 
 
