@@ -56,10 +56,12 @@ def is_robot(path: Path) -> bool:
         return True
     if path.suffix.lower() != ".xml" or not path.is_file():
         return False
-    with path.open("rb") as file:
+    with suppress(OSError), path.open("rb") as file:
         return b"<mujoco" in file.read(_BEGINS)
+    return False
 
 
+@np.errstate(all="ignore")  # what is not finite is refused later
 def read_robot(path: Path) -> Robot:
     """The geometry that a URDF or MJCF file describes; raises BadMesh for one that cannot be read."""
     if not path.exists():
@@ -83,6 +85,7 @@ def mesh_paths(path: Path, folder: Path, robot: Robot) -> Iterator[Path]:
             yield _found(path, folder, name)
 
 
+@np.errstate(all="ignore")  # what is not finite is refused later
 def read_link(path: Path, folder: Path, link: str, scale: float = 1.0) -> Mesh:
     """The mesh of a link or body, or of the only one if the name is empty; files are looked for below a folder."""
     robot = read_robot(path)
@@ -248,7 +251,7 @@ class _Mjcf:
                 given = {**self._of_class(one.get("class", of_class))[0], **one.attrib}
                 try:
                     piece = self._piece(given, rotation, position)
-                except ValueError as error:
+                except (ValueError, IndexError) as error:
                     self.left_out.append(f"a geom of {name}: {error}")
                     continue
                 is_shown = int(_numbers(given.get("group"), (0,), 1)[0]) < _GROUPS_SHOWN

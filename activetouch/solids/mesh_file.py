@@ -366,6 +366,7 @@ trimesh.load(sys.argv[1], force='mesh').export(sys.argv[1] + '.stl')" mug.step
     )
 
 
+@np.errstate(over="ignore", invalid="ignore")  # such vertices are rejected later
 def read_triangles(path: Path) -> tuple[Floats, Ints, float | None]:
     """Vertices in the unit of a file, ``(v, 3)``, triangles, ``(f, 3)``, and metres per unit if the file says so."""
     kind = path.suffix.lower()
