@@ -7,9 +7,10 @@ MuJoCo's viewer shows, or else all of them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
@@ -17,7 +18,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from activetouch.errors import BadMesh
-from activetouch.solids.library_file import below, xml_root
+from activetouch.solids.library_file import MOST_TRIANGLES, below, xml_root
 from activetouch.solids.mesh import Mesh
 from activetouch.solids.mesh_file import in_metres, read_triangles
 from activetouch.solids.primitives import Box, Capsule, Cylinder, Ellipsoid, Solid, Sphere, hull, joined
@@ -29,14 +30,20 @@ ROBOTS = (".urdf", ".mjcf", ".xml")
 _MOST_BYTES = 16 * 2**20
 _BEGINS = 65536  # bytes in which the root of MJCF is looked for
 _GROUPS_SHOWN = 3
-_PRIMITIVES = ("sphere", "capsule", "cylinder", "ellipsoid", "box")
+_PRIMITIVES: Mapping[str, tuple[int, Callable[[list[float]], Solid]]] = {
+    "sphere": (1, lambda size: Sphere(*size)),
+    "capsule": (2, lambda size: Capsule(*size)),
+    "cylinder": (2, lambda size: Cylinder(*size)),
+    "ellipsoid": (3, lambda size: Ellipsoid((size[0], size[1], size[2]))),
+    "box": (3, lambda size: Box((size[0], size[1], size[2]))),
+}
 
 
 @dataclass(frozen=True)
 class Piece:
     """A geometry of a link: a mesh file's name, or triangles [m]; and what turns, scales and moves them in the link."""
 
-    source: str | Triangles
+    source: str | Solid | Triangles
     matrix: Floats
     position: Floats
 
@@ -70,12 +77,17 @@ def read_robot(path: Path) -> Robot:
     try:
         if (size := path.stat().st_size) > _MOST_BYTES:
             raise ValueError(f"it has {size} bytes, {_MOST_BYTES} are the most")
-        root = xml_root(path.read_bytes())
-        if root.tag not in ("robot", "mujoco"):
-            raise ValueError(f"it begins with <{root.tag:.40}>, neither <robot> nor <mujoco>")
-        return _urdf(root) if root.tag == "robot" else _Mjcf(root).robot()
+        return _described(path.read_bytes())
     except (OSError, ValueError, RecursionError) as error:
         raise BadMesh(f"{path.name}: cannot be read as URDF or MJCF: {error}") from error
+
+
+@lru_cache(maxsize=8)  # each link is read by itself
+def _described(content: bytes) -> Robot:
+    root = xml_root(content)
+    if root.tag not in ("robot", "mujoco"):
+        raise ValueError(f"it begins with <{root.tag:.40}>, neither <robot> nor <mujoco>")
+    return _urdf(root) if root.tag == "robot" else _Mjcf(root).robot()
 
 
 def mesh_paths(path: Path, folder: Path, robot: Robot) -> Iterator[Path]:
@@ -101,14 +113,16 @@ def read_link(path: Path, folder: Path, link: str, scale: float = 1.0) -> Mesh:
         except (OSError, ValueError) as error:
             raise BadMesh(f"{path.name}#{link}: {error}") from error
         placed.append((vertices @ piece.matrix.T + piece.position, faces))
+        if (number := sum(len(each) for _, each in placed)) > MOST_TRIANGLES:
+            raise BadMesh(f"{path.name}#{link}: it has more than {number} triangles, {MOST_TRIANGLES} are the most")
     name = f"{path.name}#{link}"
     vertices, faces, remarks, used = in_metres(name, *joined(placed), scale)
     return Mesh(name, vertices, faces, centred=True, remarks=remarks, scale=used)
 
 
-def _triangles(path: Path, folder: Path, source: str | Triangles) -> Triangles:
+def _triangles(path: Path, folder: Path, source: str | Solid | Triangles) -> Triangles:
     if not isinstance(source, str):
-        return source
+        return source.triangles() if isinstance(source, Solid) else source
     vertices, faces, unit = read_triangles(_found(path, folder, source))
     return vertices * (1.0 if unit is None else unit), faces
 
@@ -138,25 +152,12 @@ def _numbers(text: str | None, default: Sequence[float], num: int | None = None)
     return values
 
 
-def _primitive(kind: str, size: Floats) -> Triangles:
-    """The triangles of a primitive with half lengths, as MJCF has them."""
-    need = {"sphere": 1, "capsule": 2, "cylinder": 2, "ellipsoid": 3, "box": 3}[kind]
-    if len(size) < need:
-        raise ValueError(f"a {kind} needs {need} sizes, got {len(size)}")
-    one, two, three = map(float, (*size, 0.0, 0.0)[:3])
-    solid: Solid
-    match kind:
-        case "sphere":
-            solid = Sphere(one)
-        case "capsule":
-            solid = Capsule(one, two)
-        case "cylinder":
-            solid = Cylinder(one, two)
-        case "ellipsoid":
-            solid = Ellipsoid((one, two, three))
-        case _:
-            solid = Box((one, two, three))
-    return solid.triangles()
+def _primitive(kind: str, size: Floats) -> Solid:
+    """A primitive of half lengths, as MJCF has them."""
+    number, make = _PRIMITIVES[kind]
+    if len(size) < number:
+        raise ValueError(f"a {kind} needs {number} sizes, got {len(size)}")
+    return make(size.tolist()[:number])
 
 
 def _urdf(root: Element) -> Robot:
@@ -262,7 +263,7 @@ class _Mjcf:
     def _piece(self, given: Mapping[str, str], rotation: Floats, position: Floats) -> Piece:
         kind, size = given.get("type", "sphere"), _numbers(given.get("size"), ())
         turned, moved = self._pose(given)
-        if "fromto" in given and kind in _PRIMITIVES[1:]:
+        if "fromto" in given and kind in _PRIMITIVES and kind != "sphere":
             ends = _numbers(given["fromto"], (), 6).reshape(2, 3)
             along = ends[0] - ends[1]
             half = np.array([np.linalg.norm(along) / 2])
@@ -304,11 +305,9 @@ class _Mjcf:
             *axis, angle = _numbers(given["axisangle"], (), 4)
             return Rotation.from_rotvec(np.array(axis) / np.linalg.norm(axis) * angle * unit).as_matrix(), position
         if "xyaxes" in given:
-            x, y = _numbers(given["xyaxes"], (), 6).reshape(2, 3)
-            x = x / np.linalg.norm(x)
-            y = y - x * (x @ y)
-            y = y / np.linalg.norm(y)
-            return np.column_stack([x, y, np.cross(x, y)]), position
+            axes = _numbers(given["xyaxes"], (), 6).reshape(2, 3)
+            turned, _ = Rotation.align_vectors(axes, np.eye(3)[:2], weights=[np.inf, 1.0])
+            return turned.as_matrix(), position
         if "zaxis" in given:
             return _towards(_numbers(given["zaxis"], (), 3)), position
         return _quaternion(_numbers(given.get("quat"), (1, 0, 0, 0), 4)), position
@@ -321,9 +320,4 @@ def _quaternion(numbers: Floats) -> Floats:
 
 def _towards(direction: Floats) -> Floats:
     """The smallest rotation that turns the z axis into a direction."""
-    z = direction / np.linalg.norm(direction)
-    if z[2] < -1 + 1e-12:
-        return np.diag([1.0, -1.0, -1.0])
-    sine = np.cross((0.0, 0.0, 1.0), z)
-    cross = np.array([[0, -sine[2], sine[1]], [sine[2], 0, -sine[0]], [-sine[1], sine[0], 0]])
-    return np.eye(3) + cross + cross @ cross / (1 + z[2])
+    return Rotation.align_vectors([direction], [(0.0, 0.0, 1.0)])[0].as_matrix()

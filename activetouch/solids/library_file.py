@@ -32,7 +32,9 @@ MOST_BYTES = 256 * 2**20
 """Of a file, with the buffers that it names, or of an archive that is unpacked."""
 _MOST_JSON = 16 * 2**20  # of a header, without the data in its texts; objects of Python are 20 times as large
 _MOST_TAGS, _MOST_MEMBERS = 3_000_000, 10_000
-_MOST_TRIANGLES, _DEEPEST = 5_000_000, 100  # of all parts where they are placed; of parts in parts
+MOST_TRIANGLES = 5_000_000
+"""Of all parts of an object, counted wherever they are placed."""
+_DEEPEST = 100  # of parts in parts
 _PLAIN = ("utf-8", "us-ascii", "ascii", "iso-8859-1", "latin-1", "windows-1252")  # in which markup is ASCII
 _ENCODING = re.compile(rb"""^(?:\xef\xbb\xbf)?\s*<\?xml[^>]*?\bencoding\s*=\s*["']([^"']*)""")
 _BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
@@ -97,8 +99,8 @@ def _require_few(roots: Iterable[Hashable], parts: Callable[[Any], list[Any]], s
             known[key] = size(key) + sum(count(part, depth + 1) for part in parts(key))
         return known[key]
 
-    if (number := sum(count(root, 0) for root in roots)) > _MOST_TRIANGLES:
-        raise ValueError(f"its parts have {number} triangles where they are placed, {_MOST_TRIANGLES} are the most")
+    if (number := sum(count(root, 0) for root in roots)) > MOST_TRIANGLES:
+        raise ValueError(f"its parts have {number} triangles where they are placed, {MOST_TRIANGLES} are the most")
 
 
 def _check_gltf(content: bytes, path: Path) -> tuple[dict[str, bytes], None]:

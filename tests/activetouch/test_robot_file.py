@@ -134,6 +134,9 @@ def test_links_are_named_alone_and_told_apart(folder):
         read_meshes(f"{urdf}#rod", f"{urdf}#rod")
 
 
+BOX = '<visual><geometry><box size=".01 .01 .01"/></geometry></visual>'
+
+
 def one_link(geometry):
     return f'<robot><link name="a"><visual><geometry>{geometry}</geometry></visual></link></robot>'
 
@@ -174,6 +177,15 @@ def test_what_a_robot_may_not_ask_for_is_left_out_with_a_line(text, said, tmp_pa
         meshes, left_out = read_files(folder)
     assert "good" in meshes
     assert [line for line in left_out if re.search(said, line)], left_out
+
+
+def test_a_link_of_endless_pieces_is_refused_when_it_has_too_many_triangles(tmp_path, monkeypatch):
+    monkeypatch.setattr("activetouch.robot_file.MOST_TRIANGLES", 30)
+    (tmp_path / "many.urdf").write_text(
+        one_link('<box size=".01 .02 .03"/>').replace("<visual>", BOX * 1000 + "<visual>")
+    )
+    with pytest.raises(BadMesh, match=r"many\.urdf#a: it has more than 36 triangles, 30 are the most"):
+        read_meshes(tmp_path / "many.urdf")
 
 
 def test_a_robot_that_cannot_be_read_is_an_error_unless_it_is_left_out(tmp_path):
