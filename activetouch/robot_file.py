@@ -92,7 +92,7 @@ def _described(content: bytes) -> Robot:
 
 def mesh_paths(path: Path, folder: Path, robot: Robot) -> Iterator[Path]:
     """The mesh files of a robot that are there."""
-    for name in robot.meshes:
+    for name in dict.fromkeys(robot.meshes):
         with suppress(ValueError, OSError):
             yield _found(path, folder, name)
 
@@ -132,12 +132,12 @@ def _found(path: Path, folder: Path, name: str) -> Path:
     scheme, sign, rest = name.rpartition("://")
     if sign and scheme not in ("package", "model", "file"):
         raise ValueError(f"its mesh {name!r:.120} is no file; files elsewhere are not opened")
-    inner = path.parent.resolve()
-    above = [one for one in (inner, *inner.parents) if one.is_relative_to(folder.resolve())]
+    inner, outer = path.parent.resolve(), folder.resolve()
+    above = [one for one in (inner, *inner.parents) if one.is_relative_to(outer)]
     names = [rest, rest.partition("/")[2]] if scheme in ("package", "model") else [rest]
     for place in (base / each for base in above for each in names if each):
-        if place.exists() and place.resolve().is_relative_to(folder.resolve()):
-            return below(folder, str(place))
+        if place.exists() and (file := place.resolve()).is_relative_to(outer):
+            return require_regular_file(file, BadMesh)
     below(folder, str(inner / names[0]))
     raise ValueError(f"there is no mesh {name!r:.120} below {folder}; give the folder that holds it")
 
