@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import io
 import json
-import logging
 import re
 import struct
 import warnings
@@ -235,9 +234,9 @@ _CHECKS: Mapping[str, Callable[[bytes, Path], tuple[dict[str, bytes] | None, flo
 def _loaded(content: bytes, kind: str, buffers: Mapping[str, bytes] | None) -> Triangles:
     """The triangles of all parts, each where it is placed."""
     import trimesh
+    from trimesh.util import log
 
     options: dict[str, Any] = {"skip_materials": True} if kind.startswith("gl") else {}
-    log, placed = logging.getLogger("trimesh"), []
     was_disabled, log.disabled = log.disabled, True  # it writes about colours and textures
     try:
         with warnings.catch_warnings():
@@ -245,6 +244,7 @@ def _loaded(content: bytes, kind: str, buffers: Mapping[str, bytes] | None) -> T
             scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, resolver=buffers, process=False, **options)
     finally:
         log.disabled = was_disabled
+    placed = []
     for name in scene.graph.nodes_geometry:
         matrix, part = scene.graph[name]
         mesh = scene.geometry[part]

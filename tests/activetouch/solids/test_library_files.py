@@ -264,6 +264,18 @@ def test_parts_are_read_where_they_are_placed(tmp_path):
         assert np.ptp(mesh.vertices, axis=0) == pytest.approx([0.07, 0.03, 0.008], abs=1e-6)
 
 
+SHINY = """<library_effects><effect id="e"><profile_COMMON><technique sid="c"><phong><shininess><color>0 0 0 1</color>
+</shininess></phong></technique></profile_COMMON></effect></library_effects>
+<library_materials><material id="m"><instance_effect url="#e"/></material></library_materials>"""
+
+
+@needs_extra
+def test_nothing_is_said_about_colours(tmp_path, caplog):
+    (tmp_path / "shiny.dae").write_text(dae(library=SHINY))
+    Mesh.from_file(tmp_path / "shiny.dae")
+    assert caplog.messages == []
+
+
 def test_without_the_extra_the_line_has_the_install_command_and_the_conversion_of_the_file(tmp_path, monkeypatch):
     (tmp_path / "my mug.glb").write_bytes(glb())
     (tmp_path / "block.off").write_text(off())
