@@ -20,6 +20,7 @@ EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "contrib": ("sb3_contrib",),
         "tensorboard": ("tensorboard",),
         "pomdp": ("pomdp_py",),
+        "meshes": ("trimesh", "collada", "lxml", "networkx"),
         "recorded": ("sklearn",),  # of examples
         "formats": ("pyarrow", "mcap"),  # of examples
     }
@@ -27,9 +28,14 @@ EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
 """Modules by the extra that installs them."""
 
 
+def is_installed(module: str) -> bool:
+    """Whether a module can be imported."""
+    return find_spec(module) is not None
+
+
 def require_extra(extra: str) -> None:
     """Check that an extra, a key of :data:`EXTRAS`, is installed, before any work."""
-    missing = [name for name in EXTRAS[extra] if find_spec(name) is None]
+    missing = [name for name in EXTRAS[extra] if not is_installed(name)]
     if missing:
         raise missing_package(missing, extra)
 

@@ -1,7 +1,9 @@
 """Mesh files as people name them: ``mug.obj``, ``mug.obj@0.001`` with metres per unit, ``cup=path/model.obj``.
 
 >>> MeshSource.parse("cup=scans/model.obj@0.0254")
-MeshSource(path=PosixPath('scans/model.obj'), scale=0.0254, name='cup')
+MeshSource(path=PosixPath('scans/model.obj'), scale=0.0254, name='cup', part='')
+
+A URDF or MJCF file stands for its links or bodies, one of which is ``robot.urdf#palm``.
 """
 
 from __future__ import annotations
@@ -16,8 +18,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from activetouch.errors import BadMesh, DuplicateShape, MeshWarning
+from activetouch.robot_file import ROBOTS, is_robot, mesh_paths, read_link, read_robot
 from activetouch.solids.mesh import Mesh
-from activetouch.solids.mesh_file import ENDINGS, OTHERS, conversion
+from activetouch.solids.mesh_file import ENDINGS, OTHERS, why_not
 from belief.errors import InvalidArgument
 from belief.files import plain_number
 
@@ -29,12 +32,13 @@ _SEPARATORS = {"/", os.sep}
 
 @dataclass(frozen=True)
 class MeshSource:
-    """A mesh file, metres per unit of it, the label of its shape, and whether it was found in a folder, not named."""
+    """A mesh file, metres per unit of it, the label of its shape, a link of a robot, and the folder it was found in."""
 
     path: Path
     scale: float | None = None
     name: str = ""
-    is_listed: bool = field(default=False, repr=False)
+    part: str = ""
+    folder: Path | None = field(default=None, repr=False)
 
     @classmethod
     def parse(cls, text: Path | str) -> MeshSource:
@@ -53,22 +57,54 @@ class MeshSource:
                 raise InvalidArgument(f"{text}: the scale must be positive and finite, got {after}")
         name, sign, after = path.partition("=")
         if not sign or _SEPARATORS & set(name) or os.path.lexists(path):
-            return cls(Path(path), scale)
-        return cls(Path(after), scale, name)
+            name, after = "", path
+        file, _, part = after.partition("#")
+        if os.path.lexists(after) or Path(file).suffix.lower() not in ROBOTS:
+            file, part = after, ""
+        return cls(Path(file), scale, name, part)
 
     def __str__(self) -> str:
         """The text that :meth:`parse` reads."""
         scale = "" if self.scale is None else f"@{self.scale!r}"
-        return (f"{self.name}=" if self.name else "") + str(self.path) + scale
+        part = f"#{self.part}" if self.part else ""
+        return (f"{self.name}=" if self.name else "") + str(self.path) + part + scale
 
     @property
     def label(self) -> str:
-        """The name, or that of the file."""
-        return self.name or self.path.stem
+        """The name, or that of the link or the file."""
+        return self.name or self.part or self.path.stem
+
+    @property
+    def within(self) -> Path:
+        """The file, or a link as a file in a folder that has the name of its robot."""
+        return self.path.with_suffix("") / self.part if self.part else self.path
 
     def read(self, scale: float | None = None) -> Mesh:
         """The mesh; ``scale`` is for a source without its own. See :meth:`Mesh.from_file`."""
-        return Mesh.from_file(self.path, scale if self.scale is None else self.scale)
+        scale = scale if self.scale is None else self.scale
+        if self.part or is_robot(self.path):
+            return read_link(self.path, self.folder or self.path.parent, self.part, 1.0 if scale is None else scale)
+        return Mesh.from_file(self.path, scale)
+
+    def links(self) -> tuple[list[MeshSource], set[Path], list[str]]:
+        """The links of a robot, or the source itself; the mesh files they name; and lines on what is left out."""
+        if self.part or not is_robot(self.path):
+            return [self], set(), []
+        try:
+            robot = read_robot(self.path)
+        except (BadMesh, OSError):
+            return [self], set(), []  # reading it raises again
+        names = {
+            name: "" if not self.name else self.name if len(robot.pieces) == 1 else f"{self.name}/{name}"
+            for name in robot.pieces
+        }
+        named = {path.resolve() for path in mesh_paths(self.path, self.folder or self.path.parent, robot)}
+        lines = robot.left_out if robot.pieces else [*robot.left_out, "it has no links or bodies with geometry"]
+        return (
+            [replace(self, name=names[part], part=part) for part in robot.pieces],
+            named,
+            [_left_out(self.path, line) for line in lines],
+        )
 
 
 def read_meshes(*sources: Path | str, scale: float | None = None) -> dict[str, Mesh]:
@@ -78,7 +114,8 @@ def read_meshes(*sources: Path | str, scale: float | None = None) -> dict[str, M
     these do not tell them apart, with their endings, such as ``mug.obj`` and ``mug.stl``, or with their paths.
 
     Args:
-        sources: each ``[name=]path[@scale]``, see :class:`MeshSource`; a folder stands for all mesh files in it.
+        sources: each ``[name=]path[@scale]``, see :class:`MeshSource`; a folder stands for all mesh files in it. URDF
+            and MJCF files stand for their links and bodies, and in a folder for the mesh files that they name.
         scale: metres per unit of all files that have no scale of their own.
 
     Raises:
@@ -125,7 +162,7 @@ def read_files(
             try:
                 found[label] = source.read(scale)
             except (BadMesh, OSError) as error:
-                if not (source.is_listed or (is_lenient and isinstance(error, BadMesh))):
+                if not (source.folder is not None or (is_lenient and isinstance(error, BadMesh))):
                     raise
                 left_out.append(_left_out(source.path, str(error)))
     if left_out and not found:
@@ -155,18 +192,25 @@ def labelled_sources(*sources: Path | str) -> tuple[dict[str, MeshSource], list[
         if not _is_utf8(source.path):
             raise InvalidArgument(_left_out(source.path, _NOT_UTF8))
         if not source.path.is_dir():
-            found.append(source)
+            links, _, lines = source.links()
+            found += links
+            left_out += lines
             continue
-        seen, lines = dict[Path, Path](), list[str]()
-        for path in _in_folder(source.path):
+        seen, lines, named = dict[Path, Path](), list[str](), set[Path]()
+        links = []
+        for path in sorted(_in_folder(source.path), key=lambda path: not is_robot(path)):
             if reason := _refused(path, seen):
                 lines.append(_left_out(path, reason))
-            else:
-                seen[path.resolve()] = path
-        if not seen:
+            elif (file := path.resolve()) not in named:
+                seen[file] = path
+                some, meshes, said = replace(source, path=path, folder=source.path).links()
+                links += some
+                named |= meshes
+                lines += said
+        if not links:
             reasons = "".join(f"\n- {line}" for line in _first(lines, 3))
             raise InvalidArgument(f"there is no mesh file in {source.path}; they end in {', '.join(ENDINGS)}{reasons}")
-        found += [replace(source, path=path, is_listed=True) for path in seen.values()]
+        found += sorted(links, key=lambda link: link.path)
         left_out += lines
     return dict(zip(_labels(found), found, strict=True)), left_out
 
@@ -193,6 +237,7 @@ def _in_folder(folder: Path) -> list[Path]:
     files, closed = list[Path](), list[OSError]()
     for parent, folders, names in os.walk(folder, onerror=closed.append):
         files += [Path(parent, name) for name in names if Path(name).suffix.lower() in (*ENDINGS, *OTHERS)]
+        files += [path for name in names if is_robot(path := Path(parent, name))]
         files += [Path(parent, name) for name in folders if Path(parent, name).is_symlink()]
     return sorted(files + [Path(error.filename) for error in closed])
 
@@ -205,8 +250,8 @@ def _refused(path: Path, seen: Mapping[Path, Path]) -> str | None:
         return f"it is a link to {os.readlink(path)}, which does not exist"
     if path.is_dir():
         return "it is a link to a folder; name that, too" if path.is_symlink() else "this folder cannot be opened"
-    if path.suffix.lower() in OTHERS:
-        return conversion(path)
+    if (reason := why_not(path)) is not None:
+        return reason
     if (same := seen.get(path.resolve())) is not None:
         return f"it is the same file as {same}"
     return None
@@ -214,7 +259,7 @@ def _refused(path: Path, seen: Mapping[Path, Path]) -> str | None:
 
 def _labels(sources: Sequence[MeshSource]) -> list[str]:
     """The labels of mesh files: their names, or for files of one name the shortest that tell them apart."""
-    files = [source.path for source in sources if not source.name]
+    files = [source.within for source in sources if not source.name]
     if again := [path for path, number in Counter(map(Path.resolve, files)).items() if number > 1]:
         file = next(path for path in files if path.resolve() == again[0])
         raise DuplicateShape(
@@ -223,9 +268,9 @@ def _labels(sources: Sequence[MeshSource]) -> list[str]:
         )
     labels = [source.label for source in sources]
     for stem in [label for label, number in Counter(labels).items() if number > 1]:
-        rows = [row for row, source in enumerate(sources) if not source.name and source.path.stem == stem]
+        rows = [row for row, source in enumerate(sources) if not source.name and source.label == stem]
         taken = {labels[row] for row in {*range(len(labels))} - {*rows}}
-        for names in _longer([sources[row].path for row in rows]):
+        for names in _longer([sources[row].within for row in rows], any(sources[row].part for row in rows)):
             if len({*names}) == len(names) and taken.isdisjoint(names):
                 for row, name in zip(rows, names, strict=True):
                     labels[row] = name
@@ -238,11 +283,12 @@ def _labels(sources: Sequence[MeshSource]) -> list[str]:
     return labels
 
 
-def _longer(paths: Sequence[Path]) -> Iterator[list[str]]:
+def _longer(paths: Sequence[Path], has_links: bool) -> Iterator[list[str]]:
     """Names of files: of their folders, with their endings, and with more and more of their paths."""
     parts = [Path(os.path.abspath(path)).parts for path in paths]
-    yield [each[-2] for each in parts]
-    yield [each[-1] for each in parts]
+    if not has_links:
+        yield [each[-2] for each in parts]
+        yield [each[-1] for each in parts]
     for depth in range(2, max(map(len, parts)) + 1):
         names = ["/".join(each[-depth:]) for each in parts]
         yield [os.path.splitext(name)[0] for name in names]

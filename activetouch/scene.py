@@ -120,7 +120,7 @@ class Scene:
             if missing := [m for m in members if not (hasattr(type(solid), m) or hasattr(solid, m))]:
                 raise BadMesh(
                     f"the shape {label!r} is {solid!r}, without {', '.join(missing)}; a shape is a solid such as "
-                    "Sphere(0.02), or the path of a mesh file (STL, OBJ, PLY); 'mug.stl@0.001' is the text for one in "
+                    "Sphere(0.02), or the path of a mesh file; 'mug.stl@0.001' is the text for one in "
                     "millimetres"
                 )
         require_renderer(self.renderer)

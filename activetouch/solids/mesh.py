@@ -81,13 +81,16 @@ class Mesh:
 
     @classmethod
     def from_file(cls, path: Path | str, scale: float | None = None) -> Mesh:
-        """The mesh in an STL, OBJ or PLY file, with its centre of mass moved to the origin.
+        """The mesh in an STL, OBJ, PLY or OFF file, with its centre of mass moved to the origin.
+
+        With the extra ``meshes`` also in a GLB, glTF, DAE or 3MF file.
 
         Corners within 10 nm of each other are merged. Files of several parts are read as one mesh.
 
         Args:
-            path: the file. No file that it refers to is opened.
-            scale: metres per unit of the file; 0.001 for a file in millimetres. By default 1; an object of 15 to 300 m
+            path: the file. Of files that it refers to, only buffers of glTF below its own folder are opened.
+            scale: metres per unit of the file; 0.001 for a file in millimetres. By default 1, or what a DAE or 3MF
+                file states; an object of 15 to 300 m
                 about its middle is taken to be in millimetres, with a warning.
 
         Raises:

@@ -2,7 +2,8 @@
 
 The reader of a format gives vertices ``(v, 3)`` in the file's unit, and triangles ``(f, 3)``. It raises ValueError with
 the reason and the line for what it cannot read, needs memory in proportion to the size of the file whatever its header
-promises, opens no other file, and divides polygons into triangles.
+promises, opens no other file, and divides polygons into triangles. Some formats are read by a library
+(:mod:`activetouch.solids.library_file`).
 """
 
 from __future__ import annotations
@@ -21,12 +22,14 @@ import numpy as np
 import scipy  # whose parts load at first use
 
 from activetouch.errors import BadMesh
+from activetouch.extras import EXTRAS, is_installed
+from activetouch.solids.library_file import MOST_BYTES, read_by_library
 from activetouch.solids.polygons import ears, not_fans
 from activetouch.solids.sizes import odd_size, units_that_fit
 from activetouch.solids.solid import Floats, Ints
+from belief.errors import install_command
 from belief.files import plain_number, require_regular_file
 
-_MOST_BYTES = 256 * 2**20
 _MOST_PAIRS = 10_000_000
 _MANY = 50_000  # triangles from which a view takes more than 15 ms
 _SAME_POINT = 1e-8  # distance [m]; STL repeats corners in every triangle, with seven digits
@@ -289,64 +292,124 @@ def _fill_from_ply(surface: SurfaceBuilder, elements: Sequence[Element], rows: R
                 surface.add_face([index_of_vertex(corner) for corner in corners])
 
 
-_READERS = {".stl": read_stl, ".obj": read_obj, ".ply": read_ply}
-ENDINGS = tuple(_READERS)
-"""Endings of the files that can be read."""
-_BY_TRIMESH = {".glb": "", ".gltf": "", ".off": "", ".3mf": " networkx lxml", ".dae": " pycollada"}
-_BY_TRIMESH |= {".step": " cascadio", ".stp": " cascadio"}  # and the packages that it needs
+_OFF = re.compile(r"(?:ST)?C?N?OFF(\d*)", re.IGNORECASE)  # in some files the first number follows without a space
+
+
+def read_off(content: bytes) -> tuple[Floats, Ints]:
+    """The faces of an OFF file of text; colours, normals and texture coordinates are skipped."""
+
+    def fill(lines: Lines, surface: SurfaceBuilder) -> None:
+        words = lines.next("its header")
+        if (found := _OFF.fullmatch(words[0])) is None:
+            raise ValueError(f"it begins with {words[0][:20]!r} instead of OFF")
+        counts = [*filter(None, [found[1]]), *words[1:]] or lines.next("the numbers of vertices and faces")
+        if len(counts) < 2:
+            raise ValueError("the numbers of vertices and faces are missing")
+        num_vertices, num_faces = (index_of_vertex(plain_number(word)) for word in counts[:2])
+        if min(num_vertices, num_faces) < 0:
+            raise ValueError(f"its header promises {num_vertices} vertices and {num_faces} faces")
+        for place in range(1, num_vertices + 1):
+            surface.add_vertex(lines.next(f"vertex {place} of {num_vertices}, which its header promises"))
+        for place in range(1, num_faces + 1):
+            words = lines.next(f"face {place} of {num_faces}, which its header promises")
+            length, *corners = (index_of_vertex(plain_number(word)) for word in words[: 1 + _corners_in(words)])
+            if len(corners) < length:
+                raise ValueError(f"a face has {len(corners)} of {length} corners")
+            surface.add_face(corners)
+
+    return from_text(content, fill)
+
+
+def _corners_in(words: Sequence[str]) -> int:
+    """The number of corners that a line of OFF begins with."""
+    return max(index_of_vertex(plain_number(words[0])), 0)
+
+
+_READERS = {".stl": read_stl, ".obj": read_obj, ".ply": read_ply, ".off": read_off}
+_BY_LIBRARY = (".glb", ".gltf", ".dae", ".3mf")
+ENDINGS = (*_READERS, *_BY_LIBRARY)
+"""Endings of the files that can be read, some of them with the extra ``meshes``."""
+_CONVERTED = {".glb": "", ".gltf": "", ".3mf": " networkx lxml", ".dae": " pycollada"}
+_CONVERTED |= {".step": " cascadio", ".stp": " cascadio"}  # and the packages that trimesh needs
 OTHERS = (
-    *(*_BY_TRIMESH, ".fbx", ".blend", ".usd", ".usda", ".usdc", ".usdz", ".wrl", ".vrml", ".x3d", ".3ds", ".amf"),
+    *(".step", ".stp", ".fbx", ".blend", ".usd", ".usda", ".usdc", ".usdz", ".wrl", ".vrml", ".x3d", ".3ds", ".amf"),
     *(".iges", ".igs", ".brep", ".3dm", ".sldprt", ".catpart", ".ipt", ".f3d", ".skp", ".max", ".ma", ".mb", ".c4d"),
     *(".abc", ".lwo", ".ctm", ".msh", ".vtk", ".vtp", ".vtu"),
 )
 """Endings of files of meshes that are not read."""
 
 
+def why_not(path: Path) -> str | None:
+    """What to do about a file whose format is not read, or not without an extra; None if it is read."""
+    kind = path.suffix.lower()
+    if kind in OTHERS:
+        return conversion(path)
+    if kind not in _BY_LIBRARY or all(map(is_installed, EXTRAS["meshes"])):
+        return None
+    return f"{install_command('meshes')} reads {kind[1:].upper()} files; without it, {conversion(path)}"
+
+
 def conversion(path: Path) -> str:
     """Instructions for the conversion of a file of another format to one that can be read.
 
-    >>> print(conversion(Path("mug.glb")))
-    GLB is not read; pip install trimesh, then this writes mug.glb.stl: python -c "import sys, trimesh; \
-trimesh.load(sys.argv[1], force='mesh').export(sys.argv[1] + '.stl')" mug.glb
+    >>> print(conversion(Path("mug.step")))
+    STEP is not read; pip install trimesh cascadio, then this writes mug.step.stl: python -c "import sys, trimesh; \
+trimesh.load(sys.argv[1], force='mesh').export(sys.argv[1] + '.stl')" mug.step
     """
     kind = path.suffix.lower()
-    if kind not in _BY_TRIMESH:
+    if kind not in _CONVERTED:
         return f"{kind[1:].upper()} is not read; export STL, OBJ or PLY from a program that reads it, such as Blender"
     return (
-        f"{kind[1:].upper()} is not read; pip install trimesh{_BY_TRIMESH[kind]}, then this writes {path.name}.stl: "
+        f"{kind[1:].upper()} is not read; pip install trimesh{_CONVERTED[kind]}, then this writes {path.name}.stl: "
         "python -c \"import sys, trimesh; trimesh.load(sys.argv[1], force='mesh').export(sys.argv[1] + '.stl')\" "
         f"{shlex.quote(str(path))}"
     )
 
 
 @np.errstate(over="ignore", invalid="ignore")  # such vertices are rejected later
-def read_surface(path: Path, scale: float | None) -> tuple[Floats, Ints, tuple[str, ...], float]:
-    """Vertices in metres, ``(v, 3)``, triangles, ``(f, 3)``, what was guessed or is unusual in words, and the scale."""
+def read_triangles(path: Path) -> tuple[Floats, Ints, float | None]:
+    """Vertices in the unit of a file, ``(v, 3)``, triangles, ``(f, 3)``, and metres per unit if the file says so."""
     kind = path.suffix.lower()
     if not path.exists():
         raise FileNotFoundError(f"there is no mesh file {path}; relative paths start from {Path.cwd()}")
-    if kind not in ENDINGS:
-        others = f"; {conversion(path)}" if kind in OTHERS else ""
-        raise BadMesh(f"{path}: meshes are read from {', '.join(ENDINGS)} files{others}")
+    if (reason := why_not(path)) is not None or kind not in ENDINGS:
+        raise BadMesh(f"{path}: meshes are read from {', '.join(ENDINGS)} files" + (f"; {reason}" if reason else ""))
     require_regular_file(path, BadMesh)
     try:
-        if (size := path.stat().st_size) > _MOST_BYTES:
-            raise ValueError(f"it has {size} bytes, {_MOST_BYTES} are the most; simplify it")
-        vertices, faces = _READERS[kind](path.read_bytes())
+        if (size := path.stat().st_size) > MOST_BYTES:
+            raise ValueError(f"it has {size} bytes, {MOST_BYTES} are the most; simplify it")
+        content = path.read_bytes()
+        if kind in _READERS:
+            return *_READERS[kind](content), None
+        (vertices, faces), unit = read_by_library(path, content)
+        return vertices, faces, unit
     except (OSError, ValueError, OverflowError) as error:
         raise BadMesh(f"{path.name}: cannot be read as {kind[1:].upper()}: {error}") from error
+
+
+def read_surface(path: Path, scale: float | None) -> tuple[Floats, Ints, tuple[str, ...], float]:
+    """Vertices in metres, ``(v, 3)``, triangles, ``(f, 3)``, what was guessed or is unusual in words, and the scale."""
+    vertices, faces, unit = read_triangles(path)
+    return in_metres(path.name, vertices, faces, unit if scale is None else scale)
+
+
+@np.errstate(over="ignore", invalid="ignore")  # such vertices are rejected later
+def in_metres(
+    name: str, vertices: Floats, faces: Ints, scale: float | None
+) -> tuple[Floats, Ints, tuple[str, ...], float]:
+    """:func:`read_surface` of what was read."""
     used, faces = np.unique(faces, return_inverse=True)
     vertices, faces = vertices[used], faces.reshape(-1, 3)
     if not (len(used) and np.isfinite(np.square(np.ptp(vertices, axis=0)).sum())):
         return vertices, faces, (), 1.0  # rejected later
-    scale, remarks = _scale(path, vertices, scale)
-    vertices, faces = _welded(path.name, vertices * scale, faces)
+    scale, remarks = _scale(name, vertices, scale)
+    vertices, faces = _welded(name, vertices * scale, faces)
     if len(faces) > _MANY:
         remarks = (*remarks, f"{len(faces)} triangles make touches slow; a program for meshes reduces them")
     return vertices, faces, remarks, scale
 
 
-def _scale(path: Path, vertices: Floats, given: float | None) -> tuple[float, tuple[str, ...]]:
+def _scale(name: str, vertices: Floats, given: float | None) -> tuple[float, tuple[str, ...]]:
     """Metres per unit, and remarks on it: as given, or 0.001 if only millimetres make a suitable object, or 1."""
     extent = np.ptp(vertices, axis=0)
     radius = float(np.linalg.norm(extent) / 2)
@@ -356,7 +419,7 @@ def _scale(path: Path, vertices: Floats, given: float | None) -> tuple[float, tu
     size = " × ".join(f"{length:.3g}" for length in extent)
     return 0.001, (
         f"read in millimetres ({size} mm), because an object of {extent.max():.3g} m is too large for a pad; write "
-        f"{path.name}@0.001, or @0.001 behind its folder, to say so. Its scale is {units_that_fit(radius)}",
+        f"{name}@0.001, or @0.001 behind its folder, to say so. Its scale is {units_that_fit(radius)}",
     )
 
 

@@ -143,9 +143,9 @@ def test_every_command_says_what_a_folder_has_and_is_not_read(tmp_path, capsys):
     for name, sides in {"cube.obj": (14, 14, 14), "cube.ply": (8, 8, 24)}.items():
         mesh = box(*(side / 1000 for side in sides))
         trimesh.Trimesh(mesh.vertices, mesh.faces).export(tmp_path / name)
-    (tmp_path / "cube.dae").write_text("")
+    (tmp_path / "cube.step").write_text("")
     (tmp_path / "gone.stl").symlink_to("nowhere.stl")
-    begins = [f"{tmp_path}/cube.dae is left out: DAE is not read; ", f"{tmp_path}/gone.stl is left out: it is a link"]
+    begins = [f"{tmp_path}/cube.step is left out: STEP is not read; ", f"{tmp_path}/gone.stl is left out: it is a link"]
     for command in (Find(folder=tmp_path, target="cube.ply", out=tmp_path), Identify(folder=tmp_path, out=tmp_path)):
         solids, left_out = command.read("cube.ply")
         assert list(solids) == ["cube.obj", "cube.ply"]
