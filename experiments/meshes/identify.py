@@ -65,15 +65,15 @@ class Identified(MeshResult):
 
     def table(self) -> Table:
         """The rows, and how many are right; where answers are certain, how many of these."""
-        found, certain = super().table(), [one for one in self.namings if one.is_certain]
-        if len(certain) == len(self.namings):
+        found, rows = super().table(), self.rows()
+        none = [row for row in rows if row["named"] == NONE_OF_THESE and row["certain"]]
+        named = [row for row in rows if row["named"] != NONE_OF_THESE and row["certain"]]
+        if len(named) == len(rows):
             return found
-        named = [one for one in certain if one.named != UNLISTED]
-        none = [one for one in certain if one.named == UNLISTED]
         said = (
-            f" {len(named)} reached the threshold, {sum(one.is_right for one in named)} of them rightly; "
-            f"{len(none)} are certainly {NONE_OF_THESE}, {sum(one.is_right for one in none)} of them rightly; "
-            f"{len(self.namings) - len(certain)} stayed open."
+            f" {len(named)} reached the threshold, {sum(row['right'] for row in named)} of them rightly; "
+            f"{len(none)} are certainly {NONE_OF_THESE}, {sum(row['right'] for row in none)} of them rightly; "
+            f"{len(rows) - len(named) - len(none)} stayed open."
         )
         if none:
             said += " A body that differs from its file, such as a scan, is none of these: say by how much (tolerance)."

@@ -47,14 +47,14 @@ class RobustnessReport(Reported):
         """The table of the searches, and one of the conditions that do not apply, if there are any."""
         rows = self.numbers["conditions"]
         first = next(iter(rows.values()))
-        is_selective = self.numbers["abstain"] is not None
+        is_selective = self.numbers.get("abstain") is not None
         headings = ["condition", ("changed", ".2f"), "success", "wrong", *["unsure"] * is_selective]
         headings += [("touches", ".2f"), ("stated", ".3f"), ("right", ".3f")]
         cells: list[list[Value]] = []
         for name, row in rows.items():
             ends = row["touches"], row["stated"], row["achieved"]
             success, wrong = interval(row["success"], *row["interval"]), interval(*row["wrong"])
-            unsure = [interval(*row["unsure"])] * is_selective
+            unsure = [interval(*row["unsure"])] if is_selective else []
             cells.append([name, row["changed"] / row["presses"], success, wrong, *unsure, *ends])
         gaps = {name: row["stated"] - row["achieved"] for name, row in rows.items() if row["stated"] is not None}
         notes = [

@@ -69,12 +69,12 @@ class Collect:
     """The world."""
     out: Path | None = None
     """Folder of the collection; data/SCENE by default, with the names of meshes."""
-    images: Path | None = None
-    """Folder for images as PNG, in place of a collection."""
     plan: PlanArguments = field(default_factory=PlanArguments)
     """Objects per shape and split, and rounds of poses that each is touched in."""
     jobs: Jobs | None = None
     """Processes; as many as processors by default. The bytes do not depend on it."""
+    images: Path | None = None
+    """Folder for images as PNG, in place of a collection."""
 
     def run(self) -> None:
         """Record all missing shards, and check all."""

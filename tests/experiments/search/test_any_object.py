@@ -36,7 +36,7 @@ def command(name, words):
 
 
 def test_compare_searches_for_a_mesh_without_training(meshes, tmp_path, capsys):
-    (tmp_path / "plate.glb").write_text("")
+    (tmp_path / "plate.step").write_text("")
     folder = f"{tmp_path}@0.011"
     words = ["--scene", "coarse", "--fidelity", "quasistatic", "--only", "--meshes", folder, "--targets", "brick"]
     out = tmp_path / "run"
@@ -49,7 +49,7 @@ def test_compare_searches_for_a_mesh_without_training(meshes, tmp_path, capsys):
     assert "other scene" not in said.err
     assert "preparing the sensor" in said.err
     assert said.out.count("predicting contacts") == 1
-    line = f"{tmp_path}/plate.glb is left out: GLB is not read; pip install trimesh, then this writes plate.glb.stl: "
+    line = f"{tmp_path}/plate.step is left out: "
     assert line in str(warned[0].message)
     assert f"\n{line}" in said.out
     assert f"<p>{line}" in (out / "report.html").read_text()
