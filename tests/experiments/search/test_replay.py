@@ -85,10 +85,9 @@ def test_a_search_is_animated_from_its_first_touch_to_its_end(run, name, tmp_pat
     "setting",
     [
         replace(COARSE, observation_model="independent"),
-        pytest.param(Setting(SceneChoice("coarse", hand="parallel")), marks=pytest.mark.slow),
         Setting(SceneChoice("hard", fidelity="quasistatic"), unlisted=0.2),
     ],
-    ids=["without bodies", "hand", "many"],
+    ids=["without bodies", "many"],
 )
 def test_every_kind_of_search_has_pictures_that_say_what_happens(setting, monkeypatch):
     monkeypatch.setattr(film, "_DPI", 30)
