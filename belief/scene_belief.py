@@ -39,14 +39,16 @@ class Places(NamedTuple):
     """What is known of the places of a composition, which objects take and strangers may take instead.
 
     ``log_weights (N, K)`` are log p(touches of each object | its place), ``log_marginals (N, K)`` the log posterior of
-    the places. None where there are no strangers: ``log_strangers (N, K)``, log p(stranger | place, touches), and
-    ``log_fit (N,)``, log p(touches | listed shape or stranger) less that of a listed shape.
+    the places. None where there are no strangers: ``log_strangers (N, K)``, log p(stranger | place, touches),
+    ``log_fit (N,)``, log p(touches | listed shape or stranger) less that of a listed shape, and ``unlisted (N,)``, the
+    probability of each object that it is a stranger.
     """
 
     log_weights: Floats
     log_marginals: Floats
     log_strangers: Floats | None = None
     log_fit: Floats | None = None
+    unlisted: Floats | None = None
 
 
 class ReadableScene:
@@ -89,9 +91,7 @@ class ReadableScene:
 
     def unlisted(self) -> Floats:
         """Probability of every object that it has none of the shapes, ``(N,)``."""
-        if self._places.log_strangers is None:
-            return np.zeros(self.num_objects)
-        return np.exp(logsumexp(self._places.log_marginals + self._places.log_strangers, axis=1))
+        return np.zeros(self.num_objects) if self._places.unlisted is None else self._places.unlisted.copy()
 
     def log_marginals(self) -> Floats:
         """Logarithms of :meth:`marginals`, ``(N, K)``, exact also where a probability underflows; a copy."""
@@ -104,9 +104,8 @@ class ReadableScene:
     def belief(self, object_index: int) -> Belief:
         """Posterior of one object, given all touches of all objects."""
         row = self._log_marginals[self._object(object_index)].copy()
-        if self._places.log_strangers is None:
-            return Belief.of_normalised(self.labels, row)
-        return Belief.of_normalised(self.labels, row, float(self.unlisted()[object_index]))
+        unlisted = self._places.unlisted
+        return Belief.of_normalised(self.labels, row, 0.0 if unlisted is None else float(unlisted[object_index]))
 
     def prob_present(self, target: Name) -> float:
         """Probability that an object has the target shape."""
@@ -350,7 +349,8 @@ class SceneBelief(ReadableScene):
         mean = logsumexp(log_likelihoods, axis=1) - np.log(log_likelihoods.shape[1])
         ratios = np.minimum(np.subtract(strange, mean, np.full(len(mean), _LARGEST), where=mean > -np.inf), _LARGEST)
         log_fit = np.logaddexp(self._log_prior[0], self._log_prior[1] + ratios)
-        return Places(weights, found, log_strangers, log_fit), found + log_listed
+        unlisted = np.exp(logsumexp(found + log_strangers, axis=1))
+        return Places(weights, found, log_strangers, log_fit, unlisted), found + log_listed
 
     def _marginals_of(self, log_weights: Floats) -> Floats:
         """Log marginals of every object, ``(N, K)``."""

@@ -30,7 +30,7 @@ nearest of the listed states: wrong sign 1.00
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
@@ -40,12 +40,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from belief.conflict import log_conflict
 from belief.frozen import frozen
-from belief.observation_model.model import ArrayModel, Reads
-from belief.observation_model.outcome_mixture import OutcomeMixture, SharedMixture
-from belief.observation_model.outcome_table import OutcomeTable
-from belief.observation_model.rigid_body import FittedRigidBody, RigidBodyModel
-from belief.observation_model.rigid_body_evidence import Diagnostics, RigidBodyEvidence
-from belief.observation_model.sensor_health import SensorEvidence, SensorHealthModel
+from belief.observation_model.model import ArrayModel
+from belief.observation_model.rigid_body import RigidBodyModel
+from belief.observation_model.rigid_body_evidence import RigidBodyEvidence
+from belief.observation_model.sensor_health import BesideNominal, OfNominal, SensorEvidence, SensorHealthModel
 from belief.observation_model.sensor_worlds import AS_DESCRIBED, SensorHealth
 from belief.problem import Touch
 from belief.validation import Floats
@@ -95,7 +93,7 @@ class Doubts(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class DoubtedSensorModel(ArrayModel):
+class DoubtedSensorModel(OfNominal, ArrayModel):
     """The joint model of one rigid body, whose sensor may be in another state than described.
 
     :class:`~belief.scene_belief.SceneBelief` couples the objects. Elsewhere, and for touches without an image, this is
@@ -106,8 +104,6 @@ class DoubtedSensorModel(ArrayModel):
         doubts: says when that is doubted, and what may be the matter.
     """
 
-    name: ClassVar[str] = FittedRigidBody.name
-    reads: ClassVar[Reads] = "embeddings"
     nominal: RigidBodyModel
     doubts: Doubts
 
@@ -160,11 +156,6 @@ class DoubtedSensorModel(ArrayModel):
         return given[:number], bool(given[number] > 0.5), float(given[number + 1]), given[number + 2 :]
 
     @property
-    def num_poses(self) -> int:
-        """See :class:`ArrayModel`."""
-        return self.nominal.num_poses
-
-    @property
     def repeat_correlation(self) -> float | None:
         """See :class:`ArrayModel`."""
         return self.nominal.repeat_correlation
@@ -172,24 +163,9 @@ class DoubtedSensorModel(ArrayModel):
     def _log_likelihoods(self, batch: TouchBatch) -> Floats:
         return self.nominal._log_likelihoods(batch)
 
-    def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
-        return self.nominal._sample(shape, poses, rng)
-
-    def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
-        return self.nominal._tabulate(num_outcomes, rng)
-
-    def to_fields(self) -> dict[str, Any]:
-        """See :class:`ArrayModel`: the file is that of the nominal model."""
-        return self.nominal.to_fields()
-
-    @classmethod
-    def from_fields(cls, fields: Mapping[str, Any]) -> FittedRigidBody:
-        """See :class:`ArrayModel`: the nominal model."""
-        return FittedRigidBody.from_fields(fields)
-
 
 @dataclass(frozen=True, eq=False)
-class DoubtedEvidence:
+class DoubtedEvidence(BesideNominal):
     """Evidence about one object: the nominal one, and, once asked for, the evidence in other states of the sensor.
 
     ``again`` are its touches as the model of states reads them, and ``inferred`` their evidence; both are made at first
@@ -208,13 +184,6 @@ class DoubtedEvidence:
                 found.__dict__["again"] = (*self.again, self.model.doubts.read_again(touch))
             if "inferred" in vars(self):
                 found.__dict__["inferred"] = self.inferred.update(found.again[-1])
-        return found
-
-    def updated(self, touches: Sequence[Touch]) -> DoubtedEvidence:
-        """The evidence with more touches, one after the other."""
-        found = self
-        for touch in touches:
-            found = found.update(touch)
         return found
 
     @cached_property
@@ -238,11 +207,6 @@ class DoubtedEvidence:
         return {}
 
     @property
-    def num_touches(self) -> int:
-        """See :class:`~belief.observation_model.evidence.ObjectEvidence`."""
-        return self.nominal.num_touches
-
-    @property
     def log_likelihood(self) -> Floats:
         """See :class:`~belief.observation_model.evidence.ObjectEvidence`: if the sensor is as described."""
         return self.nominal.log_likelihood
@@ -256,15 +220,6 @@ class DoubtedEvidence:
     def has_sleepers(self) -> bool:
         """See :class:`~belief.observation_model.sensor_health.SensorEvidence`; no state ever sleeps."""
         return False
-
-    def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> OutcomeMixture | SharedMixture:
-        """See :class:`~belief.observation_model.evidence.ObjectEvidence`: if the sensor is as described."""
-        return self.nominal.outcome_mixture(num_outcomes, num_hypotheses)
-
-    @property
-    def diagnostics(self) -> Diagnostics:
-        """See :class:`~belief.observation_model.rigid_body_evidence.Diagnostics`; of the nominal hypotheses."""
-        return self.nominal.diagnostics
 
     def __getstate__(self) -> dict[str, Any]:
         """The state for another process, without what can be computed anew."""

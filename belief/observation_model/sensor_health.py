@@ -36,7 +36,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -66,8 +66,73 @@ _KEPT_BYTES = 2**27  # of tables in single precision
 _LEAST = -1e4  # log of a posterior by its prior: an impossible world may come back
 
 
+class OfNominal:
+    """Methods of joint models of a sensor whose state may differ from the nominal one, that of its description.
+
+    Samples, tables and the file are those of the nominal model: the reader brings the other states.
+    """
+
+    name: ClassVar[str] = FittedRigidBody.name
+    reads: ClassVar[Reads] = "embeddings"
+    nominal: RigidBodyModel
+
+    @property
+    def num_poses(self) -> int:
+        """See :class:`ArrayModel`."""
+        return self.nominal.num_poses
+
+    def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
+        return self.nominal._sample(shape, poses, rng)
+
+    def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
+        return self.nominal._tabulate(num_outcomes, rng)
+
+    def to_fields(self) -> dict[str, Any]:
+        """See :class:`ArrayModel`."""
+        return self.nominal.to_fields()
+
+    @classmethod
+    def from_fields(cls, fields: Mapping[str, Any]) -> FittedRigidBody:
+        """See :class:`ArrayModel`: the nominal model."""
+        return FittedRigidBody.from_fields(fields)
+
+
+class BesideNominal:
+    """Methods of evidence about one object that holds the evidence if the sensor is as described, ``nominal``.
+
+    Predicted outcomes and diagnostics are those of the nominal hypotheses.
+    """
+
+    nominal: RigidBodyEvidence
+
+    @property
+    def num_touches(self) -> int:
+        """See :class:`~belief.observation_model.evidence.ObjectEvidence`."""
+        return self.nominal.num_touches
+
+    def update(self, touch: Touch) -> Self:
+        """The evidence with one more touch."""
+        raise NotImplementedError
+
+    def updated(self, touches: Iterable[Touch]) -> Self:
+        """The evidence with more touches, one after the other."""
+        found = self
+        for touch in touches:
+            found = found.update(touch)
+        return found
+
+    def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> OutcomeMixture | SharedMixture:
+        """See :class:`~belief.observation_model.evidence.ObjectEvidence`."""
+        return self.nominal.outcome_mixture(num_outcomes, num_hypotheses)
+
+    @property
+    def diagnostics(self) -> Diagnostics:
+        """See :class:`Diagnostics`."""
+        return self.nominal.diagnostics
+
+
 @dataclass(frozen=True, eq=False)
-class SensorHealthModel(ArrayModel):
+class SensorHealthModel(OfNominal, ArrayModel):
     """The joint model of one rigid body, with the world of the sensor as a latent that all objects of a session share.
 
     :class:`~belief.scene_belief.SceneBelief` couples the objects. For one object alone, the worlds have their prior.
@@ -85,8 +150,6 @@ class SensorHealthModel(ArrayModel):
             the unknown one; a forgetting out of range.
     """
 
-    name: ClassVar[str] = FittedRigidBody.name
-    reads: ClassVar[Reads] = "embeddings"
     nominal: RigidBodyModel
     worlds: EmbedsWorlds
     world_labels: tuple[str, ...]
@@ -215,32 +278,12 @@ class SensorHealthModel(ArrayModel):
         with np.errstate(divide="ignore"):
             return float(np.log1p(-self.forgetting)), float(np.log(self.forgetting))
 
-    @property
-    def num_poses(self) -> int:
-        """See :class:`ArrayModel`."""
-        return self.nominal.num_poses
-
     def _log_likelihoods(self, batch: TouchBatch) -> Floats:
         return np.stack([self.start().updated(batch.sequence(row)).log_likelihood for row in range(len(batch))])
 
-    def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
-        return self.nominal._sample(shape, poses, rng)
-
-    def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
-        return self.nominal._tabulate(num_outcomes, rng)
-
-    def to_fields(self) -> dict[str, Any]:
-        """See :class:`ArrayModel`: the file is that of the nominal model; the reader brings the worlds."""
-        return self.nominal.to_fields()
-
-    @classmethod
-    def from_fields(cls, fields: Mapping[str, Any]) -> FittedRigidBody:
-        """See :class:`ArrayModel`: the nominal model."""
-        return FittedRigidBody.from_fields(fields)
-
 
 @dataclass(frozen=True, eq=False)
-class SensorEvidence:
+class SensorEvidence(BesideNominal):
     """Evidence about one object under every component: a frozen value, of which an update makes a new one.
 
     ``nominal`` is the evidence if the sensor is as described. ``log_weights (A, K, N')``, less ``constant``, are log
@@ -255,21 +298,9 @@ class SensorEvidence:
     sums: SumsByPlace = field(default_factory=dict)
 
     @property
-    def num_touches(self) -> int:
-        """See :class:`~belief.observation_model.evidence.ObjectEvidence`."""
-        return self.nominal.num_touches
-
-    @property
     def has_sleepers(self) -> bool:
         """Whether some worlds are asleep."""
         return len(self.awake) < len(self.model.world_labels)
-
-    def updated(self, touches: Iterable[Touch]) -> SensorEvidence:
-        """The evidence with more touches, one after the other."""
-        found = self
-        for touch in touches:
-            found = found.update(touch)
-        return found
 
     def update(self, touch: Touch) -> SensorEvidence:
         """The evidence with one more touch; costs (K N + A K N') D multiplications."""
@@ -309,15 +340,6 @@ class SensorEvidence:
         if not self.num_touches:
             return self.nominal.log_likelihood
         return frozen(np.logaddexp.reduce(self.model.log_prior[:, None] + self.log_ratios, axis=0))
-
-    def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> OutcomeMixture | SharedMixture:
-        """See :class:`~belief.observation_model.evidence.ObjectEvidence`: if the sensor is as described."""
-        return self.nominal.outcome_mixture(num_outcomes, num_hypotheses)
-
-    @property
-    def diagnostics(self) -> Diagnostics:
-        """See :class:`Diagnostics`; of the nominal hypotheses."""
-        return self.nominal.diagnostics
 
 
 def _single(array: NDArray[np.floating], room: NDArray[np.int32]) -> NDArray[np.float32]:

@@ -220,7 +220,7 @@ class Identify(MeshOptions):
     check: CountOrNone = 8
     """Presses of a probable body, in simulation, in each touched pose, before it is named; 0 for no check."""
     tolerance: NotNegative | None = None
-    """By how much the surface of an object may differ from its file [m]; 1 % of the radius by default."""
+    """By how much the surface of an object may differ from its file [m]; a hundredth of the radius by default."""
     decider: str = "shape_information_gain"
     """Decider, as of compare; one that stops by the target's probability chooses the sides alone."""
     out: Path = Path("runs/identify")
