@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.poses import Placement
-from activetouch.pressing.contact import Pad, first_touch
+from activetouch.pressing.contact import Pad, Trace, first_touch
 from activetouch.pressing.rig import Rig
+
+if TYPE_CHECKING:
+    from activetouch.pressing.surroundings import Surroundings
 
 _SKY = (237, 240, 245)
 _LIGHT = np.array([0.45, -0.55, 0.7])  # direction towards the light
@@ -22,16 +25,30 @@ _SEEN = np.array([1, 1, 1, 0, 0, 0], np.uint8)  # groups of geoms; the other gro
 _MOST_FRAMES, _FRAME = 40, (320, 240)  # number and size [pixels] of the frames of an animation
 
 
-def press_picture(pad: Pad, placement: Placement, depth: float, **view: Any) -> NDArray[np.uint8]:
+def press_picture(
+    pad: Pad, placement: Placement, depth: float, surroundings: Surroundings | None = None, **view: Any
+) -> NDArray[np.uint8]:
     """A picture of the object pressed ``depth`` [m] into the pad; ``view`` is size and sky of :func:`cast_rays`."""
     _, touching = first_touch(pad, placement)
     position = touching - depth if np.isfinite(touching) else placement.bounding_radius
-    rig = Rig(pad, placement.shape.geom, timestep=0.002, largest_scale=placement.scale)
+    around = None if surroundings is None else surroundings.beside(placement.shape)
+    rig = Rig(pad, placement.shape.geom, timestep=0.002, largest_scale=placement.scale, around=around)
     rig.place(position, placement)
     mujoco.mj_forward(rig.model, rig.data)
-    middle = np.array([position / 2, 0.0, 0.0])
-    distance = 5.5 * max(pad.half_width, placement.bounding_radius)
-    return cast_rays(rig.model, rig.data, middle, distance, **view)
+    near = np.array([position / 2, 0.0, 0.0]), 5.5 * max(pad.half_width, placement.bounding_radius)
+    return cast_rays(rig.model, rig.data, *(near if around is None else around.camera), **view)
+
+
+def press_motion(path: Path, pad: Pad, placement: Placement, trace: Trace, surroundings: Surroundings | None) -> None:
+    """Write the motion of a press as an animated picture; before it, a robot brings its hand."""
+    around = None if surroundings is None else surroundings.beside(placement.shape)
+    timestep, along = float(trace.time[-1] - trace.time[-2]), trace.position[:, 0].tolist()
+    rig = Rig(pad, placement.shape.geom, timestep, largest_scale=placement.scale, around=around)
+    rig.place(along[0], placement)
+    near = np.array([0.01, 0.0, 0.0]), 5.5 * max(pad.half_width, 0.02)
+    states = [] if around is None else around.arrival(rig)
+    states += [np.array([position, *rig.data.qpos[1:]]) for position in along]
+    write_motion(path, rig.model, states, *(near if around is None else around.camera))
 
 
 def write_motion(
