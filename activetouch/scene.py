@@ -197,10 +197,10 @@ class Scene:
         each = [] if self.hand is None else self.hand.single(self.rotations, self.aims)
         return tuple(replace(self, hand=None, poses=poses, aims=aims) for poses, aims in each) or (self,)
 
-    @property
-    def surroundings(self) -> Surroundings | None:
-        """What a press simulates besides pad and object."""
-        return getattr(self.press_model, "surroundings", None)
+    def around(self, shape: Shape) -> Surroundings | None:
+        """What a press of a shape simulates besides pad and object."""
+        found = getattr(self.press_model, "surroundings", None)
+        return None if found is None else found.beside(shape)
 
     def with_surroundings(self, full: bool = True, menagerie: Path | None = None) -> Scene:
         """The scene in the paper's world, whose touches are the same to the last bit (decision 0113).

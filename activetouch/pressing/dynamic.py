@@ -53,25 +53,22 @@ class SteppedPress(Press):
 
     def compiled(self, pad: Pad, shape: Shape) -> mujoco.MjModel:
         """See :class:`Press`."""
-        from activetouch.pressing.rig import build_spec  # loads MuJoCo
+        return self._rig(pad, shape).model
 
-        return build_spec(pad, shape.geom, self.timestep, self.traced, around=self._around(shape)).compile()
+    def _rig(self, pad: Pad, shape: Shape, facing: Geom | None = None) -> Rig:
+        """The rig of a shape, or of the geom that stands for it."""
+        from activetouch.pressing.rig import Rig, shared_rig  # loads MuJoCo
 
-    def _around(self, shape: Shape) -> Surroundings | None:
-        """The surroundings of a pressed shape."""
-        return None if self.surroundings is None else self.surroundings.beside(shape)
+        around = None if self.surroundings is None else self.surroundings.beside(shape)
+        if facing is None:
+            return shared_rig(pad, shape, self.timestep, self.traced, around)
+        return Rig(pad, facing, self.timestep, self.traced, around=around)
 
     def _begin(self, pad: Pad, placement: Placement, target_force: float) -> tuple[Rig, float, Floats, float]:
         """The rig with the object at the start, the position of its centre [m], and the first touch."""
-        from activetouch.pressing.rig import Rig, shared_rig  # loads MuJoCo
-
         require_rule("target_force", target_force, NOT_NEGATIVE)
         gap, touching = first_touch(pad, placement)
-        around = self._around(placement.shape)
-        if (facing := facing_geom(pad, placement, gap, touching)) is None:
-            rig = shared_rig(pad, placement.shape, self.timestep, self.traced, around)
-        else:
-            rig = Rig(pad, facing, self.timestep, self.traced, around=around)
+        rig = self._rig(pad, placement.shape, facing_geom(pad, placement, gap, touching))
         position = max(self.start, placement.bounding_radius + pad.max_depth)
         rig.place(position, placement)
         return rig, position, gap, touching

@@ -8,10 +8,10 @@ valid.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Protocol
+from typing import TypeAlias
 
 import mujoco
 import numpy as np
@@ -43,20 +43,12 @@ NO_CONTACT = {"contype": 0, "conaffinity": 0}  # except of pairs
 FORCE, _POSITION, _NET_FORCE = 1 << 1, 1 << 4, 3  # settings of MuJoCo's contact sensor
 
 
-class Around(Protocol):
-    """What stands around pad and object; see :class:`activetouch.pressing.surroundings.Surroundings`."""
-
-    def add_to(self, spec: mujoco.MjSpec, pad: Pad) -> None:
-        """Add bodies without contacts to the model of a press, after those that it has."""
+Around: TypeAlias = Callable[[mujoco.MjSpec, Pad], None]
+"""Adds what stands around pad and object, without contacts, after the bodies of a press."""
 
 
 def build_spec(
-    pad: Pad,
-    geom: Geom,
-    timestep: float,
-    traced: bool = False,
-    largest_scale: float = LARGEST_SCALE,
-    around: Around | None = None,
+    pad: Pad, geom: Geom, timestep: float, traced: bool = False, largest_scale: float = LARGEST_SCALE
 ) -> mujoco.MjSpec:
     """The model of a pad and one object at its largest size, not compiled; see :class:`Rig` for the arguments."""
     spec = mujoco.MjSpec()
@@ -69,8 +61,6 @@ def build_spec(
     spec.add_pair(name="touch", geomname1="pad", geomname2="object", solref=softness, solimp=PAD_SOLIMP)
     if traced:
         add_sensor(spec, "pad", FORCE | _POSITION)
-    if around is not None:
-        around.add_to(spec, pad)
     return spec
 
 
@@ -152,7 +142,10 @@ class Rig:
         around: Around | None = None,
     ) -> None:
         stop_clock()
-        self.model = build_spec(pad, geom, timestep, traced, largest_scale, around).compile()
+        spec = build_spec(pad, geom, timestep, traced, largest_scale)
+        if around is not None:
+            around(spec, pad)
+        self.model = spec.compile()
         self._largest_scale = largest_scale
         self.data = mujoco.MjData(self.model)
         if self.model.nkey:  # where the robot stands

@@ -54,19 +54,17 @@ class Surroundings:
     parked: tuple[Shape | None, ...] = ()
     menagerie: Path | None = None
 
+    def __post_init__(self) -> None:
+        if self.menagerie is not None:
+            for name in (_PANDA, ALLEGRO):
+                menagerie_file(self.menagerie, name)
+
     def beside(self, shape: Shape) -> Surroundings:
         """The surroundings of a pressed shape, whose place is free."""
         return replace(self, parked=tuple(None if other == shape else other for other in self.parked))
 
-    @property
-    def camera(self) -> tuple[Floats, float]:
-        """Middle of a picture, and distance of the camera from it [m]."""
-        if self.menagerie is not None:
-            return np.array([-0.35, 0.05, -0.3]), 1.9
-        return _PITCH * len(self.parked) / 3, 0.2 + 0.17 * len(self.parked)
-
-    def add_to(self, spec: mujoco.MjSpec, pad: Pad) -> None:
-        """See :class:`activetouch.pressing.rig.Around`."""
+    def __call__(self, spec: mujoco.MjSpec, pad: Pad) -> None:
+        """Add all bodies to the model of a press; see :data:`activetouch.pressing.rig.Around`."""
         world, back, geom = spec.worldbody, -2 * pad.half_thickness, mujoco.mjtGeom
         if self.parked:
             x, y, _ = (_PARKING + _PITCH * len(self.parked)) / 2
@@ -99,7 +97,7 @@ class Surroundings:
 
 def _robot(menagerie: Path, spec: mujoco.MjSpec) -> tuple[mujoco.MjSpec, Floats]:
     """The arm with its hand and the options of ``spec``, and the point of its frame before the middle finger [m]."""
-    arm, hand = (mujoco.MjSpec.from_file(str(menagerie_file(menagerie, name))) for name in (_PANDA, ALLEGRO))
+    arm, hand = (mujoco.MjSpec.from_file(str(menagerie / name)) for name in (_PANDA, ALLEGRO))
     flange, palm = arm.site("attachment_site"), hand.worldbody.first_body()
     if flange is None or palm is None or len(arm.joints) + len(hand.joints) != len(_POSTURE):
         raise InvalidArgument(f"{menagerie} has other models than those of the Panda arm and the right Allegro hand")

@@ -147,10 +147,11 @@ class TouchCommand:
         if self.csv is not None:
             return write_log((next(presses) for _ in range(self.presses)), self.csv)
         placement, contact = next(presses)
+        around = scene.around(placement.shape)
         if self.view is not None:
-            return press_motion(self.view, scene.pad, placement, _trace(contact), scene.surroundings)
+            return press_motion(self.view, scene.pad, placement, _trace(contact), around)
         title = f"a {shape} in pose {pose}: {contact.force:.2f} N, {1e3 * contact.depth:.2f} mm deep"
-        view = press_picture(scene.pad, placement, contact.depth, scene.surroundings)
+        view = press_picture(scene.pad, placement, contact.depth, around)
         return draw_touch(title + " (bottomed out)" * contact.is_bottomed_out, view, contact, self.out)
 
     def _grasp(self, scene: Scene, shape: str, pose: str, menagerie: Path | None) -> None:
