@@ -49,10 +49,6 @@ class PressedBeliefs:
     bodies: Bodies
     width: float
 
-    def felt(self, image: NDArray[np.uint8]) -> Floats32:
-        """An image as it is compared, ``(e, e)`` in [0, 1]."""
-        return _binned(image[None].astype(np.float32) / 255.0, min(_EDGE, len(image)))[0]
-
     def pressed(
         self, shape: int, chosen: NDArray[np.int64], pose: int, state: SensorState, rng: np.random.Generator
     ) -> Floats32:
@@ -76,6 +72,11 @@ class PressedBeliefs:
             surface, pixel = solids[member].surface, window.edge / window.num_pixels
             maps[rows] = heights(surface, axes[rows], places[rows], pixel, window.num_pixels, np.float32)
         return _images(imaging, maps, state, rng)
+
+
+def compared(images: NDArray[np.uint8]) -> Floats32:
+    """Images ``(n, h, w)`` as they are compared, ``(n, e, e)`` in [0, 1]."""
+    return _binned(images.astype(np.float32) / 255.0, min(_EDGE, images.shape[1]))
 
 
 class Residuals(NamedTuple):

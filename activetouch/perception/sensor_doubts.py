@@ -203,9 +203,9 @@ class SensorDoubts:
         pressed, rng = self._pressed(len(log_weights)), np.random.default_rng(list(_digest(touches)))
         shares = np.exp(log_weights - log_weights.max())
         chosen = rng.choice(len(shares), DRAWN, p=shares / shares.sum())
-        images = [touch.image for touch in touches if touch.image is not None]
+        images = [compared(touch.image[None])[0] for touch in touches if touch.image is not None]
         drawn = [pressed.pressed(shape, chosen, int(touch.pose), state, rng) for touch in touches]
-        return Residuals.of([pressed.felt(image) for image in images], drawn)
+        return Residuals.of(images, drawn)
 
     def _pressed(self, number: int) -> PressedBeliefs:
         if number not in self._by_number:

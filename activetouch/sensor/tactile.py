@@ -283,8 +283,8 @@ class TactileSensor:
 
     @property
     def _keeps_images(self) -> bool:
-        """Whether touches keep their images: for a model that may read them again."""
-        return hasattr(self.model, "doubts")
+        """Whether touches keep their images: for a model that may read them again, or compare them with presses."""
+        return hasattr(self.model, "doubts") or getattr(self.model, "strangers", None) is not None
 
     @property
     def digest(self) -> str:
