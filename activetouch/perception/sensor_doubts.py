@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from activetouch.perception.card import read_card
 from activetouch.perception.contacts.hypotheses import ContactHypotheses, cell_of
 from activetouch.perception.imaging import BROKEN, Floats32, Imaging, SensorState, regridded, sensor_state
-from activetouch.perception.pressed_beliefs import DRAWN, PressedBeliefs, Residuals, oddness
+from activetouch.perception.pressed_beliefs import DRAWN, PressedBeliefs, Residuals, compared, oddness
 from activetouch.perception.reader import TactileReader
 from activetouch.perception.sensor_worlds import EmbeddedWorlds, changed_worlds, in_unknown_state, with_changes
 from activetouch.poses import turned
