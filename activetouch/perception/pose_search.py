@@ -40,7 +40,7 @@ _PARTS = "orientations", "log_sizes"
 _BEHIND = 12.0  # log likelihood behind the best, at which a way to lie is given up
 _WIDER = 1.5  # of the covariance that is drawn from
 _LEAST = np.deg2rad(0.3), 0.002  # deviations that are drawn at least: of orientations [rad], of log sizes
-_ERROR, _TRUST, _DRIFT = 0.05, 0.018, 0.08
+_ERROR, _TRUST, _DRIFT = 0.05, 0.03, 0.3
 """Deviation of a pixel from its prediction, relative to full scale; the share of independent pixels in one touch, and
 how that falls with the number of touches, as errors about one body come again."""
 _LARGEST = 5.0  # residual of a pixel, in deviations
