@@ -21,6 +21,7 @@ EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "tensorboard": ("tensorboard",),
         "pomdp": ("pomdp_py",),
         "meshes": ("trimesh", "collada", "lxml", "networkx"),
+        "view": ("rerun",),
         "recorded": ("sklearn",),  # of belief.estimators, and of examples
         "formats": ("pyarrow", "mcap"),  # of examples
     }
