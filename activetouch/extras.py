@@ -21,7 +21,8 @@ EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "tensorboard": ("tensorboard",),
         "pomdp": ("pomdp_py",),
         "meshes": ("trimesh", "collada", "lxml", "networkx"),
-        "recorded": ("sklearn",),  # of examples
+        "view": ("rerun",),
+        "recorded": ("sklearn",),  # of belief.estimators, and of examples
         "formats": ("pyarrow", "mcap"),  # of examples
     }
 )
