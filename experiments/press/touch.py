@@ -110,8 +110,6 @@ class TouchCommand:
     """Write every time step of the presses instead, into a file that ends in .csv."""
     presses: Count = 1
     """Presses of the object in a log; --presentation resampled turns it between them, as the paper does."""
-    menagerie: Path | None = None
-    """A copy of MuJoCo Menagerie, whose Allegro hand closes instead of pads that slide, with --hand allegro."""
     seed: Seed = 0
     """Seed of the objects' sizes and orientations and of the presses."""
     out: Picture = Path("runs/touch.png")
@@ -121,26 +119,26 @@ class TouchCommand:
     def run(self) -> None:
         """Press, and draw or write."""
         check_arguments(self)
-        scene, path = self.choice.named.scene, self.view or self.csv or self.out
+        choice, path = self.choice, self.view or self.csv or self.out
+        hand = choice.menagerie if choice.hand == "allegro" and choice.robot is None else None
+        scene = (choice if hand is None else replace(choice, menagerie=None)).named.scene
         shape, pose = self.shape or scene.shape_labels[0], self.pose or scene.pose_labels[0]
         if self.all + (self.view is not None) + (self.csv is not None) > 1:
             raise BadArgument("--all, --view and --csv are different outputs; give one of them")
         if self.presses > 1 and self.csv is None:
             raise BadArgument("--presses is the number of presses in a log; add --csv FILE.csv")
-        if self.menagerie is not None and self.choice.hand != "allegro":
-            raise BadArgument("--menagerie gives the model of an Allegro hand; add --hand allegro")
         if scene.hand is not None and (self.all or self.csv is not None or len(scene.hand) == 1):
             raise BadArgument("--hand draws a grasp of several fingers into --out FILE or --view FILE.webp alone")
         require_writable_file(path)
         if scene.hand is not None:
-            self._grasp(scene, shape, pose)
+            self._grasp(scene, shape, pose, hand)
         else:
             self._press(replace(scene, press_model=scene.press_model.with_trace()), shape, pose)
         print(f"wrote {path}")
 
     def _press(self, scene: Scene, shape: str, pose: str) -> None:
         """Press objects, and draw or animate that."""
-        from activetouch.view.picture import press_picture
+        from activetouch.view.picture import press_motion, press_picture
         from experiments.press.figures import draw_gallery, draw_touch
 
         if self.all:
@@ -149,18 +147,19 @@ class TouchCommand:
         if self.csv is not None:
             return write_log((next(presses) for _ in range(self.presses)), self.csv)
         placement, contact = next(presses)
+        around = scene.around(placement.shape)
         if self.view is not None:
-            return write_press(scene, placement, contact, self.view)
+            return press_motion(self.view, scene.pad, placement, _trace(contact), around)
         title = f"a {shape} in pose {pose}: {contact.force:.2f} N, {1e3 * contact.depth:.2f} mm deep"
-        view = press_picture(scene.pad, placement, contact.depth)
+        view = press_picture(scene.pad, placement, contact.depth, around)
         return draw_touch(title + " (bottomed out)" * contact.is_bottomed_out, view, contact, self.out)
 
-    def _grasp(self, scene: Scene, shape: str, pose: str) -> None:
-        """Close the hand, and draw or animate it."""
+    def _grasp(self, scene: Scene, shape: str, pose: str, menagerie: Path | None) -> None:
+        """Close the hand, or the Allegro hand of a copy of Menagerie, and draw or animate it."""
         from activetouch.view.picture import cast_rays, write_motion
         from experiments.press.figures import draw_grasp
 
-        gripper, grasp, states = close_hand(scene, shape, pose, self.seed, self.menagerie)
+        gripper, grasp, states = close_hand(scene, shape, pose, self.seed, menagerie)
         middle, distance = np.array(gripper.camera[0]), gripper.camera[1]
         if self.view is not None:
             return write_motion(self.view, gripper.model, states, middle, distance)
@@ -190,15 +189,3 @@ def _trace(contact: Contact) -> Trace:
             "nothing moves in a quasistatic press, which has no time; choose --fidelity dynamic or guarded_move"
         )
     return contact.trace
-
-
-def write_press(scene: Scene, placement: Placement, contact: Contact, path: Path) -> None:
-    """Write a press as an animation; raises BadArgument if nothing moves in it."""
-    from activetouch.pressing.rig import Rig
-    from activetouch.view.picture import write_motion
-
-    trace = _trace(contact)
-    rig = Rig(scene.pad, placement.shape.geom, timestep=float(trace.time[0]), largest_scale=placement.scale)
-    rig.place(float(trace.position[0, 0]), placement)
-    middle, distance = np.array([0.01, 0.0, 0.0]), 5.5 * max(scene.pad.half_width, 0.02)
-    write_motion(path, rig.model, list(trace.position[:, :1]), middle, distance)
