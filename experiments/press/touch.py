@@ -6,13 +6,14 @@ import csv
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-from activetouch.poses import Placement
+from activetouch.poses import Placement, Quaternion
+from activetouch.pressing.dynamic import GuardedMove
 from activetouch.rendering import RENDERERS
 from activetouch.scene import Scene
 from belief.claims import ends_claims
@@ -25,8 +26,9 @@ from experiments.scene_choice import SceneChoice
 
 if TYPE_CHECKING:
     from activetouch.pressing.closing import Gripper
-    from activetouch.pressing.contact import Contact, Grasp, Trace
+    from activetouch.pressing.contact import Contact, Grasp, Press, Trace
 
+Row: TypeAlias = list[int | str]
 LOG_COLUMNS = ("press", "time", "phase", "x", "y", "z", "fx", "fy", "fz", "qw", "qx", "qy", "qz")
 """Number of the press; time [s] in it and phase; position [m], force of the pad [N] and orientation of the object."""
 
@@ -83,8 +85,8 @@ def press_all(scene: Scene, seed: int) -> Mapping[tuple[str, str, str], NDArray[
 class TouchCommand:
     """Draw one press: the scene, the height map, the images of three renderers, and the force over time.
 
-    A log (--csv) has a row for every time step: press, time [s], phase (approach, contact, pause, withdraw), position
-    x, y, z of the object [m], force fx, fy, fz of the pad on it [N], and its orientation qw, qx, qy, qz.
+    A log (--csv) has a row for every time step: press, time [s], phase (approach, contact, pause, withdraw, rotate),
+    position x, y, z of the object [m], force fx, fy, fz of the pad on it [N], and its orientation qw, qx, qy, qz.
 
     For example:
 
@@ -145,7 +147,7 @@ class TouchCommand:
             return draw_gallery(press_all(scene, self.seed), scene.pose_labels, self.out)
         presses = presses_of_new_object(scene, shape, pose, self.seed)
         if self.csv is not None:
-            return write_log((next(presses) for _ in range(self.presses)), self.csv)
+            return write_log((next(presses) for _ in range(self.presses)), self.csv, scene.press_model)
         placement, contact = next(presses)
         around = scene.around(placement.shape)
         if self.view is not None:
@@ -169,17 +171,36 @@ class TouchCommand:
         return draw_grasp(f"a {shape} in pose {pose}: {forces} N", view, images, self.out)
 
 
-def write_log(presses: Iterable[tuple[Placement, Contact]], path: Path) -> None:
+def write_log(presses: Iterable[tuple[Placement, Contact]], path: Path, press_model: Press) -> None:
     """Write every time step of presses as CSV (paper §5.4); raises BadArgument if nothing moves in them."""
+    before = None
     with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(LOG_COLUMNS)
         for number, (placement, contact) in enumerate(presses):
-            trace = _trace(contact)
-            turned = [f"{part:.6f}" for part in placement.orientation]
+            trace, here = _trace(contact), placement.orientation
+            if isinstance(press_model, GuardedMove) and before is not None and (before[0] != here).any():
+                writer.writerows(_rotation(number - 1, *before, here, press_model))
             for time, phase, position, force in zip(trace.time, trace.phase, trace.position, trace.force, strict=True):
-                numbers = [f"{one:.9g}" for one in (*position, *force)]
-                writer.writerow([number, f"{time:.9g}", phase.value, *numbers, *turned])
+                writer.writerow(_log_row(number, time, phase.value, [*position, *force], here))
+            before = here, trace
+
+
+def _rotation(number: int, before: Quaternion, trace: Trace, after: Quaternion, press: GuardedMove) -> Iterator[Row]:
+    """The last phase of a press, in which the object turns where it starts (paper §5.3)."""
+    from scipy.spatial.transform import Rotation, Slerp
+
+    step = trace.time[-1] - trace.time[-2]
+    times = step * np.arange(1, round(press.rotation_time / step) + 1)
+    turned = Slerp([0.0, times[-1]], Rotation.from_quat([before, after], scalar_first=True))(times)
+    place = [max(press.start, trace.position[-1, 0]), *trace.position[-1, 1:], 0.0, 0.0, 0.0]
+    for time, rotation in zip(times, turned.as_quat(scalar_first=True), strict=True):
+        yield _log_row(number, trace.time[-1] + time, "rotate", place, rotation)
+
+
+def _log_row(number: int, time: float, phase: str, numbers: list[float], turned: Quaternion) -> Row:
+    """The text of a row of a log."""
+    return [number, f"{time:.9g}", phase, *(f"{one:.9g}" for one in numbers), *(f"{part:.6f}" for part in turned)]
 
 
 def _trace(contact: Contact) -> Trace:
