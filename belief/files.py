@@ -85,16 +85,6 @@ def _link(temporary: Path, path: Path) -> None:
         os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY))
 
 
-def create_text(path: Path, text: str) -> bool:
-    """Write a text file, atomically, unless the file exists; return whether it was written."""
-    try:
-        with atomic_path(path, only_new=True) as temporary:
-            temporary.write_text(text, encoding="utf-8")
-    except FileExistsError:
-        return False
-    return True
-
-
 def require_writable(folder: Path) -> None:
     """Raise CannotWrite unless files can be written into a folder; leaves no file and creates no folder."""
     existing = next(parent for parent in (folder, *folder.absolute().parents) if os.path.lexists(parent))

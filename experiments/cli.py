@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from contextlib import nullcontext
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -120,7 +121,7 @@ def _run(arguments: list[str]) -> None:
             sys.exit(f"activetouch: {error}")
     try:
         with running(), plain_warnings():
-            with ForeignCode():
+            with ForeignCode(), command.cluster.joined() if hasattr(command, "cluster") else nullcontext():
                 command.run()
             if OPEN in arguments:
                 _open_page()

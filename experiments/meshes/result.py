@@ -26,6 +26,7 @@ from belief.observation_model.nested_bodies import NestedEvidence
 from belief.statistics import wilson_interval
 from belief.table import Table, Tabular, ends
 from belief.validation import Floats
+from experiments.cluster import Cluster, OnCluster
 from experiments.command_line.arguments import Jobs, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.meshes.near_twins import NearTwins
@@ -149,6 +150,8 @@ class MeshOptions(ABC):
     """Seed of objects and touches."""
     jobs: Jobs = field(default_factory=default_jobs)
     """Number of processes."""
+    cluster: OnCluster = field(default_factory=Cluster)
+    """Workers of other machines."""
     out: Path
     """Folder for the report."""
 

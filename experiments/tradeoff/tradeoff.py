@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -14,6 +14,7 @@ from belief.claims import claim_folder, ends_claims
 from belief.constraints import NotEmpty, Positive, Share
 from belief.errors import UnknownName
 from belief.files import in_file_name
+from experiments.cluster import Cluster, OnCluster
 from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments
 from experiments.scene_choice import SceneChoice
 from experiments.tradeoff.report import SHARES, Configuration, Measured, TradeoffReport, sweep
@@ -54,6 +55,8 @@ class Tradeoff:
     """Folder for results, report.html, tradeoff.json, tradeoff.md, tradeoff.csv and the figure."""
     jobs: Jobs = 1
     """Number of processes; the results do not depend on it, except for the times."""
+    cluster: OnCluster = field(default_factory=Cluster)
+    """Workers of other machines."""
 
     @ends_claims
     def run(self) -> None:
