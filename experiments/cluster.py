@@ -18,6 +18,7 @@ from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import lru_cache, partial
+from types import ModuleType
 from typing import Any, TypeAlias
 from uuid import uuid4
 
@@ -91,7 +92,9 @@ def on_cluster(address: str, *, dashboard: bool = False) -> Iterator[None]:
     require_extra("cluster")
     from distributed import Client, LocalCluster
 
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters becomes an error of ours
+    quiet = logging.CRITICAL + 1  # what matters becomes an error of ours
+    for name in ("distributed", "distributed.client"):
+        logging.getLogger(name).setLevel(quiet)
     with ExitStack() as stack:
         where: Any = address
         try:
@@ -99,14 +102,17 @@ def on_cluster(address: str, *, dashboard: bool = False) -> Iterator[None]:
                 warnings.simplefilter("ignore")  # of other versions, which are compared below
                 if address.startswith("local:"):
                     page, number = ":8787" if dashboard else None, int(address.partition(":")[2])
-                    where = LocalCluster(n_workers=number, threads_per_worker=1, dashboard_address=page)
+                    each: dict[str, Any] = {"threads_per_worker": 1, "silence_logs": quiet}
+                    where = LocalCluster(n_workers=number, dashboard_address=page, **each)
                     stack.enter_context(where)
                 client = stack.enter_context(Client(where, timeout=_SECONDS, set_as_default=False))
         except (OSError, ValueError) as error:
             raise ClusterFailed(f"no Dask scheduler answers at {address}. Start one with: dask scheduler") from error
         if dashboard:
             print(_dashboard(client))
-        before = ENGINE.set(_Workers(client, address).results)
+        workers = _Workers(client, address)
+        workers.require_same()
+        before = ENGINE.set(workers.results)
         try:
             yield
         finally:
@@ -138,13 +144,12 @@ class _Workers:
         """See :data:`experiments.parallel.Engine`; those are sent again whose inputs died with their workers."""
         from distributed import as_completed
 
-        asked, left, idle = code_versions(), dict(enumerate(tasks)), 0
+        left, idle = dict(enumerate(tasks)), 0
         with self._connected():
-            self._require_same(asked)
             while left:
-                before, futures = len(left), self._send(left, asked, description)
-                numbers = {future.key: number for future, number in zip(futures, left, strict=True)}
-                ended = as_completed(futures, with_results=True, raise_errors=False)
+                before, futures = len(left), self._sent(left, description)
+                numbers = {future.key: number for future, number in zip(futures, left, strict=False)}
+                ended = as_completed(futures, self.client.loop, with_results=True, raise_errors=False)
                 del futures  # so that workers forget each result as soon as it is here
                 for future, result in ended:
                     if future.status == "finished":
@@ -158,34 +163,40 @@ class _Workers:
                 if idle == _ROUNDS:
                     raise self._died()
 
-    def _send(self, left: Mapping[int, partial[Any]], asked: Mapping[str, str], description: str) -> list[Any]:
-        """Futures of tasks; what they share is sent once to all workers."""
+    def _sent(self, left: Mapping[int, partial[Any]], description: str) -> list[Any]:
+        """Futures of tasks; what they share is sent once, to all workers. None if a worker died meanwhile."""
         if not self.client.nthreads():
-            print(f"{self.address} has no workers; waiting. Start some: dask worker {self.address} --nthreads 1")
+            there = self.client.scheduler.address
+            print(f"{there} has no workers; waiting for: dask worker {there} --nthreads 1", file=sys.stderr)
         self.client.wait_for_workers(1)
-        sent, name = dict[int, Any](), f"{description}-{uuid4().hex}"
+        try:
+            shared = {value for one in left.values() for value in one.args if isinstance(value, Shared)}
+            held = {
+                value: self.client.scatter(_Sent(_pickled(value.value)), broadcast=True, hash=False) for value in shared
+            }
+        except OSError:
+            if self.client.status != "running":
+                raise
+            return []
+        name, each = f"{description}-{uuid4().hex}", (code_versions(), os.getcwd())
+        found = list[Any]()
+        for number, one in left.items():
+            arguments = [held[value] if isinstance(value, Shared) else value for value in one.args]
+            task = one.func, arguments, one.keywords
+            found.append(self.client.submit(_work, *each, *task, key=f"{name}-{number}"))
+        return found
 
-        def held(value: Any) -> Any:
-            if isinstance(value, Shared) and id(value) not in sent:
-                sent[id(value)] = self.client.scatter(_Sent(_pickled(value.value)), broadcast=True, hash=False)
-            return sent.get(id(value), value)
-
-        each = asked, os.getcwd()
-        return [
-            self.client.submit(_work, *each, one.func, list(map(held, one.args)), one.keywords, key=f"{name}-{number}")
-            for number, one in left.items()
-        ]
-
-    def _require_same(self, asked: Mapping[str, str]) -> None:
+    def require_same(self) -> None:
         """Refuse workers with other versions."""
+        asked = code_versions()
         for worker, error in self.client.run(_require_same, asked, on_error="return").items():
             if isinstance(error, ClusterFailed):
                 raise error
             if error is not None:
-                found = self.client.get_versions(packages=["activetouch"])["workers"][worker]["packages"]
+                theirs = self.client.get_versions(packages=["activetouch"])["workers"][worker]["packages"]
                 raise ClusterFailed(
-                    f"the Dask worker {worker} has activetouch {found.get('activetouch')} and cannot work for "
-                    f"activetouch {asked['activetouch']}, which is here: {error!r}. Install the same on all machines"
+                    f"the Dask worker {worker} has activetouch {theirs.get('activetouch')}, which cannot work for this "
+                    f"activetouch {asked['activetouch']}: {error}. Install the same on all machines"
                 )
         if any(number > 1 for number in self.client.nthreads().values()):
             print("warning: one thread of a worker works at a time; start workers with --nthreads 1", file=sys.stderr)
@@ -222,7 +233,7 @@ def _pickled(value: Any) -> bytes:
     """A value with the code of all classes and functions that are not installed, so that workers need no files."""
     import cloudpickle
 
-    own = [module for name, module in list(sys.modules.items()) if _is_users(name, getattr(module, "__file__", None))]
+    own = [module for name, module in list(sys.modules.items()) if _is_users(name, module)]
     for module in own:
         cloudpickle.register_pickle_by_value(module)
     try:
@@ -232,9 +243,12 @@ def _pickled(value: Any) -> bytes:
             cloudpickle.unregister_pickle_by_value(module)
 
 
-def _is_users(name: str, file: str | None) -> bool:
-    known = name == "__main__" or name.partition(".")[0] in OWN_PACKAGES or is_standard(name)
-    return file is not None and not known and not is_installed(file)
+def _is_users(name: str, module: object) -> bool:
+    """Whether a module is of a file that is not installed."""
+    if name == "__main__" or name.partition(".")[0] in OWN_PACKAGES or is_standard(name):
+        return False
+    file = getattr(module, "__file__", None)
+    return isinstance(module, ModuleType) and isinstance(file, str) and not is_installed(file)
 
 
 @lru_cache(maxsize=1)
