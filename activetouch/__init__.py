@@ -34,7 +34,7 @@ _OF_COMMANDS = {
     "find": "meshes.find",
     "identify": "meshes.identify",
     "make_sensor": "sensor.make_sensor",
-    "on_cluster": "cluster",
+    "on_cluster": "parallel.cluster",
 }  # functions by the modules of experiments
 
 __all__ = [

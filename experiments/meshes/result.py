@@ -26,7 +26,6 @@ from belief.observation_model.nested_bodies import NestedEvidence
 from belief.statistics import wilson_interval
 from belief.table import Table, Tabular, ends
 from belief.validation import Floats
-from experiments.cluster import Cluster, OnCluster
 from experiments.command_line.arguments import Jobs, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.meshes.near_twins import NearTwins
@@ -38,6 +37,7 @@ from experiments.meshes.setting import (
     sources_of,
 )
 from experiments.parallel import default_jobs
+from experiments.parallel.cluster import Cluster, OnCluster
 from experiments.report import Report, Reported, Section
 from experiments.scene_choice import SceneChoice
 

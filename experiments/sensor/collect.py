@@ -20,9 +20,9 @@ from activetouch.data.manifest import CollectionPlan, Manifest, shard_path, writ
 from activetouch.scene import require_no_hand
 from belief.claims import claim_folder, ends_claims
 from belief.constraints import Within
-from experiments.cluster import Cluster, OnCluster
 from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments
 from experiments.parallel import Shared, Task, run_tasks
+from experiments.parallel.cluster import Cluster, OnCluster
 from experiments.scene_choice import SceneChoice, choice_name, collection_folder
 
 _TEMPORARY = ("*/.?????.npz.*.npz", "*/*/.??????-???.png.*.png", ".manifest.json.*.json")  # of atomic_path

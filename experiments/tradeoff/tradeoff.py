@@ -14,8 +14,8 @@ from belief.claims import claim_folder, ends_claims
 from belief.constraints import NotEmpty, Positive, Share
 from belief.errors import UnknownName
 from belief.files import in_file_name
-from experiments.cluster import Cluster, OnCluster
 from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments
+from experiments.parallel.cluster import Cluster, OnCluster
 from experiments.scene_choice import SceneChoice
 from experiments.tradeoff.report import SHARES, Configuration, Measured, TradeoffReport, sweep
 

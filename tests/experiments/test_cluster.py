@@ -15,10 +15,10 @@ from pathlib import Path
 
 import pytest
 
-from experiments import cluster, parallel
-from experiments.cluster import Cluster, ClusterFailed, on_cluster
+from experiments import parallel
 from experiments.command_line.arguments import BadArgument
-from experiments.parallel import Shared, run_tasks
+from experiments.parallel import Shared, cluster, run_tasks
+from experiments.parallel.cluster import Cluster, ClusterFailed, on_cluster
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
 from experiments.search.play import Setting
@@ -132,7 +132,7 @@ def test_a_worker_of_another_version_is_refused_before_any_work(two_workers, mon
     other = {**cluster.code_versions(), "activetouch": "99.1", "code": "0" * 12}
     monkeypatch.setattr(cluster, "code_versions", lambda: other)
     words = (
-        rf"activetouch {re.escape(versions()['activetouch'])} there, 99\.1 here; code \w{{12}} there, 000000000000 here"
+        rf"activetouch {re.escape(version('activetouch'))} there, 99\.1 here; code \w{{12}} there, 000000000000 here"
     )
     with pytest.raises(ClusterFailed, match=words), on_cluster(two_workers.address):
         raise AssertionError("work began")

@@ -15,12 +15,11 @@ from experiments.cli import commands
 from tests.experiments.command_line.test_arguments import _NEEDED
 
 fcntl = pytest.importorskip("fcntl")
-SHARED = {"compare", "collect"}  # several processes fill one folder; the first decides what it holds
 IN_ONE_FILE = {"touch", "replay", "export", "certify"}
 WRITERS = [
     name
     for name, kind in commands().items()
-    if any(field.name == "out" for field in fields(kind)) and name not in SHARED | IN_ONE_FILE
+    if any(field.name == "out" for field in fields(kind)) and name not in IN_ONE_FILE
 ]
 
 

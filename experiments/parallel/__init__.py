@@ -44,7 +44,7 @@ Task: TypeAlias = Callable[[], T]
 Engine: TypeAlias = Callable[[Sequence["partial[Any]"], str], Generator[Any, None, None]]
 """Yields the results of tasks in order of completion; it has a description of them."""
 ENGINE: ContextVar[Engine | None] = ContextVar("ENGINE", default=None)
-"""What runs tasks in place of the processes of this machine (:mod:`experiments.cluster`)."""
+"""What runs tasks in place of the processes of this machine (:mod:`experiments.parallel.cluster`)."""
 
 
 def default_jobs() -> int:
