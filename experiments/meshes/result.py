@@ -18,15 +18,15 @@ from activetouch.mesh_source import labelled_sources, warn_of
 from activetouch.solids.mesh import Mesh
 from activetouch.solids.mesh_file import ENDINGS
 from activetouch.solids.solid import Shape
-from belief.claims import claim_folder
 from belief.constraints import Positive, Probability, Share
 from belief.errors import InvalidArgument
+from belief.files import claim_folder
 from belief.naming import index_of
 from belief.observation_model.nested_bodies import NestedEvidence
 from belief.statistics import wilson_interval
 from belief.table import Table, Tabular, ends
 from belief.validation import Floats
-from experiments.command_line.arguments import Jobs, Seed, check_arguments
+from experiments.command_line.arguments import Cluster, Jobs, OnCluster, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.meshes.near_twins import NearTwins
 from experiments.meshes.setting import (
@@ -37,7 +37,6 @@ from experiments.meshes.setting import (
     sources_of,
 )
 from experiments.parallel import default_jobs
-from experiments.parallel.cluster import Cluster, OnCluster
 from experiments.report import Report, Reported, Section
 from experiments.scene_choice import SceneChoice
 

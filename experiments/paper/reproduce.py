@@ -10,15 +10,13 @@ from typing import Annotated, Any, Literal
 
 from activetouch.extras import require_extra
 from activetouch.named_scenes import SCENES
-from belief.claims import claim_folder, ends_claims
 from belief.constraints import NotEmpty
-from belief.files import sealed_json
-from experiments.command_line.arguments import Count, Jobs, Pixels, Seed, check_arguments
+from belief.files import claim_folder, ends_claims, sealed_json
+from experiments.command_line.arguments import Cluster, Count, Jobs, OnCluster, Pixels, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.paper import table1, table2
 from experiments.paper.table1 import record_windows
 from experiments.parallel import default_jobs
-from experiments.parallel.cluster import Cluster, OnCluster
 from experiments.report import Report, Reported, Section
 from experiments.sensor.train import require_input_size, require_weights
 from experiments.sensor_choice import independent_sensor

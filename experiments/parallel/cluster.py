@@ -19,10 +19,8 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from types import ModuleType
-from typing import Any, TypeAlias
+from typing import Any
 from uuid import uuid4
-
-import tyro
 
 from activetouch.extras import require_extra
 from belief.errors import ActiveTouchError
@@ -39,32 +37,6 @@ _ONE_AT_A_TIME = threading.Lock()  # the physics of a process is shared by its t
 
 class ClusterFailed(ActiveTouchError, ConnectionError):
     """A cluster cannot be used, or was lost; finished results are kept."""
-
-
-@dataclass(frozen=True)
-class Cluster:
-    """Work on the workers of a Dask cluster."""
-
-    cluster: str | None = None
-    """Address of a Dask scheduler, as tcp://HOST:PORT, whose workers work in place of --jobs; or local:8, a cluster of
-    8 processes."""
-    dashboard: bool = False
-    """Print the address of the cluster's dashboard, a page on the progress of each task."""
-
-    @contextmanager
-    def joined(self) -> Iterator[None]:
-        """Within the context, tasks go to the cluster, if there is one."""
-        if self.cluster is not None:
-            with on_cluster(self.cluster, dashboard=self.dashboard):
-                yield
-        elif self.dashboard:
-            raise BadArgument("--dashboard is that of a cluster: add --cluster, such as --cluster local:8")
-        else:
-            yield
-
-
-OnCluster: TypeAlias = tyro.conf.OmitArgPrefixes[Cluster]
-"""Options of a command, whose tasks can go to a cluster."""
 
 
 @contextmanager

@@ -18,14 +18,13 @@ from numpy.typing import NDArray
 from activetouch.named_scenes import NamedScene
 from activetouch.scene import Scene
 from activetouch.sensor import TactileSensor
-from belief.claims import claim_folder, ends_claims
 from belief.constraints import Fraction
+from belief.files import claim_folder, ends_claims
 from belief.seeding import keyed_rng
 from belief.statistics import wilson_interval
 from belief.table import Table, Value, interval
-from experiments.command_line.arguments import Count, Jobs, Seed, check_arguments
+from experiments.command_line.arguments import Cluster, Count, Jobs, OnCluster, Seed, check_arguments
 from experiments.parallel import Shared, default_jobs, run_tasks
-from experiments.parallel.cluster import Cluster, OnCluster
 from experiments.report import Report, Reported, Section
 from experiments.robustness.conditions import AS_TRAINED, applicable_conditions
 from experiments.scene_choice import SceneChoice, in_file_names

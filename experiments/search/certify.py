@@ -22,9 +22,8 @@ from belief.observation_model.model import ObservationModel
 from belief.references import ForeignCode
 from belief.seeding import keyed_rng
 from belief.statistics.stop_thresholds import CandidateStops, certified_thresholds, least_searches
-from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments
+from experiments.command_line.arguments import BadArgument, Cluster, Count, Jobs, OnCluster, Seed, check_arguments
 from experiments.parallel import Shared, Task, default_jobs, run_tasks
-from experiments.parallel.cluster import Cluster, OnCluster
 from experiments.search.comparison import prepared, setting_of
 from experiments.search.play import EPISODES_PER_BATCH, CompositionName, Searches, Setting, play_episodes
 from planners import Decider, Episode

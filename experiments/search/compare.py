@@ -13,9 +13,8 @@ import tyro
 from belief.codec import from_fields
 from belief.files import require_regular_file, unsealed_json
 from belief.table import Table
-from experiments.command_line.arguments import BadArgument, Count, InFile, Jobs, Seed, Trust
+from experiments.command_line.arguments import BadArgument, Cluster, Count, InFile, Jobs, OnCluster, Seed, Trust
 from experiments.parallel import default_jobs
-from experiments.parallel.cluster import Cluster, OnCluster
 from experiments.scene_choice import in_file_names
 from experiments.search.comparison import DEFAULT_DECIDERS, Comparison, played, prepared
 from experiments.search.play import Setting

@@ -23,11 +23,12 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from belief.claims import claim_folder, ends_claims
 from belief.errors import ActiveTouchError, CorruptFile
 from belief.files import (
     atomic_path,
     cannot_write,
+    claim_folder,
+    ends_claims,
     in_file_name,
     require_regular_file,
     sealed_json,

@@ -18,11 +18,10 @@ from activetouch.data.dataset import TouchSet, read_shard, touches_of, write_sha
 from activetouch.data.images import image_path, images_of, write_images
 from activetouch.data.manifest import CollectionPlan, Manifest, shard_path, write_manifest
 from activetouch.scene import require_no_hand
-from belief.claims import claim_folder, ends_claims
 from belief.constraints import Within
-from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments
+from belief.files import claim_folder, ends_claims
+from experiments.command_line.arguments import BadArgument, Cluster, Count, Jobs, OnCluster, Seed, check_arguments
 from experiments.parallel import Shared, Task, run_tasks
-from experiments.parallel.cluster import Cluster, OnCluster
 from experiments.scene_choice import SceneChoice, choice_name, collection_folder
 
 _TEMPORARY = ("*/.?????.npz.*.npz", "*/*/.??????-???.png.*.png", ".manifest.json.*.json")  # of atomic_path

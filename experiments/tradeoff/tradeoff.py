@@ -10,12 +10,10 @@ from typing import Annotated
 from activetouch import TactileSensor
 from activetouch.named_scenes import SCENES
 from activetouch.sensor_files import MODELS
-from belief.claims import claim_folder, ends_claims
 from belief.constraints import NotEmpty, Positive, Share
 from belief.errors import UnknownName
-from belief.files import in_file_name
-from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments
-from experiments.parallel.cluster import Cluster, OnCluster
+from belief.files import claim_folder, ends_claims, in_file_name
+from experiments.command_line.arguments import BadArgument, Cluster, Count, Jobs, OnCluster, Seed, check_arguments
 from experiments.scene_choice import SceneChoice
 from experiments.tradeoff.report import SHARES, Configuration, Measured, TradeoffReport, sweep
 
