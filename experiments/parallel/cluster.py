@@ -31,7 +31,6 @@ from experiments.parallel import ENGINE, Shared, block_interrupt, called, say_no
 from planners.fingerprint import code_versions
 
 _SECONDS = 10.0  # to reach a scheduler
-_ROUNDS = 3  # in which all workers may die one after the other without a result
 _ONE_AT_A_TIME = threading.Lock()  # the physics of a process is shared by its threads
 
 
@@ -64,145 +63,99 @@ def on_cluster(address: str, *, dashboard: bool = False) -> Iterator[None]:
     require_extra("cluster")
     from distributed import Client, LocalCluster
 
-    quiet = logging.CRITICAL + 1  # what matters becomes an error of ours
-    for name in ("distributed", "distributed.client"):
-        logging.getLogger(name).setLevel(quiet)
+    for name in ("distributed", "distributed.client"):  # what matters becomes an error of ours
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     with ExitStack() as stack:
-        where: Any = address
+        place: Any = address
         try:
             with warnings.catch_warnings(), block_interrupt():
                 warnings.simplefilter("ignore")  # of other versions, which are compared below
                 if address.startswith("local:"):
-                    page, number = ":8787" if dashboard else None, int(address.partition(":")[2])
-                    each: dict[str, Any] = {"threads_per_worker": 1, "silence_logs": quiet}
-                    where = LocalCluster(n_workers=number, dashboard_address=page, **each)
-                    stack.enter_context(where)
-                client = stack.enter_context(Client(where, timeout=_SECONDS, set_as_default=False))
+                    each: dict[str, Any] = {"threads_per_worker": 1, "silence_logs": logging.CRITICAL + 1}
+                    each["dashboard_address"] = ":8787" if dashboard else None
+                    place = stack.enter_context(LocalCluster(n_workers=int(address[len("local:") :]), **each))
+                client = stack.enter_context(Client(place, timeout=_SECONDS, set_as_default=False))
         except (OSError, ValueError) as error:
             raise ClusterFailed(f"no Dask scheduler answers at {address}. Start one with: dask scheduler") from error
         if dashboard:
-            print(_dashboard(client))
-        workers = _Workers(client, address)
-        workers.require_same()
-        before = ENGINE.set(workers.results)
+            has_page = client.get_versions(packages=["bokeh"])["scheduler"]["packages"].get("bokeh")
+            needed = "it needs bokeh where the scheduler runs: pip install 'bokeh>=3.1'"
+            print(f"dashboard: {client.dashboard_link if has_page else needed}")
+        _check_workers(client)
+        before = ENGINE.set(partial(_results, client, address))
         try:
             yield
         finally:
             ENGINE.reset(before)
 
 
-def _dashboard(client: Any) -> str:
-    """Address of the dashboard, or what it needs."""
-    if client.get_versions(packages=["bokeh"])["scheduler"]["packages"].get("bokeh") is None:
-        return "dashboard: it needs bokeh where the scheduler runs: pip install 'bokeh>=3.1'"
-    return f"dashboard: {client.dashboard_link}"
+def _check_workers(client: Any) -> None:
+    """Refuse workers with other versions, and warn of those with several threads."""
+    mine, threads = code_versions(), client.nthreads()
+    for worker, error in client.run(_require_same, mine, on_error="return").items():
+        if isinstance(error, ClusterFailed):
+            raise error
+        if error is not None:
+            theirs = client.get_versions(packages=["activetouch"])["workers"][worker]["packages"].get("activetouch")
+            raise ClusterFailed(
+                f"the Dask worker {worker} has activetouch {theirs}, which cannot work for this activetouch "
+                f"{mine['activetouch']}: {error}. Install the same on all machines"
+            )
+    if not threads:
+        there = client.scheduler.address
+        print(f"no workers yet; start some with: dask worker {there} --nthreads 1", file=sys.stderr)
+    if max(threads.values(), default=1) > 1:
+        print("warning: one thread of a worker works at a time; start workers with --nthreads 1", file=sys.stderr)
 
 
 @dataclass(frozen=True, eq=False)
 class _Sent:
-    """A value of many tasks, pickled once."""
+    """A value of many tasks, pickled once. Each worker gets it once: Dask keeps it and sends it again if it is lost."""
 
     content: bytes
 
 
-@dataclass(frozen=True, eq=False)
-class _Workers:
-    """The workers of a cluster."""
+def _results(client: Any, address: str, tasks: Sequence[partial[Any]], description: str) -> Generator[Any, None, None]:
+    """See :data:`experiments.parallel.Engine`."""
+    from distributed import KilledWorker, as_completed
 
-    client: Any  # distributed.Client
-    address: str
-
-    def results(self, tasks: Sequence[partial[Any]], description: str) -> Generator[Any, None, None]:
-        """See :data:`experiments.parallel.Engine`; those are sent again whose inputs died with their workers."""
-        from distributed import as_completed
-
-        left, idle = dict(enumerate(tasks)), 0
-        with self._connected():
-            while left:
-                before, futures = len(left), self._sent(left, description)
-                numbers = {future.key: number for future, number in zip(futures, left, strict=False)}
-                ended = as_completed(futures, self.client.loop, with_results=True, raise_errors=False)
-                del futures  # so that workers forget each result as soon as it is here
-                for future, result in ended:
-                    if future.status == "finished":
-                        del left[numbers[future.key]]
-                        yield result
-                    elif future.status == "error":
-                        raise self._said(result[1])
-                    elif getattr(result, "reason", "") == "scheduler-connection-lost":
-                        raise self._lost()
-                idle = idle + 1 if len(left) == before else 0
-                if idle == _ROUNDS:
-                    raise self._died()
-
-    def _sent(self, left: Mapping[int, partial[Any]], description: str) -> list[Any]:
-        """Futures of tasks; what they share is sent once, to all workers. None if a worker died meanwhile."""
-        if not self.client.nthreads():
-            there = self.client.scheduler.address
-            print(f"{there} has no workers; waiting for: dask worker {there} --nthreads 1", file=sys.stderr)
-        self.client.wait_for_workers(1)
-        try:
-            shared = {value for one in left.values() for value in one.args if isinstance(value, Shared)}
-            held = {
-                value: self.client.scatter(_Sent(_pickled(value.value)), broadcast=True, hash=False) for value in shared
-            }
-        except OSError:
-            if self.client.status != "running":
-                raise
-            return []
-        name, each = f"{description}-{uuid4().hex}", (code_versions(), os.getcwd())
-        found = list[Any]()
-        for number, one in left.items():
-            arguments = [held[value] if isinstance(value, Shared) else value for value in one.args]
-            task = one.func, arguments, one.keywords
-            found.append(self.client.submit(_work, *each, *task, key=f"{name}-{number}"))
-        return found
-
-    def require_same(self) -> None:
-        """Refuse workers with other versions."""
-        asked = code_versions()
-        for worker, error in self.client.run(_require_same, asked, on_error="return").items():
-            if isinstance(error, ClusterFailed):
-                raise error
-            if error is not None:
-                theirs = self.client.get_versions(packages=["activetouch"])["workers"][worker]["packages"]
+    name, each = f"{description}-{uuid4().hex}", (code_versions(), os.getcwd())
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of large values
+            shared = {value for task in tasks for value in task.args if isinstance(value, Shared)}
+            sent = {value: client.submit(_Sent, _pickled(value.value), pure=False) for value in shared}
+        futures = list[Any]()
+        for number, task in enumerate(tasks):
+            arguments = [sent[value] if isinstance(value, Shared) else value for value in task.args]
+            work = _work, *each, task.func, arguments, task.keywords
+            futures.append(client.submit(*work, key=f"{name}-{number}"))
+        ended = as_completed(futures, client.loop, with_results=True, raise_errors=False)
+        del futures  # so that workers forget each result as soon as it is here
+        for future, result in ended:
+            if isinstance(result, CancelledError):
+                raise result
+            if future.status != "error":
+                yield result
+            elif not isinstance(result[1], KilledWorker):
+                raise result[1]
+            else:
                 raise ClusterFailed(
-                    f"the Dask worker {worker} has activetouch {theirs.get('activetouch')}, which cannot work for this "
-                    f"activetouch {asked['activetouch']}: {error}. Install the same on all machines"
+                    "workers died one after the other at the same task, as they do without memory. Finished results "
+                    "are kept; with larger workers the same command goes on"
                 )
-        if any(number > 1 for number in self.client.nthreads().values()):
-            print("warning: one thread of a worker works at a time; start workers with --nthreads 1", file=sys.stderr)
-
-    @contextmanager
-    def _connected(self) -> Iterator[None]:
-        """Say which scheduler was lost where an error comes from that."""
-        try:
-            yield
-        except (OSError, CancelledError, RuntimeError) as error:
-            if isinstance(error, ActiveTouchError) or self.client.status == "running":
-                raise
-            raise self._lost() from error
-
-    def _said(self, error: BaseException) -> BaseException:
-        from distributed import KilledWorker
-
-        return self._died() if isinstance(error, KilledWorker) else error
-
-    def _lost(self) -> ClusterFailed:
-        return ClusterFailed(
-            f"the connection to the Dask scheduler at {self.address} was lost. Finished results are kept; when a "
-            "scheduler runs there again, the same command goes on"
-        )
-
-    def _died(self) -> ClusterFailed:
-        return ClusterFailed(
-            f"the workers of {self.address} died one after the other at the same task, as they do without memory. "
-            "Finished results are kept; with larger workers the same command goes on"
-        )
+    except (OSError, CancelledError, RuntimeError) as error:
+        is_lost = isinstance(error, CancelledError) or client.status != "running"
+        if isinstance(error, ActiveTouchError) or not is_lost:
+            raise
+        raise ClusterFailed(
+            f"the connection to the Dask scheduler at {address} was lost. Finished results are kept; when a scheduler "
+            "runs there again, the same command goes on"
+        ) from error
 
 
 def _pickled(value: Any) -> bytes:
-    """A value with the code of all classes and functions that are not installed, so that workers need no files."""
+    """A value with the code of classes and functions that are not installed, so that workers need no files."""
     import cloudpickle
 
     own = [module for name, module in list(sys.modules.items()) if _is_users(name, module)]
@@ -216,11 +169,11 @@ def _pickled(value: Any) -> bytes:
 
 
 def _is_users(name: str, module: object) -> bool:
-    """Whether a module is of a file that is not installed."""
-    if name == "__main__" or name.partition(".")[0] in OWN_PACKAGES or is_standard(name):
-        return False
+    """Whether a module is of a file that is neither installed nor of this project."""
     file = getattr(module, "__file__", None)
-    return isinstance(module, ModuleType) and isinstance(file, str) and not is_installed(file)
+    if not isinstance(module, ModuleType) or not isinstance(file, str) or is_installed(file) or is_standard(name):
+        return False
+    return name != "__main__" and name.partition(".")[0] not in OWN_PACKAGES
 
 
 @lru_cache(maxsize=1)
@@ -234,7 +187,7 @@ def _work(
     """The result of a task, on a worker."""
     from threadpoolctl import threadpool_limits
 
-    _require_same(asked)  # a worker may join at any time
+    _require_same(asked)  # workers may join at any time
     say_no_more()
     look_in(folder)
     with _ONE_AT_A_TIME, threadpool_limits(1):

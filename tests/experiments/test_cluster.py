@@ -16,7 +16,8 @@ from pathlib import Path
 import pytest
 
 from experiments import parallel
-from experiments.command_line.arguments import BadArgument
+from experiments.cli import _cluster_of
+from experiments.command_line.arguments import BadArgument, Cluster
 from experiments.parallel import Shared, cluster, run_tasks
 from experiments.parallel.cluster import ClusterFailed, on_cluster
 from experiments.scene_choice import SceneChoice
@@ -153,25 +154,6 @@ def more(shared, by):
     return shared.value.more(by)
 
 
-def test_lost_tasks_are_sent_again_but_not_for_ever(two_workers, monkeypatch):
-    sent, rounds = cluster._Workers._sent, []
-
-    def lose(workers, *arguments):
-        futures = sent(workers, *arguments)
-        rounds.append(len(futures))
-        if len(rounds) != 2:
-            workers.client.cancel(futures)  # as with an input that died with its workers
-        return futures
-
-    monkeypatch.setattr(cluster._Workers, "_sent", lose)
-    with on_cluster(two_workers.address):
-        tasks = [partial(time.sleep, 0.05)] * 3
-        assert list(run_tasks(tasks, 1, "resting")) == [None] * 3
-        assert rounds[1] >= 1
-        with pytest.raises(ClusterFailed, match="died one after the other"):
-            list(run_tasks(tasks, 1, "resting"))
-
-
 def test_errors_of_tasks_arrive_and_lines_say_how_far_a_run_is(two_workers, monkeypatch, capsys):
     monkeypatch.setattr(parallel, "SECONDS_PER_LINE", 0.25)
     with on_cluster(two_workers.address):
@@ -187,6 +169,11 @@ def test_a_dashboard_has_an_address_or_a_line_on_what_it_needs(two_workers, caps
     with on_cluster(two_workers.address, dashboard=True):
         said = capsys.readouterr().out
     assert ("http" if find_spec("bokeh") else "pip install 'bokeh>=3.1'") in said
+
+
+def test_a_dashboard_is_that_of_a_cluster():
+    with pytest.raises(BadArgument, match="add --cluster"):
+        _cluster_of(Compare(cluster=Cluster(dashboard=True)))
 
 
 @pytest.mark.parametrize("address", ["10.0.0.7", "tcp://10.0.0.7", "local:0", "local", "8"])
