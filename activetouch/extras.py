@@ -20,6 +20,7 @@ EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "contrib": ("sb3_contrib",),
         "tensorboard": ("tensorboard",),
         "pomdp": ("pomdp_py",),
+        "cluster": ("distributed",),
         "meshes": ("trimesh", "collada", "lxml", "networkx"),
         "view": ("rerun",),
         "recorded": ("sklearn",),  # of belief.estimators, and of examples

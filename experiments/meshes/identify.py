@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from activetouch import TactileSensor, TouchWorld
 from activetouch.scene import Scene
-from belief.claims import ends_claims
 from belief.constraints import CountOrNone, NotNegative
+from belief.files import ends_claims
 from belief.naming import NONE_OF_THESE, UNLISTED, Name, shape_name
 from belief.observation_model.nested_bodies import NestedEvidence
 from belief.problem import Touch
