@@ -2,9 +2,9 @@
 
 Run: python examples/read_images.py --images data/paper-images --out read.csv
 
-The images are PNG files in folders by split and shape, as `activetouch collect --images` writes them. The reader is that
-of the shipped sensor `paper-independent`, or, by `--reader runs/train-paper/reader.safetensors`, one that `activetouch
-train` wrote; with the backbone `tiny` it has 768 features.
+The images are PNG files in folders by split and shape, as `activetouch collect --images` writes them. The reader is
+that of the shipped sensor `paper-independent`, or, by `--reader runs/train-paper/reader.safetensors`, one that
+`activetouch train` wrote; with the backbone `tiny` it has 768 features.
 """
 
 from __future__ import annotations
