@@ -117,11 +117,11 @@ class CalibratedClassifier(_OverLogits):
         classes_: labels, ``(K,)``.
 
     >>> from sklearn.datasets import load_wine
-    >>> from sklearn.linear_model import LogisticRegression
+    >>> from sklearn.naive_bayes import GaussianNB
     >>> X, y = load_wine(return_X_y=True)
-    >>> fitted = CalibratedClassifier(LogisticRegression(), "temperature").fit(X[:, :3], np.array(["a", "b", "c"])[y])
+    >>> fitted = CalibratedClassifier(GaussianNB(), "temperature").fit(X[:, :3], np.array(["a", "b", "c"])[y])
     >>> fitted.predict(X[:1, :3]).tolist(), fitted.predict_proba(X[:1, :3]).round(2).tolist()
-    (['a'], [[0.92, 0.01, 0.07]])
+    (['a'], [[0.78, 0.03, 0.19]])
     """
 
     def __init__(

@@ -134,7 +134,6 @@ def test_every_decision_has_a_record_or_a_line_on_the_page_of_what_was_tried():
 PROMISES = ["CHANGELOG.md", *PAGES]
 WITHDRAWN = {  # on purpose; the changelog says so
     *(
-        "--robot",
         "--readers",
         "collect --from-manifest",
         "compare --part/--merge",
